@@ -1,0 +1,111 @@
+//! Pinhole cameras. Pixel `(i, j)` (column, row) has its centre at `(i + ½, j + ½)`.
+
+use super::pose::Pose;
+use glam::{DVec2, DVec3};
+
+/// Pinhole intrinsics in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Columns of the image.
+    pub width: u32,
+    /// Rows of the image.
+    pub height: u32,
+    /// Horizontal focal length.
+    pub fx: f64,
+    /// Vertical focal length.
+    pub fy: f64,
+    /// Principal point, column.
+    pub cx: f64,
+    /// Principal point, row.
+    pub cy: f64,
+}
+
+impl Intrinsics {
+    /// Square pixels and a centred principal point from the horizontal field of view (radians).
+    pub fn from_horizontal_fov(width: u32, height: u32, fov_x: f64) -> Self {
+        let focal = 0.5 * width as f64 / (0.5 * fov_x).tan();
+        Self {
+            width,
+            height,
+            fx: focal,
+            fy: focal,
+            cx: 0.5 * width as f64,
+            cy: 0.5 * height as f64,
+        }
+    }
+
+    /// Horizontal field of view in radians.
+    pub fn fov_x(&self) -> f64 {
+        2.0 * (0.5 * self.width as f64 / self.fx).atan()
+    }
+
+    /// The same view in an image `factor` times as large (both sides rounded, at least 1 pixel).
+    pub fn scaled(&self, factor: f64) -> Self {
+        let width = ((self.width as f64 * factor).round() as u32).max(1);
+        let height = ((self.height as f64 * factor).round() as u32).max(1);
+        let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
+        Self {
+            width,
+            height,
+            fx: self.fx * sx,
+            fy: self.fy * sy,
+            cx: self.cx * sx,
+            cy: self.cy * sy,
+        }
+    }
+
+    /// Camera-space direction with `z = 1` through the centre of a pixel.
+    #[inline]
+    pub fn ray(&self, column: usize, row: usize) -> DVec3 {
+        DVec3::new(
+            (column as f64 + 0.5 - self.cx) / self.fx,
+            (row as f64 + 0.5 - self.cy) / self.fy,
+            1.0,
+        )
+    }
+}
+
+/// Intrinsics and pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// How camera space maps to pixels.
+    pub intrinsics: Intrinsics,
+    /// Where the camera stands.
+    pub pose: Pose,
+}
+
+impl Camera {
+    /// Continuous pixel coordinates and depth `z` of a world point; meaningless for `z ≤ 0`.
+    pub fn project(&self, world: DVec3) -> (DVec2, f64) {
+        let (rotation, translation) = self.pose.inverse();
+        let p = rotation * world + translation;
+        let k = &self.intrinsics;
+        (DVec2::new(k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy), p.z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn projecting_a_pixel_ray_returns_the_pixel_centre() {
+        let camera = Camera {
+            intrinsics: Intrinsics::from_horizontal_fov(64, 48, 0.9),
+            pose: Pose::look_at(DVec3::new(1.0, 2.0, 0.5), DVec3::ZERO, DVec3::Z).unwrap(),
+        };
+        let world = camera.pose.transform_point(camera.intrinsics.ray(10, 40) * 2.5);
+        let (pixel, z) = camera.project(world);
+        assert!((pixel - DVec2::new(10.5, 40.5)).length() < 1e-10);
+        assert!((z - 2.5).abs() < 1e-12);
+        assert!((camera.intrinsics.fov_x() - 0.9).abs() < 1e-12);
+    }
+
+    #[test]
+    fn scaling_keeps_the_view() {
+        let k = Intrinsics::from_horizontal_fov(640, 480, 1.0);
+        let half = k.scaled(0.5);
+        assert_eq!((half.width, half.height), (320, 240));
+        assert!((half.fov_x() - k.fov_x()).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,54 @@
+//! A rectangle of values, row by row.
+
+/// Row-major image: pixel `(column, row)` is `data[row * width + column]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image<T> {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width * height` values, rows from the top.
+    pub data: Vec<T>,
+}
+
+/// sRGB-encoded colour image, each channel in `[0, 1]`.
+pub type RgbImage = Image<[f32; 3]>;
+
+impl<T: Clone> Image<T> {
+    /// An image of one value.
+    pub fn filled(width: usize, height: usize, value: T) -> Self {
+        Self { width, height, data: vec![value; width * height] }
+    }
+}
+
+impl<T> Image<T> {
+    /// Wraps `data`, which must hold `width * height` values.
+    pub fn from_vec(width: usize, height: usize, data: Vec<T>) -> Self {
+        assert_eq!(data.len(), width * height, "an image holds width * height values");
+        Self { width, height, data }
+    }
+
+    /// The value at `(column, row)`.
+    #[inline]
+    pub fn at(&self, column: usize, row: usize) -> &T {
+        &self.data[row * self.width + column]
+    }
+
+    /// Applies `f` to every value.
+    pub fn map<U>(&self, f: impl FnMut(&T) -> U) -> Image<U> {
+        Image { width: self.width, height: self.height, data: self.data.iter().map(f).collect() }
+    }
+}
+
+/// A channel in `[0, 1]` as a byte, rounded to nearest; values outside are clamped, NaN is 0.
+#[inline]
+pub fn unit_to_byte(value: f32) -> u8 {
+    (value * 255.0 + 0.5) as u8
+}
+
+impl RgbImage {
+    /// RGB bytes, rows from the top, for PNG writers and textures.
+    pub fn to_rgb8(&self) -> Vec<u8> {
+        self.data.iter().flat_map(|p| p.map(unit_to_byte)).collect()
+    }
+}

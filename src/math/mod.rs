@@ -1,0 +1,14 @@
+//! Numbers, geometry and plain containers that every layer shares.
+//!
+//! Nothing here knows of mixtures, files or windows. Lengths are in world units (metres where the
+//! dataset is metric), angles in radians, colours sRGB-encoded in `[0, 1]`.
+
+pub mod camera;
+pub mod fixed;
+pub mod image;
+pub mod points;
+pub mod pose;
+pub mod real;
+pub mod rng;
+pub mod special;
+pub mod sym3;

@@ -1,0 +1,171 @@
+//! Rigid camera poses, checked once when they enter the program.
+
+use glam::{DMat3, DMat4, DQuat, DVec3};
+
+/// Largest deviation of `RᵀR` from the identity that still counts as a rotation. Files round poses
+/// to 4–7 digits; real sensors' logs were seen up to 1e-4, so 1e-2 leaves room and rejects scale.
+pub const ORTHONORMALITY_TOLERANCE: f64 = 1e-2;
+
+/// Why a matrix is not a camera pose.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PoseError {
+    /// NaN or infinity in the matrix.
+    #[error("expected 16 finite numbers, found {0} at row {1}, column {2}")]
+    NotFinite(f64, usize, usize),
+    /// The last row is not 0 0 0 1.
+    #[error("expected the last row 0 0 0 1, found {0:?}: is the matrix transposed?")]
+    LastRow([f64; 4]),
+    /// Columns are not orthonormal (singular, scaled or sheared), or mirror space.
+    #[error(
+        "expected a rotation (orthonormal columns, determinant 1), found determinant {determinant:.6} and |RᵀR − I| = {deviation:.2e}"
+    )]
+    NotRigid {
+        /// Of the 3×3 part.
+        determinant: f64,
+        /// Largest entry of `|RᵀR − I|`.
+        deviation: f64,
+    },
+}
+
+/// Rigid transform `world_from_camera` in OpenCV axes: x right, y down, z forward.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    rotation: DMat3,
+    translation: DVec3,
+}
+
+impl Pose {
+    /// A camera at the origin that looks along +z.
+    pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
+
+    /// Checks an OpenCV camera-to-world matrix and re-orthonormalises its rotation.
+    pub fn from_opencv(world_from_camera: DMat4) -> Result<Self, PoseError> {
+        let columns = world_from_camera.to_cols_array_2d();
+        for (column, values) in columns.iter().enumerate() {
+            if let Some(row) = values.iter().position(|v| !v.is_finite()) {
+                return Err(PoseError::NotFinite(values[row], row, column));
+            }
+        }
+        let last_row = [columns[0][3], columns[1][3], columns[2][3], columns[3][3]];
+        if (0..4).any(|i| (last_row[i] - if i == 3 { 1.0 } else { 0.0 }).abs() > 1e-6) {
+            return Err(PoseError::LastRow(last_row));
+        }
+        let rotation = DMat3::from_mat4(world_from_camera);
+        let gram = rotation.transpose() * rotation - DMat3::IDENTITY;
+        let deviation = gram.to_cols_array().iter().fold(0.0f64, |a, v| a.max(v.abs()));
+        let determinant = rotation.determinant();
+        if deviation > ORTHONORMALITY_TOLERANCE || determinant <= 0.0 {
+            return Err(PoseError::NotRigid { determinant, deviation });
+        }
+        Ok(Self {
+            rotation: nearest_rotation(rotation),
+            translation: world_from_camera.w_axis.truncate(),
+        })
+    }
+
+    /// The same for OpenGL/Blender axes: x right, y up, looking along −z.
+    pub fn from_opengl(world_from_camera: DMat4) -> Result<Self, PoseError> {
+        let flip = DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0));
+        Self::from_opencv(world_from_camera * flip)
+    }
+
+    /// A camera at `eye` looking at `target`; `up` points up in the image. `None` if the view
+    /// direction is zero or parallel to `up`.
+    pub fn look_at(eye: DVec3, target: DVec3, up: DVec3) -> Option<Self> {
+        let forward = (target - eye).try_normalize()?;
+        let right = forward.cross(up).try_normalize()?;
+        let down = forward.cross(right);
+        Some(Self { rotation: DMat3::from_cols(right, down, forward), translation: eye })
+    }
+
+    /// Rotation part: columns are the camera's right, down and forward in the world.
+    pub fn rotation(&self) -> DMat3 {
+        self.rotation
+    }
+
+    /// Position of the camera's centre in the world.
+    pub fn centre(&self) -> DVec3 {
+        self.translation
+    }
+
+    /// Direction of view in the world.
+    pub fn forward(&self) -> DVec3 {
+        self.rotation.z_axis
+    }
+
+    /// Camera coordinates to world coordinates.
+    pub fn transform_point(&self, camera_point: DVec3) -> DVec3 {
+        self.rotation * camera_point + self.translation
+    }
+
+    /// `camera_from_world` as rotation and translation.
+    pub fn inverse(&self) -> (DMat3, DVec3) {
+        let rotation = self.rotation.transpose();
+        (rotation, -(rotation * self.translation))
+    }
+
+    /// OpenCV camera-to-world matrix.
+    pub fn to_opencv(&self) -> DMat4 {
+        let mut m = DMat4::from_mat3(self.rotation);
+        m.w_axis = self.translation.extend(1.0);
+        m
+    }
+
+    /// OpenGL camera-to-world matrix, as NeRF-synthetic files hold it.
+    pub fn to_opengl(&self) -> DMat4 {
+        self.to_opencv() * DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0))
+    }
+}
+
+/// One Newton step of the polar decomposition squares the (already small) deviation; the
+/// quaternion then makes the result orthonormal to the last bit.
+fn nearest_rotation(m: DMat3) -> DMat3 {
+    let polar = (m + m.inverse().transpose()) * 0.5;
+    DMat3::from_quat(DQuat::from_mat3(&polar).normalize())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn accepts_rounded_rotations_and_refuses_the_rest() {
+        let mut m = DMat4::from_rotation_y(0.3);
+        m.w_axis.x = 2.0;
+        m.x_axis.x += 1e-4;
+        let pose = Pose::from_opencv(m).unwrap();
+        let gram = pose.rotation().transpose() * pose.rotation();
+        assert!((gram - DMat3::IDENTITY).to_cols_array().iter().all(|v| v.abs() < 1e-14));
+        assert_eq!(pose.centre(), DVec3::new(2.0, 0.0, 0.0));
+
+        assert!(matches!(Pose::from_opencv(m * 2.0), Err(PoseError::LastRow(_))));
+        let scaled = DMat4::from_scale(DVec3::splat(1.1));
+        assert!(matches!(Pose::from_opencv(scaled), Err(PoseError::NotRigid { .. })));
+        let mirrored = DMat4::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+        assert!(matches!(Pose::from_opencv(mirrored), Err(PoseError::NotRigid { .. })));
+        let mut nan = m;
+        nan.y_axis.z = f64::NAN;
+        assert!(matches!(Pose::from_opencv(nan), Err(PoseError::NotFinite(_, 2, 1))));
+        assert!(matches!(Pose::from_opencv(DMat4::ZERO), Err(PoseError::LastRow(_))));
+    }
+
+    #[test]
+    fn look_at_faces_the_target_with_up_upwards() {
+        let pose = Pose::look_at(DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
+        let (r, t) = pose.inverse();
+        let target = r * DVec3::ZERO + t;
+        assert!(target.x.abs() < 1e-12 && target.y.abs() < 1e-12 && target.z > 0.0);
+        let above = r * DVec3::new(0.0, 0.0, 0.5) + t;
+        assert!(above.y < 0.0, "up in the world is negative y in the image");
+        assert!((pose.rotation().determinant() - 1.0).abs() < 1e-12);
+        assert!(Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Z).is_none());
+    }
+
+    #[test]
+    fn axis_conventions_round_trip() {
+        let gl = DMat4::from_rotation_x(0.4) * DMat4::from_translation(DVec3::new(1.0, 2.0, 3.0));
+        let pose = Pose::from_opengl(gl).unwrap();
+        assert!((pose.to_opengl() - gl).to_cols_array().iter().all(|v| v.abs() < 1e-14));
+        assert!((pose.forward() + gl.z_axis.truncate()).length() < 1e-14);
+    }
+}

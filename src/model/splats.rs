@@ -1,0 +1,170 @@
+//! The renderable view of a mixture: what every renderer, export and viewport reads.
+
+use crate::math::sym3::{Sym3, rotation_quaternion};
+use glam::{DMat3, DQuat, DVec3};
+
+/// One Gaussian splat in world units.
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Splat {
+    /// Centre, world units.
+    pub mean: [f32; 3],
+    /// Peak opacity in `[0, 1]`; 0 marks an empty slot that no renderer draws.
+    pub opacity: f32,
+    /// sRGB-encoded colour in `[0, 1]`.
+    pub color: [f32; 3],
+    /// Standard deviations along the rotated axes, world units (linear, not logarithms).
+    pub scale: [f32; 3],
+    /// Unit quaternion `w x y z`: columns of its matrix are the axes of `scale`.
+    pub rotation: [f32; 4],
+}
+
+/// How a covariance becomes scales and a rotation (`export.md` 0).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CovarianceForm {
+    /// Eigen-decomposition: the covariance itself.
+    Eigen,
+    /// Cholesky rows taken as if they were a rotation, as the reference exporter does; right for
+    /// diagonal covariances only and kept for parity runs.
+    LegacyCholesky,
+}
+
+/// Jitter the reference adds before its Cholesky factorisation.
+const LEGACY_JITTER: f64 = 1e-10;
+/// Tries of the reference, the jitter ten times larger each time.
+const LEGACY_TRIES: i32 = 5;
+
+impl Splat {
+    /// Whether every field is finite and the splat can be drawn at all.
+    pub fn is_drawable(&self) -> bool {
+        let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
+        self.opacity > 0.0
+            && self.opacity.is_finite()
+            && finite(&self.mean)
+            && finite(&self.color)
+            && finite(&self.scale)
+            && finite(&self.rotation)
+    }
+
+    /// Covariance `Q diag(s²) Qᵀ` in f64, world units².
+    pub fn covariance(&self) -> Sym3 {
+        let [w, x, y, z] = self.rotation.map(f64::from);
+        let q = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let s = DVec3::from_array(self.scale.map(f64::from));
+        Sym3::from_mat3(q * DMat3::from_diagonal(s * s) * q.transpose())
+    }
+}
+
+/// Standard deviations (before any factor) and unit quaternion `w ≥ 0` of a covariance.
+/// Eigenvalues below zero by rounding count as zero.
+pub fn decompose(covariance: Sym3, form: CovarianceForm) -> (DVec3, DQuat) {
+    match form {
+        CovarianceForm::Eigen => eigen_form(covariance),
+        CovarianceForm::LegacyCholesky => legacy_form(covariance),
+    }
+}
+
+fn eigen_form(covariance: Sym3) -> (DVec3, DQuat) {
+    let eigen = covariance.eigen();
+    let scale = eigen.values.max(DVec3::ZERO).map(f64::sqrt);
+    (scale, rotation_quaternion(eigen.vectors))
+}
+
+fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
+    let factor = (0..LEGACY_TRIES).find_map(|attempt| {
+        let jitter = LEGACY_JITTER * 10f64.powi(attempt);
+        covariance.add_scaled(jitter, Sym3::diagonal(1.0)).cholesky()
+    });
+    let l = factor.unwrap_or_else(|| {
+        let eigen = covariance.eigen();
+        eigen.vectors * DMat3::from_diagonal(eigen.values.max(DVec3::ZERO).map(f64::sqrt))
+    });
+    let rows = l.transpose();
+    let scale = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
+    let unit =
+        DMat3::from_cols(rows.x_axis / scale.x, rows.y_axis / scale.y, rows.z_axis / scale.z)
+            .transpose();
+    (scale, trace_formula_quaternion(unit))
+}
+
+/// Quaternion by the usual trace / largest-diagonal formulas, normalised afterwards: on a matrix
+/// that is no rotation this differs from any projection onto rotations, and parity needs it.
+fn trace_formula_quaternion(m: DMat3) -> DQuat {
+    let e = |row: usize, column: usize| m.col(column)[row];
+    let (m00, m11, m22) = (e(0, 0), e(1, 1), e(2, 2));
+    let trace = m00 + m11 + m22;
+    let q = if trace > 0.0 {
+        let s = 2.0 * (trace + 1.0).sqrt();
+        DQuat::from_xyzw(
+            (e(2, 1) - e(1, 2)) / s,
+            (e(0, 2) - e(2, 0)) / s,
+            (e(1, 0) - e(0, 1)) / s,
+            0.25 * s,
+        )
+    } else if m00 > m11 && m00 > m22 {
+        let s = 2.0 * (1.0 + m00 - m11 - m22).sqrt();
+        DQuat::from_xyzw(
+            0.25 * s,
+            (e(0, 1) + e(1, 0)) / s,
+            (e(0, 2) + e(2, 0)) / s,
+            (e(2, 1) - e(1, 2)) / s,
+        )
+    } else if m11 > m22 {
+        let s = 2.0 * (1.0 + m11 - m00 - m22).sqrt();
+        DQuat::from_xyzw(
+            (e(0, 1) + e(1, 0)) / s,
+            0.25 * s,
+            (e(1, 2) + e(2, 1)) / s,
+            (e(0, 2) - e(2, 0)) / s,
+        )
+    } else {
+        let s = 2.0 * (1.0 + m22 - m00 - m11).sqrt();
+        DQuat::from_xyzw(
+            (e(0, 2) + e(2, 0)) / s,
+            (e(1, 2) + e(2, 1)) / s,
+            0.25 * s,
+            (e(1, 0) - e(0, 1)) / s,
+        )
+    };
+    let q = q.normalize();
+    if q.w < 0.0 { -q } else { q }
+}
+
+/// Axis-aligned bounds of the centres of drawable splats, or `None` if there is none.
+pub fn bounds(splats: &[Splat]) -> Option<(DVec3, DVec3)> {
+    let mut centres =
+        splats.iter().filter(|s| s.is_drawable()).map(|s| DVec3::from_array(s.mean.map(f64::from)));
+    let first = centres.next()?;
+    Some(centres.fold((first, first), |(lo, hi), c| (lo.min(c), hi.max(c))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eigen_form_rebuilds_the_covariance() {
+        let cov = Sym3::from_array([0.02, -0.012, 0.006, 0.03, 0.011, 0.025]);
+        let (scale, q) = decompose(cov, CovarianceForm::Eigen);
+        let splat = Splat {
+            scale: scale.as_vec3().to_array(),
+            rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
+            opacity: 1.0,
+            ..Splat::default()
+        };
+        let back = splat.covariance().to_array();
+        for (a, b) in back.iter().zip(cov.to_array()) {
+            assert!((a - b).abs() < 1e-8, "{back:?}");
+        }
+    }
+
+    #[test]
+    fn bounds_ignore_empty_and_broken_slots() {
+        let drawn = Splat { mean: [1.0, 2.0, 3.0], opacity: 0.5, ..Splat::default() };
+        let broken = Splat { mean: [f32::NAN; 3], opacity: 0.5, ..Splat::default() };
+        assert!(bounds(&[Splat::default(), broken]).is_none());
+        let (lo, hi) = bounds(&[Splat::default(), drawn, broken]).unwrap();
+        assert_eq!((lo, hi), (DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.0, 2.0, 3.0)));
+    }
+}
