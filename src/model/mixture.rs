@@ -1,0 +1,47 @@
+//! The initial model in structure-of-arrays form: what every E-step reads.
+
+use super::dirichlet;
+use super::prior::Hyper;
+use crate::math::real::Real;
+
+/// Means and weights of the initial model, normalised coordinates.
+#[derive(Clone, Debug)]
+pub struct InitialModel<R> {
+    /// Spatial means, one row per component.
+    pub space: Vec<[R; 3]>,
+    /// Colour means.
+    pub color: Vec<[R; 3]>,
+    /// `w_k = 2 E[ln π_k] / E_s`: the weight in units of squared distance.
+    pub weight: Vec<R>,
+    /// Prior and initial hyper-parameters.
+    pub hyper: Hyper,
+}
+
+impl<R: Real> InitialModel<R> {
+    /// From rows `[s, c]` and the Dirichlet parameters of the initial model, both of length
+    /// `hyper.components`.
+    pub fn new(hyper: Hyper, means: &[[f64; 6]], alpha: &[f64]) -> Self {
+        assert_eq!(means.len(), hyper.components, "one mean per component");
+        assert_eq!(alpha.len(), hyper.components, "one concentration per component");
+        let to_weight = 2.0 / hyper.expected_precision_space();
+        Self {
+            space: means.iter().map(|m| [m[0], m[1], m[2]].map(R::of)).collect(),
+            color: means.iter().map(|m| [m[3], m[4], m[5]].map(R::of)).collect(),
+            weight: dirichlet::expected_ln_weights(alpha)
+                .into_iter()
+                .map(|w| R::of(w * to_weight))
+                .collect(),
+            hyper,
+        }
+    }
+
+    /// Number of components.
+    pub fn len(&self) -> usize {
+        self.space.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.space.is_empty()
+    }
+}

@@ -1,0 +1,99 @@
+//! One trainer behind either precision.
+
+use super::candidates::IndexError;
+use super::config::{Precision, TrainConfig};
+use super::init::InitialDraw;
+use super::trainer::{FrameOutcome, Trainer};
+use crate::math::points::{Normalization, Points};
+use crate::model::posterior::ComponentPosterior;
+use crate::model::splats::Splat;
+use rayon::prelude::*;
+
+/// A trainer whose precision was chosen at run time.
+///
+/// ```
+/// use vbgs_studio::math::points::Points;
+/// use vbgs_studio::train::{config::{Overrides, TrainConfig}, engine::Engine, init::InitialDraw};
+///
+/// let config = TrainConfig::paper().with(&Overrides { components: Some(50), ..Default::default() })?;
+/// let mut engine = Engine::new(&config, &InitialDraw::random(50, 0))?;
+/// let outcome = engine.train(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
+/// assert_eq!(outcome.points, 2);
+/// assert!(engine.used() >= 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub enum Engine {
+    /// The oracle.
+    F64(Box<Trainer<f64>>),
+    /// f32 hot loops.
+    Mixed(Box<Trainer<f32>>),
+}
+
+macro_rules! either {
+    ($self:expr, $trainer:ident => $body:expr) => {
+        match $self {
+            Engine::F64($trainer) => $body,
+            Engine::Mixed($trainer) => $body,
+        }
+    };
+}
+
+impl Engine {
+    /// A model that has seen nothing.
+    pub fn new(config: &TrainConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
+        Ok(match config.precision {
+            Precision::F64 => Self::F64(Box::new(Trainer::new(config, draw)?)),
+            Precision::Mixed => Self::Mixed(Box::new(Trainer::new(config, draw)?)),
+        })
+    }
+
+    /// Learns from one frame. On error the model is as it was before.
+    pub fn train(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
+        match self {
+            Self::F64(trainer) => trainer.train(&points.cast()),
+            Self::Mixed(trainer) => trainer.train(points),
+        }
+    }
+
+    /// Components, used or not.
+    pub fn components(&self) -> usize {
+        either!(self, t => t.components())
+    }
+
+    /// Components with `N_k > 0`.
+    pub fn used(&self) -> usize {
+        either!(self, t => t.used())
+    }
+
+    /// Posterior of a component, normalised coordinates.
+    pub fn posterior(&self, component: usize) -> ComponentPosterior {
+        either!(self, t => t.posterior(component))
+    }
+
+    /// Components whose statistics the last frame changed, each once.
+    pub fn touched(&self) -> &[u32] {
+        either!(self, t => t.touched())
+    }
+
+    /// Bytes the model itself occupies.
+    pub fn model_bytes(&self) -> usize {
+        either!(self, t => t.model_bytes())
+    }
+
+    /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
+    pub fn splats(&self, config: &TrainConfig, normalization: &Normalization) -> Vec<Splat> {
+        let splat = |k| config.conversion.splat(&self.posterior(k), normalization);
+        (0..self.components()).into_par_iter().with_min_len(1024).map(splat).collect()
+    }
+
+    /// Splats of the listed components, in their order.
+    pub fn splats_of(
+        &self,
+        ids: &[u32],
+        config: &TrainConfig,
+        normalization: &Normalization,
+    ) -> Vec<Splat> {
+        let splat = |&k: &u32| config.conversion.splat(&self.posterior(k as usize), normalization);
+        ids.par_iter().with_min_len(1024).map(splat).collect()
+    }
+}

@@ -1,0 +1,118 @@
+//! Reads the golden arrays and compares with a stated tolerance, counting what was compared.
+
+use std::cell::Cell;
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+
+/// One folder of golden arrays.
+pub struct Case {
+    folder: PathBuf,
+    index: BTreeMap<String, (String, String, Vec<usize>)>,
+    compared: Cell<usize>,
+}
+
+/// Largest error allowed for an expected value.
+pub enum Tolerance {
+    /// `|a − b| ≤ t`.
+    Abs(f64),
+    /// `|a − b| ≤ t · max(|b|, floor)`.
+    Rel(f64, f64),
+}
+
+impl Case {
+    /// Opens a case, or `None` if the data is absent.
+    pub fn open(name: &str) -> Option<Self> {
+        let folder = super::shared("golden")?.join(name);
+        let text = fs::read_to_string(folder.join("index.tsv")).unwrap();
+        let index = text.lines().map(|line| {
+            let field: Vec<&str> = line.split('\t').collect();
+            let shape = field[3].split('x').map(|n| n.parse().unwrap()).collect();
+            (field[0].to_owned(), (field[1].to_owned(), field[2].to_owned(), shape))
+        });
+        Some(Self { index: index.collect(), folder, compared: Cell::new(0) })
+    }
+
+    pub fn has(&self, name: &str) -> bool {
+        self.index.contains_key(name)
+    }
+
+    fn bytes(&self, name: &str, dtype: &str) -> Vec<u8> {
+        let (file, found, shape) =
+            self.index.get(name).unwrap_or_else(|| panic!("no golden array {name}"));
+        assert_eq!(found, dtype, "{name}");
+        let bytes = fs::read(self.folder.join(file)).unwrap();
+        let size = if dtype == "f64" { 8 } else { 4 };
+        assert_eq!(bytes.len(), size * shape.iter().product::<usize>(), "{name}");
+        bytes
+    }
+
+    /// Values of an f64 or f32 array, row by row.
+    pub fn f64(&self, name: &str) -> Vec<f64> {
+        if self.index[name].1 == "f32" {
+            let bytes = self.bytes(name, "f32");
+            return bytes
+                .as_chunks::<4>()
+                .0
+                .iter()
+                .map(|&b| f32::from_le_bytes(b) as f64)
+                .collect();
+        }
+        self.bytes(name, "f64").as_chunks::<8>().0.iter().map(|&b| f64::from_le_bytes(b)).collect()
+    }
+
+    pub fn u32(&self, name: &str) -> Vec<u32> {
+        self.bytes(name, "u32").as_chunks::<4>().0.iter().map(|&b| u32::from_le_bytes(b)).collect()
+    }
+
+    /// Rows of fixed width.
+    pub fn rows<const N: usize>(&self, name: &str) -> Vec<[f64; N]> {
+        self.f64(name).as_chunks::<N>().0.to_vec()
+    }
+
+    /// `hyper.tsv` by name.
+    pub fn hyper(&self, name: &str) -> f64 {
+        let text = fs::read_to_string(self.folder.join("hyper.tsv")).unwrap();
+        let line = text.lines().find(|l| l.split('\t').next() == Some(name));
+        line.and_then(|l| l.split('\t').nth(1))
+            .unwrap_or_else(|| panic!("no {name}"))
+            .parse()
+            .unwrap()
+    }
+
+    /// Compares all values of an array; the tolerance may depend on the index.
+    pub fn check_each(&self, name: &str, found: &[f64], tolerance: impl Fn(usize, f64) -> f64) {
+        let expected = self.f64(name);
+        assert_eq!(found.len(), expected.len(), "{name}: number of values");
+        for (i, (&a, &b)) in found.iter().zip(&expected).enumerate() {
+            let allowed = tolerance(i, b);
+            assert!(
+                (a - b).abs() <= allowed,
+                "{name}[{i}]: found {a:e}, expected {b:e} ± {allowed:e}"
+            );
+        }
+        self.count();
+    }
+
+    pub fn check(&self, name: &str, found: &[f64], tolerance: Tolerance) {
+        self.check_each(name, found, |_, b| match tolerance {
+            Tolerance::Abs(t) => t,
+            Tolerance::Rel(t, floor) => t * b.abs().max(floor),
+        });
+    }
+
+    pub fn check_exact(&self, name: &str, found: &[u32]) {
+        assert_eq!(found, self.u32(name), "{name}");
+        self.count();
+    }
+
+    /// Counts an array compared by other means.
+    pub fn count(&self) {
+        self.compared.set(self.compared.get() + 1);
+    }
+
+    /// Arrays compared so far.
+    pub fn compared(&self) -> usize {
+        self.compared.get()
+    }
+}
