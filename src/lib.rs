@@ -29,3 +29,4 @@
 
 pub mod math;
 pub mod model;
+pub mod render;

@@ -1,0 +1,2 @@
+#[cfg(feature = "gui")]
+pub mod gpu;
