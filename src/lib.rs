@@ -30,3 +30,4 @@
 pub mod math;
 pub mod model;
 pub mod train;
+pub mod render;

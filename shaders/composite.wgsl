@@ -1,0 +1,43 @@
+// Lays the premultiplied splat image over a background: C + (1 − A)·bg, clamped to [0, 1].
+// Values are sRGB-encoded from the splats to the screen; only a target that encodes by itself
+// (`*Srgb`) needs them decoded first.
+
+@group(0) @binding(0) var<uniform> composite: Composite;
+@group(0) @binding(1) var image: texture_2d<f32>;
+@group(0) @binding(2) var image_sampler: sampler;
+
+struct Fragment {
+    @builtin(position) position: vec4<f32>,
+    @location(0) uv: vec2<f32>,
+}
+
+// One triangle that covers the pass's viewport.
+@vertex
+fn vertex(@builtin(vertex_index) index: u32) -> Fragment {
+    let uv = vec2<f32>(f32((index << 1u) & 2u), f32(index & 2u));
+    var out: Fragment;
+    out.position = vec4<f32>(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, 0.0, 1.0);
+    out.uv = uv;
+    return out;
+}
+
+@fragment
+fn fragment_encoded(in: Fragment) -> @location(0) vec4<f32> {
+    return vec4<f32>(blend(in.uv), 1.0);
+}
+
+@fragment
+fn fragment_linear(in: Fragment) -> @location(0) vec4<f32> {
+    return vec4<f32>(linear_from_srgb(blend(in.uv)), 1.0);
+}
+
+fn blend(uv: vec2<f32>) -> vec3<f32> {
+    let over = textureSample(image, image_sampler, uv);
+    return clamp(over.rgb + (1.0 - over.a) * composite.background, vec3<f32>(0.0), vec3<f32>(1.0));
+}
+
+// IEC 61966-2-1.
+fn linear_from_srgb(encoded: vec3<f32>) -> vec3<f32> {
+    let curve = pow((encoded + 0.055) / 1.055, vec3<f32>(2.4));
+    return select(curve, encoded / 12.92, encoded <= vec3<f32>(0.04045));
+}

@@ -1,0 +1,104 @@
+//! Splat image over a background, into whatever the window or a picture wants.
+
+use super::layout::{Composite, shader};
+use super::target::SplatTarget;
+
+/// Lays a splat image over a background: `C + (1 − A)·bg` (`rendering.md` (d) 3).
+#[derive(Debug)]
+pub struct Compositor {
+    pipeline: wgpu::RenderPipeline,
+    uniforms: wgpu::Buffer,
+    sampler: wgpu::Sampler,
+    bindings: Option<wgpu::BindGroup>,
+}
+
+impl Compositor {
+    /// For targets of `format`. Values are sRGB-encoded; a `*Srgb` format, which encodes what it is
+    /// given, gets them decoded so that the same colours are shown.
+    pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
+        Self {
+            pipeline: pipeline(device, format),
+            uniforms: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("composite"),
+                size: size_of::<Composite>() as u64,
+                usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            // Exact where sizes agree; smooth where the image is smaller than the viewport.
+            sampler: device.create_sampler(&wgpu::SamplerDescriptor {
+                label: Some("composite"),
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            bindings: None,
+        }
+    }
+
+    /// Chooses the image and the background (sRGB-encoded) of the next [`Self::draw`]; call it after
+    /// the render that made the image and before the pass that draws it is submitted.
+    pub fn prepare(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        image: &SplatTarget,
+        background: [f32; 3],
+    ) {
+        let uniforms = Composite { background, padding: 0 };
+        queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
+        self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("composite"),
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: self.uniforms.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::TextureView(image.view()),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::Sampler(&self.sampler),
+                },
+            ],
+        }));
+    }
+
+    /// Fills the viewport that `pass` has set; the pass must have one colour attachment of this
+    /// compositor's format and no depth. Draws nothing before the first [`Self::prepare`].
+    pub fn draw(&self, pass: &mut wgpu::RenderPass<'_>) {
+        if let Some(bindings) = &self.bindings {
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, bindings, &[]);
+            pass.draw(0..3, 0..1);
+        }
+    }
+}
+
+fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some("composite"),
+        source: wgpu::ShaderSource::Wgsl(shader::COMPOSITE.into()),
+    });
+    let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("composite"),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some("vertex"),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(format.into())],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

@@ -1,0 +1,166 @@
+//! GPU images on the CPU, for tests and screenshots. Everything here waits for the GPU.
+
+use super::GpuError;
+use super::composite::Compositor;
+use super::target::SplatTarget;
+use crate::math::image::Image;
+use std::sync::mpsc;
+use std::time::Duration;
+
+/// A GPU that takes longer than this for one picture is not coming back.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Premultiplied, sRGB-encoded colour and coverage of every pixel, without background.
+pub fn premultiplied(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    image: &SplatTarget,
+) -> Result<Image<[f32; 4]>, GpuError> {
+    let (width, height) = image.size();
+    let halves = texels::<[u16; 4]>(device, queue, image.texture(), width, height)?;
+    Ok(halves.map(|texel| texel.map(f32_from_f16)))
+}
+
+/// The bytes a screen would show: `image` over an sRGB-encoded background, opaque RGBA. `format` is
+/// `Rgba8Unorm` or `Rgba8UnormSrgb`; both give the same picture.
+pub fn composited(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    image: &SplatTarget,
+    background: [f32; 3],
+    format: wgpu::TextureFormat,
+) -> Result<Image<[u8; 4]>, GpuError> {
+    let (width, height) = image.size();
+    let screen = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("screenshot"),
+        size: image.texture().size(),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
+        view_formats: &[],
+    });
+    let mut compositor = Compositor::new(device, format);
+    compositor.prepare(device, queue, image, background);
+    let mut encoder = device.create_command_encoder(&Default::default());
+    let view = screen.create_view(&Default::default());
+    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("screenshot"),
+        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+            view: &view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: Default::default(),
+        })],
+        ..Default::default()
+    });
+    compositor.draw(&mut pass);
+    drop(pass);
+    queue.submit([encoder.finish()]);
+    texels(device, queue, &screen, width, height)
+}
+
+/// Copies the upper left `width` by `height` texels, each a `T`.
+fn texels<T: bytemuck::AnyBitPattern>(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    texture: &wgpu::Texture,
+    width: u32,
+    height: u32,
+) -> Result<Image<T>, GpuError> {
+    if width == 0 || height == 0 {
+        return Ok(Image::from_vec(width as usize, height as usize, Vec::new()));
+    }
+    let row_bytes = width as usize * size_of::<T>();
+    let stride = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
+    let staging = device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("readback"),
+        size: (stride * height as usize) as u64,
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let mut encoder = device.create_command_encoder(&Default::default());
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &staging,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(stride as u32),
+                rows_per_image: None,
+            },
+        },
+        wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+    );
+    let submission = queue.submit([encoder.finish()]);
+    let bytes = wait_for(device, &staging, submission).map_err(|reason| GpuError::Readback {
+        width,
+        height,
+        reason,
+    })?;
+    let data = bytes
+        .chunks_exact(stride)
+        .flat_map(|row| row[..row_bytes].chunks_exact(size_of::<T>()))
+        .map(bytemuck::pod_read_unaligned)
+        .collect();
+    Ok(Image::from_vec(width as usize, height as usize, data))
+}
+
+fn wait_for(
+    device: &wgpu::Device,
+    staging: &wgpu::Buffer,
+    submission: wgpu::SubmissionIndex,
+) -> Result<Vec<u8>, String> {
+    let (sender, receiver) = mpsc::channel();
+    staging.map_async(wgpu::MapMode::Read, .., move |result| {
+        // The receiver is gone only when the wait below has already failed.
+        let _ = sender.send(result);
+    });
+    device
+        .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) })
+        .map_err(|error| error.to_string())?;
+    match receiver.try_recv() {
+        Ok(Ok(())) => {
+            let bytes = staging.get_mapped_range(..).map_err(|error| error.to_string())?;
+            Ok(bytes.to_vec())
+        }
+        Ok(Err(error)) => Err(error.to_string()),
+        Err(_) => Err("the buffer was never mapped".to_owned()),
+    }
+}
+
+/// IEEE 754 half precision, widened without loss.
+fn f32_from_f16(bits: u16) -> f32 {
+    let sign = u32::from(bits >> 15) << 31;
+    let exponent = u32::from(bits >> 10) & 0x1f;
+    let fraction = u32::from(bits) & 0x3ff;
+    let magnitude = match exponent {
+        0 => (fraction as f32 * 2f32.powi(-24)).to_bits(),
+        0x1f => 0x7f80_0000 | fraction << 13,
+        _ => (exponent + 112) << 23 | fraction << 13,
+    };
+    f32::from_bits(sign | magnitude)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::f32_from_f16;
+
+    #[test]
+    fn halves_widen_exactly() {
+        for (bits, value) in [
+            (0x0000, 0.0),
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x3555, 0.333_251_95),
+            (0x7bff, 65504.0),
+            (0x0001, 5.960_464_5e-8),
+            (0x03ff, 6.097_555e-5),
+            (0x7c00, f32::INFINITY),
+        ] {
+            assert_eq!(f32_from_f16(bits), value, "{bits:#06x}");
+        }
+        assert!(f32_from_f16(0x7e00).is_nan());
+    }
+}

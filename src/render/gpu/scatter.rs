@@ -1,0 +1,86 @@
+//! Sparse uploads: one compact list of (record, index), spread by a compute pass.
+
+use super::layout::{SparseSplat, shader};
+
+/// Threads of one workgroup; `GROUP` in `scatter.wgsl`.
+const GROUP: u32 = 64;
+
+/// The compute pass that spreads changed records over the splat buffer.
+#[derive(Debug)]
+pub(super) struct Scatter {
+    pipeline: wgpu::ComputePipeline,
+}
+
+impl Scatter {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("scatter"),
+            source: wgpu::ShaderSource::Wgsl(shader::SCATTER.into()),
+        });
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("scatter"),
+            layout: None,
+            module: &module,
+            entry_point: Some("scatter"),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        Self { pipeline }
+    }
+
+    /// Writes `changed` into `splats`, which must hold every index named. `changed` is not empty.
+    pub(super) fn run(
+        &self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        splats: &wgpu::Buffer,
+        changed: &[SparseSplat],
+    ) {
+        let bytes: &[u8] = bytemuck::cast_slice(changed);
+        let list = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("changed splats"),
+            size: bytes.len() as u64,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        queue.write_buffer(&list, 0, bytes);
+        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("scatter"),
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: list.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: splats.as_entire_binding() },
+            ],
+        });
+        let widest = device.limits().max_compute_workgroups_per_dimension;
+        let (columns, rows) = grid(changed.len().div_ceil(GROUP as usize), widest);
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &bindings, &[]);
+        pass.dispatch_workgroups(columns, rows, 1);
+        drop(pass);
+        queue.submit([encoder.finish()]);
+    }
+}
+
+/// Columns and rows of workgroups, none above `widest`, that hold at least `n_groups`.
+fn grid(n_groups: usize, widest: u32) -> (u32, u32) {
+    let columns = n_groups.clamp(1, widest as usize);
+    (columns as u32, n_groups.div_ceil(columns) as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::grid;
+
+    #[test]
+    fn grids_cover_every_group_within_the_limit() {
+        for n_groups in [1, 2, 65_535, 65_536, 131_070, 131_071, 4_000_000] {
+            let (columns, rows) = grid(n_groups, 65_535);
+            assert!(columns <= 65_535 && rows <= 65_535);
+            let covered = columns as usize * rows as usize;
+            assert!((n_groups..n_groups + columns as usize).contains(&covered), "{n_groups}");
+        }
+    }
+}

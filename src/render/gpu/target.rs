@@ -1,0 +1,62 @@
+//! The offscreen image that splats are drawn into.
+
+use super::GpuError;
+
+/// Premultiplied colour and coverage in half floats: blending in bytes would band.
+pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+/// Premultiplied, sRGB-encoded splat colour and coverage; the background is not in it.
+#[derive(Debug)]
+pub struct SplatTarget {
+    texture: wgpu::Texture,
+    view: wgpu::TextureView,
+    width: u32,
+    height: u32,
+}
+
+impl SplatTarget {
+    /// A target of `width` by `height` pixels. An empty viewport (a side of 0) gets one pixel that
+    /// nothing is drawn into, because a texture cannot be empty.
+    pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Result<Self, GpuError> {
+        let limit = device.limits().max_texture_dimension_2d;
+        if width.max(height) > limit {
+            return Err(GpuError::ViewportTooLarge { width, height, limit });
+        }
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("splat image"),
+            size: wgpu::Extent3d {
+                width: width.max(1),
+                height: height.max(1),
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: FORMAT,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let view = texture.create_view(&Default::default());
+        Ok(Self { texture, view, width, height })
+    }
+
+    /// Columns and rows, either may be 0.
+    pub fn size(&self) -> (u32, u32) {
+        (self.width, self.height)
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.width == 0 || self.height == 0
+    }
+
+    pub(super) fn texture(&self) -> &wgpu::Texture {
+        &self.texture
+    }
+
+    /// To sample from or to draw into.
+    pub fn view(&self) -> &wgpu::TextureView {
+        &self.view
+    }
+}
