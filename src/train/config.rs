@@ -13,14 +13,52 @@ pub enum Preset {
     Paper,
 }
 
-/// Which components a point is compared with.
+/// Which components a point is compared with; a number or `dense` in files and on the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(into = "CandidatesText", try_from = "CandidatesText")]
 pub enum Candidates {
     /// All of them.
     Dense,
     /// The C components whose initial spatial means are nearest.
     Nearest(usize),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum CandidatesText {
+    Number(usize),
+    Word(String),
+}
+
+impl From<Candidates> for CandidatesText {
+    fn from(candidates: Candidates) -> Self {
+        match candidates {
+            Candidates::Dense => Self::Word("dense".to_owned()),
+            Candidates::Nearest(n) => Self::Number(n),
+        }
+    }
+}
+
+impl TryFrom<CandidatesText> for Candidates {
+    type Error = String;
+
+    fn try_from(text: CandidatesText) -> Result<Self, String> {
+        match text {
+            CandidatesText::Number(n) => Ok(Self::Nearest(n)),
+            CandidatesText::Word(word) => word.parse(),
+        }
+    }
+}
+
+impl std::str::FromStr for Candidates {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "dense" => Ok(Self::Dense),
+            _ => text.parse().map(Self::Nearest).map_err(|_| format!("expected a number or `dense`, found `{text}`")),
+        }
+    }
 }
 
 /// Where the initial means come from (`model.md` 11).

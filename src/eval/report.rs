@@ -1,0 +1,209 @@
+//! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
+
+use crate::train::timing::StageMs;
+use serde::{Deserialize, Serialize};
+
+/// Version tag of [`Report`].
+pub const REPORT_FORMAT: &str = "vbgs-report/1";
+
+/// Everything a training run says about itself.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report<C> {
+    /// [`REPORT_FORMAT`].
+    pub format: &'static str,
+    /// What was trained on.
+    pub dataset: DatasetReport,
+    /// Every setting that shaped the run.
+    pub config: C,
+    /// Where it ran.
+    pub machine: MachineReport,
+    /// One entry per trained frame, in order of training.
+    pub frames: Vec<FrameReport>,
+    /// Frames that could not be used.
+    pub skipped: Vec<SkippedFrame>,
+    /// Totals.
+    pub summary: Summary,
+    /// Quality, where it was asked for.
+    pub eval: Vec<EvalReport>,
+}
+
+/// What was trained on.
+#[derive(Clone, Debug, Serialize)]
+pub struct DatasetReport {
+    /// Folder, or the name of the procedural scene.
+    pub path: String,
+    /// Layout of the files.
+    pub layout: String,
+    /// Split that was trained on.
+    pub split: String,
+    /// Frames chosen for training.
+    pub frames: usize,
+    /// Columns of the first frame.
+    pub width: u32,
+    /// Rows of the first frame.
+    pub height: u32,
+}
+
+/// Where a run took place.
+#[derive(Clone, Debug, Serialize)]
+pub struct MachineReport {
+    /// Threads of the trainer.
+    pub threads: usize,
+    /// Name of the processor.
+    pub cpu: String,
+    /// Name of the graphics adapter, if one drew.
+    pub adapter: Option<String>,
+}
+
+/// One trained frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameReport {
+    /// Position in the order of training, from 0.
+    pub index: usize,
+    /// Name of the frame within its split.
+    pub frame: String,
+    /// Points learnt from.
+    pub points: usize,
+    /// Measured pixels that made no point.
+    pub points_dropped: usize,
+    /// Components, used or not.
+    pub components: usize,
+    /// Components with statistics.
+    pub used: usize,
+    /// Components that moved.
+    pub reassigned: usize,
+    /// Mean ELBO of the frame's points under the initial model, nats.
+    pub elbo_mean: f64,
+    /// Where the time went.
+    pub ms: FrameMs,
+}
+
+/// Milliseconds of one frame. `load` and `prepare` run ahead on another thread and are not part of
+/// `train`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameMs {
+    /// Reading and decoding.
+    pub load: f64,
+    /// Filtering, unprojecting, normalising.
+    pub prepare: f64,
+    /// The trainer's stages.
+    #[serde(flatten)]
+    pub stages: StageMs,
+}
+
+/// A frame that could not be used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SkippedFrame {
+    /// Name of the frame within its split.
+    pub frame: String,
+    /// The file, what was expected and found, what to do.
+    pub message: String,
+}
+
+/// Totals of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Median of `ms.train`.
+    pub train_ms_median: f64,
+    /// 95 % quantile of `ms.train`.
+    pub train_ms_p95: f64,
+    /// Points learnt per second of `ms.train`.
+    pub points_per_s: f64,
+    /// Components, used or not.
+    pub components: usize,
+    /// Components with statistics.
+    pub used: usize,
+    /// Bytes of the model.
+    pub model_bytes: usize,
+    /// Largest resident memory of the process; `None` where the system does not tell.
+    pub peak_rss_bytes: Option<u64>,
+    /// From start to the end of training.
+    pub wall_s: f64,
+}
+
+/// Quality over one split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvalReport {
+    /// Split evaluated.
+    pub split: String,
+    /// Renderer.
+    pub renderer: String,
+    /// What the render was compared with: `composited` or `rgb`.
+    pub ground_truth: String,
+    /// Background of the render, sRGB-encoded.
+    pub background: [f32; 3],
+    /// Views evaluated.
+    pub views: usize,
+    /// Mean of the views' PSNR over the whole frame, dB.
+    pub psnr_mean: f64,
+    /// Population standard deviation of the same.
+    pub psnr_std: f64,
+    /// Mean of the views' PSNR over covered pixels, dB.
+    pub psnr_covered_mean: f64,
+    /// Mean share of pixels that splats cover (A ≥ 0.5).
+    pub coverage_mean: f64,
+    /// Mean SSIM, `valid` padding.
+    pub ssim_mean: f64,
+    /// Mean absolute depth error where both have depth, world units; `None` without true depth.
+    pub depth_mae_mean: Option<f64>,
+}
+
+/// Quality of one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewReport {
+    /// Position of the view in its split.
+    pub index: usize,
+    /// Name of the view within its split.
+    pub frame: String,
+    /// Renderer.
+    pub renderer: String,
+    /// PSNR over the whole frame, dB.
+    pub psnr: f64,
+    /// PSNR over covered pixels, dB; `None` if nothing is covered.
+    pub psnr_covered: Option<f64>,
+    /// Share of pixels that splats cover.
+    pub coverage: f64,
+    /// SSIM, `valid` padding.
+    pub ssim: f64,
+    /// Mean absolute depth error, world units.
+    pub depth_mae: Option<f64>,
+}
+
+impl Summary {
+    /// Totals of the trained frames; the model's fields are zero.
+    pub fn of_frames(frames: &[FrameReport], wall_s: f64) -> Self {
+        let mut train_ms: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
+        train_ms.sort_by(f64::total_cmp);
+        let total_s = train_ms.iter().sum::<f64>() * 1e-3;
+        let points: usize = frames.iter().map(|f| f.points).sum();
+        Self {
+            train_ms_median: quantile(&train_ms, 0.5),
+            train_ms_p95: quantile(&train_ms, 0.95),
+            points_per_s: if total_s > 0.0 { points as f64 / total_s } else { 0.0 },
+            wall_s,
+            ..Self::default()
+        }
+    }
+}
+
+/// Quantile of ascending values by linear interpolation; 0 for none.
+pub fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
+    let position = q.clamp(0.0, 1.0) * last as f64;
+    let below = position.floor() as usize;
+    let above = (below + 1).min(last);
+    sorted[below] + (sorted[above] - sorted[below]) * (position - below as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_interpolate() {
+        assert_eq!(quantile(&[], 0.5), 0.0);
+        assert_eq!(quantile(&[3.0], 0.95), 3.0);
+        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), 2.0);
+        assert_eq!(quantile(&[0.0, 10.0], 0.95), 9.5);
+    }
+}

@@ -1,0 +1,291 @@
+//! A training session: a dataset, a configuration and a model that grows frame by frame.
+
+use super::machine;
+use super::plan::{Plan, Selection};
+use super::prefetch::{Prefetch, Prepared, PreparedPoints, SpawnError};
+use crate::dataset::error::DatasetError;
+use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+use crate::dataset::range::{self, PositionRange, RangeError};
+use crate::dataset::{Dataset, Layout};
+use crate::eval::report::{
+    DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
+};
+use crate::math::points::Points;
+use crate::model::splats::Splat;
+use crate::train::candidates::IndexError;
+use crate::train::config::{Init, Preset, TrainConfig};
+use crate::train::engine::Engine;
+use crate::train::init::InitialDraw;
+use serde::Serialize;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Why a session cannot start or go on.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The dataset does not hold what was asked for.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The range of positions could not be found.
+    #[error(transparent)]
+    Range(#[from] RangeError),
+    /// The decoding thread did not start.
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// The candidate index could not be built.
+    #[error(transparent)]
+    Index(#[from] IndexError),
+    /// Every frame was skipped.
+    #[error("{dataset}: expected at least one usable frame, found none ({skipped} skipped; the first: {first})")]
+    NoUsableFrame {
+        /// Name of the dataset.
+        dataset: String,
+        /// Frames skipped.
+        skipped: usize,
+        /// Message of the first one.
+        first: String,
+    },
+}
+
+/// Every setting that shaped a run, for the report.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunConfig {
+    /// Settings of the trainer.
+    #[serde(flatten)]
+    pub train: TrainConfig,
+    /// Frames and their order.
+    #[serde(flatten)]
+    pub selection: Selection,
+    /// How pixels become rays.
+    pub camera_convention: CameraConvention,
+    /// Whether mixed pixels are dropped.
+    pub edge_filter: EdgeFilter,
+    /// Low and high corner of the normalised range, world units.
+    pub position_range: [[f64; 3]; 2],
+    /// Where that range is from.
+    pub position_range_source: String,
+}
+
+/// What one step did.
+#[derive(Clone, Debug)]
+pub enum Step {
+    /// A frame was learnt.
+    Trained(FrameReport),
+    /// A frame was unusable and left out.
+    Skipped(SkippedFrame),
+    /// There are no more frames.
+    Finished,
+}
+
+/// A dataset, a configuration and a model that grows frame by frame.
+pub struct Session {
+    dataset: Arc<Dataset>,
+    config: RunConfig,
+    plan: Plan,
+    settings: UnprojectSettings,
+    engine: Engine,
+    prefetch: Prefetch,
+    frames: Vec<FrameReport>,
+    skipped: Vec<SkippedFrame>,
+    started: Instant,
+    wall_s: f64,
+}
+
+impl Session {
+    /// Prepares a session and starts decoding. Frames the dataset refused when it was opened count
+    /// as skipped.
+    pub fn new(dataset: Arc<Dataset>, train: TrainConfig, selection: Selection) -> Result<Self, SessionError> {
+        let plan = Plan::new(&dataset, &selection, train.seed)?;
+        let range = range::estimate(&dataset, plan.split)?;
+        let settings = UnprojectSettings {
+            convention: camera_convention(train.preset, dataset.layout),
+            filter: EdgeFilter::DropMixed,
+            normalization: range.normalization(),
+        };
+        let draw = initial_draw(&dataset, &plan, &settings, &train);
+        let engine = Engine::new(&train, &draw)?;
+        let prefetch = Prefetch::start(dataset.clone(), plan.split, plan.frames.clone(), settings)?;
+        let split_name = &dataset.splits[plan.split].name;
+        let skipped = dataset.warnings.iter().filter(|w| w.split == *split_name);
+        let skipped = skipped
+            .map(|w| SkippedFrame { frame: w.error.frame.clone(), message: w.error.to_string() })
+            .collect();
+        Ok(Self {
+            config: run_config(train, selection, &settings, &range),
+            dataset,
+            plan,
+            settings,
+            engine,
+            prefetch,
+            frames: Vec::new(),
+            skipped,
+            started: Instant::now(),
+            wall_s: 0.0,
+        })
+    }
+
+    /// Trains on the next frame, waiting for it to be decoded. An error leaves the model as it was.
+    pub fn step(&mut self) -> Result<Step, SessionError> {
+        let Some(Prepared { position, name, result }) = self.prefetch.next() else {
+            return self.finish();
+        };
+        let step = match result {
+            Ok(prepared) => Step::Trained(self.learn(position, name, prepared)?),
+            Err(message) => {
+                let skipped = SkippedFrame { frame: name, message };
+                self.skipped.push(skipped.clone());
+                Step::Skipped(skipped)
+            }
+        };
+        self.wall_s = self.started.elapsed().as_secs_f64();
+        Ok(step)
+    }
+
+    fn finish(&self) -> Result<Step, SessionError> {
+        if !self.frames.is_empty() {
+            return Ok(Step::Finished);
+        }
+        Err(SessionError::NoUsableFrame {
+            dataset: self.dataset.name.clone(),
+            skipped: self.skipped.len(),
+            first: self.skipped.first().map_or_else(|| "no frame is selected".into(), |s| s.message.clone()),
+        })
+    }
+
+    fn learn(&mut self, position: usize, frame: String, prepared: PreparedPoints) -> Result<FrameReport, SessionError> {
+        let PreparedPoints { points, counts, load_ms, prepare_ms } = prepared;
+        let outcome = self.engine.train(&points)?;
+        self.prefetch.recycle(points);
+        let report = FrameReport {
+            index: position,
+            frame,
+            points: outcome.points,
+            points_dropped: counts.dropped(),
+            components: self.engine.components(),
+            used: self.engine.used(),
+            reassigned: outcome.reassigned,
+            elbo_mean: outcome.elbo_mean,
+            ms: FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms },
+        };
+        self.frames.push(report.clone());
+        Ok(report)
+    }
+
+    /// The dataset.
+    pub fn dataset(&self) -> &Arc<Dataset> {
+        &self.dataset
+    }
+
+    /// Frames of the run.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Settings of the run.
+    pub fn config(&self) -> &RunConfig {
+        &self.config
+    }
+
+    /// The model.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// Trained frames so far, in order.
+    pub fn frames(&self) -> &[FrameReport] {
+        &self.frames
+    }
+
+    /// Unusable frames so far.
+    pub fn skipped(&self) -> &[SkippedFrame] {
+        &self.skipped
+    }
+
+    /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
+    pub fn splats(&self) -> Vec<Splat> {
+        self.engine.splats(&self.config.train, &self.settings.normalization)
+    }
+
+    /// Splats of the listed components.
+    pub fn splats_of(&self, ids: &[u32]) -> Vec<Splat> {
+        self.engine.splats_of(ids, &self.config.train, &self.settings.normalization)
+    }
+
+    /// The report so far; `adapter` names the graphics adapter that draws, if any.
+    pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
+        let split = &self.dataset.splits[self.plan.split];
+        let first = self.plan.frames.first().map(|&i| split.frames[i].camera.intrinsics);
+        Report {
+            format: REPORT_FORMAT,
+            dataset: DatasetReport {
+                path: self.dataset.path.as_ref().map_or_else(|| self.dataset.name.clone(), |p| p.display().to_string()),
+                layout: layout_name(self.dataset.layout).to_owned(),
+                split: split.name.clone(),
+                frames: self.plan.frames.len(),
+                width: first.map_or(0, |k| k.width),
+                height: first.map_or(0, |k| k.height),
+            },
+            config: self.config.clone(),
+            machine: machine::describe(adapter),
+            frames: self.frames.clone(),
+            skipped: self.skipped.clone(),
+            summary: Summary {
+                components: self.engine.components(),
+                used: self.engine.used(),
+                model_bytes: self.engine.model_bytes(),
+                peak_rss_bytes: machine::peak_rss_bytes(),
+                ..Summary::of_frames(&self.frames, self.wall_s)
+            },
+            eval,
+        }
+    }
+}
+
+/// The published loader's rays are part of the `paper` preset, where that loader applies.
+fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
+    match (preset, layout) {
+        (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
+        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) => CameraConvention::Exact,
+    }
+}
+
+/// As reports and `info` spell it.
+pub fn layout_name(layout: Layout) -> &'static str {
+    match layout {
+        Layout::Blender => "blender",
+        Layout::SevenScenes => "seven-scenes",
+        Layout::Synthetic => "synthetic",
+    }
+}
+
+fn run_config(
+    train: TrainConfig,
+    selection: Selection,
+    settings: &UnprojectSettings,
+    range: &PositionRange,
+) -> RunConfig {
+    RunConfig {
+        train,
+        selection,
+        camera_convention: settings.convention,
+        edge_filter: settings.filter,
+        position_range: [range.lo().to_array(), range.hi().to_array()],
+        position_range_source: range.source.clone(),
+    }
+}
+
+/// Initial means; from the first usable frame where they come from data.
+fn initial_draw(dataset: &Dataset, plan: &Plan, settings: &UnprojectSettings, train: &TrainConfig) -> InitialDraw {
+    if train.init == Init::Random {
+        return InitialDraw::random(train.components, train.seed);
+    }
+    let mut points = Points::new();
+    for &index in &plan.frames {
+        let loaded = dataset.load(plan.split, index);
+        let counts = loaded.and_then(|frame| Unprojector::new().unproject(&frame, settings, &mut points));
+        if counts.is_ok() && !points.is_empty() {
+            break;
+        }
+    }
+    InitialDraw::from_points(&points, train.components, train.seed)
+}
