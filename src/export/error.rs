@@ -1,0 +1,170 @@
+//! What can go wrong when a model is written or read.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A failed export or import: which file, and why.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {fault}", path.display())]
+pub struct ExportError {
+    /// The file that was to be written or read.
+    pub path: PathBuf,
+    /// What is wrong and what to do about it.
+    pub fault: Fault,
+}
+
+/// Why a file could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// No splat can be drawn.
+    #[error(
+        "nothing to export: expected at least one finite splat with opacity above 0, found none \
+         among {n_splats}; train some frames first"
+    )]
+    NothingToExport {
+        /// Splats given.
+        n_splats: usize,
+    },
+    /// The name does not tell the format.
+    #[error("expected a name ending in .ply or .glb, found {found:?}; rename it or name a format")]
+    UnknownExtension {
+        /// The extension, possibly empty.
+        found: String,
+    },
+    /// The target's folder is missing.
+    #[error("the folder {} does not exist; create it or choose another", folder.display())]
+    NoFolder {
+        /// The missing folder.
+        folder: PathBuf,
+    },
+    /// A folder stands where a file is meant.
+    #[error("expected a file, found a folder; name a file in it")]
+    IsFolder,
+    /// The operating system refused.
+    #[error("cannot {action}: {source}")]
+    Io {
+        /// What was tried, as a verb phrase.
+        action: &'static str,
+        /// The system's answer.
+        source: io::Error,
+    },
+    /// No space left.
+    #[error(
+        "the disk is full: {written} bytes fitted, more are needed; free some space or choose \
+         another folder (an older file of this name is untouched)"
+    )]
+    DiskFull {
+        /// Bytes written before space ran out.
+        written: u64,
+    },
+    /// An option of the caller makes no sense.
+    #[error("{setting}: expected {expected}, found {found}")]
+    Setting {
+        /// The option's name.
+        setting: &'static str,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// GLB counts bytes in 32 bits.
+    #[error(
+        "{n_splats} splats need {needed} bytes as GLB, whose limit is {}; export PLY instead",
+        u32::MAX
+    )]
+    TooLargeForGlb {
+        /// Splats to write.
+        n_splats: usize,
+        /// Size of the whole file.
+        needed: u64,
+    },
+    /// The content is of no known format.
+    #[error("expected a PLY, GLB or glTF file, found {found}; convert it to uncompressed PLY")]
+    NotAModel {
+        /// The first bytes.
+        found: String,
+    },
+    /// The format is right and the content is not.
+    #[error("{place}: expected {expected}, found {found}; the file is damaged, export it again")]
+    Malformed {
+        /// Line, accessor, chunk or element.
+        place: String,
+        /// What the format asks for.
+        expected: String,
+        /// What the file holds.
+        found: String,
+    },
+    /// A property without which there is no model.
+    #[error(
+        "element vertex: expected property {property}, found only {found}; export it as 3DGS or point-cloud PLY"
+    )]
+    MissingProperty {
+        /// The missing name.
+        property: String,
+        /// The names there are.
+        found: String,
+    },
+    /// Valid, but not read by this program.
+    #[error("unsupported: {feature}; {advice}")]
+    Unsupported {
+        /// What the file uses.
+        feature: String,
+        /// What to do instead.
+        advice: &'static str,
+    },
+    /// More rows than the caller allows.
+    #[error("expected at most {cap} splats, found {declared}; reduce the model first")]
+    TooMany {
+        /// Rows the file declares.
+        declared: u64,
+        /// The limit.
+        cap: usize,
+    },
+    /// Memory ran out.
+    #[error(
+        "expected {bytes} bytes of free memory, found less; close other programs or reduce the model"
+    )]
+    OutOfMemory {
+        /// Bytes asked for.
+        bytes: u64,
+    },
+    /// Every row was unusable.
+    #[error("expected at least one finite row, found none ({skipped} skipped); export it again")]
+    NothingToImport {
+        /// Rows with NaN or infinity.
+        skipped: usize,
+    },
+}
+
+impl Fault {
+    /// Names the file.
+    pub(super) fn at(self, path: &Path) -> ExportError {
+        ExportError { path: path.to_path_buf(), fault: self }
+    }
+
+    pub(super) fn malformed(
+        place: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> Self {
+        Self::Malformed { place: place.into(), expected: expected.into(), found: found.into() }
+    }
+}
+
+/// Text of a file as it may appear in a message: control characters escaped, at most 60 characters.
+pub(super) fn shorten(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let mut short: String = text.chars().take(LONGEST).flat_map(char::escape_default).collect();
+    if text.chars().nth(LONGEST).is_some() {
+        short.push('…');
+    }
+    short
+}
+
+/// A vector with room for exactly `n` items, or the error that memory is short.
+pub(super) fn reserved<T>(n: usize) -> Result<Vec<T>, Fault> {
+    let mut items = Vec::new();
+    let bytes = n as u64 * size_of::<T>() as u64;
+    items.try_reserve_exact(n).map_err(|_| Fault::OutOfMemory { bytes })?;
+    Ok(items)
+}

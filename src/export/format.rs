@@ -1,0 +1,124 @@
+//! What to write: formats, axes and the options of each.
+
+use super::error::{ExportError, Fault};
+use glam::DVec3;
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+/// A file format for models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Format {
+    /// Splats as PLY in the 3DGS layout (`export.md` 1): what splat viewers open.
+    Ply,
+    /// Centres as coloured points in PLY (`export.md` 2): for MeshLab, CloudCompare, Open3D.
+    #[serde(rename = "point-cloud")]
+    PointCloudPly,
+    /// Splats as GLB with `KHR_gaussian_splatting` (`export.md` 3).
+    Glb,
+}
+
+impl Format {
+    /// Every format, in the order menus show them.
+    pub const ALL: [Format; 3] = [Format::Ply, Format::PointCloudPly, Format::Glb];
+
+    /// The name used by the command line and settings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Format::Ply => "ply",
+            Format::PointCloudPly => "point-cloud",
+            Format::Glb => "glb",
+        }
+    }
+
+    /// The usual file name extension, without a dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Format::Ply | Format::PointCloudPly => "ply",
+            Format::Glb => "glb",
+        }
+    }
+
+    /// The format a file name asks for: `.ply` means splats, `.glb` GLB; case does not matter.
+    ///
+    /// # Errors
+    /// [`Fault::UnknownExtension`] for any other name.
+    pub fn from_path(path: &Path) -> Result<Self, ExportError> {
+        let found = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+        match found.as_deref() {
+            Some("ply") => Ok(Format::Ply),
+            Some("glb") => Ok(Format::Glb),
+            _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.at(path)),
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A format name that does not exist.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("expected ply, point-cloud or glb, found {0:?}")]
+pub struct UnknownFormat(pub String);
+
+impl FromStr for Format {
+    type Err = UnknownFormat;
+
+    fn from_str(name: &str) -> Result<Self, UnknownFormat> {
+        let known = Format::ALL.into_iter().find(|format| format.name() == name);
+        known.ok_or_else(|| UnknownFormat(name.to_owned()))
+    }
+}
+
+/// The axes of a written PLY. GLB prescribes its own (+y up) and ignores this.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Axes {
+    /// The dataset's world, unchanged.
+    #[default]
+    AsIs,
+    /// A z-up world turned into the y-down world splat viewers expect: `(x, y, z)` becomes
+    /// `(−x, −z, −y)`.
+    Viewer,
+}
+
+/// How to write a model; [`WriteOptions::new`] gives the defaults.
+#[derive(Clone, Debug)]
+pub struct WriteOptions<'a> {
+    /// The file's format.
+    pub format: Format,
+    /// Axes of both PLY formats.
+    pub axes: Axes,
+    /// 45 zero coefficients per splat (248 instead of 68 bytes) for readers that insist on
+    /// spherical harmonics of degree 3. 3DGS PLY only.
+    pub sh3_padding: bool,
+    /// Lines kept with the file, such as `vbgs legacy-cov`: PLY comments, `asset.extras.comments`
+    /// of a GLB. Printable ASCII.
+    pub comments: &'a [String],
+    /// World positions of the training cameras: when there are any, a point cloud gets normals,
+    /// turned toward the nearest one.
+    pub camera_centres: &'a [DVec3],
+    /// `N_k` of every splat given, written with the points of a point cloud.
+    pub confidence: Option<&'a [f64]>,
+    /// Lengths are metres: a GLB says so in `asset.extras.units`.
+    pub metric: bool,
+}
+
+impl WriteOptions<'_> {
+    /// Axes as they are, no padding, no comments, no normals, no confidence, unknown units.
+    pub fn new(format: Format) -> Self {
+        Self {
+            format,
+            axes: Axes::AsIs,
+            sh3_padding: false,
+            comments: &[],
+            camera_centres: &[],
+            confidence: None,
+            metric: false,
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! A splat on its way to or from a file: f64, floored, normalised, turned to other axes.
+
+use crate::model::splats::Splat;
+use glam::{DMat3, DQuat, DVec3};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// Spherical harmonic of degree 0, `1/(2√π)`.
+const SH_C0: f64 = 0.282_094_791_773_878_14;
+/// Smallest scale written, so that its logarithm is finite (`export.md` 0).
+const SCALE_FLOOR: f64 = 1e-7;
+/// Opacities are kept this far from 0 and 1 where their logit is written (`export.md` 0).
+const LOGIT_MARGIN: f64 = 1e-6;
+/// Quaternions shorter than this have no direction.
+const SHORTEST_QUATERNION: f64 = 1e-12;
+/// Colours this far outside `[0, 1]` are reported when clamped; less is rounding.
+const COLOR_SLACK: f64 = 1e-4;
+
+/// One splat in f64; fields as in [`Splat`], the rotation a unit quaternion.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gaussian {
+    pub mean: DVec3,
+    pub opacity: f64,
+    pub color: DVec3,
+    pub scale: DVec3,
+    pub rotation: DQuat,
+}
+
+impl Gaussian {
+    /// A drawable splat with the floors every format needs.
+    pub fn of(splat: &Splat) -> Self {
+        let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
+        let [w, x, y, z] = splat.rotation.map(f64::from);
+        Self {
+            mean: wide(splat.mean),
+            opacity: f64::from(splat.opacity).clamp(0.0, 1.0),
+            color: wide(splat.color).clamp(DVec3::ZERO, DVec3::ONE),
+            scale: wide(splat.scale).max(DVec3::splat(SCALE_FLOOR)),
+            rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
+        }
+    }
+
+    /// The same splat seen in turned axes.
+    pub fn turned(self, turn: &Turn) -> Self {
+        Self { mean: turn.vector(self.mean), rotation: turn.rotation(self.rotation), ..self }
+    }
+
+    /// As a record, or `None` if a field is not finite in f32. Colours end in `[0, 1]`.
+    pub fn to_splat(self) -> Option<Splat> {
+        let narrow = |v: DVec3| v.as_vec3().to_array();
+        let splat = Splat {
+            mean: narrow(self.mean),
+            opacity: self.opacity.clamp(0.0, 1.0) as f32,
+            color: narrow(self.color).map(|c| c.clamp(0.0, 1.0)),
+            scale: narrow(self.scale),
+            rotation: wxyz(self.rotation).map(|v| v as f32),
+        };
+        let fields = bytemuck::cast_ref::<Splat, [f32; 14]>(&splat);
+        fields.iter().all(|v| v.is_finite()).then_some(splat)
+    }
+
+    /// Whether the colour lies outside `[0, 1]` by more than rounding.
+    pub fn has_wild_color(&self) -> bool {
+        let range = -COLOR_SLACK..=1.0 + COLOR_SLACK;
+        self.color.to_array().iter().any(|c| !range.contains(c))
+    }
+}
+
+/// `w x y z`, normalised; `None` if the quaternion has no direction. NaN stays NaN.
+pub(super) fn unit_quaternion([w, x, y, z]: [f64; 4]) -> Option<DQuat> {
+    let q = DQuat::from_xyzw(x, y, z, w);
+    let length = q.length();
+    (length.is_nan() || length >= SHORTEST_QUATERNION).then(|| q / length)
+}
+
+/// The components in the order `w x y z`.
+pub(super) fn wxyz(q: DQuat) -> [f64; 4] {
+    [q.w, q.x, q.y, q.z]
+}
+
+/// Coefficient of degree 0 that stands for a colour.
+pub(super) fn color_to_sh(color: DVec3) -> DVec3 {
+    (color - 0.5) / SH_C0
+}
+
+/// Colour a coefficient of degree 0 stands for.
+pub(super) fn sh_to_color(coefficient: DVec3) -> DVec3 {
+    coefficient * SH_C0 + 0.5
+}
+
+/// `ln(o / (1 − o))`, with `o` kept away from 0 and 1.
+pub(super) fn logit(opacity: f64) -> f64 {
+    let o = opacity.clamp(LOGIT_MARGIN, 1.0 - LOGIT_MARGIN);
+    (o / (1.0 - o)).ln()
+}
+
+/// Inverse of [`logit`].
+pub(super) fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// sRGB transfer function (IEC 61966-2-1), decoded value of an encoded channel in `[0, 1]`.
+pub(super) fn srgb_to_linear(encoded: f64) -> f64 {
+    if encoded <= 0.04045 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Inverse of [`srgb_to_linear`].
+pub(super) fn linear_to_srgb(linear: f64) -> f64 {
+    if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+/// A change of axes: a rotation that permutes and negates coordinates, so positions stay exact.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Turn {
+    matrix: DMat3,
+    quaternion: DQuat,
+}
+
+impl Turn {
+    /// Nothing changes.
+    pub const NONE: Turn = Turn { matrix: DMat3::IDENTITY, quaternion: DQuat::IDENTITY };
+
+    /// z-up to the y-up of glTF: `(x, y, z)` becomes `(x, z, −y)`.
+    pub const Z_UP_TO_Y_UP: Turn = Turn {
+        matrix: DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y),
+        quaternion: DQuat::from_xyzw(-FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
+    };
+
+    /// The y-up of glTF to z-up.
+    pub const Y_UP_TO_Z_UP: Turn = Turn {
+        matrix: DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y),
+        quaternion: DQuat::from_xyzw(FRAC_1_SQRT_2, 0.0, 0.0, FRAC_1_SQRT_2),
+    };
+
+    /// z-up to the y-down world of splat viewers: `(x, y, z)` becomes `(−x, −z, −y)`.
+    pub const Z_UP_TO_Y_DOWN: Turn = Turn {
+        matrix: DMat3::from_cols(DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y),
+        quaternion: DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, -FRAC_1_SQRT_2, 0.0),
+    };
+
+    /// A position or direction in the new axes.
+    pub fn vector(&self, v: DVec3) -> DVec3 {
+        // Adding zero turns −0 into 0, which some JSON readers print differently.
+        self.matrix * v + DVec3::ZERO
+    }
+
+    /// An orientation in the new axes.
+    pub fn rotation(&self, q: DQuat) -> DQuat {
+        self.quaternion * q
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turns_are_rotations_whose_quaternions_agree_with_their_matrices() {
+        for turn in [Turn::NONE, Turn::Z_UP_TO_Y_UP, Turn::Y_UP_TO_Z_UP, Turn::Z_UP_TO_Y_DOWN] {
+            let difference = DMat3::from_quat(turn.quaternion) - turn.matrix;
+            assert!(difference.to_cols_array().iter().all(|v| v.abs() < 1e-15), "{turn:?}");
+            assert_eq!(turn.matrix.determinant(), 1.0);
+        }
+        let there_and_back = Turn::Y_UP_TO_Z_UP.matrix * Turn::Z_UP_TO_Y_UP.matrix;
+        assert_eq!(there_and_back, DMat3::IDENTITY);
+    }
+
+    #[test]
+    fn transfer_functions_invert_each_other() {
+        for i in 0..=1000 {
+            let v = f64::from(i) / 1000.0;
+            assert!((linear_to_srgb(srgb_to_linear(v)) - v).abs() < 1e-7, "{v}");
+        }
+    }
+
+    #[test]
+    fn a_quaternion_without_direction_is_none_and_nan_is_kept() {
+        assert!(unit_quaternion([0.0; 4]).is_none());
+        assert!(unit_quaternion([f64::NAN, 0.0, 0.0, 0.0]).unwrap().is_nan());
+        assert_eq!(unit_quaternion([2.0, 0.0, 0.0, 0.0]).unwrap(), DQuat::IDENTITY);
+    }
+}

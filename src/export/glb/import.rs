@@ -1,0 +1,276 @@
+//! Splats or points of a glTF whose JSON and buffers are loaded.
+
+use super::accessor::Column;
+use super::nodes::{Placement, placed_meshes};
+use super::schema::{GaussianSplatting, Primitive, Root};
+use super::{
+    COLOR_0, EXTENSION, KERNEL, LINEAR, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0,
+    SH_PREFIX, SRGB,
+};
+use crate::export::error::{Fault, shorten};
+use crate::export::gaussian::{Gaussian, Turn, linear_to_srgb, sh_to_color};
+use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use glam::{DQuat, DVec3};
+
+/// `TRIANGLES`, the mode of a primitive that names none.
+const DEFAULT_MODE: u32 = 4;
+
+/// A primitive of the scene and where it stands.
+struct Part<'a> {
+    primitive: &'a Primitive,
+    placement: Placement,
+    place: String,
+}
+
+/// Everything of the scene that is splats, or points if there are no splats.
+pub(super) fn model(
+    root: &Root,
+    buffers: &[impl AsRef<[u8]>],
+    max_splats: usize,
+) -> Result<Imported, Fault> {
+    let parts = parts(root)?;
+    let n_parts = parts.len();
+    let (splats, others): (Vec<Part>, Vec<Part>) =
+        parts.into_iter().partition(|part| part.primitive.extensions.splatting.is_some());
+    let (kind, chosen) = if splats.is_empty() {
+        let is_points = |part: &Part| part.primitive.mode == Some(POINTS);
+        (ModelKind::PointCloud, others.into_iter().filter(is_points).collect())
+    } else {
+        (ModelKind::Splats, splats)
+    };
+    if chosen.is_empty() {
+        let expected = format!("primitives with {EXTENSION} or of mode POINTS");
+        let found = format!("{n_parts} other primitives");
+        return Err(Fault::malformed("scene", expected, found));
+    }
+    let mut notes = Vec::new();
+    if chosen.len() < n_parts {
+        notes.push(Note::PrimitivesSkipped { n_primitives: n_parts - chosen.len() });
+    }
+    let mut columns = Vec::new();
+    for part in &chosen {
+        columns.push(match kind {
+            ModelKind::Splats => Columns::of_splats(root, buffers, part, &mut notes)?,
+            ModelKind::PointCloud => Columns::of_points(root, buffers, part, &mut notes)?,
+        });
+    }
+    let mut rows = Rows::with_room(total(&columns, max_splats)?)?;
+    for (part, columns) in chosen.iter().zip(&columns) {
+        columns.read(&part.placement, &mut rows)?;
+    }
+    rows.finish(kind, notes, comments(root))
+}
+
+fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
+    let mut parts = Vec::new();
+    for (placement, index) in placed_meshes(root)? {
+        let mesh = root.meshes.get(index).ok_or_else(|| {
+            let found = format!("{} meshes", root.meshes.len());
+            Fault::malformed(format!("mesh {index}"), "a mesh of that number", found)
+        })?;
+        for (i, primitive) in mesh.primitives.iter().enumerate() {
+            parts.push(Part { primitive, placement, place: format!("mesh {index} primitive {i}") });
+        }
+    }
+    Ok(parts)
+}
+
+/// Rows of all parts, checked before memory is taken: many nodes may show one mesh.
+fn total(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
+    let counts = columns.iter().map(|c| c.position.count as u64);
+    let declared = counts.fold(0u64, u64::saturating_add);
+    match usize::try_from(declared) {
+        Ok(n) if n <= max_splats => Ok(n),
+        _ => Err(Fault::TooMany { declared, cap: max_splats }),
+    }
+}
+
+/// The attributes of one part, all of the same length.
+struct Columns<'a> {
+    position: Column<'a>,
+    color: Color<'a>,
+    /// Absent in point clouds.
+    shape: Option<Shape<'a>>,
+}
+
+struct Shape<'a> {
+    rotation: Column<'a>,
+    scale: Column<'a>,
+    opacity: Column<'a>,
+}
+
+enum Color<'a> {
+    Sh { coefficient: Column<'a>, linear: bool },
+    Linear(Column<'a>),
+    None,
+}
+
+impl<'a> Columns<'a> {
+    fn of_splats(
+        root: &Root,
+        buffers: &'a [impl AsRef<[u8]>],
+        part: &Part,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self, Fault> {
+        let linear = check_splatting(part)?;
+        let position = open(root, buffers, part, POSITION, None)?;
+        let count = Some(position.count);
+        let coefficient = open(root, buffers, part, SH_0, count)?;
+        let shape = Shape {
+            rotation: open(root, buffers, part, ROTATION, count)?,
+            scale: open(root, buffers, part, SCALE, count)?,
+            opacity: open(root, buffers, part, OPACITY, count)?,
+        };
+        let above_0 = |name: &&str| name.starts_with(SH_PREFIX) && *name != SH_0;
+        let names = part.primitive.attributes.0.iter().map(|(name, _)| name.as_str());
+        let n_coefficients = 3 * names.filter(above_0).count();
+        if n_coefficients > 0 {
+            note_once(notes, Note::ViewDependentColorIgnored { n_coefficients });
+        }
+        if linear {
+            note_once(notes, Note::LinearColorEncoded);
+        }
+        Ok(Self { position, color: Color::Sh { coefficient, linear }, shape: Some(shape) })
+    }
+
+    fn of_points(
+        root: &Root,
+        buffers: &'a [impl AsRef<[u8]>],
+        part: &Part,
+        notes: &mut Vec<Note>,
+    ) -> Result<Self, Fault> {
+        let position = open(root, buffers, part, POSITION, None)?;
+        let color = if part.primitive.attributes.get(COLOR_0).is_some() {
+            Color::Linear(open(root, buffers, part, COLOR_0, Some(position.count))?)
+        } else {
+            note_once(notes, Note::NoColor);
+            Color::None
+        };
+        Ok(Self { position, color, shape: None })
+    }
+
+    fn read(&self, placement: &Placement, rows: &mut Rows) -> Result<(), Fault> {
+        for row in 0..self.position.count {
+            let mean = placement.position(DVec3::from_array(self.position.get(row)));
+            let point = Gaussian {
+                mean: Turn::Y_UP_TO_Z_UP.vector(mean),
+                opacity: 1.0,
+                color: self.color.get(row),
+                scale: DVec3::ZERO,
+                rotation: DQuat::IDENTITY,
+            };
+            let Some(shape) = &self.shape else {
+                rows.push(point);
+                continue;
+            };
+            let [x, y, z, w] = shape.rotation.get(row);
+            let rotation = rows.rotation([w, x, y, z]);
+            let (scale, rotation) = placement.shape(shape.scale(row)?, rotation);
+            let rotation = Turn::Y_UP_TO_Z_UP.rotation(rotation);
+            let [opacity] = shape.opacity.get(row);
+            rows.push(Gaussian { opacity, scale, rotation, ..point });
+        }
+        Ok(())
+    }
+}
+
+impl Shape<'_> {
+    fn scale(&self, row: usize) -> Result<DVec3, Fault> {
+        let scale: [f64; 3] = self.scale.get(row);
+        match scale.iter().find(|s| **s < 0.0) {
+            None => Ok(DVec3::from_array(scale)),
+            Some(negative) => Err(Fault::malformed(
+                format!("{}, row {row}", self.scale.place),
+                "scales of 0 or more",
+                negative.to_string(),
+            )),
+        }
+    }
+}
+
+impl Color<'_> {
+    /// sRGB-encoded colour of a row.
+    fn get(&self, row: usize) -> DVec3 {
+        match self {
+            Color::Sh { coefficient, linear } => {
+                let color = sh_to_color(DVec3::from_array(coefficient.get(row)));
+                if *linear { color.map(linear_to_srgb) } else { color }
+            }
+            Color::Linear(column) => DVec3::from_array(column.get(row)).map(linear_to_srgb),
+            Color::None => DVec3::splat(0.5),
+        }
+    }
+}
+
+fn open<'a>(
+    root: &Root,
+    buffers: &'a [impl AsRef<[u8]>],
+    part: &Part,
+    semantic: &str,
+    count: Option<usize>,
+) -> Result<Column<'a>, Fault> {
+    let index =
+        part.primitive.attributes.get(semantic).ok_or_else(|| {
+            Fault::malformed(&part.place, format!("attribute {semantic}"), "none")
+        })?;
+    let column = Column::open(root, buffers, index, semantic)?;
+    match count {
+        Some(count) if count != column.count => {
+            let expected = format!("{count} rows, as many as {POSITION}");
+            Err(Fault::malformed(column.place, expected, column.count.to_string()))
+        }
+        _ => Ok(column),
+    }
+}
+
+/// Checks the extension object; returns whether the coefficients are linear.
+fn check_splatting(part: &Part) -> Result<bool, Fault> {
+    let primitive = part.primitive;
+    let attributes = &primitive.attributes;
+    if ["_ROTATION", "_SCALE"].iter().any(|name| attributes.get(name).is_some()) {
+        return Err(Fault::Unsupported {
+            feature: format!("{} uses an unsupported draft of {EXTENSION}", part.place),
+            advice: "export it again with a program that writes the ratified extension",
+        });
+    }
+    let Some(GaussianSplatting { kernel, color_space, extensions, .. }) =
+        &primitive.extensions.splatting
+    else {
+        return Ok(false);
+    };
+    let nested = extensions.keys().chain(primitive.extensions.other.keys());
+    if let Some(name) = nested.into_iter().find(|name| name.contains("compression")) {
+        return Err(Fault::Unsupported {
+            feature: format!("{} is compressed ({})", part.place, shorten(name)),
+            advice: "export plain, uncompressed attributes",
+        });
+    }
+    let mode = primitive.mode.unwrap_or(DEFAULT_MODE);
+    if mode != POINTS {
+        let found = format!("mode {mode}");
+        return Err(Fault::malformed(&part.place, format!("mode {POINTS} (POINTS)"), found));
+    }
+    let unknown = |field: &str, known: &str, found: &str| {
+        let found = format!("\"{}\"", shorten(found));
+        Err(Fault::malformed(format!("{} {field}", part.place), known, found))
+    };
+    match (kernel.as_str(), color_space.as_str()) {
+        (KERNEL, SRGB) => Ok(false),
+        (KERNEL, LINEAR) => Ok(true),
+        (KERNEL, other) => unknown("colorSpace", &format!("\"{SRGB}\" or \"{LINEAR}\""), other),
+        (other, _) => unknown("kernel", &format!("\"{KERNEL}\""), other),
+    }
+}
+
+fn note_once(notes: &mut Vec<Note>, note: Note) {
+    if !notes.contains(&note) {
+        notes.push(note);
+    }
+}
+
+/// Lines our writer kept in `asset.extras.comments`.
+fn comments(root: &Root) -> Vec<String> {
+    let extras = root.asset.extras.as_ref();
+    let lines = extras.and_then(|extras| extras.get("comments")).and_then(|v| v.as_array());
+    lines.into_iter().flatten().filter_map(|line| line.as_str().map(str::to_owned)).collect()
+}

@@ -1,0 +1,28 @@
+//! glTF 2.0 with `KHR_gaussian_splatting` (`export.md` 3). Files are y-up; splats here are z-up:
+//! writing turns `(x, y, z)` into `(x, z, −y)` and reading always undoes that, whoever wrote it.
+
+mod accessor;
+mod container;
+mod import;
+mod nodes;
+pub(super) mod read;
+mod schema;
+mod uri;
+pub(super) mod write;
+
+const POSITION: &str = "POSITION";
+const COLOR_0: &str = "COLOR_0";
+const ROTATION: &str = "KHR_gaussian_splatting:ROTATION";
+const SCALE: &str = "KHR_gaussian_splatting:SCALE";
+const OPACITY: &str = "KHR_gaussian_splatting:OPACITY";
+const SH_0: &str = "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0";
+const SH_PREFIX: &str = "KHR_gaussian_splatting:SH_DEGREE_";
+const EXTENSION: &str = "KHR_gaussian_splatting";
+/// The only kernel of the extension.
+const KERNEL: &str = "ellipse";
+/// Colour space of sRGB-encoded coefficients.
+const SRGB: &str = "srgb_rec709_display";
+/// Colour space of linear coefficients.
+const LINEAR: &str = "lin_rec709_display";
+/// Primitive mode of points.
+const POINTS: u32 = 0;

@@ -1,0 +1,113 @@
+//! The node tree of a glTF scene, flattened into placed meshes.
+
+use super::schema::{Node, Root};
+use crate::export::error::Fault;
+use crate::math::sym3::Sym3;
+use crate::model::splats::{CovarianceForm, decompose};
+use glam::{DMat3, DMat4, DQuat, DVec3, Vec4Swizzles};
+
+/// Largest cosine between two columns that still counts as a right angle.
+const SHEAR_TOLERANCE: f64 = 1e-4;
+
+/// Where a mesh stands.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placement {
+    linear: DMat3,
+    translation: DVec3,
+}
+
+/// Every mesh of the scene, once per node that shows it.
+pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Fault> {
+    let mut meshes = Vec::new();
+    let mut seen = vec![false; root.nodes.len()];
+    let mut stack: Vec<(usize, DMat4)> =
+        start_nodes(root)?.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
+    while let Some((index, scene_from_parent)) = stack.pop() {
+        let place = || format!("node {index}");
+        let node = root.nodes.get(index).ok_or_else(|| {
+            Fault::malformed(place(), "a node of that number", format!("{} nodes", seen.len()))
+        })?;
+        if std::mem::replace(&mut seen[index], true) {
+            return Err(Fault::malformed(place(), "a tree of nodes", "a node with two parents"));
+        }
+        let scene_from_node = scene_from_parent * local_matrix(node);
+        if let Some(mesh) = node.mesh {
+            meshes.push((Placement::checked(scene_from_node, &place())?, mesh));
+        }
+        stack.extend(node.children.iter().rev().map(|&child| (child, scene_from_node)));
+    }
+    Ok(meshes)
+}
+
+/// Roots of the default scene; of the whole file if it has no scenes.
+fn start_nodes(root: &Root) -> Result<Vec<usize>, Fault> {
+    let index = root.scene.unwrap_or(0);
+    match root.scenes.get(index) {
+        Some(scene) => Ok(scene.nodes.clone()),
+        None if root.scenes.is_empty() => {
+            let mut is_child = vec![false; root.nodes.len()];
+            for child in root.nodes.iter().flat_map(|node| &node.children) {
+                if let Some(flag) = is_child.get_mut(*child) {
+                    *flag = true;
+                }
+            }
+            Ok((0..root.nodes.len()).filter(|&node| !is_child[node]).collect())
+        }
+        None => {
+            let found = format!("{} scenes", root.scenes.len());
+            Err(Fault::malformed(format!("scene {index}"), "a scene of that number", found))
+        }
+    }
+}
+
+fn local_matrix(node: &Node) -> DMat4 {
+    if let Some(matrix) = &node.matrix {
+        return DMat4::from_cols_array(matrix);
+    }
+    // A quaternion rounded to few digits would scale the splats.
+    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+    DMat4::from_scale_rotation_translation(
+        DVec3::from_array(node.scale.unwrap_or([1.0; 3])),
+        rotation / rotation.length(),
+        DVec3::from_array(node.translation.unwrap_or_default()),
+    )
+}
+
+impl Placement {
+    fn checked(matrix: DMat4, place: &str) -> Result<Self, Fault> {
+        let linear = DMat3::from_mat4(matrix);
+        let fault = |found: &str| {
+            Err(Fault::malformed(place, "a rotation with positive scales and a translation", found))
+        };
+        if !matrix.is_finite() || matrix.row(3).xyz() != DVec3::ZERO {
+            return fault("a matrix that is not finite or not affine");
+        }
+        let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
+        if linear.determinant() <= 0.0 {
+            return fault("a negative or zero scale, which mirrors or flattens splats");
+        }
+        let sheared = |a: DVec3, b: DVec3| {
+            a.normalize().dot(b.normalize()).abs().partial_cmp(&SHEAR_TOLERANCE)
+                != Some(std::cmp::Ordering::Less)
+        };
+        if sheared(x, y) || sheared(y, z) || sheared(x, z) {
+            return fault("shear, which splats cannot follow");
+        }
+        Ok(Self { linear, translation: matrix.w_axis.xyz() })
+    }
+
+    /// A position in the scene.
+    pub fn position(&self, p: DVec3) -> DVec3 {
+        self.linear * p + self.translation
+    }
+
+    /// Scales and rotation of `M Σ Mᵀ` for `Σ` of the given scales and rotation.
+    pub fn shape(&self, scale: DVec3, rotation: DQuat) -> (DVec3, DQuat) {
+        if self.linear == DMat3::IDENTITY {
+            return (scale, rotation); // nothing to lose digits over
+        }
+        let factor = self.linear * DMat3::from_quat(rotation) * DMat3::from_diagonal(scale);
+        let covariance = Sym3::from_mat3(factor * factor.transpose());
+        decompose(covariance, CovarianceForm::Eigen)
+    }
+}

@@ -1,0 +1,121 @@
+//! From the bytes of a GLB or `.gltf` to its JSON and buffers.
+
+use super::schema::Root;
+use super::{EXTENSION, container, import, uri};
+use crate::export::error::{Fault, shorten};
+use crate::export::imported::Imported;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// Longest JSON read from a GLB (`export.md`, limits).
+const LONGEST_JSON: usize = 64 << 20;
+/// Deepest nesting of JSON arrays and objects (`export.md`, limits).
+const DEEPEST_JSON: usize = 64;
+/// Extensions a file may require: ours, and those that do not change what is imported.
+const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
+
+/// Reads the model in a GLB of at most `max_splats` splats.
+pub(in crate::export) fn glb(
+    bytes: &[u8],
+    folder: &Path,
+    max_splats: usize,
+) -> Result<Imported, Fault> {
+    let (json, bin) = container::split(bytes)?;
+    if json.len() > LONGEST_JSON {
+        let found = format!("{} bytes", json.len());
+        return Err(Fault::malformed("JSON chunk", format!("{LONGEST_JSON} bytes at most"), found));
+    }
+    document(json, bin, folder, max_splats)
+}
+
+/// Reads the model in a `.gltf`, whose buffers are `data:` URIs or files in `folder`.
+pub(in crate::export) fn gltf(
+    json: &[u8],
+    folder: &Path,
+    max_splats: usize,
+) -> Result<Imported, Fault> {
+    document(json, None, folder, max_splats)
+}
+
+fn document(
+    json: &[u8],
+    bin: Option<&[u8]>,
+    folder: &Path,
+    max_splats: usize,
+) -> Result<Imported, Fault> {
+    check_nesting(json)?;
+    let root: Root = serde_json::from_slice(json)
+        .map_err(|e| Fault::malformed("JSON", "glTF 2.0", shorten_error(&e)))?;
+    if !root.asset.version.starts_with("2.") {
+        let found = format!("\"{}\"", shorten(&root.asset.version));
+        return Err(Fault::malformed("asset.version", "2.0", found));
+    }
+    let unknown = |name: &&String| !KNOWN_EXTENSIONS.contains(&name.as_str());
+    if let Some(name) = root.extensions_required.iter().find(unknown) {
+        return Err(Fault::Unsupported {
+            feature: format!("the file requires the extension {}", shorten(name)),
+            advice: "export plain, uncompressed attributes",
+        });
+    }
+    let mut buffers = Vec::with_capacity(root.buffers.len());
+    for index in 0..root.buffers.len() {
+        buffers.push(buffer(&root, index, bin, folder)?);
+    }
+    import::model(&root, &buffers, max_splats)
+}
+
+fn buffer<'a>(
+    root: &Root,
+    index: usize,
+    bin: Option<&'a [u8]>,
+    folder: &Path,
+) -> Result<Cow<'a, [u8]>, Fault> {
+    let place = format!("buffer {index}");
+    let declared = &root.buffers[index];
+    let length = declared.byte_length;
+    let mut bytes = match (&declared.uri, bin) {
+        (Some(uri), _) => Cow::Owned(uri::load(uri, length, folder, &place)?),
+        (None, Some(bin)) if index == 0 => Cow::Borrowed(bin),
+        (None, _) => return Err(Fault::malformed(place, "a uri or a BIN chunk", "neither")),
+    };
+    if bytes.len() < length {
+        let found = format!("{} bytes", bytes.len());
+        return Err(Fault::malformed(place, format!("{length} bytes"), found));
+    }
+    // The BIN chunk may be padded, a file longer: nothing behind byteLength belongs to the buffer.
+    match &mut bytes {
+        Cow::Borrowed(slice) => *slice = &slice[..length],
+        Cow::Owned(vec) => vec.truncate(length),
+    }
+    Ok(bytes)
+}
+
+/// serde_json has a recursion limit of its own; this one is ours and comes with a message.
+fn check_nesting(json: &[u8]) -> Result<(), Fault> {
+    let (mut depth, mut in_string, mut escaped) = (0usize, false, false);
+    for &byte in json {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' if in_string => escaped = true,
+            b'"' => in_string = !in_string,
+            b'{' | b'[' if !in_string => depth += 1,
+            b'}' | b']' if !in_string => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > DEEPEST_JSON {
+            let expected = format!("at most {DEEPEST_JSON} nested levels");
+            return Err(Fault::malformed("JSON", expected, "more"));
+        }
+    }
+    Ok(())
+}
+
+/// A parser's message can quote long strings of the file; its end says where they are.
+fn shorten_error(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    if text.len() <= 120 {
+        text
+    } else {
+        format!("an error at line {}, column {}", error.line(), error.column())
+    }
+}

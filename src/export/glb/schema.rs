@@ -1,0 +1,175 @@
+//! The JSON of glTF as far as splats need it. Fields stand in the order they are written in.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// Extension objects by name.
+pub(super) type Extensions = BTreeMap<String, Value>;
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Root {
+    pub asset: Asset,
+    #[serde(default)]
+    pub extensions_used: Vec<String>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub extensions_required: Vec<String>,
+    pub scene: Option<usize>,
+    #[serde(default)]
+    pub scenes: Vec<Scene>,
+    #[serde(default)]
+    pub nodes: Vec<Node>,
+    #[serde(default)]
+    pub meshes: Vec<Mesh>,
+    #[serde(default)]
+    pub accessors: Vec<Accessor>,
+    #[serde(default)]
+    pub buffer_views: Vec<BufferView>,
+    #[serde(default)]
+    pub buffers: Vec<Buffer>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Asset {
+    pub version: String,
+    #[serde(default)]
+    pub generator: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extras: Option<Value>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Scene {
+    #[serde(default)]
+    pub nodes: Vec<usize>,
+}
+
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Node {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<usize>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub children: Vec<usize>,
+    /// Columns one after the other.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<[f64; 16]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub translation: Option<[f64; 3]>,
+    /// x y z w.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<[f64; 4]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Mesh {
+    pub primitives: Vec<Primitive>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Primitive {
+    pub attributes: Attributes,
+    pub mode: Option<u32>,
+    #[serde(default)]
+    pub extensions: PrimitiveExtensions,
+}
+
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct PrimitiveExtensions {
+    #[serde(rename = "KHR_gaussian_splatting", skip_serializing_if = "Option::is_none")]
+    pub splatting: Option<GaussianSplatting>,
+    #[serde(flatten)]
+    pub other: Extensions,
+}
+
+/// Accessor numbers by semantic, in file order when written.
+#[derive(Debug)]
+pub(super) struct Attributes(pub Vec<(String, usize)>);
+
+impl Attributes {
+    pub fn get(&self, semantic: &str) -> Option<usize> {
+        self.0.iter().find(|(name, _)| name == semantic).map(|(_, accessor)| *accessor)
+    }
+}
+
+impl Serialize for Attributes {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, accessor)| (name, accessor)))
+    }
+}
+
+impl<'de> Deserialize<'de> for Attributes {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let map = BTreeMap::deserialize(deserializer)?;
+        Ok(Attributes(map.into_iter().collect()))
+    }
+}
+
+/// The extension object of a primitive. Missing strings read as empty: drafts lack some.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct GaussianSplatting {
+    #[serde(default)]
+    pub kernel: String,
+    #[serde(default)]
+    pub color_space: String,
+    #[serde(default)]
+    pub projection: String,
+    #[serde(default)]
+    pub sorting_method: String,
+    #[serde(default, skip_serializing_if = "Extensions::is_empty")]
+    pub extensions: Extensions,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Accessor {
+    pub buffer_view: Option<usize>,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub byte_offset: usize,
+    pub component_type: u32,
+    pub count: usize,
+    #[serde(rename = "type")]
+    pub kind: String,
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub normalized: bool,
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub min: Option<[f32; 3]>,
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub max: Option<[f32; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sparse: Option<Value>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct BufferView {
+    pub buffer: usize,
+    #[serde(default)]
+    pub byte_offset: usize,
+    pub byte_length: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub byte_stride: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<u32>,
+    #[serde(default, skip_serializing_if = "Extensions::is_empty")]
+    pub extensions: Extensions,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Buffer {
+    pub byte_length: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uri: Option<String>,
+}
+
+fn is_zero(value: &usize) -> bool {
+    *value == 0
+}
+
+fn is_false(value: &bool) -> bool {
+    !*value
+}

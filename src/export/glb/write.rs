@@ -1,0 +1,190 @@
+//! Splats as GLB: floats, one tightly packed buffer view per attribute.
+
+use super::schema::*;
+use super::{
+    COLOR_0, EXTENSION, KERNEL, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SRGB, container,
+};
+use crate::export::error::Fault;
+use crate::export::format::WriteOptions;
+use crate::export::gaussian::{Gaussian, Turn, color_to_sh, srgb_to_linear};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+const FLOAT: u32 = 5126;
+const UNSIGNED_SHORT: u32 = 5123;
+/// `ARRAY_BUFFER`.
+const VERTEX_DATA: u32 = 34962;
+const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
+
+/// One attribute: how it is declared and how a splat becomes its bytes.
+struct Column {
+    semantic: &'static str,
+    kind: &'static str,
+    component: u32,
+    row_bytes: usize,
+    encode: fn(&Gaussian, &mut Vec<u8>),
+}
+
+impl Column {
+    const fn floats(
+        semantic: &'static str,
+        kind: &'static str,
+        width: usize,
+        encode: fn(&Gaussian, &mut Vec<u8>),
+    ) -> Self {
+        Self { semantic, kind, component: FLOAT, row_bytes: 4 * width, encode }
+    }
+}
+
+const COLUMNS: [Column; 6] = [
+    Column::floats(POSITION, "VEC3", 3, |g, row| put(row, &g.mean.to_array())),
+    Column {
+        semantic: COLOR_0,
+        kind: "VEC4",
+        component: UNSIGNED_SHORT,
+        row_bytes: 8,
+        encode: put_fallback_color,
+    },
+    Column::floats(ROTATION, "VEC4", 4, |g, row| put(row, &g.rotation.to_array())),
+    Column::floats(SCALE, "VEC3", 3, |g, row| put(row, &g.scale.to_array())),
+    Column::floats(OPACITY, "SCALAR", 1, |g, row| put(row, &[g.opacity])),
+    Column::floats(SH_0, "VEC3", 3, |g, row| put(row, &color_to_sh(g.color).to_array())),
+];
+
+fn put(row: &mut Vec<u8>, values: &[f64]) {
+    row.extend(values.iter().flat_map(|&v| (v as f32).to_le_bytes()));
+}
+
+/// What viewers without the extension draw. 16 bits, because linear values in 8 band in the darks.
+fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
+    let [r, g, b] = splat.color.to_array().map(srgb_to_linear);
+    for channel in [r, g, b, splat.opacity] {
+        row.extend(((65535.0 * channel).round() as u16).to_le_bytes());
+    }
+}
+
+/// The JSON chunk for `n` splats; fails if the file would not fit GLB's 32-bit lengths.
+pub(in crate::export) fn json(
+    n: usize,
+    gaussians: impl Iterator<Item = Gaussian>,
+    options: &WriteOptions,
+) -> Result<String, Fault> {
+    let (min, max) = extremes(gaussians);
+    let root = root(n, min, max, options);
+    let text = serde_json::to_string(&root)
+        .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
+    let needed = container::file_size(text.len(), bin_length(n));
+    if needed > u64::from(u32::MAX) {
+        return Err(Fault::TooLargeForGlb { n_splats: n, needed });
+    }
+    Ok(text)
+}
+
+/// The whole file, given its JSON.
+pub(in crate::export) fn glb(
+    out: &mut dyn Write,
+    json: &str,
+    gaussians: impl Iterator<Item = Gaussian> + Clone,
+) -> io::Result<()> {
+    container::write_start(out, json, bin_length(gaussians.clone().count()))?;
+    let mut row = Vec::new();
+    for column in &COLUMNS {
+        for gaussian in gaussians.clone() {
+            row.clear();
+            (column.encode)(&gaussian.turned(&Turn::Z_UP_TO_Y_UP), &mut row);
+            out.write_all(&row)?;
+        }
+    }
+    Ok(())
+}
+
+fn bin_length(n: usize) -> u64 {
+    n as u64 * COLUMNS.iter().map(|c| c.row_bytes as u64).sum::<u64>()
+}
+
+/// Exact extremes of the positions as written: validators compare them with the data.
+fn extremes(gaussians: impl Iterator<Item = Gaussian>) -> ([f32; 3], [f32; 3]) {
+    let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for gaussian in gaussians {
+        let position = Turn::Z_UP_TO_Y_UP.vector(gaussian.mean).as_vec3().to_array();
+        for axis in 0..3 {
+            min[axis] = min[axis].min(position[axis]);
+            max[axis] = max[axis].max(position[axis]);
+        }
+    }
+    (min, max)
+}
+
+fn root(n: usize, min: [f32; 3], max: [f32; 3], options: &WriteOptions) -> Root {
+    let mut accessors = Vec::new();
+    let mut buffer_views = Vec::new();
+    let mut offset = 0;
+    for (i, column) in COLUMNS.iter().enumerate() {
+        let is_position = column.semantic == POSITION;
+        accessors.push(Accessor {
+            buffer_view: Some(i),
+            byte_offset: 0,
+            component_type: column.component,
+            count: n,
+            kind: column.kind.to_owned(),
+            normalized: column.component != FLOAT,
+            min: is_position.then_some(min),
+            max: is_position.then_some(max),
+            sparse: None,
+        });
+        let byte_length = n * column.row_bytes;
+        buffer_views.push(BufferView {
+            buffer: 0,
+            byte_offset: offset,
+            byte_length,
+            byte_stride: None,
+            target: Some(VERTEX_DATA),
+            extensions: BTreeMap::new(),
+        });
+        offset += byte_length;
+    }
+    Root {
+        asset: Asset {
+            version: "2.0".to_owned(),
+            generator: GENERATOR.to_owned(),
+            extras: extras(options),
+        },
+        extensions_used: vec![EXTENSION.to_owned()],
+        extensions_required: Vec::new(),
+        scene: Some(0),
+        scenes: vec![Scene { nodes: vec![0] }],
+        nodes: vec![Node { mesh: Some(0), ..Node::default() }],
+        meshes: vec![Mesh { primitives: vec![primitive()] }],
+        accessors,
+        buffer_views,
+        buffers: vec![Buffer { byte_length: offset, uri: None }],
+    }
+}
+
+fn primitive() -> Primitive {
+    let attributes = COLUMNS.iter().enumerate().map(|(i, c)| (c.semantic.to_owned(), i)).collect();
+    let splatting = GaussianSplatting {
+        kernel: KERNEL.to_owned(),
+        color_space: SRGB.to_owned(),
+        projection: "perspective".to_owned(),
+        sorting_method: "cameraDistance".to_owned(),
+        extensions: BTreeMap::new(),
+    };
+    Primitive {
+        attributes: Attributes(attributes),
+        mode: Some(POINTS),
+        extensions: PrimitiveExtensions { splatting: Some(splatting), other: BTreeMap::new() },
+    }
+}
+
+fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
+    let mut extras = serde_json::Map::new();
+    if options.metric {
+        extras.insert("units".to_owned(), json!("metres"));
+    }
+    if !options.comments.is_empty() {
+        extras.insert("comments".to_owned(), json!(options.comments));
+    }
+    (!extras.is_empty()).then_some(extras.into())
+}

@@ -1,0 +1,156 @@
+//! What a model file held.
+
+use super::error::{Fault, reserved};
+use super::gaussian::{Gaussian, unit_quaternion};
+use crate::model::splats::{Splat, bounds};
+use glam::DQuat;
+use std::fmt;
+
+/// A model read from a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Imported {
+    /// Finite splats in file order, in the file's axes (PLY) or turned to z-up (glTF). Those of a
+    /// point cloud are opaque balls about as wide as half the spacing of the points.
+    pub splats: Vec<Splat>,
+    /// What the rows were.
+    pub kind: ModelKind,
+    /// Rows left out because a field was NaN or infinite.
+    pub skipped: usize,
+    /// What was ignored, guessed or converted.
+    pub notes: Vec<Note>,
+    /// Comment lines of a PLY, `asset.extras.comments` of a glTF.
+    pub comments: Vec<String>,
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// What a file's rows describe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelKind {
+    /// Gaussian splats.
+    Splats,
+    /// Coloured points without extent.
+    PointCloud,
+}
+
+/// Something a user should know about an import that succeeded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Note {
+    /// Spherical harmonics above degree 0 were dropped: this program's colour has no direction.
+    ViewDependentColorIgnored {
+        /// Coefficients per splat that were ignored, over all channels.
+        n_coefficients: usize,
+    },
+    /// Quaternions of length zero were read as the identity.
+    ZeroRotation {
+        /// How many.
+        n_splats: usize,
+    },
+    /// Colours outside `[0, 1]` were clamped.
+    ColorClamped {
+        /// How many.
+        n_splats: usize,
+    },
+    /// The third scale is missing: splats are flat.
+    FlatSplats,
+    /// There is no colour: everything is gray.
+    NoColor,
+    /// Linear colours were encoded to sRGB.
+    LinearColorEncoded,
+    /// Parts of a glTF that are not what was imported.
+    PrimitivesSkipped {
+        /// How many.
+        n_primitives: usize,
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Note::ViewDependentColorIgnored { n_coefficients } => {
+                write!(f, "view-dependent colour ignored ({n_coefficients} coefficients per splat)")
+            }
+            Note::ZeroRotation { n_splats } => {
+                write!(f, "{n_splats} splats had a rotation of length zero, read as no rotation")
+            }
+            Note::ColorClamped { n_splats } => {
+                write!(f, "{n_splats} splats had a colour outside 0..1, clamped")
+            }
+            Note::FlatSplats => f.write_str("scale_2 is missing: splats read as flat"),
+            Note::NoColor => f.write_str("the file holds no colour: points read as gray"),
+            Note::LinearColorEncoded => f.write_str("linear colours encoded to sRGB"),
+            Note::PrimitivesSkipped { n_primitives } => {
+                write!(f, "{n_primitives} other primitives of the file (meshes, points) skipped")
+            }
+        }
+    }
+}
+
+/// Rows as they come in, counted and checked.
+pub(super) struct Rows {
+    splats: Vec<Splat>,
+    skipped: usize,
+    n_zero_rotations: usize,
+    n_wild_colors: usize,
+}
+
+impl Rows {
+    /// Room for `n` rows, of which the file is known to hold the bytes.
+    pub fn with_room(n: usize) -> Result<Self, Fault> {
+        let splats = reserved(n)?;
+        Ok(Self { splats, skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
+    }
+
+    /// The rotation of `w x y z`; one without direction is the identity, and counted.
+    pub fn rotation(&mut self, quaternion: [f64; 4]) -> DQuat {
+        unit_quaternion(quaternion).unwrap_or_else(|| {
+            self.n_zero_rotations += 1;
+            DQuat::IDENTITY
+        })
+    }
+
+    /// Adds a row, or counts it as skipped.
+    pub fn push(&mut self, row: Gaussian) {
+        match row.to_splat() {
+            Some(splat) => {
+                self.n_wild_colors += usize::from(row.has_wild_color());
+                self.splats.push(splat);
+            }
+            None => self.skipped += 1,
+        }
+    }
+
+    /// The finished import, with the notes that follow from the rows added to `notes`.
+    pub fn finish(
+        mut self,
+        kind: ModelKind,
+        mut notes: Vec<Note>,
+        comments: Vec<String>,
+    ) -> Result<Imported, Fault> {
+        if self.splats.is_empty() {
+            return Err(Fault::NothingToImport { skipped: self.skipped });
+        }
+        if kind == ModelKind::PointCloud {
+            give_points_a_size(&mut self.splats);
+        }
+        if self.n_zero_rotations > 0 {
+            notes.push(Note::ZeroRotation { n_splats: self.n_zero_rotations });
+        }
+        if self.n_wild_colors > 0 {
+            notes.push(Note::ColorClamped { n_splats: self.n_wild_colors });
+        }
+        let Self { splats, skipped, .. } = self;
+        Ok(Imported { splats, kind, skipped, notes, comments, bytes: 0 })
+    }
+}
+
+/// Half the spacing of points spread over a surface about as large as their bounding box, as the
+/// standard deviation: neighbours then touch whatever the file's unit of length.
+fn give_points_a_size(points: &mut [Splat]) {
+    let diagonal = bounds(points).map_or(0.0, |(lo, hi)| (hi - lo).length());
+    let spacing = diagonal / (points.len() as f64).sqrt();
+    let scale = if spacing > 0.0 { (0.5 * spacing) as f32 } else { 1e-3 };
+    for point in points {
+        point.scale = [scale; 3];
+    }
+}

@@ -1,0 +1,178 @@
+//! Models as files other programs open: PLY in the 3DGS layout, point-cloud PLY, and GLB with
+//! `KHR_gaussian_splatting`. The only place where file conventions (log scales, logits, quaternion
+//! order, axes, linear colour) are converted; everywhere else a splat is a [`Splat`].
+//!
+//! ```
+//! use vbgs_studio::export::{Format, ModelKind, WriteOptions, read, write};
+//! use vbgs_studio::model::splats::Splat;
+//!
+//! let splat = Splat {
+//!     mean: [0.5, -1.25, 2.0],
+//!     opacity: 0.95,
+//!     color: [1.0, 0.5, 0.0],
+//!     scale: [0.2, 0.1, 0.05],
+//!     rotation: [1.0, 0.0, 0.0, 0.0],
+//! };
+//! let folder = tempfile::tempdir()?;
+//! for (name, size) in [("scene.ply", 440 + 68), ("scene.glb", 1484)] {
+//!     let path = folder.path().join(name);
+//!     let summary = write(&path, &[splat], &WriteOptions::new(Format::from_path(&path)?))?;
+//!     assert_eq!((summary.n_written, summary.bytes), (1, size));
+//!
+//!     let model = read(&path)?;
+//!     assert_eq!(model.kind, ModelKind::Splats);
+//!     assert_eq!(model.splats[0].mean, splat.mean);
+//!     assert!((model.splats[0].opacity - splat.opacity).abs() < 1e-6);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+pub mod atomic;
+pub mod error;
+pub mod format;
+pub mod imported;
+
+mod gaussian;
+mod glb;
+mod ply;
+
+pub use error::{ExportError, Fault};
+pub use format::{Axes, Format, WriteOptions};
+pub use imported::{Imported, ModelKind, Note};
+
+use crate::model::splats::Splat;
+use std::io::{self, Read, Write};
+use std::path::Path;
+
+/// Most splats [`read`] accepts: about 1.4 GB of PLY.
+pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
+
+/// What an export wrote.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriteSummary {
+    /// Splats in the file.
+    pub n_written: usize,
+    /// Splats left out: not finite, or of opacity 0 (unused components).
+    pub n_skipped: usize,
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// Writes the drawable splats to `path`, whole or not at all (see [`atomic::write_atomic`]).
+///
+/// Positions are exact, scales at least 1e-7; opacities in PLY are kept within `[1e-6, 1 − 1e-6]`.
+///
+/// # Errors
+/// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::Setting`] for options that do not
+/// fit the splats, [`Fault::TooLargeForGlb`] from 4 GiB, and whatever writing the file can meet.
+pub fn write(
+    path: &Path,
+    splats: &[Splat],
+    options: &WriteOptions,
+) -> Result<WriteSummary, ExportError> {
+    let n_written = splats.iter().filter(|s| s.is_drawable()).count();
+    let n_skipped = splats.len() - n_written;
+    if n_written == 0 {
+        return Err(Fault::NothingToExport { n_splats: splats.len() }.at(path));
+    }
+    let content = prepare(splats, n_written, options).map_err(|fault| fault.at(path))?;
+    let bytes = atomic::write_atomic(path, |out| content(out))?;
+    Ok(WriteSummary { n_written, n_skipped, bytes })
+}
+
+type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
+
+/// Checks everything that can be wrong with the options before a file is created.
+fn prepare<'a>(
+    splats: &'a [Splat],
+    n: usize,
+    options: &'a WriteOptions,
+) -> Result<Content<'a>, Fault> {
+    check_comments(options.comments)?;
+    Ok(match options.format {
+        Format::Ply => {
+            let header = ply::write::splat_header(n, options)?;
+            Box::new(move |out| ply::write::splats(out, &header, drawable(splats), options))
+        }
+        Format::PointCloudPly => {
+            let header = ply::points::header(n, splats, options)?;
+            Box::new(move |out| ply::points::points(out, &header, splats, options))
+        }
+        Format::Glb => {
+            let json = glb::write::json(n, drawable(splats), options)?;
+            Box::new(move |out| glb::write::glb(out, &json, drawable(splats)))
+        }
+    })
+}
+
+fn drawable(splats: &[Splat]) -> impl Iterator<Item = gaussian::Gaussian> + Clone {
+    splats.iter().filter(|s| s.is_drawable()).map(gaussian::Gaussian::of)
+}
+
+fn check_comments(comments: &[String]) -> Result<(), Fault> {
+    let printable = |line: &String| line.bytes().all(|b| (b' '..=b'~').contains(&b));
+    match comments.iter().find(|line| !printable(line)) {
+        None => Ok(()),
+        Some(line) => Err(Fault::Setting {
+            setting: "comment",
+            expected: "one line of printable ASCII".into(),
+            found: error::shorten(line),
+        }),
+    }
+}
+
+/// Reads a model, recognised by its content and never by its name: PLY (splats or points), GLB,
+/// or glTF with `data:` or sibling buffers. Accepts up to [`DEFAULT_MAX_SPLATS`] rows.
+///
+/// # Errors
+/// The file cannot be read, is no model, is damaged, or uses what this program does not support;
+/// the [`Fault`] says which. Rows that are not finite are no error: they are counted.
+pub fn read(path: &Path) -> Result<Imported, ExportError> {
+    read_up_to(path, DEFAULT_MAX_SPLATS)
+}
+
+/// Like [`read`], with another limit on the number of rows.
+///
+/// # Errors
+/// As [`read`], and [`Fault::TooMany`] above `max_splats`.
+pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportError> {
+    let import = || {
+        let bytes = read_file(path)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let imported = parse(&bytes, folder, max_splats)?;
+        Ok(Imported { bytes: bytes.len() as u64, ..imported })
+    };
+    import().map_err(|fault: Fault| fault.at(path))
+}
+
+fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
+    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        ply::read::ply(bytes, max_splats)
+    } else if bytes.starts_with(b"glTF") {
+        glb::read::glb(bytes, folder, max_splats)
+    } else if text.starts_with(b"{") {
+        glb::read::gltf(text, folder, max_splats)
+    } else {
+        let start = String::from_utf8_lossy(&bytes[..bytes.len().min(16)]);
+        let found = match bytes {
+            [] => "an empty file".to_owned(),
+            _ => format!("a file starting \"{}\"", error::shorten(&start)),
+        };
+        Err(Fault::NotAModel { found })
+    }
+}
+
+/// The whole file; memory is reserved for the size it really has.
+fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
+    let io = |source| Fault::Io { action: "read", source };
+    if path.is_dir() {
+        return Err(Fault::IsFolder);
+    }
+    let mut file = std::fs::File::open(path).map_err(io)?;
+    let size = file.metadata().map_err(io)?.len();
+    let room = usize::try_from(size).map_err(|_| Fault::OutOfMemory { bytes: size })?;
+    let mut bytes = error::reserved(room)?;
+    file.read_to_end(&mut bytes).map_err(io)?;
+    Ok(bytes)
+}

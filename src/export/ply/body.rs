@@ -1,0 +1,159 @@
+//! The rows behind a PLY header, in any of the three encodings.
+
+use super::header::{Element, Encoding, Kind, Property, Scalar};
+use crate::export::error::{Fault, shorten};
+
+/// Reads values one after the other.
+pub(super) struct Body<'a> {
+    encoding: Encoding,
+    rest: &'a [u8],
+}
+
+/// What stands where a value should be.
+type Found = String;
+
+impl<'a> Body<'a> {
+    pub fn new(encoding: Encoding, rest: &'a [u8]) -> Self {
+        Self { encoding, rest }
+    }
+
+    /// Passes over a whole element, lists included.
+    pub fn skip(&mut self, element: &Element) -> Result<(), Fault> {
+        if element.properties.is_empty() {
+            return Ok(());
+        }
+        if let (Some(row), false) = (row_size(element), self.encoding == Encoding::Ascii) {
+            self.rest = &self.rest[self.checked_size(element, row)?..];
+            return Ok(());
+        }
+        // Each row takes at least one byte, so a false count ends at the end of the file.
+        for row in 0..element.count {
+            for property in &element.properties {
+                self.skip_property(property).map_err(|found| broken(element, row, found))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn skip_property(&mut self, property: &Property) -> Result<(), Found> {
+        let (length, item) = match property.kind {
+            Kind::Scalar(kind) => return self.value(kind).map(drop),
+            Kind::List { length, item } => (length, item),
+        };
+        let n = self.value(length)?;
+        if n.is_nan() || n < 0.0 {
+            return Err(format!("a list of length {n}"));
+        }
+        if self.encoding == Encoding::Ascii {
+            return (0..n as u64).try_for_each(|_| self.value(item).map(drop));
+        }
+        let size = (n as u64).saturating_mul(item.size() as u64);
+        let behind = usize::try_from(size).ok().and_then(|size| self.rest.get(size..));
+        self.rest = behind.ok_or_else(end_of_file)?;
+        Ok(())
+    }
+
+    /// Number of rows of an element without lists, once the file is known to hold them all.
+    pub fn n_rows(&self, element: &Element) -> Result<usize, Fault> {
+        let row = row_size(element).ok_or_else(|| Fault::Unsupported {
+            feature: format!("a list among the properties of element {}", element.name),
+            advice: "export the vertices without lists",
+        })?;
+        // In text a value takes one character and the white space before it.
+        let ascii = self.encoding == Encoding::Ascii;
+        let row = if ascii { 2 * element.properties.len() } else { row };
+        self.checked_size(element, row)?;
+        Ok(element.count as usize)
+    }
+
+    fn checked_size(&self, element: &Element, row: usize) -> Result<usize, Fault> {
+        // The last row of a text may end without a line break.
+        let slack = usize::from(self.encoding == Encoding::Ascii);
+        let size = element.count.checked_mul(row as u64);
+        match size.and_then(|size| usize::try_from(size).ok()) {
+            Some(size) if size <= self.rest.len() + slack => Ok(size),
+            _ => Err(Fault::malformed(
+                format!("element {}", element.name),
+                format!("{} rows of at least {row} bytes", element.count),
+                format!("{} bytes", self.rest.len()),
+            )),
+        }
+    }
+
+    /// Fills `values` with row number `row` of an element without lists, one value per property.
+    pub fn read_row(
+        &mut self,
+        element: &Element,
+        row: usize,
+        values: &mut [f64],
+    ) -> Result<(), Fault> {
+        for (value, property) in values.iter_mut().zip(&element.properties) {
+            if let Kind::Scalar(kind) = property.kind {
+                *value = self.value(kind).map_err(|found| broken(element, row as u64, found))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn value(&mut self, kind: Scalar) -> Result<f64, Found> {
+        match self.encoding {
+            Encoding::Ascii => self.token(),
+            Encoding::LittleEndian => self.binary(kind, |bytes| bytes),
+            Encoding::BigEndian => self.binary(kind, |mut bytes| {
+                bytes[..kind.size()].reverse();
+                bytes
+            }),
+        }
+    }
+
+    fn token(&mut self) -> Result<f64, Found> {
+        let text = self.rest.trim_ascii_start();
+        if text.is_empty() {
+            return Err(end_of_file());
+        }
+        let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
+        let (token, rest) = text.split_at(end);
+        self.rest = rest;
+        let number = std::str::from_utf8(token).ok().and_then(|token| token.parse().ok());
+        number.ok_or_else(|| format!("\"{}\"", shorten(&String::from_utf8_lossy(token))))
+    }
+
+    /// The next binary value; `order` turns its bytes little-endian.
+    fn binary(&mut self, kind: Scalar, order: impl Fn([u8; 8]) -> [u8; 8]) -> Result<f64, Found> {
+        let (value, rest) = self.rest.split_at_checked(kind.size()).ok_or_else(end_of_file)?;
+        self.rest = rest;
+        let mut bytes = [0; 8];
+        bytes[..value.len()].copy_from_slice(value);
+        let bits = u64::from_le_bytes(order(bytes));
+        Ok(match kind {
+            Scalar::I8 => f64::from(bits as i8),
+            Scalar::U8 => f64::from(bits as u8),
+            Scalar::I16 => f64::from(bits as i16),
+            Scalar::U16 => f64::from(bits as u16),
+            Scalar::I32 => f64::from(bits as i32),
+            Scalar::U32 => f64::from(bits as u32),
+            Scalar::F32 => f64::from(f32::from_bits(bits as u32)),
+            Scalar::F64 => f64::from_bits(bits),
+        })
+    }
+}
+
+/// Bytes of a binary row, if it has no lists.
+fn row_size(element: &Element) -> Option<usize> {
+    element
+        .properties
+        .iter()
+        .map(|p| match p.kind {
+            Kind::Scalar(kind) => Some(kind.size()),
+            Kind::List { .. } => None,
+        })
+        .sum()
+}
+
+fn end_of_file() -> Found {
+    "the end of the file".to_owned()
+}
+
+fn broken(element: &Element, row: u64, found: Found) -> Fault {
+    Fault::malformed(format!("element {}, row {row}", element.name), "a number", found)
+}

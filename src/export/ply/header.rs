@@ -1,0 +1,207 @@
+//! The text at the start of a PLY: elements, properties, comments.
+
+use crate::export::error::{Fault, shorten};
+
+/// Longest header read: SuperSplat's limit too (`export.md` 1); 62 properties take 1.5 KB.
+const LONGEST_HEADER: usize = 128 * 1024;
+
+/// Parsed header.
+#[derive(Debug)]
+pub(super) struct Header {
+    pub encoding: Encoding,
+    pub elements: Vec<Element>,
+    pub comments: Vec<String>,
+    /// Where the rows start.
+    pub body_offset: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    Ascii,
+    LittleEndian,
+    BigEndian,
+}
+
+/// A table: its name, number of rows and columns.
+#[derive(Debug)]
+pub(super) struct Element {
+    pub name: String,
+    pub count: u64,
+    pub properties: Vec<Property>,
+}
+
+#[derive(Debug)]
+pub(super) struct Property {
+    pub name: String,
+    pub kind: Kind,
+}
+
+/// One value per row, or a length and that many values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Kind {
+    Scalar(Scalar),
+    List { length: Scalar, item: Scalar },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn parse(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Scalar::I8,
+            "uchar" | "uint8" => Scalar::U8,
+            "short" | "int16" => Scalar::I16,
+            "ushort" | "uint16" => Scalar::U16,
+            "int" | "int32" => Scalar::I32,
+            "uint" | "uint32" => Scalar::U32,
+            "float" | "float32" => Scalar::F32,
+            "double" | "float64" => Scalar::F64,
+            _ => return None,
+        })
+    }
+
+    /// Bytes of a binary value.
+    pub fn size(self) -> usize {
+        match self {
+            Scalar::I8 | Scalar::U8 => 1,
+            Scalar::I16 | Scalar::U16 => 2,
+            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
+            Scalar::F64 => 8,
+        }
+    }
+
+    /// The value that stands for 1 when the property is a colour channel.
+    pub fn full_channel(self) -> f64 {
+        match self {
+            Scalar::F32 | Scalar::F64 => 1.0,
+            Scalar::I16 | Scalar::U16 => 65535.0,
+            Scalar::I8 | Scalar::U8 | Scalar::I32 | Scalar::U32 => 255.0,
+        }
+    }
+}
+
+impl Header {
+    /// Parses the header of a file that starts with `ply`.
+    pub fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+        let mut header = Header {
+            encoding: Encoding::Ascii,
+            elements: Vec::new(),
+            comments: Vec::new(),
+            body_offset: 0,
+        };
+        let mut has_format = false;
+        let mut number = 0;
+        loop {
+            let line = next_line(bytes, &mut header.body_offset)?;
+            number += 1;
+            let line = Line { number, text: line };
+            let mut words = line.text.split_ascii_whitespace();
+            match words.next() {
+                Some("ply") if number == 1 => {}
+                Some("end_header") if has_format => return Ok(header),
+                Some("format") => {
+                    header.encoding = line.encoding()?;
+                    has_format = true;
+                }
+                Some("comment") => {
+                    header.comments.push(line.text["comment".len()..].trim().to_owned());
+                }
+                Some("obj_info") | None => {}
+                Some("element") => header.elements.push(line.element()?),
+                Some("property") => match header.elements.last_mut() {
+                    Some(element) => element.properties.push(line.property()?),
+                    None => return Err(line.fault("an element before its properties")),
+                },
+                Some("end_header") => {
+                    return Err(line.fault("a line \"format …\" before the end of the header"));
+                }
+                Some(_) => {
+                    return Err(line.fault("format, comment, element, property or end_header"));
+                }
+            }
+        }
+    }
+}
+
+struct Line<'a> {
+    number: usize,
+    text: std::borrow::Cow<'a, str>,
+}
+
+impl Line<'_> {
+    fn encoding(&self) -> Result<Encoding, Fault> {
+        match self.words().as_slice() {
+            ["format", "ascii", "1.0"] => Ok(Encoding::Ascii),
+            ["format", "binary_little_endian", "1.0"] => Ok(Encoding::LittleEndian),
+            ["format", "binary_big_endian", "1.0"] => Ok(Encoding::BigEndian),
+            _ => Err(self.fault("format ascii, binary_little_endian or binary_big_endian 1.0")),
+        }
+    }
+
+    fn element(&self) -> Result<Element, Fault> {
+        let expected = "element NAME COUNT";
+        match self.words().as_slice() {
+            ["element", name, count] => Ok(Element {
+                name: (*name).to_owned(),
+                count: count.parse().map_err(|_| self.fault(expected))?,
+                properties: Vec::new(),
+            }),
+            _ => Err(self.fault(expected)),
+        }
+    }
+
+    fn property(&self) -> Result<Property, Fault> {
+        let scalar = |name: &str| {
+            Scalar::parse(name).ok_or_else(|| self.fault("a type such as float, double or uchar"))
+        };
+        let (name, kind) = match self.words().as_slice() {
+            ["property", "list", length, item, name] => {
+                let length = scalar(length)?;
+                if matches!(length, Scalar::F32 | Scalar::F64) {
+                    return Err(self.fault("an integer type for the length of a list"));
+                }
+                (*name, Kind::List { length, item: scalar(item)? })
+            }
+            ["property", kind, name] => (*name, Kind::Scalar(scalar(kind)?)),
+            _ => return Err(self.fault("property TYPE NAME")),
+        };
+        Ok(Property { name: name.to_owned(), kind })
+    }
+
+    fn words(&self) -> Vec<&str> {
+        self.text.split_ascii_whitespace().collect()
+    }
+
+    fn fault(&self, expected: &str) -> Fault {
+        Fault::malformed(
+            format!("header line {}", self.number),
+            expected,
+            format!("\"{}\"", shorten(&self.text)),
+        )
+    }
+}
+
+/// The line at `offset`, without its end; moves `offset` behind it.
+fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
+    let searched = &bytes[*offset..bytes.len().min(LONGEST_HEADER).max(*offset)];
+    let Some(length) = searched.iter().position(|&b| b == b'\n') else {
+        let found = match bytes.len() > LONGEST_HEADER {
+            true => format!("no end within {LONGEST_HEADER} bytes"),
+            false => "the end of the file".to_owned(),
+        };
+        return Err(Fault::malformed("header", "a line \"end_header\"", found));
+    };
+    *offset += length + 1;
+    let line = &searched[..length];
+    Ok(String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(line)))
+}

@@ -1,0 +1,71 @@
+//! Centres as a coloured point cloud (`export.md` 2).
+
+use super::write::{end_header, header_start, push_property, turn};
+use crate::export::error::Fault;
+use crate::export::format::WriteOptions;
+use crate::export::gaussian::Gaussian;
+use crate::math::image::unit_to_byte;
+use crate::model::splats::Splat;
+use glam::DVec3;
+use std::io::{self, Write};
+
+/// The header of `n` points, those of `splats` that are drawable.
+pub(in crate::export) fn header(
+    n: usize,
+    splats: &[Splat],
+    options: &WriteOptions,
+) -> Result<String, Fault> {
+    if let Some(confidence) = options.confidence.filter(|c| c.len() != splats.len()) {
+        return Err(Fault::Setting {
+            setting: "confidence",
+            expected: format!("one value for each of {} splats", splats.len()),
+            found: format!("{} values", confidence.len()),
+        });
+    }
+    let mut header = header_start(n, options);
+    let mut put = |kind, names: &[&str]| {
+        names.iter().for_each(|name| push_property(&mut header, kind, name));
+    };
+    put("float", &["x", "y", "z"]);
+    if !options.camera_centres.is_empty() {
+        put("float", &["nx", "ny", "nz"]);
+    }
+    put("uchar", &["red", "green", "blue"]);
+    if options.confidence.is_some() {
+        put("float", &["confidence"]);
+    }
+    end_header(header)
+}
+
+/// Header and rows.
+pub(in crate::export) fn points(
+    out: &mut dyn Write,
+    header: &str,
+    splats: &[Splat],
+    options: &WriteOptions,
+) -> io::Result<()> {
+    out.write_all(header.as_bytes())?;
+    let turn = turn(options.axes);
+    let vector = |v: DVec3| turn.vector(v).to_array().map(|x| (x as f32).to_le_bytes());
+    for (i, splat) in splats.iter().enumerate().filter(|(_, s)| s.is_drawable()) {
+        let point = Gaussian::of(splat);
+        out.write_all(vector(point.mean).as_flattened())?;
+        if let Some(normal) = normal(&point, options.camera_centres) {
+            out.write_all(vector(normal).as_flattened())?;
+        }
+        out.write_all(&point.color.to_array().map(|c| unit_to_byte(c as f32)))?;
+        if let Some(confidence) = options.confidence {
+            out.write_all(&(confidence[i] as f32).to_le_bytes())?;
+        }
+    }
+    Ok(())
+}
+
+/// The axis along which the splat is thinnest, on the side of the nearest camera.
+fn normal(splat: &Gaussian, camera_centres: &[DVec3]) -> Option<DVec3> {
+    let distance = |centre: &DVec3| centre.distance_squared(splat.mean);
+    let nearest = camera_centres.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    let thinnest = splat.scale.min_position();
+    let axis = splat.rotation * DVec3::AXES[thinnest];
+    Some(if axis.dot(nearest - splat.mean) < 0.0 { -axis } else { axis })
+}

@@ -1,0 +1,182 @@
+//! PLY of other programs and our own: splats if there are scales and rotations, points otherwise.
+
+use super::body::Body;
+use super::header::{Element, Header, Kind};
+use crate::export::error::Fault;
+use crate::export::gaussian::{Gaussian, sh_to_color, sigmoid};
+use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use glam::{DQuat, DVec3};
+
+/// The third scale of flat splats, as a fraction of the larger of the other two (`export.md` 1).
+const FLATNESS: f64 = 1e-6;
+
+/// Reads the model in a PLY of at most `max_splats` vertices.
+pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
+    let header = Header::parse(bytes)?;
+    if header.elements.iter().any(|e| e.name == "chunk") {
+        return Err(Fault::Unsupported {
+            feature: "this is SuperSplat's compressed PLY (element chunk)".to_owned(),
+            advice: "export an uncompressed one",
+        });
+    }
+    let mut body = Body::new(header.encoding, &bytes[header.body_offset..]);
+    for element in &header.elements {
+        if element.name == "vertex" {
+            return vertices(&mut body, element, header.comments, max_splats);
+        }
+        body.skip(element)?;
+    }
+    Err(Fault::malformed("header", "an element vertex", "none"))
+}
+
+fn vertices(
+    body: &mut Body,
+    element: &Element,
+    comments: Vec<String>,
+    max_splats: usize,
+) -> Result<Imported, Fault> {
+    let n_rows = body.n_rows(element)?;
+    let columns = Columns { element };
+    let mut notes = Vec::new();
+    let layout = Layout::find(&columns, &mut notes)?;
+    if n_rows > max_splats {
+        return Err(Fault::TooMany { declared: element.count, cap: max_splats });
+    }
+    let mut rows = Rows::with_room(n_rows)?;
+    let mut values = vec![0.0; element.properties.len()];
+    for row in 0..n_rows {
+        body.read_row(element, row, &mut values)?;
+        let gaussian = layout.decode(&values, &mut rows);
+        rows.push(gaussian);
+    }
+    let kind = if layout.shape.is_some() { ModelKind::Splats } else { ModelKind::PointCloud };
+    rows.finish(kind, notes, comments)
+}
+
+/// Finds properties of the vertex element by name.
+struct Columns<'a> {
+    element: &'a Element,
+}
+
+impl Columns<'_> {
+    fn find(&self, name: &str) -> Option<usize> {
+        self.element.properties.iter().position(|p| p.name == name)
+    }
+
+    fn need<const N: usize>(&self, names: [&str; N]) -> Result<[usize; N], Fault> {
+        let mut columns = [0; N];
+        for (column, name) in columns.iter_mut().zip(names) {
+            *column = self.find(name).ok_or_else(|| self.missing(name))?;
+        }
+        Ok(columns)
+    }
+
+    fn missing(&self, name: &str) -> Fault {
+        let names: Vec<&str> =
+            self.element.properties.iter().take(20).map(|p| p.name.as_str()).collect();
+        Fault::MissingProperty { property: name.to_owned(), found: names.join(" ") }
+    }
+}
+
+/// Where the fields of a splat or point stand in a row.
+struct Layout {
+    mean: [usize; 3],
+    color: Color,
+    /// Absent in point clouds.
+    shape: Option<Shape>,
+}
+
+struct Shape {
+    opacity: usize,
+    scale: [usize; 2],
+    /// Absent in flat splats.
+    scale_2: Option<usize>,
+    /// w x y z.
+    rotation: [usize; 4],
+}
+
+enum Color {
+    Sh([usize; 3]),
+    Rgb { columns: [usize; 3], full: DVec3 },
+    None,
+}
+
+impl Layout {
+    fn find(columns: &Columns, notes: &mut Vec<Note>) -> Result<Self, Fault> {
+        let mean = columns.need(["x", "y", "z"])?;
+        let is_splat = columns.find("scale_0").is_some() && columns.find("rot_0").is_some();
+        let color = Color::find(columns)?;
+        if matches!(color, Color::None) {
+            if is_splat {
+                return Err(columns.missing("f_dc_0"));
+            }
+            notes.push(Note::NoColor);
+        }
+        if !is_splat {
+            return Ok(Self { mean, color, shape: None });
+        }
+        let n_coefficients =
+            columns.element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
+        if n_coefficients > 0 {
+            notes.push(Note::ViewDependentColorIgnored { n_coefficients });
+        }
+        let [opacity] = columns.need(["opacity"])?;
+        let scale = columns.need(["scale_0", "scale_1"])?;
+        let scale_2 = columns.find("scale_2");
+        if scale_2.is_none() {
+            notes.push(Note::FlatSplats);
+        }
+        let rotation = columns.need(["rot_0", "rot_1", "rot_2", "rot_3"])?;
+        Ok(Self { mean, color, shape: Some(Shape { opacity, scale, scale_2, rotation }) })
+    }
+
+    /// A row's values as a splat.
+    fn decode(&self, values: &[f64], rows: &mut Rows) -> Gaussian {
+        let vector = |columns: [usize; 3]| DVec3::from_array(columns.map(|c| values[c]));
+        let point = Gaussian {
+            mean: vector(self.mean),
+            opacity: 1.0,
+            color: match &self.color {
+                Color::Sh(columns) => sh_to_color(vector(*columns)),
+                Color::Rgb { columns, full } => vector(*columns) / *full,
+                Color::None => DVec3::splat(0.5),
+            },
+            scale: DVec3::ZERO,
+            rotation: DQuat::IDENTITY,
+        };
+        match &self.shape {
+            None => point,
+            Some(shape) => Gaussian {
+                opacity: sigmoid(values[shape.opacity]),
+                scale: shape.scale(values),
+                rotation: rows.rotation(shape.rotation.map(|c| values[c])),
+                ..point
+            },
+        }
+    }
+}
+
+impl Shape {
+    fn scale(&self, values: &[f64]) -> DVec3 {
+        let [s0, s1] = self.scale.map(|c| values[c].exp());
+        DVec3::new(s0, s1, self.scale_2.map_or(FLATNESS * s0.max(s1), |c| values[c].exp()))
+    }
+}
+
+impl Color {
+    /// Coefficients of degree 0 win over red, green, blue, which some files add as a preview.
+    fn find(columns: &Columns) -> Result<Self, Fault> {
+        if columns.find("f_dc_0").is_some() {
+            return Ok(Color::Sh(columns.need(["f_dc_0", "f_dc_1", "f_dc_2"])?));
+        }
+        if columns.find("red").is_none() {
+            return Ok(Color::None);
+        }
+        let found = columns.need(["red", "green", "blue"])?;
+        let full = found.map(|c| match columns.element.properties[c].kind {
+            Kind::Scalar(kind) => kind.full_channel(),
+            Kind::List { .. } => 1.0,
+        });
+        Ok(Color::Rgb { columns: found, full: DVec3::from_array(full) })
+    }
+}
