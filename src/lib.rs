@@ -28,6 +28,7 @@
 //! * The engine knows no window, and `app` and `cli` hold no algorithm.
 
 pub mod export;
+pub mod dataset;
 pub mod math;
 pub mod model;
 pub mod train;

@@ -1,0 +1,122 @@
+//! Image files to colour and depth arrays.
+
+use super::error::FrameProblem;
+use super::frame::{Depth, DepthCodes, DepthKind};
+use crate::math::image::Image;
+use image::{DynamicImage, ImageDecoder, ImageReader};
+use std::io::Cursor;
+use std::path::Path;
+
+/// How the depth files of a split are to be read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct DepthEncoding {
+    pub codes: CodeKind,
+    pub kind: DepthKind,
+    pub trusted: [f64; 2],
+}
+
+/// Pixel format and the rule that makes lengths of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum CodeKind {
+    /// First channel of an 8-bit image.
+    Inverse8,
+    /// First channel of a 16-bit image, world units per step.
+    Linear16(f64),
+}
+
+/// What a header says.
+pub(super) struct Header {
+    pub width: u32,
+    pub height: u32,
+    pub bits_per_channel: u16,
+}
+
+/// Reads an image's header only.
+pub(super) fn header(path: &Path) -> Result<Header, FrameProblem> {
+    let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
+    let (width, height) = decoder.dimensions();
+    let color = decoder.color_type();
+    let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
+    Ok(Header { width, height, bits_per_channel })
+}
+
+/// Decodes a colour image.
+pub(super) fn color(path: &Path) -> Result<Image<[u8; 4]>, FrameProblem> {
+    let rgba = decode(path)?.into_rgba8();
+    let (width, height) = (rgba.width() as usize, rgba.height() as usize);
+    let data = rgba.as_raw().as_chunks::<4>().0.to_vec();
+    Ok(Image::from_vec(width, height, data))
+}
+
+/// Decodes a depth image; the format must be that of `encoding`.
+pub(super) fn depth(path: &Path, encoding: &DepthEncoding) -> Result<Depth, FrameProblem> {
+    let image = decode(path)?;
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let found = format!("{:?}", image.color());
+    let codes = match (encoding.codes, image) {
+        (CodeKind::Inverse8, DynamicImage::ImageLuma8(i)) => {
+            DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
+        }
+        (CodeKind::Inverse8, DynamicImage::ImageLumaA8(i)) => eight(width, height, &i, 2),
+        (CodeKind::Inverse8, DynamicImage::ImageRgb8(i)) => eight(width, height, &i, 3),
+        (CodeKind::Inverse8, DynamicImage::ImageRgba8(i)) => eight(width, height, &i, 4),
+        (CodeKind::Linear16(unit), DynamicImage::ImageLuma16(i)) => {
+            DepthCodes::Linear16 { codes: Image::from_vec(width, height, i.into_raw()), unit }
+        }
+        (CodeKind::Linear16(unit), DynamicImage::ImageLumaA16(i)) => {
+            sixteen(width, height, &i, 2, unit)
+        }
+        (CodeKind::Linear16(unit), DynamicImage::ImageRgb16(i)) => {
+            sixteen(width, height, &i, 3, unit)
+        }
+        (CodeKind::Linear16(unit), DynamicImage::ImageRgba16(i)) => {
+            sixteen(width, height, &i, 4, unit)
+        }
+        (CodeKind::Inverse8, _) => {
+            let hint = "export all depth of a split in one format";
+            return Err(FrameProblem::DepthFormat { expected: "8-bit", found, hint });
+        }
+        (CodeKind::Linear16(_), _) => {
+            let hint = "export depth as 16-bit gray PNG";
+            return Err(FrameProblem::DepthFormat { expected: "16-bit gray", found, hint });
+        }
+    };
+    Ok(Depth { codes, kind: encoding.kind, trusted: encoding.trusted })
+}
+
+fn eight(width: usize, height: usize, raw: &[u8], channels: usize) -> DepthCodes {
+    let data = raw.iter().copied().step_by(channels).collect();
+    DepthCodes::Inverse8(Image::from_vec(width, height, data))
+}
+
+fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64) -> DepthCodes {
+    let data = raw.iter().copied().step_by(channels).collect();
+    DepthCodes::Linear16 { codes: Image::from_vec(width, height, data), unit }
+}
+
+/// The default limits of the decoder bound what a header may make it allocate.
+fn decode(path: &Path) -> Result<DynamicImage, FrameProblem> {
+    let bytes = std::fs::read(path)?;
+    let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format()?;
+    if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(&bytes) {
+        return Err(FrameProblem::TruncatedJpeg);
+    }
+    Ok(reader.decode()?)
+}
+
+/// Whether a JPEG's end-of-image marker follows its first scan. Inside a scan every 0xFF byte is
+/// stuffed, so `FF D9` there cannot be data; thumbnails lie in segments before it.
+fn jpeg_ends(bytes: &[u8]) -> bool {
+    const START_OF_SCAN: u8 = 0xDA;
+    let mut at = 2;
+    while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
+        if marker == START_OF_SCAN {
+            return bytes[at..].windows(2).any(|pair| pair == [0xFF, 0xD9]);
+        }
+        at += match marker {
+            0xFF => 1, // padding before a marker
+            _ => 2 + usize::from(u16::from_be_bytes([high, low])),
+        };
+    }
+    false
+}

@@ -1,0 +1,222 @@
+//! What can be wrong with a dataset, and with one frame of it. Every message names the file, what
+//! was expected, what was found and what to do.
+
+use crate::math::pose::PoseError;
+use std::path::PathBuf;
+
+/// Why a dataset cannot be used at all.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// Nothing at that path.
+    #[error(
+        "{}: expected a dataset folder, found nothing at this path; check the spelling", path.display()
+    )]
+    NotFound {
+        /// As given.
+        path: PathBuf,
+    },
+    /// A file where a folder was needed.
+    #[error(
+        "{}: expected a dataset folder, found a file; give the folder that holds it", path.display()
+    )]
+    NotAFolder {
+        /// As given.
+        path: PathBuf,
+    },
+    /// A file or folder that exists but cannot be read.
+    #[error("{}: expected a readable file or folder, found: {source}; check its permissions", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// No format knows the folder.
+    #[error(
+        "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
+    )]
+    NotRecognised {
+        /// The folder.
+        path: PathBuf,
+        /// The layouts and what each is recognised by.
+        expected: String,
+        /// A summary of what the folder holds.
+        found: String,
+    },
+    /// Text that is no JSON.
+    #[error(
+        "{}: expected JSON, found: {source}; export the file again (JSON knows neither NaN nor infinity)", file.display()
+    )]
+    Json {
+        /// The file.
+        file: PathBuf,
+        /// Where parsing stopped and why.
+        source: serde_json::Error,
+    },
+    /// A metadata file whose content does not have the right form.
+    #[error("{}: expected {expected}, found {found}; {hint}", file.display())]
+    Metadata {
+        /// The file.
+        file: PathBuf,
+        /// What belongs there.
+        expected: String,
+        /// What is there.
+        found: String,
+        /// What to do.
+        hint: String,
+    },
+    /// Every frame was refused.
+    #[error(
+        "{}: expected at least one usable frame, found none in {skipped} listed; the first problem: {first}", path.display()
+    )]
+    NoUsableFrame {
+        /// The dataset.
+        path: PathBuf,
+        /// Frames that were refused.
+        skipped: usize,
+        /// The first refusal.
+        first: Box<FrameError>,
+    },
+    /// Training needs depth.
+    #[error(
+        "{}: expected a split with depth images to train on, found only colour (splits: {splits}); add the depth images to one split", path.display()
+    )]
+    NoDepth {
+        /// The dataset.
+        path: PathBuf,
+        /// Names of the splits.
+        splits: String,
+    },
+    /// A split that the user named does not exist.
+    #[error("{}: expected one of the splits {splits}, found the request `{asked}`; name one of them", path.display())]
+    NoSuchSplit {
+        /// The dataset.
+        path: PathBuf,
+        /// What was asked for.
+        asked: String,
+        /// What there is.
+        splits: String,
+    },
+    /// The depth scale or range that the user gave makes no sense.
+    #[error("setting {setting}: expected {expected}, found {found}; correct it or leave it out")]
+    Option {
+        /// Its name.
+        setting: &'static str,
+        /// Its legal values.
+        expected: &'static str,
+        /// Its value.
+        found: String,
+    },
+}
+
+/// Why one frame cannot be used. At opening it becomes a [`super::Warning`], at loading an error.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: frame {frame}: {problem}", file.display())]
+pub struct FrameError {
+    /// The file at fault.
+    pub file: PathBuf,
+    /// Name of the frame.
+    pub frame: String,
+    /// What is wrong.
+    #[source]
+    pub problem: FrameProblem,
+}
+
+/// The defects a frame can have.
+#[derive(Debug, thiserror::Error)]
+pub enum FrameProblem {
+    /// No colour image.
+    #[error("expected a colour image {0}, found none; restore it or remove the frame")]
+    MissingColor(String),
+    /// No depth image although the split has them.
+    #[error(
+        "expected a depth image {0}, found none; the frame is skipped: restore its depth or remove the frame"
+    )]
+    MissingDepth(String),
+    /// No pose.
+    #[error("expected a pose file {0}, found none; restore it or remove the frame")]
+    MissingPose(String),
+    /// A sequence that a split file lists.
+    #[error(
+        "expected a folder {0} with frames, found none; unpack the sequence beside the split file"
+    )]
+    MissingSequence(String),
+    /// The file cannot be read.
+    #[error("expected a readable file, found: {0}; check the file and its permissions")]
+    Read(#[from] std::io::Error),
+    /// Not an image, or a damaged one.
+    #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
+    Decode(#[from] image::ImageError),
+    /// A JPEG that stops early; decoders fill the rest with grey and say nothing.
+    #[error(
+        "expected a whole JPEG image, found no end-of-image marker: the file is truncated; copy or export it again"
+    )]
+    TruncatedJpeg,
+    /// A depth image of another pixel format.
+    #[error("expected {expected} depth, found {found}; {hint}")]
+    DepthFormat {
+        /// What the rest of the split has.
+        expected: &'static str,
+        /// What this file has.
+        found: String,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// Colour and depth of one frame differ in size.
+    #[error(
+        "expected depth of the colour image's size {}x{}, found {}x{}; export both at one size", color.0, color.1, depth.0, depth.1
+    )]
+    SizeMismatch {
+        /// Width and height of the colour image.
+        color: (u32, u32),
+        /// Width and height of the depth image.
+        depth: (u32, u32),
+    },
+    /// An image does not fit the camera.
+    #[error(
+        "expected an image of the camera's size {}x{}, found {}x{}; export all frames of a split at one size", expected.0, expected.1, found.0, found.1
+    )]
+    CameraSize {
+        /// Of the camera.
+        expected: (u32, u32),
+        /// Of the file.
+        found: (u32, u32),
+    },
+    /// Numbers that are no camera pose.
+    #[error("pose: {0}; export the pose again or remove the frame")]
+    Pose(#[from] PoseError),
+    /// Not even 16 numbers.
+    #[error(
+        "pose: expected 4 rows of 4 finite numbers, found {0}; export the pose again or remove the frame"
+    )]
+    PoseShape(String),
+    /// A frame entry without its fields.
+    #[error("expected {expected}, found {found}; export the frame list again or remove the frame")]
+    Entry {
+        /// What belongs there.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+    /// A path that leads out of the dataset.
+    #[error(
+        "expected a path inside the dataset folder, found `{0}` which leads outside; copy the file into the folder and use a relative path"
+    )]
+    Escapes(String),
+    /// A depth image without a single surface.
+    #[error(
+        "expected depth values, found only holes (0) in the whole image; the frame is skipped: export its depth again"
+    )]
+    NoDepthValues,
+    /// Points were asked of a frame without depth.
+    #[error("expected a frame with depth, found colour only; choose a split with depth")]
+    NoDepth,
+    /// A frame that is not there.
+    #[error("expected a frame number below {available}, found {asked}; choose another frame")]
+    NoSuchFrame {
+        /// Frames in the split.
+        available: usize,
+        /// What was asked for.
+        asked: usize,
+    },
+}

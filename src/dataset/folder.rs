@@ -1,0 +1,175 @@
+//! Reading a dataset's folder without ever leaving it.
+
+use super::error::{DatasetError, FrameProblem};
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
+
+/// No pose, split or intrinsics file is longer; the rest of a longer one is not read.
+const SMALL_TEXT_LIMIT: u64 = 1 << 16;
+
+/// The root of a dataset.
+pub(super) struct Folder {
+    /// As the user gave it; messages and file paths start with it.
+    pub path: PathBuf,
+    canonical: PathBuf,
+    /// What the root holds.
+    pub listing: Listing,
+}
+
+/// What one folder holds, by name.
+pub(super) struct Listing {
+    entries: BTreeMap<String, EntryKind>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum EntryKind {
+    File,
+    Folder,
+    /// Followed, and checked, only when it is used.
+    Link,
+}
+
+impl Folder {
+    /// Opens and lists the root.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let read = |source| DatasetError::Read { path: path.to_owned(), source };
+        let canonical = match path.canonicalize() {
+            Ok(canonical) => canonical,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                return Err(DatasetError::NotFound { path: path.to_owned() });
+            }
+            Err(e) => return Err(read(e)),
+        };
+        if !canonical.is_dir() {
+            return Err(DatasetError::NotAFolder { path: path.to_owned() });
+        }
+        let listing = Listing::read(&canonical).map_err(read)?;
+        Ok(Self { path: path.to_owned(), canonical, listing })
+    }
+
+    /// Lists a folder below the root.
+    pub fn list(&self, relative: &Path) -> Result<Listing, FrameProblem> {
+        Ok(Listing::read(&self.inside(relative)?)?)
+    }
+
+    /// The path of a listed file, checked if it is a link.
+    pub fn file(
+        &self,
+        folder: &Path,
+        listing: &Listing,
+        name: &str,
+    ) -> Result<PathBuf, FrameProblem> {
+        let relative = folder.join(name);
+        if listing.entries.get(name) == Some(&EntryKind::Link) {
+            self.inside(&relative)?;
+        }
+        Ok(self.path.join(relative))
+    }
+
+    /// Names of the folders in the root; links that lead to folders count.
+    pub fn subfolders(&self) -> Vec<String> {
+        let is_folder = |(name, kind): &(&String, &EntryKind)| match kind {
+            EntryKind::Folder => true,
+            EntryKind::Link => self.path.join(name).is_dir(),
+            EntryKind::File => false,
+        };
+        self.listing.entries.iter().filter(is_folder).map(|(name, _)| name.clone()).collect()
+    }
+
+    fn inside(&self, relative: &Path) -> Result<PathBuf, FrameProblem> {
+        let target = self.path.join(relative).canonicalize()?;
+        if target.starts_with(&self.canonical) {
+            Ok(target)
+        } else {
+            Err(FrameProblem::Escapes(relative.display().to_string()))
+        }
+    }
+}
+
+impl Listing {
+    fn read(folder: &Path) -> std::io::Result<Self> {
+        let mut entries = BTreeMap::new();
+        for entry in std::fs::read_dir(folder)? {
+            let entry = entry?;
+            let kind = entry.file_type()?;
+            let kind = match (kind.is_symlink(), kind.is_dir()) {
+                (true, _) => EntryKind::Link,
+                (false, true) => EntryKind::Folder,
+                (false, false) => EntryKind::File,
+            };
+            if let Ok(name) = entry.file_name().into_string() {
+                entries.insert(name, kind);
+            }
+        }
+        Ok(Self { entries })
+    }
+
+    /// Whether there is a file (or link) of that name.
+    pub fn has_file(&self, name: &str) -> bool {
+        matches!(self.entries.get(name), Some(EntryKind::File | EntryKind::Link))
+    }
+
+    /// Names of files and links, ascending.
+    pub fn files(&self) -> impl Iterator<Item = &str> {
+        self.entries.iter().filter(|(_, k)| **k != EntryKind::Folder).map(|(n, _)| n.as_str())
+    }
+
+    /// A few words on the content, for messages.
+    pub fn summary(&self) -> String {
+        let n_folders = self.entries.values().filter(|k| **k == EntryKind::Folder).count();
+        let mut names: Vec<&str> = self.entries.keys().take(4).map(String::as_str).collect();
+        if self.entries.is_empty() {
+            return "an empty folder".to_owned();
+        }
+        if self.entries.len() > names.len() {
+            names.push("…");
+        }
+        let n_files = self.entries.len() - n_folders;
+        format!("{n_files} files and {n_folders} folders ({})", names.join(", "))
+    }
+}
+
+/// Turns a path from a dataset file into a clean relative one.
+pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
+    let escapes = || FrameProblem::Escapes(text.to_owned());
+    let forward = text.replace('\\', "/");
+    if forward.as_bytes().get(1) == Some(&b':') {
+        return Err(escapes()); // a Windows drive is no component elsewhere
+    }
+    let mut clean = PathBuf::new();
+    for component in Path::new(&forward).components() {
+        match component {
+            Component::CurDir => {}
+            Component::Normal(name) => clean.push(name),
+            Component::ParentDir | Component::RootDir | Component::Prefix(_) => {
+                return Err(escapes());
+            }
+        }
+    }
+    Ok(clean)
+}
+
+/// The start of a small text file; bytes that are no UTF-8 become replacement characters.
+pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
+    let mut bytes = Vec::new();
+    std::fs::File::open(path)?.take(SMALL_TEXT_LIMIT).read_to_end(&mut bytes)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_relative_paths_without_parents_pass() {
+        for (text, clean) in
+            [("./test/r_0", Some("test/r_0")), ("a\\b.png", Some("a/b.png")), ("x", Some("x"))]
+        {
+            assert_eq!(relative_path(text).ok(), clean.map(PathBuf::from), "{text}");
+        }
+        for text in ["../x", "a/../../x", "/etc/passwd", "C:\\x.png", "..\\x", "\\\\host\\x"] {
+            assert!(matches!(relative_path(text), Err(FrameProblem::Escapes(_))), "{text}");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! The range of positions that normalises a dataset (`model.md` 2).
+
+use super::Dataset;
+use super::error::FrameError;
+use super::points::{CameraConvention, camera_point};
+use crate::math::points::Normalization;
+use glam::DVec3;
+
+/// A box of world positions; points outside are legal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PositionRange {
+    lo: DVec3,
+    hi: DVec3,
+    /// Where the range is from, for reports.
+    pub source: String,
+}
+
+/// Frames looked at, evenly spaced over the split.
+const MAX_FRAMES: usize = 12;
+/// Every so-many-th column and row of a frame.
+const STRIDE: usize = 8;
+/// Share of points cut off at each end of each axis.
+const TAIL: f64 = 0.01;
+/// Added to the half-width.
+const MARGIN: f64 = 0.05;
+
+impl PositionRange {
+    /// `None` unless finite with `lo < hi` on every axis.
+    pub fn new(lo: DVec3, hi: DVec3, source: &str) -> Option<Self> {
+        let sound = lo.is_finite() && hi.is_finite() && lo.cmplt(hi).all();
+        sound.then(|| Self { lo, hi, source: source.to_owned() })
+    }
+
+    /// `[−1, 1]³`.
+    pub fn nerf_synthetic() -> Self {
+        let source = "the [-1, 1] cube of NeRF-synthetic scenes".to_owned();
+        Self { lo: DVec3::NEG_ONE, hi: DVec3::ONE, source }
+    }
+
+    /// Low corner.
+    pub fn lo(&self) -> DVec3 {
+        self.lo
+    }
+
+    /// High corner.
+    pub fn hi(&self) -> DVec3 {
+        self.hi
+    }
+
+    /// The normalisation it defines.
+    pub fn normalization(&self) -> Normalization {
+        Normalization::from_range(self.lo, self.hi)
+    }
+}
+
+/// The range of a split: what the layout defines, else from up to 12 evenly spaced frames: per axis
+/// the 1 % and 99 % quantiles of every eighth column and row of trusted depth, then a cube of the
+/// largest half-width plus 5 % around the axes' centres, so that no axis is stretched. Decodes
+/// those frames; ones that fail to load are passed over as long as another loads.
+pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeError> {
+    if let Some(range) = &dataset.known_range {
+        return Ok(range.clone());
+    }
+    let frames = dataset.splits.get(split).map_or(0, |s| s.frames.len());
+    let n_sampled = frames.min(MAX_FRAMES);
+    let mut axes: [Vec<f64>; 3] = Default::default();
+    let mut failure = None;
+    for i in 0..n_sampled {
+        if let Err(error) = sample(dataset, split, i * frames / n_sampled, &mut axes) {
+            failure = Some(error);
+        }
+    }
+    let range = from_samples(&mut axes);
+    match (range, failure) {
+        (Some(range), _) => Ok(range),
+        (None, Some(error)) => Err(RangeError::Frame(error)),
+        (None, None) => Err(RangeError::NoPoints),
+    }
+}
+
+/// Why no range can be found.
+#[derive(Debug, thiserror::Error)]
+pub enum RangeError {
+    /// No sampled frame loads; this is the last one's problem.
+    #[error("{0}")]
+    Frame(#[source] FrameError),
+    /// The frames load but hold no spread-out trusted depth.
+    #[error(
+        "depth: expected surfaces within the trusted depth range, found none in the sampled frames; widen the depth range or choose another split"
+    )]
+    NoPoints,
+}
+
+fn sample(
+    dataset: &Dataset,
+    split: usize,
+    index: usize,
+    axes: &mut [Vec<f64>; 3],
+) -> Result<(), FrameError> {
+    let frame = dataset.load(split, index)?;
+    let Some(depth) = &frame.depth else { return Ok(()) };
+    let (width, height) = depth.size();
+    let k = &frame.camera.intrinsics;
+    for row in (STRIDE / 2..height).step_by(STRIDE) {
+        for column in (STRIDE / 2..width).step_by(STRIDE) {
+            let value = depth.value_at(column, row).filter(|v| depth.trusts(*v));
+            let Some(value) = value else { continue };
+            let local = camera_point(k, CameraConvention::Exact, depth.kind, [column, row], value);
+            let world = frame.camera.pose.transform_point(local);
+            for (axis, v) in axes.iter_mut().zip(world.to_array()) {
+                axis.push(v);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
+    let mut centre = [0.0; 3];
+    let mut half_width = 0.0f64;
+    for (axis, centre) in axes.iter_mut().zip(&mut centre) {
+        let last = axis.len().checked_sub(1)?;
+        axis.sort_unstable_by(f64::total_cmp);
+        let cut = (last as f64 * TAIL) as usize;
+        let (low, high) = (axis[cut], axis[last - cut]);
+        *centre = 0.5 * (low + high);
+        half_width = half_width.max(0.5 * (high - low));
+    }
+    let half = DVec3::splat(half_width * (1.0 + MARGIN));
+    let centre = DVec3::from_array(centre);
+    PositionRange::new(centre - half, centre + half, "1 % to 99 % of the depth points")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_make_a_cube_with_a_margin() {
+        let ramp = |scale: f64| (0..=1000).map(|i| i as f64 * scale).collect::<Vec<f64>>();
+        let mut axes = [ramp(1.0), ramp(0.1), ramp(0.01)];
+        let range = from_samples(&mut axes).map(|r| (r.lo(), r.hi()));
+        let half = 490.0 * 1.05;
+        let (lo, hi) = range.unwrap_or_default();
+        assert!((lo - DVec3::new(500.0 - half, 50.0 - half, 5.0 - half)).length() < 1e-9, "{lo}");
+        assert!((hi - lo - 2.0 * half).length() < 1e-9);
+        assert!(from_samples(&mut Default::default()).is_none());
+        assert!(from_samples(&mut [vec![1.0], vec![1.0], vec![1.0]]).is_none());
+    }
+}

@@ -1,0 +1,128 @@
+//! Light baked once per scene: ambient occlusion and soft shadows of two rectangular lamps, stored
+//! per surface on a coarse grid and interpolated. It does not depend on the view, so what one frame
+//! shows every other confirms.
+
+use super::room::{CEILING_LIGHT, Lamp, Room, WINDOW_LIGHT};
+use super::solid::{Ray, Shape};
+use glam::{DVec2, DVec3, Vec3, vec3};
+
+/// Metres per texel.
+const TEXEL: f64 = 0.1;
+/// Fewest texels along a side: small things need shading too.
+const MIN_TEXELS: usize = 6;
+/// Shadow rays per lamp, on a grid of this many a side.
+const LAMP_GRID: usize = 4;
+/// Rays over the hemisphere for ambient light.
+const SKY_RAYS: usize = 20;
+/// Light that walls and things send back into the room, linear RGB.
+const FROM_WALLS: Vec3 = vec3(0.46, 0.42, 0.36);
+const FROM_THINGS: Vec3 = vec3(0.11, 0.09, 0.07);
+/// Ambient rays ignore what is farther away, metres.
+const REACH: f64 = 3.0;
+
+/// Irradiance (over π) of all surfaces.
+#[derive(Debug)]
+pub(super) struct LightMaps {
+    /// By solid, then by face.
+    maps: Vec<Vec<LightMap>>,
+}
+
+#[derive(Debug)]
+struct LightMap {
+    columns: usize,
+    rows: usize,
+    texels: Vec<Vec3>,
+}
+
+impl LightMaps {
+    /// Lights the room.
+    pub fn bake(room: &Room) -> Self {
+        let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
+        let maps = room.solids.iter().map(|solid| match solid.material.is_emissive() {
+            true => Vec::new(),
+            false => (0..solid.shape.n_faces()).map(|face| map(&solid.shape, face)).collect(),
+        });
+        Self { maps: maps.collect() }
+    }
+
+    /// Light that falls on a surface point; zero on surfaces that shine by themselves.
+    #[inline]
+    pub fn at(&self, solid: usize, face: usize, uv: DVec2) -> Vec3 {
+        self.maps[solid].get(face).map_or(Vec3::ZERO, |map| map.at(uv))
+    }
+}
+
+impl LightMap {
+    fn bake(room: &Room, shape: &Shape, face: usize) -> Self {
+        let size = shape.face_size(face);
+        let count = |metres: f64| ((metres / TEXEL).ceil() as usize).max(MIN_TEXELS);
+        let (columns, rows) = (count(size.x), count(size.y));
+        let mut texels = Vec::with_capacity(columns * rows);
+        for row in 0..rows {
+            for column in 0..columns {
+                let centre = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let uv = centre / DVec2::new(columns as f64, rows as f64);
+                let point = shape.point(uv, face);
+                texels.push(gather(room, point, shape.normal(point, face)));
+            }
+        }
+        Self { columns, rows, texels }
+    }
+
+    /// Bilinear between texel centres, constant beyond the outermost.
+    #[inline]
+    fn at(&self, uv: DVec2) -> Vec3 {
+        let place = |v: f64, n: usize| {
+            let x = (v * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
+            let i = (x as usize).min(n - 2);
+            (i, (x - i as f64) as f32)
+        };
+        let ((i, s), (j, t)) = (place(uv.x, self.columns), place(uv.y, self.rows));
+        let row = |j: usize| {
+            let base = j * self.columns + i;
+            self.texels[base].lerp(self.texels[base + 1], s)
+        };
+        row(j).lerp(row(j + 1), t)
+    }
+}
+
+fn gather(room: &Room, point: DVec3, normal: DVec3) -> Vec3 {
+    let start = point + normal * 1e-4;
+    from_lamp(room, start, normal, &WINDOW_LIGHT)
+        + from_lamp(room, start, normal, &CEILING_LIGHT)
+        + ambient(room, start, normal)
+}
+
+fn from_lamp(room: &Room, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
+    let area = lamp.edges[0].length() * lamp.edges[1].length();
+    let per_sample = area / (std::f64::consts::PI * (LAMP_GRID * LAMP_GRID) as f64);
+    let mut sum = 0.0;
+    for i in 0..LAMP_GRID * LAMP_GRID {
+        let part = |k: usize| (k as f64 + 0.5) / LAMP_GRID as f64;
+        let on_lamp =
+            lamp.corner + lamp.edges[0] * part(i % LAMP_GRID) + lamp.edges[1] * part(i / LAMP_GRID);
+        let way = on_lamp - start;
+        let square = way.length_squared();
+        let cosines = normal.dot(way).max(0.0) * (-lamp.normal.dot(way)).max(0.0) / square;
+        if cosines > 0.0 && !room.is_blocked(&Ray::new(start, way)) {
+            sum += cosines / square.max(0.05) * per_sample;
+        }
+    }
+    lamp.radiance * sum as f32
+}
+
+/// Cosine-weighted directions on a golden-angle spiral: even, and the same everywhere, so flat
+/// surfaces shade evenly.
+fn ambient(room: &Room, start: DVec3, normal: DVec3) -> Vec3 {
+    const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    let mut n_open = 0;
+    for i in 0..SKY_RAYS {
+        let radius = ((i as f64 + 0.5) / SKY_RAYS as f64).sqrt();
+        let disc = DVec2::from_angle(i as f64 * GOLDEN_ANGLE) * radius;
+        let up = (1.0 - radius * radius).sqrt();
+        let direction = tangent * disc.x + bitangent * disc.y + normal * up;
+        n_open += usize::from(!room.is_blocked(&Ray::new(start, direction * REACH)));
+    }
+    FROM_THINGS.lerp(FROM_WALLS, n_open as f32 / SKY_RAYS as f32)
+}

@@ -1,0 +1,163 @@
+//! What stands in the room.
+
+use super::solid::{Hit, Ray, Shape};
+use super::texture::Material;
+use crate::math::rng::{Purpose, Rng};
+use glam::{DVec3, Vec3, dvec3, vec3};
+
+/// Low corner of the room, metres.
+pub(super) const LO: DVec3 = dvec3(-2.6, -2.2, 0.0);
+/// High corner of the room, metres.
+pub(super) const HI: DVec3 = dvec3(2.6, 2.2, 2.6);
+
+/// Stream of the furnishing; frames' noise streams count up from 0.
+const FURNISHING: u64 = u64::MAX;
+
+/// One thing in the room.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Solid {
+    pub shape: Shape,
+    pub material: Material,
+}
+
+/// All things; the first is the room's shell.
+#[derive(Debug)]
+pub(super) struct Room {
+    pub solids: Vec<Solid>,
+    pub seed: u32,
+}
+
+/// A source of light for the baker: a rectangle.
+pub(super) struct Lamp {
+    pub corner: DVec3,
+    pub edges: [DVec3; 2],
+    pub normal: DVec3,
+    /// Radiance, linear RGB.
+    pub radiance: Vec3,
+}
+
+/// The window in the wall at low y, as light: daylight.
+pub(super) const WINDOW_LIGHT: Lamp = Lamp {
+    corner: dvec3(-0.9, -2.15, 0.9),
+    edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
+    normal: DVec3::Y,
+    radiance: vec3(5.2, 5.9, 6.6),
+};
+
+/// The panel under the ceiling, as light: warm.
+pub(super) const CEILING_LIGHT: Lamp = Lamp {
+    corner: dvec3(-0.7, -0.5, 2.55),
+    edges: [dvec3(1.4, 0.0, 0.0), dvec3(0.0, 1.0, 0.0)],
+    normal: DVec3::NEG_Z,
+    radiance: vec3(6.4, 5.5, 4.3),
+};
+
+impl Room {
+    /// Furnishes the room; the seed shifts textures and the colours of the small things.
+    pub fn new(seed: u64) -> Self {
+        let mut rng = Rng::new(seed, Purpose::Synthetic, FURNISHING);
+        let mut solids =
+            vec![Solid { shape: Shape::Shell { lo: LO, hi: HI }, material: Material::Walls }];
+        add_fittings(&mut solids);
+        add_table(&mut solids, &mut rng);
+        add_furniture(&mut solids, &mut rng);
+        Self { solids, seed: rng.next_u64() as u32 }
+    }
+
+    /// Whether anything but the shell is between a surface point and the distance 1 along `ray`.
+    pub fn is_blocked(&self, ray: &Ray) -> bool {
+        let nearer = |hit: Hit| hit.t < 1.0 - 1e-6;
+        self.solids[1..].iter().any(|s| s.shape.intersect(ray).is_some_and(nearer))
+    }
+}
+
+fn block(lo: [f64; 3], hi: [f64; 3], material: Material) -> Solid {
+    Solid { shape: Shape::Block { lo: lo.into(), hi: hi.into() }, material }
+}
+
+fn sphere(centre: [f64; 3], radius: f64, material: Material) -> Solid {
+    Solid { shape: Shape::Sphere { centre: centre.into(), radius }, material }
+}
+
+fn cylinder(base: [f64; 3], radius: f64, height: f64, material: Material) -> Solid {
+    Solid { shape: Shape::Cylinder { base: base.into(), radius, height }, material }
+}
+
+const OAK: Material = Material::Wood(vec3(0.46, 0.28, 0.14));
+const WALNUT: Material = Material::Wood(vec3(0.24, 0.13, 0.07));
+const WHITE: Material = Material::Paint(vec3(0.78, 0.77, 0.74));
+
+/// Window, ceiling light and pictures: what hangs on the walls.
+fn add_fittings(solids: &mut Vec<Solid>) {
+    solids.extend([
+        block([-1.0, -2.2, 0.8], [1.0, -2.18, 2.2], WHITE),
+        block([-0.9, -2.2, 0.9], [0.9, -2.165, 2.1], Material::Window),
+        block([-1.05, -2.2, 0.76], [1.05, -2.05, 0.8], WHITE),
+        block([-0.7, -0.5, 2.56], [0.7, 0.5, 2.6], Material::Glow(vec3(3.2, 2.9, 2.4))),
+        block([-0.72, 2.175, 1.1], [0.72, 2.2, 2.04], Material::Wood(vec3(0.62, 0.42, 0.12))),
+        block([-0.64, 2.165, 1.18], [0.64, 2.19, 1.96], Material::Landscape),
+        block([-2.6, -0.56, 1.16], [-2.58, 0.56, 1.96], WALNUT),
+        block([-2.6, -0.5, 1.22], [-2.57, 0.5, 1.9], Material::Abstract),
+        cylinder([0.0, 0.0, 0.0], 1.45, 0.012, Material::Rug),
+    ]);
+}
+
+/// The table in the middle and what lies on it.
+fn add_table(solids: &mut Vec<Solid>, rng: &mut Rng) {
+    const TOP: f64 = 0.74;
+    solids.push(block([-0.75, -0.45, 0.70], [0.75, 0.45, TOP], OAK));
+    for (x, y) in [(-0.7, -0.4), (0.64, -0.4), (-0.7, 0.34), (0.64, 0.34)] {
+        solids.push(block([x, y, 0.012], [x + 0.06, y + 0.06, 0.70], OAK));
+    }
+    let ring = Shape::Torus { centre: dvec3(0.3, -0.16, TOP + 0.055), major: 0.15, minor: 0.055 };
+    solids.extend([
+        sphere([-0.38, 0.1, TOP + 0.16], 0.16, Material::Marble(bright(rng))),
+        Solid { shape: ring, material: Material::Candy(bright(rng)) },
+        block([0.24, 0.12, TOP], [0.5, 0.34, TOP + 0.2], Material::Checker(bright(rng))),
+        cylinder([-0.02, 0.2, TOP], 0.075, 0.3, Material::Glaze(bright(rng))),
+        sphere([-0.02, 0.2, TOP + 0.4], 0.14, Material::Leaves),
+        cylinder([-0.12, -0.26, TOP], 0.05, 0.11, Material::Glaze(bright(rng))),
+        block([-0.6, -0.34, TOP], [-0.34, -0.14, TOP + 0.035], Material::Cover(bright(rng))),
+        block(
+            [-0.58, -0.33, TOP + 0.035],
+            [-0.36, -0.16, TOP + 0.06],
+            Material::Cover(bright(rng)),
+        ),
+    ]);
+}
+
+/// What stands along the walls.
+fn add_furniture(solids: &mut Vec<Solid>, rng: &mut Rng) {
+    let sofa = Material::Fabric(vec3(0.10, 0.24, 0.30));
+    let pillow = Material::Fabric(vec3(0.70, 0.42, 0.10));
+    solids.extend([
+        block([-2.5, -0.95, 0.08], [-1.75, 0.95, 0.42], sofa),
+        block([-2.58, -0.95, 0.08], [-2.32, 0.95, 0.86], sofa),
+        block([-2.5, -1.12, 0.08], [-1.75, -0.95, 0.6], sofa),
+        block([-2.5, 0.95, 0.08], [-1.75, 1.12, 0.6], sofa),
+        block([-2.32, -0.85, 0.42], [-2.16, -0.42, 0.76], pillow),
+        block([-2.32, 0.4, 0.42], [-2.16, 0.82, 0.76], Material::Checker(vec3(0.62, 0.16, 0.13))),
+        block([2.28, -1.05, 0.0], [2.6, 0.55, 1.95], Material::Books),
+        cylinder([2.3, 1.2, 0.0], 0.17, 0.34, Material::Glaze(vec3(0.72, 0.30, 0.16))),
+        sphere([2.3, 1.2, 0.72], 0.34, Material::Leaves),
+        sphere([2.24, 1.16, 1.14], 0.22, Material::Leaves),
+        block([-0.95, 1.78, 0.1], [0.95, 2.2, 0.8], Material::Drawers),
+        block([-0.9, 1.84, 0.0], [0.9, 2.2, 0.1], WALNUT),
+        cylinder([0.7, 1.98, 0.8], 0.07, 0.2, Material::Glaze(bright(rng))),
+        sphere([0.7, 1.98, 1.12], 0.15, Material::Leaves),
+        sphere([-0.68, 1.98, 0.93], 0.13, Material::Marble(vec3(0.75, 0.73, 0.70))),
+        sphere([-1.75, 1.6, 0.3], 0.3, Material::Ball(bright(rng))),
+        cylinder([1.5, -1.6, 0.0], 0.24, 0.45, Material::Fabric(vec3(0.55, 0.20, 0.16))),
+        block([-2.3, -1.95, 0.0], [-1.6, -1.4, 0.5], Material::Checker(vec3(0.16, 0.32, 0.42))),
+    ]);
+}
+
+/// A saturated linear colour of random hue.
+fn bright(rng: &mut Rng) -> Vec3 {
+    let hue = rng.range(0.0, 6.0) as f32;
+    let channel = |shift: f32| {
+        let distance = ((hue + shift) % 6.0 - 3.0).abs() - 1.0;
+        0.09 + 0.46 * distance.clamp(0.0, 1.0)
+    };
+    vec3(channel(0.0), channel(4.0), channel(2.0))
+}

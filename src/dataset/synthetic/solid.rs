@@ -1,0 +1,332 @@
+//! Shapes with closed-form (torus: converged) ray intersections and charts for light and texture.
+
+use glam::{DVec2, DVec3};
+
+/// A shape in world coordinates; upright, no rotation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Shape {
+    /// Axis-aligned box seen from outside.
+    Block { lo: DVec3, hi: DVec3 },
+    /// Axis-aligned box seen from inside.
+    Shell { lo: DVec3, hi: DVec3 },
+    /// Ball.
+    Sphere { centre: DVec3, radius: f64 },
+    /// Upright cylinder standing on `base`, with a lid.
+    Cylinder { base: DVec3, radius: f64, height: f64 },
+    /// Ring lying flat.
+    Torus { centre: DVec3, major: f64, minor: f64 },
+}
+
+/// A ray; `t` of an intersection counts lengths of `direction`, which need not be a unit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ray {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    /// `1 / direction`, infinite where an axis is parallel.
+    pub inverse: DVec3,
+}
+
+/// Where a ray meets a shape first.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hit {
+    pub t: f64,
+    /// Which chart of the shape.
+    pub face: usize,
+}
+
+/// Hits nearer than this are the surface that the ray starts on.
+const START: f64 = 1e-6;
+
+impl Ray {
+    pub fn new(origin: DVec3, direction: DVec3) -> Self {
+        Self { origin, direction, inverse: direction.recip() }
+    }
+
+    pub fn at(&self, t: f64) -> DVec3 {
+        self.origin + self.direction * t
+    }
+}
+
+impl Shape {
+    /// Number of charts.
+    pub fn n_faces(&self) -> usize {
+        match self {
+            Self::Block { .. } | Self::Shell { .. } => 6,
+            Self::Cylinder { .. } => 2,
+            Self::Sphere { .. } | Self::Torus { .. } => 1,
+        }
+    }
+
+    /// Bounding box.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        match *self {
+            Self::Block { lo, hi } | Self::Shell { lo, hi } => (lo, hi),
+            Self::Sphere { centre, radius } => (centre - radius, centre + radius),
+            Self::Cylinder { base, radius, height } => {
+                let side = DVec3::new(radius, radius, 0.0);
+                (base - side, base + side + DVec3::Z * height)
+            }
+            Self::Torus { centre, major, minor } => {
+                let half = DVec3::new(major + minor, major + minor, minor);
+                (centre - half, centre + half)
+            }
+        }
+    }
+
+    /// First intersection in front of the ray's origin.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray) -> Option<Hit> {
+        match *self {
+            Self::Block { lo, hi } => {
+                let (near, far, axis) = slabs(ray, lo, hi, true);
+                (near <= far && near > START).then(|| box_hit(ray, near, axis, true))
+            }
+            Self::Shell { lo, hi } => {
+                let (near, far, axis) = slabs(ray, lo, hi, false);
+                (near <= far && far > START).then(|| box_hit(ray, far, axis, false))
+            }
+            Self::Sphere { centre, radius } => sphere(ray, centre, radius),
+            Self::Cylinder { base, radius, height } => cylinder(ray, base, radius, height),
+            Self::Torus { centre, major, minor } => torus(ray, centre, major, minor),
+        }
+    }
+
+    /// Outward (for a shell inward) unit normal at a surface point.
+    pub fn normal(&self, point: DVec3, face: usize) -> DVec3 {
+        match *self {
+            Self::Block { .. } => axis_normal(face),
+            Self::Shell { .. } => -axis_normal(face),
+            Self::Sphere { centre, .. } => (point - centre).normalize(),
+            Self::Cylinder { base, .. } => match face {
+                0 => (point - base).with_z(0.0).normalize(),
+                _ => DVec3::Z,
+            },
+            Self::Torus { centre, major, .. } => {
+                let p = point - centre;
+                (p - p.with_z(0.0).normalize() * major).normalize()
+            }
+        }
+    }
+
+    /// Chart coordinates in `[0, 1]²` of a surface point.
+    #[inline]
+    pub fn chart(&self, point: DVec3, face: usize) -> DVec2 {
+        let angle = |x: f64, y: f64| y.atan2(x) / std::f64::consts::TAU + 0.5;
+        match *self {
+            Self::Block { lo, hi } | Self::Shell { lo, hi } => {
+                let (u, v) = plane_axes(face);
+                let unit = (point - lo) / (hi - lo);
+                DVec2::new(unit[u], unit[v])
+            }
+            Self::Sphere { centre, radius } => {
+                let p = (point - centre) / radius;
+                DVec2::new(angle(p.x, p.y), 0.5 * (p.z + 1.0))
+            }
+            Self::Cylinder { base, radius, height } => {
+                let p = point - base;
+                match face {
+                    0 => DVec2::new(angle(p.x, p.y), p.z / height),
+                    _ => (p.truncate() / radius + 1.0) * 0.5,
+                }
+            }
+            Self::Torus { centre, major, minor } => {
+                let p = point - centre;
+                let out = p.truncate().length() - major;
+                DVec2::new(angle(p.x, p.y), angle(out / minor, p.z / minor))
+            }
+        }
+    }
+
+    /// The surface point of chart coordinates: the inverse of [`Shape::chart`].
+    pub fn point(&self, uv: DVec2, face: usize) -> DVec3 {
+        let around = |u: f64| DVec2::from_angle((u - 0.5) * std::f64::consts::TAU);
+        match *self {
+            Self::Block { lo, hi } | Self::Shell { lo, hi } => {
+                let (u, v) = plane_axes(face);
+                let mut unit = DVec3::splat((face % 2) as f64);
+                unit[u] = uv.x;
+                unit[v] = uv.y;
+                lo + unit * (hi - lo)
+            }
+            Self::Sphere { centre, radius } => {
+                let z = 2.0 * uv.y - 1.0;
+                let ring = around(uv.x) * (1.0 - z * z).max(0.0).sqrt();
+                centre + ring.extend(z) * radius
+            }
+            Self::Cylinder { base, radius, height } => match face {
+                0 => base + (around(uv.x) * radius).extend(uv.y * height),
+                _ => base + ((uv * 2.0 - 1.0) * radius).extend(height),
+            },
+            Self::Torus { centre, major, minor } => {
+                let tube = around(uv.y) * minor;
+                centre + (around(uv.x) * (major + tube.x)).extend(tube.y)
+            }
+        }
+    }
+
+    /// Metres along the two chart directions.
+    pub fn face_size(&self, face: usize) -> DVec2 {
+        use std::f64::consts::{PI, TAU};
+        match *self {
+            Self::Block { lo, hi } | Self::Shell { lo, hi } => {
+                let (u, v) = plane_axes(face);
+                DVec2::new((hi - lo)[u], (hi - lo)[v])
+            }
+            Self::Sphere { radius, .. } => DVec2::new(TAU * radius, PI * radius),
+            Self::Cylinder { radius, height, .. } => match face {
+                0 => DVec2::new(TAU * radius, height),
+                _ => DVec2::splat(2.0 * radius),
+            },
+            Self::Torus { major, minor, .. } => DVec2::new(TAU * major, TAU * minor),
+        }
+    }
+}
+
+/// The axes that span a box face; faces are numbered `2·axis + (1 at the high side)`.
+fn plane_axes(face: usize) -> (usize, usize) {
+    match face / 2 {
+        0 => (1, 2),
+        1 => (0, 2),
+        _ => (0, 1),
+    }
+}
+
+fn axis_normal(face: usize) -> DVec3 {
+    let sign = if face % 2 == 1 { 1.0 } else { -1.0 };
+    sign * [DVec3::X, DVec3::Y, DVec3::Z][face / 2]
+}
+
+/// Entry and exit of a ray through a box, and the axis of the entry (or exit).
+#[inline]
+fn slabs(ray: &Ray, lo: DVec3, hi: DVec3, want_entry: bool) -> (f64, f64, usize) {
+    let a = (lo - ray.origin) * ray.inverse;
+    let b = (hi - ray.origin) * ray.inverse;
+    let (enter, leave) = (a.min(b), a.max(b));
+    let (near, far) = (enter.max_element(), leave.min_element());
+    let (list, value) = if want_entry { (enter, near) } else { (leave, far) };
+    let axis = if list.x == value {
+        0
+    } else if list.y == value {
+        1
+    } else {
+        2
+    };
+    (near, far, axis)
+}
+
+/// A ray enters a box at the low side if it runs upwards along the axis; it leaves at the high one.
+fn box_hit(ray: &Ray, t: f64, axis: usize, is_entry: bool) -> Hit {
+    let high = (ray.direction[axis] > 0.0) != is_entry;
+    Hit { t, face: 2 * axis + usize::from(high) }
+}
+
+fn sphere(ray: &Ray, centre: DVec3, radius: f64) -> Option<Hit> {
+    let (enter, _) = quadratic_sphere(ray, centre, radius)?;
+    (enter > START).then_some(Hit { t: enter, face: 0 })
+}
+
+fn quadratic_sphere(ray: &Ray, centre: DVec3, radius: f64) -> Option<(f64, f64)> {
+    let o = ray.origin - centre;
+    let a = ray.direction.length_squared();
+    let b = o.dot(ray.direction);
+    let discriminant = b * b - a * (o.length_squared() - radius * radius);
+    if discriminant < 0.0 {
+        return None;
+    }
+    let root = discriminant.sqrt();
+    Some(((-b - root) / a, (-b + root) / a))
+}
+
+fn cylinder(ray: &Ray, base: DVec3, radius: f64, height: f64) -> Option<Hit> {
+    let o = ray.origin - base;
+    let (d, flat) = (ray.direction, o.truncate());
+    let mut best = None;
+    let a = d.truncate().length_squared();
+    let b = flat.dot(d.truncate());
+    let discriminant = b * b - a * (flat.length_squared() - radius * radius);
+    if a > 0.0 && discriminant >= 0.0 {
+        let t = (-b - discriminant.sqrt()) / a;
+        let z = o.z + t * d.z;
+        if t > START && (0.0..=height).contains(&z) {
+            best = Some(Hit { t, face: 0 });
+        }
+    }
+    if d.z < 0.0 && o.z > height {
+        let t = (height - o.z) / d.z;
+        let at = flat + d.truncate() * t;
+        if t > START && at.length_squared() <= radius * radius {
+            best = Some(Hit { t, face: 1 });
+        }
+    }
+    best
+}
+
+/// Sphere tracing of the distance function to within a micrometre, then Newton's method to rounding.
+fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
+    const CLOSE: f64 = 1e-6;
+    const STEPS: usize = 96;
+    let (enter, leave) = quadratic_sphere(ray, centre, major + minor)?;
+    let speed = ray.direction.length();
+    let distance = |t: f64| {
+        let p = ray.at(t) - centre;
+        DVec2::new(p.truncate().length() - major, p.z).length() - minor
+    };
+    let mut t = enter.max(START);
+    for _ in 0..STEPS {
+        let d = distance(t);
+        if d < CLOSE {
+            for _ in 0..3 {
+                let p = ray.at(t) - centre;
+                let normal = (p - p.with_z(0.0).normalize() * major).normalize();
+                let rate = normal.dot(ray.direction);
+                if rate.abs() > 1e-3 * speed {
+                    t -= distance(t) / rate;
+                }
+            }
+            return (t > START).then_some(Hit { t, face: 0 });
+        }
+        t += d / speed;
+        if t > leave {
+            return None;
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    const SHAPES: [Shape; 5] = [
+        Shape::Block { lo: DVec3::new(-0.3, -0.2, 0.1), hi: DVec3::new(0.5, 0.3, 0.6) },
+        Shape::Shell { lo: DVec3::new(-4.0, -4.0, -4.0), hi: DVec3::new(4.0, 4.0, 4.0) },
+        Shape::Sphere { centre: DVec3::new(0.1, 0.2, 0.3), radius: 0.4 },
+        Shape::Cylinder { base: DVec3::new(0.1, 0.0, -0.2), radius: 0.3, height: 0.7 },
+        Shape::Torus { centre: DVec3::new(0.0, 0.1, 0.2), major: 0.5, minor: 0.15 },
+    ];
+
+    #[test]
+    fn hits_lie_on_the_surface_and_charts_invert() {
+        let mut rng = Rng::new(1, Purpose::Synthetic, 0);
+        for shape in SHAPES {
+            let mut n_hits = 0;
+            for _ in 0..2000 {
+                let mut random = |s: f64| DVec3::from_array([(); 3].map(|()| rng.range(-s, s)));
+                let origin = random(1.0).normalize_or(DVec3::X) * 2.0;
+                let ray = Ray::new(origin, random(0.6) - origin);
+                let Some(hit) = shape.intersect(&ray) else { continue };
+                n_hits += 1;
+                let point = ray.at(hit.t);
+                let uv = shape.chart(point, hit.face);
+                let back = shape.point(uv, hit.face);
+                assert!((back - point).length() < 1e-6, "{shape:?}: {point} and {back}");
+                let facing = shape.normal(point, hit.face).dot(ray.direction);
+                assert!(facing < 1e-6, "{shape:?}: a visible surface faces the ray");
+                let (lo, hi) = shape.bounds();
+                assert!((point - lo).min_element() > -1e-9 && (hi - point).min_element() > -1e-9);
+            }
+            assert!(n_hits > 300, "{shape:?} was hit {n_hits} times");
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! The synthetic scene in the NeRF-synthetic layout.
+
+use super::write::{DepthBits, WriteError, create_folder, write_gray16, write_rgba, write_text};
+use super::{DEPTH_UNIT, FIELD_OF_VIEW, Plan, PlannedSplit, View, quantise, room};
+use crate::dataset::frame::INVERSE8_RANGE;
+use crate::math::camera::Intrinsics;
+use crate::math::image::Image;
+use crate::math::pose::Pose;
+use serde_json::json;
+use std::path::Path;
+
+/// One `transforms_SPLIT.json` and one folder of images per split.
+pub(super) fn write(
+    plan: &Plan,
+    out: &Path,
+    bits: DepthBits,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let k = plan.scene.intrinsics();
+    for split in &plan.splits {
+        create_folder(&out.join(split.name))?;
+        for i in 0..split.poses.len() {
+            let View { color, depth_z } = plan.view(split, i);
+            let stem = out.join(split.name).join(format!("r_{i}"));
+            write_rgba(&stem.with_extension("png"), &color)?;
+            let depth_file = stem.with_file_name(format!("r_{i}_depth_0001.png"));
+            let along_ray = ray_lengths(&depth_z, &k);
+            match bits {
+                DepthBits::Eight => write_rgba(&depth_file, &inverse8(&along_ray))?,
+                DepthBits::Sixteen => {
+                    write_gray16(&depth_file, &quantise(&along_ray, DEPTH_UNIT))?;
+                }
+            }
+            on_frame();
+        }
+        let list = out.join(format!("transforms_{}.json", split.name));
+        write_text(&list, &frame_list(split, bits))?;
+    }
+    Ok(())
+}
+
+fn ray_lengths(depth_z: &Image<f64>, k: &Intrinsics) -> Image<f64> {
+    let mut lengths = depth_z.clone();
+    for (i, length) in lengths.data.iter_mut().enumerate() {
+        *length *= k.ray(i % depth_z.width, i / depth_z.width).length();
+    }
+    lengths
+}
+
+/// The classic code in the three colour channels, opaque.
+fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
+    lengths.map(|length| {
+        let code = (255.0 * (1.0 - length / INVERSE8_RANGE)).round();
+        let d = if (1.0..255.0).contains(&code) { code as u8 } else { 0 };
+        [d, d, d, 255]
+    })
+}
+
+fn frame_list(split: &PlannedSplit, bits: DepthBits) -> String {
+    let entry = |(i, pose): (usize, &Pose)| {
+        let rows = pose.to_opengl().transpose().to_cols_array_2d();
+        json!({ "file_path": format!("./{}/r_{i}", split.name), "transform_matrix": rows })
+    };
+    let frames: Vec<_> = split.poses.iter().enumerate().map(entry).collect();
+    let mut list = json!({
+        "camera_angle_x": FIELD_OF_VIEW,
+        "position_range": [room::LO.to_array(), room::HI.to_array()],
+        "frames": frames,
+    });
+    if bits == DepthBits::Sixteen {
+        list["integer_depth_scale"] = json!(DEPTH_UNIT);
+    }
+    format!("{list:#}\n")
+}
