@@ -27,9 +27,14 @@
 //! * Only the initial model feeds the E-step; the posterior never does.
 //! * The engine knows no window, and `app` and `cli` hold no algorithm.
 
-pub mod export;
-pub mod dataset;
 pub mod math;
 pub mod model;
+
+pub mod dataset;
 pub mod train;
+
+pub mod eval;
+pub mod export;
 pub mod render;
+
+pub mod pipeline;

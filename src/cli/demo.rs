@@ -1,0 +1,33 @@
+//! The demo without a display: trained headless, files written.
+
+use super::failure::Failure;
+use super::interrupt::Interrupt;
+use super::{output, train};
+use std::path::Path;
+use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::pipeline::demo;
+use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::cpu::CpuRenderer;
+
+/// Folder the demo's files go to.
+const FOLDER: &str = "vbgs-demo";
+
+/// Trains the built-in demo and writes its model, report and a picture; `reason` says why there is
+/// no window.
+pub fn run(reason: &str) -> Result<(), Failure> {
+    output::line(format!("{reason}: training the demo headless into {FOLDER}/"));
+    let interrupt = Interrupt::listen()?;
+    let mut session = demo::session()?;
+    let finished = train::train(&mut session, &interrupt)?;
+    let out = Path::new(FOLDER);
+    output::create_folder(out)?;
+    let splats = session.splats();
+    write(&out.join("scene.ply"), &splats, &WriteOptions::new(Format::Ply))?;
+    write(&out.join("scene.glb"), &splats, &WriteOptions { metric: true, ..WriteOptions::new(Format::Glb) })?;
+    let camera = session.dataset().splits[session.plan().split].frames[0].camera;
+    let preview = CpuRenderer::new().render(&splats, &camera, &RenderOptions::evaluation([0.0; 3]));
+    output::write_png(&out.join("preview.png"), &preview.color)?;
+    output::write_json(&out.join("report.json"), &session.report(None, Vec::new()))?;
+    output::line(format!("wrote scene.ply, scene.glb, report.json and preview.png to {FOLDER}/"));
+    if finished { Ok(()) } else { Err(Failure::Interrupted) }
+}

@@ -1,0 +1,57 @@
+//! `eval`: a model against the photographs of a dataset.
+
+use super::args::EvalArgs;
+use super::failure::Failure;
+use super::train::{announce, eval_options};
+use super::{model, output, progress};
+use serde::Serialize;
+use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::eval::report::{EvalReport, ViewReport};
+use vbgs_studio::eval::views;
+
+#[derive(Serialize)]
+struct EvalOutput {
+    eval: Vec<EvalReport>,
+    views: Vec<ViewReport>,
+}
+
+/// Measures as asked.
+pub fn run(args: &EvalArgs) -> Result<(), Failure> {
+    if args.stride == 0 {
+        return Err(Failure::Usage("--stride: expected 1 or more, found 0".into()));
+    }
+    let model = model::load(&args.model)?;
+    let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
+    announce(&dataset);
+    let (split, frames) = choose_views(&dataset, args)?;
+    let bar = progress::bar(frames.len(), "view");
+    let options = eval_options(&args.comparison);
+    let (report, views) =
+        views::evaluate(&model.splats, &dataset, split, &frames, &options, |done| bar.set_position(done as u64))?;
+    bar.finish_and_clear();
+    if args.json {
+        return output::json(&EvalOutput { eval: vec![report], views });
+    }
+    for view in &views {
+        output::line(format!("{:>5} {:24} PSNR {:6.2} dB  SSIM {:.4}", view.index, view.frame, view.psnr, view.ssim));
+    }
+    output::line(output::quality(&report));
+    Ok(())
+}
+
+fn choose_views(dataset: &Dataset, args: &EvalArgs) -> Result<(usize, Vec<usize>), Failure> {
+    let (split, frames) = match &args.split {
+        Some(name) => {
+            let split = dataset.split_named(name)?;
+            (split, (0..dataset.splits[split].frames.len()).collect())
+        }
+        None => {
+            let evaluation = dataset.evaluation(dataset.training_split().unwrap_or(0));
+            eprintln!("note: evaluating on {}", evaluation.why);
+            (evaluation.split, evaluation.frames)
+        }
+    };
+    let frames: Vec<usize> = frames.into_iter().step_by(args.stride).collect();
+    let n = args.max_frames.unwrap_or(frames.len()).min(frames.len());
+    Ok((split, frames[..n].to_vec()))
+}

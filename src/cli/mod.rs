@@ -1,0 +1,81 @@
+//! The command line: parses, calls the library, prints. It holds no algorithm.
+
+mod args;
+mod demo;
+mod eval;
+mod export;
+mod failure;
+mod info;
+mod interrupt;
+mod model;
+mod output;
+mod progress;
+mod render;
+mod synth;
+mod train;
+#[cfg(feature = "gui")]
+mod window;
+
+use args::{Arguments, Command};
+use clap::Parser;
+use failure::Failure;
+use std::process::ExitCode;
+
+/// Runs the command the process was started with. Exit status: 0 done, 1 the work failed, 2 wrong
+/// usage, 130 interrupted.
+pub fn run() -> ExitCode {
+    let arguments = Arguments::parse();
+    start_logging();
+    match dispatch(arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}
+
+fn dispatch(arguments: Arguments) -> Result<(), Failure> {
+    set_threads(arguments.threads)?;
+    match arguments.command {
+        None => open_window(arguments.path),
+        Some(Command::Train(args)) => train::run(&args),
+        Some(Command::Eval(args)) => eval::run(&args),
+        Some(Command::Render(args)) => render::run(&args),
+        Some(Command::Export(args)) => export::run(&args),
+        Some(Command::Synth(args)) => synth::run(&args),
+        Some(Command::Info(args)) => info::run(&args),
+    }
+}
+
+#[cfg(feature = "gui")]
+fn open_window(path: Option<std::path::PathBuf>) -> Result<(), Failure> {
+    window::run(path)
+}
+
+/// Without the window compiled in, the demo is trained as if there were no display.
+#[cfg(not(feature = "gui"))]
+fn open_window(path: Option<std::path::PathBuf>) -> Result<(), Failure> {
+    match path {
+        None => demo::run("this build has no window"),
+        Some(path) => Err(Failure::Usage(format!(
+            "{}: this build has no window; use `train`, `eval`, `render`, `export` or `info`",
+            path.display()
+        ))),
+    }
+}
+
+fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
+    let Some(threads) = threads else { return Ok(()) };
+    if threads == 0 || threads > 1024 {
+        return Err(Failure::Usage(format!("--threads: expected 1 to 1024, found {threads}")));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    pool.map_err(|e| Failure::failed(anyhow::anyhow!("--threads: starting {threads} threads failed: {e}")))
+}
+
+/// Warnings to stderr; `VBGS_LOG=debug` shows more. The graphics stack stays at warnings.
+fn start_logging() {
+    use tracing_subscriber::EnvFilter;
+    let level = std::env::var("VBGS_LOG").unwrap_or_else(|_| "warn".to_owned());
+    let filter = EnvFilter::try_new(format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn"))
+        .unwrap_or_else(|_| EnvFilter::new("warn,wgpu_hal=error"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+}

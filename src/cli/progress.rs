@@ -1,0 +1,20 @@
+//! Progress bars on stderr; nothing where stderr is no terminal.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+
+/// A bar over `n` steps of `what`.
+pub fn bar(n: usize, what: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(n as u64);
+    let shown = std::io::stderr().is_terminal();
+    bar.set_draw_target(if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() });
+    let style = ProgressStyle::with_template("{prefix} {pos}/{len} {bar:32} {msg} eta {eta}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_prefix(what);
+    bar
+}
+
+/// Prints a warning without tearing the bar.
+pub fn warn(bar: &ProgressBar, message: &str) {
+    bar.suspend(|| eprintln!("warning: {message}"));
+}

@@ -1,0 +1,110 @@
+//! A camera on a sphere around a target: what people steer, and what turntables follow.
+
+use super::pose::Pose;
+use glam::{DQuat, DVec3};
+use std::f64::consts::FRAC_PI_2;
+
+/// Closest the elevation comes to the poles, radians: at the pole "up" would have no direction.
+const POLE_MARGIN: f64 = 1e-3;
+
+/// Camera position in spherical coordinates around a target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Orbit {
+    /// Point looked at, world units.
+    pub target: DVec3,
+    /// Direction that points up in the image; unit length.
+    pub up: DVec3,
+    /// Turn about `up`, radians; 0 looks along the horizontal axis nearest to −x.
+    pub azimuth: f64,
+    /// Angle above the horizon, radians.
+    pub elevation: f64,
+    /// Distance to the target, world units, positive.
+    pub distance: f64,
+}
+
+impl Orbit {
+    /// The orbit a posed camera is on, if it turns about a target `distance` in front of it.
+    pub fn from_pose(pose: &Pose, up: DVec3, distance: f64) -> Self {
+        let (right, ahead) = horizon(up);
+        let back = -pose.forward();
+        Self {
+            target: pose.centre() + pose.forward() * distance,
+            up,
+            azimuth: back.dot(ahead).atan2(back.dot(right)),
+            elevation: back.dot(up).clamp(-1.0, 1.0).asin(),
+            distance,
+        }
+    }
+
+    /// Unit vector from the target to the camera.
+    pub fn outward(&self) -> DVec3 {
+        let (right, ahead) = horizon(self.up);
+        let elevation = self.elevation.clamp(-FRAC_PI_2 + POLE_MARGIN, FRAC_PI_2 - POLE_MARGIN);
+        let horizontal = right * self.azimuth.cos() + ahead * self.azimuth.sin();
+        horizontal * elevation.cos() + self.up * elevation.sin()
+    }
+
+    /// Pose of the camera.
+    pub fn pose(&self) -> Pose {
+        let eye = self.target + self.outward() * self.distance;
+        // The margin keeps the view direction off `up`, and the distance is positive.
+        Pose::look_at(eye, self.target, self.up).unwrap_or(Pose::IDENTITY)
+    }
+}
+
+/// Two horizontal unit vectors that with `up` form a right-handed frame.
+fn horizon(up: DVec3) -> (DVec3, DVec3) {
+    let aligned = DQuat::from_rotation_arc(DVec3::Z, up);
+    (aligned * DVec3::X, aligned * DVec3::Y)
+}
+
+/// Angle within which a mean up direction counts as a coordinate axis, as a cosine (30°).
+const AXIS_COSINE: f64 = 0.866;
+
+/// World direction that is up on average in posed images, snapped to a coordinate axis if one is
+/// within 30°; z where the cameras do not agree on any.
+pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
+    let (sum, n) = poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));
+    let mean = sum / n.max(1) as f64;
+    if mean.length() < 0.2 {
+        return DVec3::Z;
+    }
+    let mean = mean.normalize();
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::NEG_Y, DVec3::NEG_Z];
+    axes.into_iter().find(|axis| axis.dot(mean) > AXIS_COSINE).unwrap_or(mean)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pose_and_orbit_round_trip() {
+        for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.6, 0.0, 0.8)] {
+            let orbit =
+                Orbit { target: DVec3::new(1.0, 2.0, 3.0), up, azimuth: 0.7, elevation: 0.4, distance: 2.5 };
+            let back = Orbit::from_pose(&orbit.pose(), up, 2.5);
+            assert!((back.target - orbit.target).length() < 1e-12);
+            assert!((back.azimuth - 0.7).abs() < 1e-12 && (back.elevation - 0.4).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn poles_are_survived() {
+        let orbit = Orbit { target: DVec3::ZERO, up: DVec3::Z, azimuth: 0.0, elevation: 9.0, distance: 1.0 };
+        assert!(orbit.pose().forward().z < -0.99);
+    }
+
+    #[test]
+    fn up_is_what_the_cameras_agree_on() {
+        let circle: Vec<Pose> = (0..12)
+            .map(|i| {
+                let azimuth = i as f64 * 0.5236;
+                Orbit { target: DVec3::ZERO, up: DVec3::Z, azimuth, elevation: 0.6, distance: 4.0 }.pose()
+            })
+            .collect();
+        assert_eq!(mean_up(circle.iter()), DVec3::Z);
+        assert_eq!(mean_up([Pose::IDENTITY].iter()), DVec3::NEG_Y);
+        assert_eq!(mean_up([].iter()), DVec3::Z);
+    }
+}
