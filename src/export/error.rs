@@ -85,7 +85,7 @@ pub enum Fault {
         found: String,
     },
     /// The format is right and the content is not.
-    #[error("{place}: expected {expected}, found {found}; the file is damaged, export it again")]
+    #[error("{place}: expected {expected}, found {found}; export the file again")]
     Malformed {
         /// Line, accessor, chunk or element.
         place: String,
@@ -96,7 +96,8 @@ pub enum Fault {
     },
     /// A property without which there is no model.
     #[error(
-        "element vertex: expected property {property}, found only {found}; export it as 3DGS or point-cloud PLY"
+        "element vertex: expected property {property}, found only {found}; export it as 3DGS or \
+         point-cloud PLY"
     )]
     MissingProperty {
         /// The missing name.
@@ -122,7 +123,8 @@ pub enum Fault {
     },
     /// Memory ran out.
     #[error(
-        "expected {bytes} bytes of free memory, found less; close other programs or reduce the model"
+        "expected {bytes} bytes of free memory, found less; close other programs or reduce the \
+         model"
     )]
     OutOfMemory {
         /// Bytes asked for.

@@ -14,10 +14,10 @@
 //!     rotation: [1.0, 0.0, 0.0, 0.0],
 //! };
 //! let folder = tempfile::tempdir()?;
-//! for (name, size) in [("scene.ply", 440 + 68), ("scene.glb", 1484)] {
+//! for name in ["scene.ply", "scene.glb"] {
 //!     let path = folder.path().join(name);
 //!     let summary = write(&path, &[splat], &WriteOptions::new(Format::from_path(&path)?))?;
-//!     assert_eq!((summary.n_written, summary.bytes), (1, size));
+//!     assert_eq!((summary.n_written, summary.n_skipped), (1, 0));
 //!
 //!     let model = read(&path)?;
 //!     assert_eq!(model.kind, ModelKind::Splats);
@@ -176,3 +176,6 @@ fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
     file.read_to_end(&mut bytes).map_err(io)?;
     Ok(bytes)
 }
+
+#[cfg(test)]
+mod golden_tests;

@@ -72,24 +72,8 @@ impl<'a> Column<'a> {
             (Some(view), None) => view,
             _ => return Err(unsupported(format!("{place} is sparse"))),
         };
-        let view = root
-            .buffer_views
-            .get(view_index)
-            .ok_or_else(|| fault("a bufferView of that number", format!("number {view_index}")))?;
-        if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
-            return Err(unsupported(format!("{place} is compressed ({})", shorten(name))));
-        }
-        let data = buffers
-            .get(view.buffer)
-            .and_then(|b| slice(b.as_ref(), view.byte_offset, view.byte_length))
-            .ok_or_else(|| {
-                let (start, length) = (view.byte_offset, view.byte_length);
-                fault(
-                    &format!("bufferView {view_index} inside buffer {}", view.buffer),
-                    format!("{length} bytes from {start}"),
-                )
-            })?;
-        let stride = view.byte_stride.unwrap_or(row_bytes);
+        let (data, stride) = view_bytes(root, buffers, view_index, &place)?;
+        let stride = stride.unwrap_or(row_bytes);
         if stride < row_bytes {
             return Err(fault(&format!("a byteStride of {row_bytes} or more"), stride.to_string()));
         }
@@ -124,6 +108,30 @@ impl<'a> Column<'a> {
             _ => (f64::NAN, 1.0),
         };
         if self.normalized { (value / largest).max(-1.0) } else { value }
+    }
+}
+
+/// Content of a buffer view, and the distance of its rows where it is given.
+fn view_bytes<'a>(
+    root: &Root,
+    buffers: &'a [impl AsRef<[u8]>],
+    index: usize,
+    place: &str,
+) -> Result<(&'a [u8], Option<usize>), Fault> {
+    let view = root.buffer_views.get(index).ok_or_else(|| {
+        Fault::malformed(place, "a bufferView of that number", format!("number {index}"))
+    })?;
+    if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
+        return Err(unsupported(format!("{place} is compressed ({})", shorten(name))));
+    }
+    let (start, length) = (view.byte_offset, view.byte_length);
+    let buffer = buffers.get(view.buffer).map(AsRef::as_ref);
+    match buffer.and_then(|bytes| slice(bytes, start, length)) {
+        Some(data) => Ok((data, view.byte_stride)),
+        None => {
+            let expected = format!("bufferView {index} inside buffer {}", view.buffer);
+            Err(Fault::malformed(place, expected, format!("{length} bytes from {start}")))
+        }
     }
 }
 

@@ -63,7 +63,7 @@ fn chunk<'a>(
     }
     let content = &bytes[start + 8..];
     match content.get(..length) {
-        Some(content) if length % 4 == 0 => Ok((content, start + 8 + length)),
+        Some(content) if length.is_multiple_of(4) => Ok((content, start + 8 + length)),
         Some(_) => Err(Fault::malformed(place, "a multiple of 4", format!("{length} bytes"))),
         None => {
             let found = format!("{} bytes", content.len());

@@ -15,6 +15,10 @@ use glam::{DQuat, DVec3};
 /// `TRIANGLES`, the mode of a primitive that names none.
 const DEFAULT_MODE: u32 = 4;
 
+/// Most primitives imported from one scene. Nodes times primitives can ask for any number of them
+/// in a small file.
+const MOST_PARTS: usize = 100_000;
+
 /// A primitive of the scene and where it stands.
 struct Part<'a> {
     primitive: &'a Primitive,
@@ -69,6 +73,12 @@ fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
             Fault::malformed(format!("mesh {index}"), "a mesh of that number", found)
         })?;
         for (i, primitive) in mesh.primitives.iter().enumerate() {
+            if parts.len() == MOST_PARTS {
+                return Err(Fault::Unsupported {
+                    feature: format!("more than {MOST_PARTS} primitives in the scene"),
+                    advice: "join the primitives before exporting",
+                });
+            }
             parts.push(Part { primitive, placement, place: format!("mesh {index} primitive {i}") });
         }
     }

@@ -77,7 +77,11 @@ impl Placement {
     fn checked(matrix: DMat4, place: &str) -> Result<Self, Fault> {
         let linear = DMat3::from_mat4(matrix);
         let fault = |found: &str| {
-            Err(Fault::malformed(place, "a rotation with positive scales and a translation", found))
+            let expected = "a rotation with positive scales and a translation";
+            Err(Fault::Unsupported {
+                feature: format!("{place}: expected {expected}, found {found}"),
+                advice: "apply the node's transform before exporting",
+            })
         };
         if !matrix.is_finite() || matrix.row(3).xyz() != DVec3::ZERO {
             return fault("a matrix that is not finite or not affine");

@@ -63,8 +63,8 @@ pub(in crate::export) fn points(
 
 /// The axis along which the splat is thinnest, on the side of the nearest camera.
 fn normal(splat: &Gaussian, camera_centres: &[DVec3]) -> Option<DVec3> {
-    let distance = |centre: &DVec3| centre.distance_squared(splat.mean);
-    let nearest = camera_centres.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    let distances = camera_centres.iter().map(|c| (c.distance_squared(splat.mean), c));
+    let (_, nearest) = distances.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let thinnest = splat.scale.min_position();
     let axis = splat.rotation * DVec3::AXES[thinnest];
     Some(if axis.dot(nearest - splat.mean) < 0.0 { -axis } else { axis })

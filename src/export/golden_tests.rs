@@ -1,0 +1,66 @@
+//! Golden files byte for byte. They were made from f64 values, which a [`Splat`] rounds to f32
+//! first, so the encoders are fed directly; `tests/export.rs` compares the public path.
+#![allow(clippy::unwrap_used)]
+
+use super::format::{Format, WriteOptions};
+use super::gaussian::Gaussian;
+use super::{glb, ply};
+use glam::{DQuat, DVec3};
+use serde_json::Value;
+use std::path::PathBuf;
+
+fn golden_folder() -> Option<PathBuf> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/golden");
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    assert!(std::env::var_os("CI").is_none(), "{} not found", folder.display());
+    eprintln!("skipped: ../shared/golden not found");
+    None
+}
+
+fn gaussians(folder: &std::path::Path) -> Vec<Gaussian> {
+    let text = std::fs::read_to_string(folder.join("export_cases.json")).unwrap();
+    let cases: Value = serde_json::from_str(&text).unwrap();
+    let numbers = |v: &Value| -> Vec<f64> {
+        v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    };
+    let splat = |s: &Value| {
+        let q = numbers(&s["quat"]);
+        Gaussian {
+            mean: DVec3::from_slice(&numbers(&s["mean"])),
+            opacity: s["opacity"].as_f64().unwrap(),
+            color: DVec3::from_slice(&numbers(&s["rgb"])),
+            scale: DVec3::from_slice(&numbers(&s["scale"])),
+            rotation: DQuat::from_xyzw(q[1], q[2], q[3], q[0]),
+        }
+    };
+    cases["splats"].as_array().unwrap().iter().map(splat).collect()
+}
+
+#[test]
+fn ply_files_are_equal_byte_for_byte() {
+    let Some(folder) = golden_folder() else { return };
+    for (name, sh3_padding) in [("two_splats.ply", false), ("two_splats_sh3.ply", true)] {
+        let options = WriteOptions { sh3_padding, ..WriteOptions::new(Format::Ply) };
+        let header = ply::write::splat_header(2, &options).unwrap();
+        let mut bytes = Vec::new();
+        let rows = gaussians(&folder).into_iter();
+        ply::write::splats(&mut bytes, &header, rows, &options).unwrap();
+        assert!(bytes == std::fs::read(folder.join(name)).unwrap(), "{name} differs");
+    }
+}
+
+#[test]
+fn glb_file_is_equal_byte_for_byte_except_the_generator() {
+    let Some(folder) = golden_folder() else { return };
+    let rows = gaussians(&folder);
+    let options = WriteOptions::new(Format::Glb);
+    let ours = glb::write::json(2, rows.iter().copied(), &options).unwrap();
+    let mine = concat!(r#""generator":"vbgs-studio "#, env!("CARGO_PKG_VERSION"), '"');
+    assert!(ours.contains(mine), "{ours}");
+    let mut bytes = Vec::new();
+    let json = ours.replace(mine, r#""generator":"vbgs""#);
+    glb::write::glb(&mut bytes, &json, rows.iter().copied()).unwrap();
+    assert!(bytes == std::fs::read(folder.join("two_splats.glb")).unwrap(), "GLB differs");
+}

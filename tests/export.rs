@@ -1,0 +1,92 @@
+//! PLY and GLB: golden files, round trips, files of other programs, damaged files.
+#![allow(clippy::unwrap_used)]
+
+#[path = "export/allocations.rs"]
+mod allocations;
+#[path = "export/atomic.rs"]
+mod atomic;
+#[path = "export/glb.rs"]
+mod glb;
+#[path = "export/glb_file.rs"]
+mod glb_file;
+#[path = "export/glb_foreign.rs"]
+mod glb_foreign;
+#[path = "export/golden.rs"]
+mod golden;
+#[path = "export/hostile.rs"]
+mod hostile;
+#[path = "export/ply.rs"]
+mod ply;
+#[path = "export/ply_foreign.rs"]
+mod ply_foreign;
+#[path = "export/round_trip.rs"]
+mod round_trip;
+
+use std::path::PathBuf;
+use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read, write};
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::splats::Splat;
+
+/// A path under the golden folder, or `None` (a failure in CI) if it is not there.
+fn shared(name: &str) -> Option<PathBuf> {
+    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/golden").join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    assert!(std::env::var_os("CI").is_none(), "../shared/golden/{name} not found");
+    eprintln!("skipped: ../shared/golden/{name} not found");
+    None
+}
+
+/// Reads a model from bytes, under a name that tells nothing.
+fn read_bytes(bytes: &[u8]) -> Result<Imported, ExportError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model");
+    std::fs::write(&path, bytes).unwrap();
+    read(&path)
+}
+
+/// The bytes `write` makes of some splats.
+fn written(splats: &[Splat], options: &WriteOptions) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model");
+    let summary = write(&path, splats, options).unwrap();
+    let bytes = std::fs::read(path).unwrap();
+    assert_eq!(summary.bytes, bytes.len() as u64);
+    bytes
+}
+
+fn written_as(format: Format, splats: &[Splat]) -> Vec<u8> {
+    written(splats, &WriteOptions::new(format))
+}
+
+/// Panics unless reading fails with a message that holds every one of `parts`.
+fn assert_fails(name: &str, bytes: &[u8], parts: &[&str]) {
+    let message = read_bytes(bytes).expect_err(name).to_string();
+    for part in parts {
+        assert!(message.contains(part), "{name}: {part:?} is missing in: {message}");
+    }
+}
+
+/// Splats of all sizes, colours, opacities and orientations.
+fn random_splats(n: usize, seed: u64) -> Vec<Splat> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+    (0..n)
+        .map(|_| {
+            let q: [f64; 4] = std::array::from_fn(|_| rng.normal());
+            let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+            Splat {
+                mean: std::array::from_fn(|_| rng.range(-50.0, 50.0) as f32),
+                opacity: rng.range(1e-5, 1.0 - 1e-5) as f32,
+                color: std::array::from_fn(|_| rng.uniform() as f32),
+                scale: std::array::from_fn(|_| 10f64.powf(rng.range(-6.0, 2.0)) as f32),
+                rotation: q.map(|v| (v / length) as f32),
+            }
+        })
+        .collect()
+}
+
+/// Largest absolute difference between two arrays.
+fn distance<const N: usize>(a: [f32; N], b: [f32; N]) -> f32 {
+    a.iter().zip(b).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
+}
