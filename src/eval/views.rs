@@ -108,8 +108,11 @@ fn score(index: usize, frame: &Frame, rendered: &Rendered, options: &EvalOptions
         _ => Some(metrics::psnr_masked(&rendered.color, &truth, &covered)?),
     };
     let depth_mae = match frame.depth_z() {
-        Some(depth) => metrics::depth_error(&rendered.depth, &rendered.coverage, &depth)?.map(|e| e.mae),
-        None => None,
+        Some(depth) if n_covered > 0 => {
+            let error = metrics::depth_error(&rendered.depth, &rendered.coverage, &depth)?;
+            error.mae.is_finite().then_some(error.mae)
+        }
+        _ => None,
     };
     Ok(ViewReport {
         index,
