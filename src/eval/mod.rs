@@ -1,0 +1,3 @@
+//! How good an image is.
+
+pub mod metrics;
