@@ -5,6 +5,8 @@
 //! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
 
 pub mod cpu;
+#[cfg(feature = "gui")]
+pub mod gpu;
 
 /// Near plane of the evaluation in world units: a splat whose centre has `z ≤ 0.2` is dropped, as
 /// in the reference renderer (`rendering.md` (a)).
@@ -72,6 +74,3 @@ impl RenderOptions {
         Self { near, ..Self::evaluation(background) }
     }
 }
-
-#[cfg(feature = "gui")]
-pub mod gpu;

@@ -1,0 +1,97 @@
+//! Time per image of the CPU renderer and of SSIM.
+//!
+//! `cargo bench --bench render` runs the table; `cargo bench --bench render -- WIDTH HEIGHT SPLATS
+//! SIGMA` runs one row. Threads: `RAYON_NUM_THREADS`.
+
+#![allow(clippy::print_stdout)]
+
+use glam::DVec3;
+use std::time::Instant;
+use vbgs_studio::eval::metrics::{SsimPadding, ssim};
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::pose::Pose;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::cpu::CpuRenderer;
+
+/// Images per row of the table; the best and the median are printed.
+const REPETITIONS: usize = 25;
+/// Horizontal field of view (radians) and distance of the NeRF-synthetic cameras.
+const FOV_X: f64 = 0.6911;
+const DISTANCE: f64 = 4.0;
+
+fn main() {
+    // Cargo adds `--bench`.
+    let numbers: Vec<f64> = std::env::args().skip(1).filter_map(|a| a.parse().ok()).collect();
+    println!(
+        "{} threads; milliseconds, best / median of {REPETITIONS}",
+        rayon::current_num_threads()
+    );
+    if let [width, height, n_splats, sigma] = numbers[..] {
+        return render_row(width as u32, height as u32, n_splats as usize, sigma);
+    }
+    render_row(400, 400, 50_000, 0.02);
+    render_row(400, 400, 50_000, 0.014);
+    render_row(800, 600, 100_000, 0.014);
+    render_row(1280, 720, 100_000, 0.014);
+    ssim_row();
+}
+
+fn render_row(width: u32, height: u32, n_splats: usize, sigma: f64) {
+    let splats = ball(n_splats, sigma);
+    let camera = Camera {
+        intrinsics: Intrinsics::from_horizontal_fov(width, height, FOV_X),
+        pose: Pose::look_at(DVec3::new(0.0, -DISTANCE, 0.0), DVec3::ZERO, DVec3::Z)
+            .expect("the view is not vertical"),
+    };
+    let mut renderer = CpuRenderer::new();
+    let options = RenderOptions::evaluation([1.0; 3]);
+    let (best, median) = time(|| {
+        renderer.render(&splats, &camera, &options);
+    });
+    println!("render {width}x{height} {n_splats} splats sigma {sigma}: {best:.2} / {median:.2}");
+}
+
+fn ssim_row() {
+    let mut rng = Rng::new(2, Purpose::Synthetic, 0);
+    let mut noise = || {
+        let data = (0..400 * 400).map(|_| [0; 3].map(|_: i32| rng.uniform() as f32)).collect();
+        vbgs_studio::math::image::Image::from_vec(400, 400, data)
+    };
+    let (a, b) = (noise(), noise());
+    let (best, median) = time(|| {
+        ssim(&a, &b, SsimPadding::Valid).expect("images of one size");
+    });
+    println!("ssim 400x400: {best:.2} / {median:.2}");
+}
+
+/// Splats of random orientation, uniform in the unit ball, opacity 0.95.
+fn ball(n_splats: usize, sigma: f64) -> Vec<Splat> {
+    let mut rng = Rng::new(1, Purpose::Synthetic, 0);
+    let mut splats = Vec::with_capacity(n_splats);
+    while splats.len() < n_splats {
+        let mean = [0; 3].map(|_| rng.range(-1.0, 1.0) as f32);
+        if mean.iter().map(|x| x * x).sum::<f32>() > 1.0 {
+            continue;
+        }
+        let color = [0; 3].map(|_| rng.uniform() as f32);
+        let scale = [0; 3].map(|_| (sigma * rng.range(0.5, 1.5)) as f32);
+        let rotation = [0; 4].map(|_| rng.normal() as f32);
+        splats.push(Splat { mean, opacity: 0.95, color, scale, rotation });
+    }
+    splats
+}
+
+fn time(mut run: impl FnMut()) -> (f64, f64) {
+    run();
+    let mut ms: Vec<f64> = (0..REPETITIONS)
+        .map(|_| {
+            let start = Instant::now();
+            run();
+            start.elapsed().as_secs_f64() * 1e3
+        })
+        .collect();
+    ms.sort_by(f64::total_cmp);
+    (ms[0], ms[REPETITIONS / 2])
+}

@@ -1,0 +1,305 @@
+//! PSNR, SSIM and depth error (`rendering.md` (f)), all in f64.
+//!
+//! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or
+//! the same in f64, where a proof needs more digits than a renderer has.
+
+use crate::math::image::Image;
+use crate::math::real::Real;
+use rayon::prelude::*;
+
+/// Why two images cannot be compared.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum MetricError {
+    /// The planes differ in size.
+    #[error(
+        "{what}: expected {expected_width}x{expected_height} like the prediction, found {width}x{height}; render at the size of the ground truth"
+    )]
+    SizeMismatch {
+        /// Which plane is off.
+        what: &'static str,
+        /// Columns of the prediction.
+        expected_width: usize,
+        /// Rows of the prediction.
+        expected_height: usize,
+        /// Columns found.
+        width: usize,
+        /// Rows found.
+        height: usize,
+    },
+    /// No pixel, or none under the mask.
+    #[error(
+        "expected at least one pixel to compare, found none; check the mask or the ground truth"
+    )]
+    NoPixels,
+    /// The SSIM window does not fit.
+    #[error(
+        "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
+    )]
+    TooSmall {
+        /// Columns found.
+        width: usize,
+        /// Rows found.
+        height: usize,
+    },
+}
+
+/// Mean squared errors below this count as this, so equal images have 120 dB.
+const MSE_FLOOR: f64 = 1e-12;
+
+/// Peak signal-to-noise ratio in dB over all pixels and channels; the prediction is clamped to
+/// `[0, 1]`, neither image is quantised. NaN if a value is.
+///
+/// ```
+/// use vbgs_studio::{eval::metrics::psnr, math::image::Image};
+/// let truth = Image::filled(4, 3, [0.5f32; 3]);
+/// let prediction = Image::filled(4, 3, [0.25f32; 3]);
+/// assert!((psnr(&prediction, &truth).unwrap() - 12.0412).abs() < 1e-4);
+/// ```
+pub fn psnr<R: Real>(
+    prediction: &Image<[R; 3]>,
+    truth: &Image<[R; 3]>,
+) -> Result<f64, MetricError> {
+    same_size(prediction, truth, "ground truth")?;
+    psnr_of(prediction.data.iter().zip(&truth.data))
+}
+
+/// [`psnr`] over the pixels where `mask` is true.
+pub fn psnr_masked<R: Real>(
+    prediction: &Image<[R; 3]>,
+    truth: &Image<[R; 3]>,
+    mask: &Image<bool>,
+) -> Result<f64, MetricError> {
+    same_size(prediction, truth, "ground truth")?;
+    same_size(prediction, mask, "mask")?;
+    let pixels = prediction.data.iter().zip(&truth.data).zip(&mask.data);
+    psnr_of(pixels.filter(|(_, kept)| **kept).map(|(pair, _)| pair))
+}
+
+fn psnr_of<'a, R: Real>(
+    pixels: impl Iterator<Item = (&'a [R; 3], &'a [R; 3])>,
+) -> Result<f64, MetricError> {
+    let (mut sum, mut n_values) = (0.0, 0usize);
+    for (prediction, truth) in pixels {
+        for (p, t) in prediction.iter().zip(truth) {
+            let error = p.to_f64().clamp(0.0, 1.0) - t.to_f64();
+            sum += error * error;
+        }
+        n_values += 3;
+    }
+    if n_values == 0 {
+        return Err(MetricError::NoPixels);
+    }
+    let mse = sum / n_values as f64;
+    // Not `max`: it would turn NaN into a perfect score.
+    Ok(-10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10())
+}
+
+/// What the SSIM window sees beyond the border.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SsimPadding {
+    /// Only windows inside the image count: `(W − 10)(H − 10)` positions. The default of reports.
+    Valid,
+    /// Zeros outside, one window per pixel: reproduces 3DGS numbers and reads higher on dark borders.
+    Zero,
+}
+
+/// Side of the SSIM window in pixels.
+const SSIM_WINDOW: usize = 11;
+const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
+/// Standard deviation of the window in pixels.
+const SSIM_SIGMA: f64 = 1.5;
+/// Stabilising constants for a value range of 1.
+const SSIM_C1: f64 = 0.01 * 0.01;
+const SSIM_C2: f64 = 0.03 * 0.03;
+/// Moments under the window: of x, y, x², y² and xy.
+const N_MOMENTS: usize = 5;
+
+/// Structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments, averaged over
+/// positions and channels. Values are taken as they are, nominally in `[0, 1]`.
+pub fn ssim<R: Real>(
+    prediction: &Image<[R; 3]>,
+    truth: &Image<[R; 3]>,
+    padding: SsimPadding,
+) -> Result<f64, MetricError> {
+    same_size(prediction, truth, "ground truth")?;
+    let (width, height) = (prediction.width, prediction.height);
+    if width == 0 || height == 0 {
+        return Err(MetricError::NoPixels);
+    }
+    let pad = match padding {
+        SsimPadding::Zero => SSIM_RADIUS,
+        SsimPadding::Valid if width < SSIM_WINDOW || height < SSIM_WINDOW => {
+            return Err(MetricError::TooSmall { width, height });
+        }
+        SsimPadding::Valid => 0,
+    };
+    let window = gaussian_window();
+    let n_rows = height + 2 * pad + 1 - SSIM_WINDOW;
+    // Collected, not reduced: the order of a parallel sum would show in the last digits.
+    let row_sums: Vec<f64> = (0..n_rows)
+        .into_par_iter()
+        .map_init(Vec::new, |buffer, row| {
+            vertical_moments(prediction, truth, row, pad, &window, buffer);
+            ssim_of_row(buffer, &window)
+        })
+        .collect();
+    let n_positions = n_rows * (width + 2 * pad + 1 - SSIM_WINDOW);
+    Ok(row_sums.iter().sum::<f64>() / (3 * n_positions) as f64)
+}
+
+fn gaussian_window() -> [f64; SSIM_WINDOW] {
+    let weight = |i: usize| {
+        let x = i as f64 - SSIM_RADIUS as f64;
+        (-x * x / (2.0 * SSIM_SIGMA * SSIM_SIGMA)).exp()
+    };
+    let weights: [f64; SSIM_WINDOW] = std::array::from_fn(weight);
+    let sum: f64 = weights.iter().sum();
+    weights.map(|w| w / sum)
+}
+
+/// Moments of the columns that the window at `row` covers, five blocks of interleaved RGB with
+/// `pad` zero pixels on both sides.
+fn vertical_moments<R: Real>(
+    prediction: &Image<[R; 3]>,
+    truth: &Image<[R; 3]>,
+    row: usize,
+    pad: usize,
+    window: &[f64; SSIM_WINDOW],
+    moments: &mut Vec<f64>,
+) {
+    let width = prediction.width;
+    let block = 3 * (width + 2 * pad);
+    moments.clear();
+    moments.resize(N_MOMENTS * block, 0.0);
+    for (tap, weight) in window.iter().enumerate() {
+        let Some(source) = (row + tap).checked_sub(pad).filter(|y| *y < prediction.height) else {
+            continue;
+        };
+        let pixels = source * width..(source + 1) * width;
+        let x = prediction.data[pixels.clone()].as_flattened();
+        let y = truth.data[pixels].as_flattened();
+        let mut blocks = moments.chunks_exact_mut(block).map(|b| &mut b[3 * pad..][..3 * width]);
+        let mut add = |value: fn(f64, f64) -> f64| {
+            let sums = blocks.next().into_iter().flatten();
+            for (sum, (x, y)) in sums.zip(x.iter().zip(y)) {
+                *sum += weight * value(x.to_f64(), y.to_f64());
+            }
+        };
+        add(|x, _| x);
+        add(|_, y| y);
+        add(|x, _| x * x);
+        add(|_, y| y * y);
+        add(|x, y| x * y);
+    }
+}
+
+/// Sum of the SSIM of all positions and channels of a row.
+fn ssim_of_row(moments: &[f64], window: &[f64; SSIM_WINDOW]) -> f64 {
+    let block = moments.len() / N_MOMENTS;
+    let n = block - 3 * (SSIM_WINDOW - 1);
+    let smooth = |moment: usize| {
+        let mut sums = vec![0.0; n];
+        for (tap, weight) in window.iter().enumerate() {
+            let shifted = &moments[moment * block + 3 * tap..][..n];
+            for (sum, value) in sums.iter_mut().zip(shifted) {
+                *sum += weight * value;
+            }
+        }
+        sums
+    };
+    let [x, y, xx, yy, xy] = std::array::from_fn(smooth);
+    (0..n)
+        .map(|i| {
+            let (mean_xx, mean_yy, mean_xy) = (x[i] * x[i], y[i] * y[i], x[i] * y[i]);
+            let luminance = (2.0 * mean_xy + SSIM_C1) / (mean_xx + mean_yy + SSIM_C1);
+            let variances = (xx[i] - mean_xx) + (yy[i] - mean_yy);
+            luminance * (2.0 * (xy[i] - mean_xy) + SSIM_C2) / (variances + SSIM_C2)
+        })
+        .sum()
+}
+
+/// Coverage from which a pixel's depth counts.
+const COVERED: f32 = 0.5;
+/// Largest ratio of the `delta_125` measure.
+const DELTA: f64 = 1.25;
+
+/// Error of a depth map over the pixels that have a ground truth and coverage ≥ ½. The four errors
+/// are NaN when no such pixel exists (`completeness` 0).
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct DepthError {
+    /// Mean absolute error, world units.
+    pub mae: f64,
+    /// Root mean squared error, world units.
+    pub rmse: f64,
+    /// Mean of absolute error over true depth.
+    pub abs_rel: f64,
+    /// Share of pixels with `max(p/t, t/p) < 1.25`.
+    pub delta_125: f64,
+    /// Share of pixels with ground truth whose coverage is at least ½.
+    pub completeness: f64,
+}
+
+/// Compares depth maps of the same kind: both view depth `z` (what
+/// [`CpuRenderer`](crate::render::cpu::CpuRenderer) gives) or both ray distance, world units. Ground truth that
+/// is not finite or not positive is missing.
+pub fn depth_error(
+    prediction: &Image<f32>,
+    coverage: &Image<f32>,
+    truth: &Image<f32>,
+) -> Result<DepthError, MetricError> {
+    same_size(prediction, coverage, "coverage")?;
+    same_size(prediction, truth, "ground truth depth")?;
+    let (mut n_truth, mut n_used, mut n_close) = (0usize, 0usize, 0usize);
+    let (mut absolute, mut squared, mut relative) = (0.0, 0.0, 0.0);
+    for ((p, a), t) in prediction.data.iter().zip(&coverage.data).zip(&truth.data) {
+        let (p, t) = (f64::from(*p), f64::from(*t));
+        if !(t.is_finite() && t > 0.0) {
+            continue;
+        }
+        n_truth += 1;
+        if *a >= COVERED {
+            let error = (p - t).abs();
+            n_used += 1;
+            absolute += error;
+            squared += error * error;
+            relative += error / t;
+            n_close += usize::from(p < DELTA * t && t < DELTA * p);
+        }
+    }
+    if n_truth == 0 {
+        return Err(MetricError::NoPixels);
+    }
+    let n = n_used as f64;
+    Ok(DepthError {
+        mae: absolute / n,
+        rmse: (squared / n).sqrt(),
+        abs_rel: relative / n,
+        delta_125: n_close as f64 / n,
+        completeness: n / n_truth as f64,
+    })
+}
+
+/// Mean and population standard deviation (ddof 0); NaN for no values.
+pub fn mean_std(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n;
+    (mean, variance.sqrt())
+}
+
+fn same_size<A, B>(
+    prediction: &Image<A>,
+    other: &Image<B>,
+    what: &'static str,
+) -> Result<(), MetricError> {
+    if (prediction.width, prediction.height) == (other.width, other.height) {
+        return Ok(());
+    }
+    Err(MetricError::SizeMismatch {
+        what,
+        expected_width: prediction.width,
+        expected_height: prediction.height,
+        width: other.width,
+        height: other.height,
+    })
+}
