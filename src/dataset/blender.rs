@@ -6,15 +6,16 @@
 //! range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it, else
 //! the `[−1, 1]³` that NeRF-synthetic scenes are made for.
 
-use super::decode::{self, CodeKind, DepthEncoding};
+use super::candidate::{Candidate, Candidates};
+use super::decode::{CodeKind, DepthEncoding};
 use super::error::{DatasetError, FrameProblem};
 use super::folder::{Folder, Listing, relative_path};
-use super::formats::{Format, Parsed, check_intrinsics};
+use super::formats::{Format, Parsed, check_intrinsics, is_sane_field_of_view};
 use super::frame::DepthKind;
 use super::matrix::{describe, from_json};
 use super::range::PositionRange;
-use super::{FrameEntry, FrameSource, Layout, LoadOptions, Split};
-use crate::math::camera::{Camera, Intrinsics};
+use super::{Layout, LoadOptions, Split};
+use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
@@ -58,7 +59,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError>
     for name in frame_lists(folder) {
         let list = FrameList::read(folder, name)?;
         let split = list.split(folder, options, &mut parsed)?;
-        parsed.splits.push(split);
+        parsed.splits.extend(split);
         if let Some(range) = list.range()? {
             parsed.known_range = Some(range);
         }
@@ -72,14 +73,6 @@ struct FrameList {
     file: PathBuf,
     split: String,
     json: Value,
-}
-
-/// A frame whose files exist and whose pose is sound.
-struct Candidate {
-    name: String,
-    pose: Pose,
-    color: PathBuf,
-    depth: Result<PathBuf, FrameProblem>,
 }
 
 impl FrameList {
@@ -134,56 +127,37 @@ impl FrameList {
         }
     }
 
-    /// The whole split: frames with files, one camera, one depth encoding.
+    /// The whole split: frames with files, one camera, one depth encoding. Empty if no image can
+    /// be read.
     fn split(
         &self,
         folder: &Folder,
         options: &LoadOptions,
         parsed: &mut Parsed,
-    ) -> Result<Split, DatasetError> {
+    ) -> Result<Option<Split>, DatasetError> {
         let candidates = self.candidates(folder, parsed)?;
-        let has_depth = candidates.iter().any(|c| c.depth.is_ok());
-        let Some(size) = candidates.iter().find_map(|c| decode::header(&c.color).ok()) else {
-            skip_unreadable(&self.split, candidates, parsed);
-            return Ok(Split { name: self.split.clone(), frames: Vec::new(), has_depth });
+        let Some(size) = candidates.color_header() else {
+            candidates.skip_unreadable(parsed);
+            return Ok(None);
         };
         let intrinsics = self.intrinsics(size.width, size.height)?;
-        let depth_header =
-            candidates.iter().find_map(|c| decode::header(c.depth.as_ref().ok()?).ok());
-        let bits = depth_header.map_or(8, |header| header.bits_per_channel);
+        let bits = candidates.depth_header().map_or(8, |header| header.bits_per_channel);
         let encoding = self.depth_encoding(bits, options)?;
-        let mut frames = Vec::with_capacity(candidates.len());
-        for Candidate { name, pose, color, depth } in candidates {
-            let depth = match depth {
-                Ok(path) => Some((path, encoding)),
-                Err(problem) if has_depth => {
-                    parsed.skip(&self.split, &name, color, problem);
-                    continue;
-                }
-                Err(_) => None,
-            };
-            let source = FrameSource::Files { color, depth };
-            frames.push(FrameEntry { name, camera: Camera { intrinsics, pose }, source });
-        }
-        Ok(Split { name: self.split.clone(), frames, has_depth })
+        Ok(Some(candidates.into_split(intrinsics, encoding, parsed)))
     }
 
-    fn candidates(
-        &self,
-        folder: &Folder,
-        parsed: &mut Parsed,
-    ) -> Result<Vec<Candidate>, DatasetError> {
+    fn candidates(&self, folder: &Folder, parsed: &mut Parsed) -> Result<Candidates, DatasetError> {
         let mut images = ImageFolders { folder, listed: BTreeMap::new() };
-        let mut candidates = Vec::new();
+        let mut frames = Vec::new();
         for (i, frame) in self.frames()?.iter().enumerate() {
             let named = frame.get("file_path").and_then(Value::as_str);
             let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
             match candidate(frame, &name, &mut images) {
-                Ok(candidate) => candidates.push(candidate),
+                Ok(candidate) => frames.push(candidate),
                 Err(problem) => parsed.skip(&self.split, &name, self.file.clone(), problem),
             }
         }
-        Ok(candidates)
+        Ok(Candidates { split: self.split.clone(), frames })
     }
 
     /// `rendering.md` (a): focal length from the field of view, centred principal point, unless
@@ -213,7 +187,7 @@ impl FrameList {
 
     fn check_angle(&self, radians: f64) -> Result<(), DatasetError> {
         let degrees = radians.to_degrees();
-        if degrees > 0.1 && degrees < 179.0 {
+        if is_sane_field_of_view(degrees) {
             return Ok(());
         }
         let hint = if radians > 3.0 && radians < 180.0 {
@@ -262,15 +236,6 @@ impl FrameList {
             let expected = "`position_range` as [[x,y,z],[x,y,z]], low and high corner";
             self.wrong(expected, describe(value), "correct the corners or remove the key")
         })
-    }
-}
-
-/// No image header can be read, so there is no camera; each frame gets its own message.
-fn skip_unreadable(split: &str, candidates: Vec<Candidate>, parsed: &mut Parsed) {
-    for Candidate { name, color, .. } in candidates {
-        if let Err(problem) = decode::header(&color) {
-            parsed.skip(split, &name, color, problem);
-        }
     }
 }
 

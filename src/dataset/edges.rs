@@ -7,8 +7,9 @@
 //!   (background) takes part like any other.
 //! * Metric depth: the same with the noise half-width `q` (`accuracy.md` 2) in place of a level,
 //!   which for 8-bit depth is one level: a jump is ≥ 6 q, well inside is `[min + 2 q, max − 2 q]`,
-//!   with `q` at the pixel's own depth. Holes there are missing measurements, so a pair with a hole
-//!   says nothing.
+//!   with `q` at the pixel's own depth. Small images see slanted surfaces jump from pixel to pixel,
+//!   so a jump must also exceed what a plane tilted by 80° shows across two pixels. Holes there are
+//!   missing measurements, so a pair with a hole says nothing.
 
 use super::frame::sensor_noise;
 
@@ -16,6 +17,9 @@ use super::frame::sensor_noise;
 const JUMP: u8 = 6;
 /// Distance from both sides of the jump, in levels (or `q`).
 const MARGIN: u8 = 2;
+/// Depth step of a plane tilted by 80° between opposite diagonal neighbours, in pixel widths:
+/// `2·√2·tan 80°`.
+const STEEPEST_PLANE: f32 = 16.0;
 
 /// An image with a replicated border of one pixel, kept between frames.
 #[derive(Clone, Debug, Default)]
@@ -59,16 +63,15 @@ pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
     });
 }
 
-/// The same for lengths in world units, 0 at holes.
-pub(super) fn mixed_lengths(image: &Padded<f32>, row: usize, mixed: &mut [u8]) {
+/// The same for lengths in world units, 0 at holes; `focal` in pixels.
+pub(super) fn mixed_lengths(image: &Padded<f32>, row: usize, focal: f32, mixed: &mut [u8]) {
+    let per_depth = STEEPEST_PLANE / focal;
     opposite_pairs(image, row, mixed, |a, d, b| {
         let q = sensor_noise(d);
+        let jump = (f32::from(JUMP) * q).max(per_depth * d);
         let (low, high) = (a.min(b), a.max(b));
         let margin = f32::from(MARGIN) * q;
-        (low > 0.0)
-            & (high - low >= f32::from(JUMP) * q)
-            & (d >= low + margin)
-            & (d <= high - margin)
+        (low > 0.0) & (high - low >= jump) & (d >= low + margin) & (d <= high - margin)
     });
 }
 
@@ -92,5 +95,74 @@ fn opposite_pairs<T: Copy>(
             | is_between(al[x], d, br[x])
             | is_between(ar[x], d, bl[x]);
         mixed[x] = u8::from(any);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The verdict on the middle pixel of a 3×3 image.
+    fn middle<T: Copy>(image: [T; 9], judge: impl Fn(&Padded<T>, &mut [u8])) -> bool {
+        let mut padded = Padded { values: Vec::new(), stride: 0 };
+        padded.fill(3, &image, |v| v);
+        let mut mixed = [0; 3];
+        judge(&padded, &mut mixed);
+        mixed[1] == 1
+    }
+
+    #[test]
+    fn levels_between_a_jump_are_mixed() {
+        for (a, d, b, is_mixed) in [
+            (100, 103, 106, true),
+            (100, 102, 106, true),
+            (100, 101, 106, false),
+            (100, 104, 106, true),
+            (100, 105, 106, false),
+            (100, 102, 105, false),
+            (106, 103, 100, true),
+            (0, 90, 180, true),
+            (0, 179, 180, false),
+            (250, 255, 255, false),
+        ] {
+            let judge = |p: &Padded<u8>, m: &mut [u8]| mixed_levels(p, 1, m);
+            let turned = [
+                [d, d, d, a, d, b, d, d, d],
+                [d, a, d, d, d, d, d, b, d],
+                [a, d, d, d, d, d, d, d, b],
+                [d, d, b, d, d, d, a, d, d],
+            ];
+            for image in turned {
+                assert_eq!(middle(image, judge), is_mixed, "{image:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn lengths_between_a_jump_are_mixed_unless_a_plane_or_a_hole_explains_them() {
+        for (a, d, b, focal, is_mixed) in [
+            (1.0, 1.05, 1.1, 585.0, true),
+            (1.0, 1.004, 1.1, 585.0, false),
+            (1.0, 1.05, 0.0, 585.0, false),
+            (0.0, 1.05, 1.1, 585.0, false),
+            (1.0, 1.008, 1.016, 585.0, false),
+            // 30 mm over two pixels is an edge in a large image, a slant in a small one.
+            (1.0, 1.015, 1.03, 585.0, true),
+            (1.0, 1.015, 1.03, 120.0, false),
+            // Noise grows with the square of the distance.
+            (3.0, 3.05, 3.1, 585.0, false),
+            (3.0, 3.2, 3.4, 585.0, true),
+        ] {
+            let judge = |p: &Padded<f32>, m: &mut [u8]| mixed_lengths(p, 1, focal, m);
+            let image: [f32; 9] = [d, d, d, a, d, b, d, d, d];
+            assert_eq!(middle(image, judge), is_mixed, "{image:?} at focal length {focal}");
+        }
+    }
+
+    #[test]
+    fn borders_are_replicated() {
+        let mut padded = Padded { values: Vec::new(), stride: 0 };
+        padded.fill(2, &[1u8, 2, 3, 4], |v| v);
+        assert_eq!(padded.values, [1, 1, 2, 2, 1, 1, 2, 2, 3, 3, 4, 4, 3, 3, 4, 4]);
     }
 }

@@ -57,8 +57,10 @@ impl Parsed {
     }
 }
 
-/// Smallest and largest field of view that a pinhole camera in a dataset can sensibly have.
-const FIELD_OF_VIEW_DEGREES: [f64; 2] = [0.1, 179.0];
+/// Whether a pinhole camera in a dataset can have this field of view: between 0.1 and 179 degrees.
+pub(super) fn is_sane_field_of_view(degrees: f64) -> bool {
+    degrees > 0.1 && degrees < 179.0
+}
 
 /// Refuses intrinsics that no camera has.
 pub(super) fn check_intrinsics(file: &Path, k: &Intrinsics) -> Result<(), DatasetError> {
@@ -73,7 +75,7 @@ pub(super) fn check_intrinsics(file: &Path, k: &Intrinsics) -> Result<(), Datase
     let fov_y = 2.0 * (0.5 * f64::from(k.height) / k.fy).atan();
     for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", fov_y)] {
         let degrees = fov.to_degrees();
-        if !(degrees > FIELD_OF_VIEW_DEGREES[0] && degrees < FIELD_OF_VIEW_DEGREES[1]) {
+        if !is_sane_field_of_view(degrees) {
             let found = format!("{degrees:.4} degrees (focal lengths {} and {})", k.fx, k.fy);
             return wrong(
                 &format!("a {axis} field of view between 0.1 and 179 degrees"),

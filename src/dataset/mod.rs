@@ -1,6 +1,6 @@
 //! Posed RGB-D frames from folders, and from a procedural scene that needs none.
 //!
-//! A format reads the metadata and poses of one layout ([`formats`] recognises it by content) and
+//! A format reads the metadata and poses of one layout (recognised by content, never by name) and
 //! names each frame's files; everything after that, from decoding to points, is common to all.
 //! Opening never decodes images. A bad frame becomes a [`Warning`] at opening or a [`FrameError`]
 //! at loading, never a panic, and the other frames remain usable.
@@ -15,6 +15,7 @@ pub mod splits;
 pub mod synthetic;
 
 mod blender;
+mod candidate;
 mod decode;
 mod edges;
 mod folder;

@@ -246,6 +246,7 @@ impl Unprojector {
         filter: EdgeFilter,
         tally: &mut [usize; 5],
     ) {
+        let focal = frame.camera.intrinsics.fx as f32;
         let length = |d: u16| decode_linear16(d, unit).unwrap_or(0.0) as f32;
         let Self { lengths, mixed, fates, .. } = self;
         if filter == EdgeFilter::DropMixed {
@@ -263,7 +264,7 @@ impl Unprojector {
             mixed,
             tally,
             |row, mixed| {
-                mixed_lengths(lengths, row, mixed);
+                mixed_lengths(lengths, row, focal, mixed);
             },
             plain,
         );

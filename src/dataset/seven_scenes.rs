@@ -5,13 +5,14 @@
 //! per split, or in the root itself. Intrinsics come from `camera-intrinsics.txt` (3×3) or are the
 //! published default of the dataset.
 
-use super::decode::{self, CodeKind, DepthEncoding};
+use super::candidate::{Candidate, Candidates};
+use super::decode::{CodeKind, DepthEncoding};
 use super::error::{DatasetError, FrameProblem};
 use super::folder::{Folder, Listing, read_small_text};
 use super::formats::{Format, Parsed, check_intrinsics};
 use super::frame::DepthKind;
-use super::{FrameEntry, FrameSource, Layout, LoadOptions, Split, matrix};
-use crate::math::camera::{Camera, Intrinsics};
+use super::{Layout, LoadOptions, matrix};
+use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
@@ -67,16 +68,15 @@ fn split_files(folder: &Folder) -> Vec<&str> {
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError> {
     let mut parsed = Parsed::default();
     let mut splits = Vec::new();
-    for (name, folders) in split_folders(folder, &mut parsed)? {
-        let mut candidates = Vec::new();
+    for (split, folders) in split_folders(folder, &mut parsed)? {
+        let mut candidates = Candidates { split, frames: Vec::new() };
         for frames_in in &folders {
-            collect(folder, &name, frames_in, &mut candidates, &mut parsed);
+            collect(folder, frames_in, &mut candidates, &mut parsed);
         }
-        splits.push((name, candidates));
+        splits.push(candidates);
     }
-    let first = splits.iter().flat_map(|(_, c)| c).find_map(|c| decode::header(&c.color).ok());
-    let Some(size) = first else {
-        skip_unreadable(splits, &mut parsed);
+    let Some(size) = splits.iter().find_map(Candidates::color_header) else {
+        splits.into_iter().for_each(|candidates| candidates.skip_unreadable(&mut parsed));
         return Ok(parsed);
     };
     let intrinsics = intrinsics(folder, (size.width, size.height), &mut parsed.notes)?;
@@ -85,8 +85,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError>
         kind: DepthKind::Z,
         trusted: options.depth_range.unwrap_or(TRUSTED_DEPTH),
     };
-    for (name, candidates) in splits {
-        let split = finish(name, candidates, intrinsics, encoding, &mut parsed);
+    for candidates in splits {
+        let split = candidates.into_split(intrinsics, encoding, &mut parsed);
         parsed.splits.push(split);
     }
     Ok(parsed)
@@ -144,22 +144,9 @@ fn sequence_folder(listed: &str) -> String {
     sequence_number(listed).map_or_else(|| listed.to_owned(), |n| format!("seq-{n:02}"))
 }
 
-/// A frame whose colour image exists and whose pose is sound.
-struct Candidate {
-    name: String,
-    pose: Pose,
-    color: PathBuf,
-    depth: Result<PathBuf, FrameProblem>,
-}
-
-fn collect(
-    folder: &Folder,
-    split: &str,
-    frames_in: &str,
-    candidates: &mut Vec<Candidate>,
-    parsed: &mut Parsed,
-) {
+fn collect(folder: &Folder, frames_in: &str, candidates: &mut Candidates, parsed: &mut Parsed) {
     let relative = Path::new(frames_in);
+    let Candidates { split, frames } = candidates;
     let listing = match folder.list(relative) {
         Ok(listing) => listing,
         Err(problem) => return parsed.skip(split, frames_in, folder.path.join(relative), problem),
@@ -167,7 +154,7 @@ fn collect(
     for color in listing.files() {
         let Some(stem) = color_stem(color) else { continue };
         match candidate(folder, relative, &listing, color, stem) {
-            Ok(candidate) => candidates.push(candidate),
+            Ok(candidate) => frames.push(candidate),
             Err((file, problem)) => parsed.skip(split, stem, file, problem),
         }
     }
@@ -205,41 +192,6 @@ fn read_pose(
     }
     let text = read_small_text(&folder.file(relative, listing, name)?)?;
     Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
-}
-
-fn finish(
-    name: String,
-    candidates: Vec<Candidate>,
-    intrinsics: Intrinsics,
-    encoding: DepthEncoding,
-    parsed: &mut Parsed,
-) -> Split {
-    let has_depth = candidates.iter().any(|c| c.depth.is_ok());
-    let mut frames = Vec::with_capacity(candidates.len());
-    for Candidate { name: frame, pose, color, depth } in candidates {
-        let depth = match depth {
-            Ok(path) => Some((path, encoding)),
-            Err(problem) if has_depth => {
-                parsed.skip(&name, &frame, color, problem);
-                continue;
-            }
-            Err(_) => None,
-        };
-        let source = FrameSource::Files { color, depth };
-        frames.push(FrameEntry { name: frame, camera: Camera { intrinsics, pose }, source });
-    }
-    Split { name, frames, has_depth }
-}
-
-/// No image header can be read, so there is no camera; each frame gets its own message.
-fn skip_unreadable(splits: Vec<(String, Vec<Candidate>)>, parsed: &mut Parsed) {
-    for (split, candidates) in splits {
-        for Candidate { name, color, .. } in candidates {
-            if let Err(problem) = decode::header(&color) {
-                parsed.skip(&split, &name, color, problem);
-            }
-        }
-    }
 }
 
 /// Intrinsics of the depth camera; `notes` says where they are from.

@@ -6,7 +6,7 @@ use super::solid::{Hit, Ray};
 use super::texture::Place;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use std::ops::Range;
 
 /// Colour and exact depth of one view.
@@ -25,7 +25,9 @@ const TILE: usize = 16;
 pub(super) fn render(room: &Room, light: &LightMaps, camera: &Camera) -> View {
     let k = camera.intrinsics;
     let (width, height) = (k.width as usize, k.height as usize);
-    let windows: Vec<_> = room.solids.iter().map(|solid| window(solid, camera)).collect();
+    let mut reaches: Vec<_> =
+        room.solids.iter().enumerate().map(|(i, solid)| Reach::new(i, solid, camera)).collect();
+    reaches.sort_by(|a, b| a.nearest_z.total_cmp(&b.nearest_z));
     let tone = ToneCurve::new();
     let mut color = Image::filled(width, height, [0, 0, 0, 255]);
     let mut depth_z = Image::filled(width, height, 0.0);
@@ -35,7 +37,7 @@ pub(super) fn render(room: &Room, light: &LightMaps, camera: &Camera) -> View {
         for left in (0..width).step_by(TILE) {
             let tile = [left..(left + TILE).min(width), top..(top + TILE).min(height)];
             in_reach.clear();
-            in_reach.extend((0..windows.len()).filter(|i| overlap(&windows[*i], &tile)));
+            in_reach.extend(reaches.iter().filter(|reach| reach.overlaps(&tile)));
             let [columns, rows] = tile;
             for row in rows {
                 for column in columns.clone() {
@@ -53,18 +55,19 @@ pub(super) fn render(room: &Room, light: &LightMaps, camera: &Camera) -> View {
     View { color, depth_z }
 }
 
-fn overlap(a: &[Range<usize>; 2], b: &[Range<usize>; 2]) -> bool {
-    (0..2).all(|axis| a[axis].start < b[axis].end && b[axis].start < a[axis].end)
-}
-
+/// `in_reach` is sorted from near to far.
 #[inline]
-fn nearest(room: &Room, in_reach: &[usize], ray: &Ray) -> Option<(usize, Hit)> {
+fn nearest(room: &Room, in_reach: &[&Reach], ray: &Ray) -> Option<(usize, Hit)> {
     let mut best: Option<(usize, Hit)> = None;
-    for solid in in_reach {
-        if let Some(hit) = room.solids[*solid].shape.intersect(ray)
-            && best.is_none_or(|(_, b)| hit.t < b.t)
+    for reach in in_reach {
+        let limit = best.map_or(f64::INFINITY, |(_, hit)| hit.t);
+        if reach.nearest_z > limit {
+            break;
+        }
+        if let Some(hit) = room.solids[reach.solid].shape.intersect(ray)
+            && hit.t < limit
         {
-            best = Some((*solid, hit));
+            best = Some((reach.solid, hit));
         }
     }
     best
@@ -91,30 +94,45 @@ fn shade(
     }
 }
 
-/// Columns and rows of the image that a solid can reach: the projection of its bounding box, or
-/// everything if the box reaches behind the camera.
-fn window(solid: &Solid, camera: &Camera) -> [Range<usize>; 2] {
-    const NEAR: f64 = 1e-3;
-    let (lo, hi) = solid.shape.bounds();
-    let k = &camera.intrinsics;
-    let (width, height) = (k.width as usize, k.height as usize);
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for corner in 0..8 {
-        let pick = |axis: usize| if corner >> axis & 1 == 0 { lo[axis] } else { hi[axis] };
-        let (pixel, z) = camera.project(DVec3::new(pick(0), pick(1), pick(2)));
-        if z < NEAR {
-            return [0..width, 0..height];
+/// Where in the image a solid can appear, by the projection of its bounding box.
+struct Reach {
+    solid: usize,
+    columns: Range<usize>,
+    rows: Range<usize>,
+    /// No point of the solid in front of the camera has a smaller depth.
+    nearest_z: f64,
+}
+
+impl Reach {
+    fn new(index: usize, solid: &Solid, camera: &Camera) -> Self {
+        const NEAR: f64 = 1e-3;
+        let (lo, hi) = solid.shape.bounds();
+        let k = &camera.intrinsics;
+        let (width, height) = (k.width as usize, k.height as usize);
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        let mut nearest_z = f64::INFINITY;
+        for corner in 0..8 {
+            let pick = |axis: usize| if corner >> axis & 1 == 0 { lo[axis] } else { hi[axis] };
+            let (pixel, z) = camera.project(DVec3::new(pick(0), pick(1), pick(2)));
+            (low, high) = (low.min(pixel), high.max(pixel));
+            nearest_z = nearest_z.min(z);
         }
-        for axis in 0..2 {
-            low[axis] = low[axis].min(pixel[axis]);
-            high[axis] = high[axis].max(pixel[axis]);
+        if nearest_z < NEAR {
+            // The box reaches behind the camera, where projections mean nothing.
+            return Self { solid: index, columns: 0..width, rows: 0..height, nearest_z: 0.0 };
         }
+        // Casts saturate: what is left of the image gets 0..0.
+        let range = |low: f64, high: f64, n: usize| {
+            (low - 1.0).max(0.0) as usize..((high + 1.0).max(0.0) as usize).min(n)
+        };
+        let columns = range(low.x, high.x, width);
+        Self { solid: index, columns, rows: range(low.y, high.y, height), nearest_z }
     }
-    // Casts saturate: a window left of the image is 0..0.
-    let range = |axis: usize, n: usize| {
-        (low[axis] - 1.0).max(0.0) as usize..((high[axis] + 1.0).max(0.0) as usize).min(n)
-    };
-    [range(0, width), range(1, height)]
+
+    fn overlaps(&self, [columns, rows]: &[Range<usize>; 2]) -> bool {
+        let meet = |a: &Range<usize>, b: &Range<usize>| a.start < b.end && b.start < a.end;
+        meet(&self.columns, columns) && meet(&self.rows, rows)
+    }
 }
 
 /// Linear light to display bytes: an exponential shoulder, then the sRGB curve, tabulated over the
@@ -126,7 +144,7 @@ struct ToneCurve {
 impl ToneCurve {
     const STEPS: usize = 4096;
     const WHITE: f32 = 6.0;
-    const EXPOSURE: f32 = 1.0;
+    const EXPOSURE: f32 = 1.15;
 
     fn new() -> Self {
         let entry = |i: usize| {

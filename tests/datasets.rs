@@ -1,0 +1,18 @@
+//! Loaders, unprojection and the synthetic scene against golden vectors, real recordings, known
+//! truth and damaged files.
+#![allow(clippy::unwrap_used)]
+
+#[path = "datasets/bad_input.rs"]
+mod bad_input;
+#[path = "datasets/fuzz.rs"]
+mod fuzz;
+#[path = "datasets/golden.rs"]
+mod golden;
+#[path = "datasets/layouts.rs"]
+mod layouts;
+#[path = "datasets/real.rs"]
+mod real;
+#[path = "datasets/support.rs"]
+mod support;
+#[path = "datasets/synthetic.rs"]
+mod synthetic;

@@ -1,0 +1,115 @@
+//! Seeded mutations of the text files: a clean dataset or a precise error, never a panic.
+
+use crate::support::{open_plain, tiny_blender, tiny_seven_scenes};
+use std::path::Path;
+use vbgs_studio::math::rng::{Purpose, Rng};
+
+const ROUNDS: u64 = 400;
+
+/// What mutations insert: the awkward numbers, the syntax, and noise.
+const TOKENS: [&str; 20] = [
+    "NaN",
+    "null",
+    "-1e308",
+    "1e999",
+    "0",
+    "1e-320",
+    "\"\"",
+    "[]",
+    "{}",
+    "]",
+    "}",
+    ",",
+    "..",
+    "/",
+    "true",
+    "\u{fffd}",
+    "\0",
+    "inf",
+    "-",
+    "999999999999999999999999",
+];
+
+fn mutate(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
+    let mut out = bytes.to_vec();
+    for _ in 0..=rng.below(4) {
+        let at = rng.below(out.len().max(1)).min(out.len());
+        let end = (at + rng.below(12)).min(out.len());
+        match rng.below(6) {
+            0 => out.truncate(at),
+            1 => drop(out.drain(at..end)),
+            2 => {
+                let token = TOKENS[rng.below(TOKENS.len())];
+                out.splice(at..end, token.bytes());
+            }
+            3 => {
+                let copy = out[at..end].to_vec();
+                out.splice(at..at, copy);
+            }
+            4 => out.iter_mut().skip(at).take(1).for_each(|b| *b ^= 1 << rng.below(8)),
+            _ => out.iter_mut().skip(at).take(1).for_each(|b| *b = b'0' + rng.below(10) as u8),
+        }
+    }
+    out
+}
+
+/// Opens and loads everything; counts how it ended.
+fn exercise(root: &Path) -> bool {
+    match open_plain(root) {
+        Err(error) => {
+            assert!(error.to_string().contains("expected"), "{error}");
+            false
+        }
+        Ok(dataset) => {
+            for warning in &dataset.warnings {
+                assert!(warning.to_string().contains("expected"), "{warning}");
+            }
+            for (s, split) in dataset.splits.iter().enumerate() {
+                for (i, entry) in split.frames.iter().enumerate() {
+                    let pose = entry.camera.pose.to_opencv();
+                    assert!(pose.is_finite());
+                    if let Err(error) = dataset.load(s, i) {
+                        assert!(error.to_string().contains("expected"), "{error}");
+                    }
+                }
+            }
+            true
+        }
+    }
+}
+
+fn fuzz(root: &Path, files: &[&str], stream: u64) {
+    let originals: Vec<_> = files.iter().map(|f| std::fs::read(root.join(f)).unwrap()).collect();
+    let mut n_opened = 0;
+    for round in 0..ROUNDS {
+        let mut rng = Rng::new(99, Purpose::Synthetic, stream + round);
+        let pick = rng.below(files.len());
+        let path = root.join(files[pick]);
+        std::fs::write(&path, mutate(&originals[pick], &mut rng)).unwrap();
+        n_opened += usize::from(exercise(root));
+        std::fs::write(&path, &originals[pick]).unwrap();
+    }
+    assert!(exercise(root), "the originals are whole");
+    assert!(n_opened > 0, "some mutations are harmless");
+    eprintln!("{n_opened} of {ROUNDS} mutations still open");
+}
+
+#[test]
+fn mutated_frame_lists() {
+    let folder = tiny_blender();
+    fuzz(folder.path(), &["transforms_train.json", "transforms_eval.json"], 0);
+}
+
+#[test]
+fn mutated_poses_and_intrinsics() {
+    let folder = tiny_seven_scenes();
+    let files =
+        ["train/frame-000001.pose.txt", "eval/frame-000000.pose.txt", "camera-intrinsics.txt"];
+    fuzz(folder.path(), &files, 10_000);
+}
+
+#[test]
+fn mutated_images() {
+    let folder = tiny_blender();
+    fuzz(folder.path(), &["train/r_0.png", "train/r_1_depth_0001.png"], 20_000);
+}

@@ -1,0 +1,83 @@
+//! Scratch datasets and the shared data.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+use vbgs_studio::dataset::error::DatasetError;
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+use vbgs_studio::dataset::{Dataset, LoadOptions, open};
+
+/// A path below `../shared`, or `None` (a failure where `CI` is set).
+pub fn shared(relative: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
+    if path.exists() {
+        return Some(path);
+    }
+    assert!(std::env::var_os("CI").is_none(), "../shared/{relative} not found");
+    eprintln!("skipped: ../shared/{relative} not found");
+    None
+}
+
+/// Opens with the layout's defaults.
+pub fn open_plain(path: &Path) -> Result<Dataset, DatasetError> {
+    open(path, &LoadOptions::default())
+}
+
+/// Three training frames and one evaluation frame of 32×24 pixels.
+pub const TINY: SyntheticParams =
+    SyntheticParams { width: 32, height: 24, n_train: 3, n_eval: 1, seed: 4, depth_noise: 0.0 };
+
+type Files = Vec<(PathBuf, Vec<u8>)>;
+
+/// A fresh copy of [`TINY`] in a layout; rendered once per test run.
+pub fn tiny(layout: SyntheticLayout) -> TempDir {
+    static KEPT: [OnceLock<Files>; 3] = [const { OnceLock::new() }; 3];
+    let slot = match layout {
+        SyntheticLayout::Blender(DepthBits::Eight) => 0,
+        SyntheticLayout::Blender(DepthBits::Sixteen) => 1,
+        SyntheticLayout::SevenScenes => 2,
+    };
+    let files = KEPT[slot].get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        write(&TINY, folder.path(), layout, &mut |_, _| ()).unwrap();
+        let mut files = Vec::new();
+        collect(folder.path(), Path::new(""), &mut files);
+        files
+    });
+    let folder = tempfile::tempdir().unwrap();
+    for (relative, bytes) in files {
+        let path = folder.path().join(relative);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    }
+    folder
+}
+
+fn collect(root: &Path, relative: &Path, files: &mut Files) {
+    for entry in std::fs::read_dir(root.join(relative)).unwrap() {
+        let entry = entry.unwrap();
+        let relative = relative.join(entry.file_name());
+        match entry.file_type().unwrap().is_dir() {
+            true => collect(root, &relative, files),
+            false => files.push((relative.clone(), std::fs::read(entry.path()).unwrap())),
+        }
+    }
+}
+
+/// The classic export.
+pub fn tiny_blender() -> TempDir {
+    tiny(SyntheticLayout::Blender(DepthBits::Eight))
+}
+
+/// One folder per split.
+pub fn tiny_seven_scenes() -> TempDir {
+    tiny(SyntheticLayout::SevenScenes)
+}
+
+/// Rewrites a JSON file of a scratch dataset.
+pub fn edit_json(path: &Path, edit: impl FnOnce(&mut serde_json::Value)) {
+    let mut json = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    edit(&mut json);
+    std::fs::write(path, json.to_string()).unwrap();
+}
