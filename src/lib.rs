@@ -27,10 +27,6 @@
 //! * Only the initial model feeds the E-step; the posterior never does.
 //! * The engine knows no window, and `app` and `cli` hold no algorithm.
 
-pub mod eval;
-pub mod math;
-pub mod model;
-
 pub mod math;
 pub mod model;
 

@@ -51,7 +51,9 @@ pub enum EvalError {
         source: MetricError,
     },
     /// There is nothing to measure.
-    #[error("{dataset}: expected views to evaluate in the split `{split}`, found none; choose another with --split")]
+    #[error(
+        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another with --split"
+    )]
     NoViews {
         /// Name of the dataset.
         dataset: String,
@@ -75,7 +77,8 @@ pub fn evaluate(
         let frame = dataset.load(split, index)?;
         let rendered = renderer.render(splats, &frame.camera, &options.render);
         let score = score(index, &frame, &rendered, options);
-        scores.push(score.map_err(|source| EvalError::Metric { frame: frame.name.clone(), source })?);
+        scores
+            .push(score.map_err(|source| EvalError::Metric { frame: frame.name.clone(), source })?);
         progress(done + 1);
     }
     let split_name = dataset.splits[split].name.clone();
@@ -99,7 +102,12 @@ pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> R
     })
 }
 
-fn score(index: usize, frame: &Frame, rendered: &Rendered, options: &EvalOptions) -> Result<ViewReport, MetricError> {
+fn score(
+    index: usize,
+    frame: &Frame,
+    rendered: &Rendered,
+    options: &EvalOptions,
+) -> Result<ViewReport, MetricError> {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
     let covered: Image<bool> = rendered.coverage.map(|&a| a >= COVERED);
     let n_covered = covered.data.iter().filter(|&&c| c).count();

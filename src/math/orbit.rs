@@ -64,7 +64,8 @@ const AXIS_COSINE: f64 = 0.866;
 /// World direction that is up on average in posed images, snapped to a coordinate axis if one is
 /// within 30°; z where the cameras do not agree on any.
 pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
-    let (sum, n) = poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));
+    let (sum, n) =
+        poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));
     let mean = sum / n.max(1) as f64;
     if mean.length() < 0.2 {
         return DVec3::Z;
@@ -81,8 +82,13 @@ mod tests {
     #[test]
     fn pose_and_orbit_round_trip() {
         for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.6, 0.0, 0.8)] {
-            let orbit =
-                Orbit { target: DVec3::new(1.0, 2.0, 3.0), up, azimuth: 0.7, elevation: 0.4, distance: 2.5 };
+            let orbit = Orbit {
+                target: DVec3::new(1.0, 2.0, 3.0),
+                up,
+                azimuth: 0.7,
+                elevation: 0.4,
+                distance: 2.5,
+            };
             let back = Orbit::from_pose(&orbit.pose(), up, 2.5);
             assert!((back.target - orbit.target).length() < 1e-12);
             assert!((back.azimuth - 0.7).abs() < 1e-12 && (back.elevation - 0.4).abs() < 1e-12);
@@ -91,7 +97,13 @@ mod tests {
 
     #[test]
     fn poles_are_survived() {
-        let orbit = Orbit { target: DVec3::ZERO, up: DVec3::Z, azimuth: 0.0, elevation: 9.0, distance: 1.0 };
+        let orbit = Orbit {
+            target: DVec3::ZERO,
+            up: DVec3::Z,
+            azimuth: 0.0,
+            elevation: 9.0,
+            distance: 1.0,
+        };
         assert!(orbit.pose().forward().z < -0.99);
     }
 
@@ -100,7 +112,8 @@ mod tests {
         let circle: Vec<Pose> = (0..12)
             .map(|i| {
                 let azimuth = i as f64 * 0.5236;
-                Orbit { target: DVec3::ZERO, up: DVec3::Z, azimuth, elevation: 0.6, distance: 4.0 }.pose()
+                Orbit { target: DVec3::ZERO, up: DVec3::Z, azimuth, elevation: 0.6, distance: 4.0 }
+                    .pose()
             })
             .collect();
         assert_eq!(mean_up(circle.iter()), DVec3::Z);

@@ -2,8 +2,8 @@
 
 use super::plan::Selection;
 use super::session::{Session, SessionError};
-use crate::dataset::synthetic::{self, ParamsError};
 use crate::dataset::Dataset;
+use crate::dataset::synthetic::{self, ParamsError};
 use crate::train::config::{ConfigError, Overrides, TrainConfig};
 use std::sync::Arc;
 

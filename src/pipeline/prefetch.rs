@@ -57,7 +57,9 @@ impl Prefetch {
         let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
         let (recycle, recycled) = channel();
         let worker = Worker { dataset, split, settings, unprojector: Unprojector::new(), recycled };
-        thread::Builder::new().name("prefetch".into()).spawn(move || worker.run(&frames, &sender))?;
+        thread::Builder::new()
+            .name("prefetch".into())
+            .spawn(move || worker.run(&frames, &sender))?;
         Ok(Self { frames: receiver, recycle })
     }
 
@@ -86,8 +88,10 @@ impl Worker {
         for (position, &index) in frames.iter().enumerate() {
             let name = self.dataset.splits[self.split].frames[index].name.clone();
             // A decoder that panics on a damaged file costs that frame, not the scene.
-            let result = catch_unwind(AssertUnwindSafe(|| self.prepare(index)))
-                .unwrap_or_else(|_| Err(format!("{name}: decoding this frame crashed; check or remove its files")));
+            let result =
+                catch_unwind(AssertUnwindSafe(|| self.prepare(index))).unwrap_or_else(|_| {
+                    Err(format!("{name}: decoding this frame crashed; check or remove its files"))
+                });
             if sender.send(Prepared { position, name, result }).is_err() {
                 return; // the handle was dropped
             }
@@ -100,12 +104,17 @@ impl Worker {
         let frame = self.dataset.load(self.split, index).map_err(message)?;
         let load_ms = clock.lap_ms();
         let mut points = self.recycled.try_recv().unwrap_or_default();
-        let counts = self.unprojector.unproject(&frame, &self.settings, &mut points).map_err(message)?;
+        let counts =
+            self.unprojector.unproject(&frame, &self.settings, &mut points).map_err(message)?;
         let prepare_ms = clock.lap_ms();
         if points.is_empty() {
             return Err(format!(
                 "{}: expected pixels with usable depth, found none ({} holes, {} at edges, {} out of range, {} transparent); check the depth unit and range",
-                frame.name, counts.holes, counts.dropped_edge, counts.dropped_range, counts.dropped_alpha
+                frame.name,
+                counts.holes,
+                counts.dropped_edge,
+                counts.dropped_range,
+                counts.dropped_alpha
             ));
         }
         Ok(PreparedPoints { points, counts, load_ms, prepare_ms })

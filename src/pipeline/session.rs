@@ -36,7 +36,9 @@ pub enum SessionError {
     #[error(transparent)]
     Index(#[from] IndexError),
     /// Every frame was skipped.
-    #[error("{dataset}: expected at least one usable frame, found none ({skipped} skipped; the first: {first})")]
+    #[error(
+        "{dataset}: expected at least one usable frame, found none ({skipped} skipped; the first: {first})"
+    )]
     NoUsableFrame {
         /// Name of the dataset.
         dataset: String,
@@ -94,7 +96,11 @@ pub struct Session {
 impl Session {
     /// Prepares a session and starts decoding. Frames the dataset refused when it was opened count
     /// as skipped.
-    pub fn new(dataset: Arc<Dataset>, train: TrainConfig, selection: Selection) -> Result<Self, SessionError> {
+    pub fn new(
+        dataset: Arc<Dataset>,
+        train: TrainConfig,
+        selection: Selection,
+    ) -> Result<Self, SessionError> {
         let plan = Plan::new(&dataset, &selection, train.seed)?;
         let range = range::estimate(&dataset, plan.split)?;
         let settings = UnprojectSettings {
@@ -148,11 +154,19 @@ impl Session {
         Err(SessionError::NoUsableFrame {
             dataset: self.dataset.name.clone(),
             skipped: self.skipped.len(),
-            first: self.skipped.first().map_or_else(|| "no frame is selected".into(), |s| s.message.clone()),
+            first: self
+                .skipped
+                .first()
+                .map_or_else(|| "no frame is selected".into(), |s| s.message.clone()),
         })
     }
 
-    fn learn(&mut self, position: usize, frame: String, prepared: PreparedPoints) -> Result<FrameReport, SessionError> {
+    fn learn(
+        &mut self,
+        position: usize,
+        frame: String,
+        prepared: PreparedPoints,
+    ) -> Result<FrameReport, SessionError> {
         let PreparedPoints { points, counts, load_ms, prepare_ms } = prepared;
         let outcome = self.engine.train(&points)?;
         self.prefetch.recycle(points);
@@ -218,7 +232,11 @@ impl Session {
         Report {
             format: REPORT_FORMAT,
             dataset: DatasetReport {
-                path: self.dataset.path.as_ref().map_or_else(|| self.dataset.name.clone(), |p| p.display().to_string()),
+                path: self
+                    .dataset
+                    .path
+                    .as_ref()
+                    .map_or_else(|| self.dataset.name.clone(), |p| p.display().to_string()),
                 layout: layout_name(self.dataset.layout).to_owned(),
                 split: split.name.clone(),
                 frames: self.plan.frames.len(),
@@ -275,14 +293,20 @@ fn run_config(
 }
 
 /// Initial means; from the first usable frame where they come from data.
-fn initial_draw(dataset: &Dataset, plan: &Plan, settings: &UnprojectSettings, train: &TrainConfig) -> InitialDraw {
+fn initial_draw(
+    dataset: &Dataset,
+    plan: &Plan,
+    settings: &UnprojectSettings,
+    train: &TrainConfig,
+) -> InitialDraw {
     if train.init == Init::Random {
         return InitialDraw::random(train.components, train.seed);
     }
     let mut points = Points::new();
     for &index in &plan.frames {
         let loaded = dataset.load(plan.split, index);
-        let counts = loaded.and_then(|frame| Unprojector::new().unproject(&frame, settings, &mut points));
+        let counts =
+            loaded.and_then(|frame| Unprojector::new().unproject(&frame, settings, &mut points));
         if counts.is_ok() && !points.is_empty() {
             break;
         }

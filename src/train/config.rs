@@ -56,7 +56,10 @@ impl std::str::FromStr for Candidates {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "dense" => Ok(Self::Dense),
-            _ => text.parse().map(Self::Nearest).map_err(|_| format!("expected a number or `dense`, found `{text}`")),
+            _ => text
+                .parse()
+                .map(Self::Nearest)
+                .map_err(|_| format!("expected a number or `dense`, found `{text}`")),
         }
     }
 }
