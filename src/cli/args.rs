@@ -360,10 +360,14 @@ fn parse_orbit(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     match numbers.as_deref() {
         Some(&[azimuth, elevation, distance])
-            if azimuth.is_finite() && elevation.is_finite() && distance.is_finite() && distance > 0.0 =>
+            if azimuth.is_finite()
+                && elevation.is_finite()
+                && distance.is_finite()
+                && distance > 0.0 =>
         {
             Ok([azimuth, elevation, distance])
         }
-        _ => Err("expected AZIMUTH,ELEVATION,DISTANCE with a positive distance, such as 30,20,4".to_owned()),
+        _ => Err("expected AZIMUTH,ELEVATION,DISTANCE with a positive distance, such as 30,20,4"
+            .to_owned()),
     }
 }

@@ -23,7 +23,11 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     output::create_folder(out)?;
     let splats = session.splats();
     write(&out.join("scene.ply"), &splats, &WriteOptions::new(Format::Ply))?;
-    write(&out.join("scene.glb"), &splats, &WriteOptions { metric: true, ..WriteOptions::new(Format::Glb) })?;
+    write(
+        &out.join("scene.glb"),
+        &splats,
+        &WriteOptions { metric: true, ..WriteOptions::new(Format::Glb) },
+    )?;
     let camera = session.dataset().splits[session.plan().split].frames[0].camera;
     let preview = CpuRenderer::new().render(&splats, &camera, &RenderOptions::evaluation([0.0; 3]));
     output::write_png(&out.join("preview.png"), &preview.color)?;

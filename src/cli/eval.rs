@@ -27,13 +27,18 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let bar = progress::bar(frames.len(), "view");
     let options = eval_options(&args.comparison);
     let (report, views) =
-        views::evaluate(&model.splats, &dataset, split, &frames, &options, |done| bar.set_position(done as u64))?;
+        views::evaluate(&model.splats, &dataset, split, &frames, &options, |done| {
+            bar.set_position(done as u64)
+        })?;
     bar.finish_and_clear();
     if args.json {
         return output::json(&EvalOutput { eval: vec![report], views });
     }
     for view in &views {
-        output::line(format!("{:>5} {:24} PSNR {:6.2} dB  SSIM {:.4}", view.index, view.frame, view.psnr, view.ssim));
+        output::line(format!(
+            "{:>5} {:24} PSNR {:6.2} dB  SSIM {:.4}",
+            view.index, view.frame, view.psnr, view.ssim
+        ));
     }
     output::line(output::quality(&report));
     Ok(())

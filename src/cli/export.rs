@@ -24,6 +24,11 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         ..WriteOptions::new(format)
     };
     let summary = write(&args.output, &model.splats, &options)?;
-    output::line(format!("wrote {} splats, {} bytes, to {}", summary.n_written, summary.bytes, args.output.display()));
+    output::line(format!(
+        "wrote {} splats, {} bytes, to {}",
+        summary.n_written,
+        summary.bytes,
+        args.output.display()
+    ));
     Ok(())
 }

@@ -60,8 +60,10 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
 
 fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
     let mut defects: Vec<String> = dataset.warnings.iter().map(ToString::to_string).collect();
-    let splits = (0..dataset.splits.len()).map(|split| split_info(dataset, split, &mut defects)).collect();
-    let evaluation = dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
+    let splits =
+        (0..dataset.splits.len()).map(|split| split_info(dataset, split, &mut defects)).collect();
+    let evaluation =
+        dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
     DatasetInfo {
         path: args.path.display().to_string(),
         layout: layout_name(dataset.layout),
@@ -109,7 +111,10 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
 }
 
 fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
-    output::line(format!("{}: {} dataset, recognised by {}", info.path, info.layout, info.recognised_by));
+    output::line(format!(
+        "{}: {} dataset, recognised by {}",
+        info.path, info.layout, info.recognised_by
+    ));
     for s in &info.splits {
         let depth = match s.depth_range {
             Some([lo, hi]) => format!("depth {lo:.3} to {hi:.3}"),
@@ -150,7 +155,13 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
 }
 
 fn print_model(info: &ModelInfo) -> Result<(), Failure> {
-    output::line(format!("{}: {} {}, {:.1} MB", info.path, info.splats, info.kind, info.bytes as f64 * 1e-6));
+    output::line(format!(
+        "{}: {} {}, {:.1} MB",
+        info.path,
+        info.splats,
+        info.kind,
+        info.bytes as f64 * 1e-6
+    ));
     if let Some([lo, hi]) = info.bounds {
         output::line(format!("  from {lo:.3?} to {hi:.3?}"));
     }

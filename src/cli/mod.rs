@@ -68,7 +68,9 @@ fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("--threads: expected 1 to 1024, found {threads}")));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    pool.map_err(|e| Failure::failed(anyhow::anyhow!("--threads: starting {threads} threads failed: {e}")))
+    pool.map_err(|e| {
+        Failure::failed(anyhow::anyhow!("--threads: starting {threads} threads failed: {e}"))
+    })
 }
 
 /// Warnings to stderr; `VBGS_LOG=debug` shows more. The graphics stack stays at warnings.
@@ -77,5 +79,9 @@ fn start_logging() {
     let level = std::env::var("VBGS_LOG").unwrap_or_else(|_| "warn".to_owned());
     let filter = EnvFilter::try_new(format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn"))
         .unwrap_or_else(|_| EnvFilter::new("warn,wgpu_hal=error"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .without_time()
+        .init();
 }

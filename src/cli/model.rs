@@ -11,7 +11,11 @@ pub fn load(path: &Path) -> Result<Imported, Failure> {
         eprintln!("note: {}: {note}", path.display());
     }
     if model.skipped > 0 {
-        eprintln!("warning: {}: {} rows that are not finite were left out", path.display(), model.skipped);
+        eprintln!(
+            "warning: {}: {} rows that are not finite were left out",
+            path.display(),
+            model.skipped
+        );
     }
     Ok(model)
 }

@@ -45,14 +45,18 @@ pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
 /// Creates a folder and those above it.
 pub fn create_folder(path: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(path).with_context(|| {
-        format!("{}: expected a folder to write to, which could not be created; choose another", path.display())
+        format!(
+            "{}: expected a folder to write to, which could not be created; choose another",
+            path.display()
+        )
     })?;
     Ok(())
 }
 
 /// The quality of one split in a sentence.
 pub fn quality(eval: &EvalReport) -> String {
-    let depth = eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
+    let depth =
+        eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
     format!(
         "{} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {:.2} dB over the {:.1} % covered, SSIM {:.4}{depth}",
         eval.renderer,

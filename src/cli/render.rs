@@ -19,14 +19,18 @@ const DEFAULT_ELEVATION: f64 = 25.0;
 /// Renders as asked.
 pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     if !(args.fov > 1.0 && args.fov < 170.0) {
-        return Err(Failure::Usage(format!("--fov: expected more than 1 and less than 170 degrees, found {}", args.fov)));
+        return Err(Failure::Usage(format!(
+            "--fov: expected more than 1 and less than 170 degrees, found {}",
+            args.fov
+        )));
     }
     let model = model::load(&args.model)?;
     if let Some(dataset) = &args.dataset {
         return render_view(&model.splats, dataset, args);
     }
     let start = orbit(&model.splats, args)?;
-    let intrinsics = Intrinsics::from_horizontal_fov(args.size[0], args.size[1], args.fov.to_radians());
+    let intrinsics =
+        Intrinsics::from_horizontal_fov(args.size[0], args.size[1], args.fov.to_radians());
     let radius = framing(&model.splats).map_or(1.0, |f| f.radius);
     let options = RenderOptions::viewport(args.background, radius);
     let mut renderer = CpuRenderer::new();
@@ -42,7 +46,8 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     output::create_folder(&args.output)?;
     let bar = progress::bar(n, "view");
     for i in 0..n {
-        let turned = Orbit { azimuth: start.azimuth + i as f64 / n as f64 * std::f64::consts::TAU, ..start };
+        let turned =
+            Orbit { azimuth: start.azimuth + i as f64 / n as f64 * std::f64::consts::TAU, ..start };
         draw(&turned, &args.output.join(format!("{i:03}.png")))?;
         bar.inc(1);
     }
@@ -74,8 +79,12 @@ fn render_view(splats: &[Splat], path: &Path, args: &RenderArgs) -> Result<(), F
 }
 
 fn orbit(splats: &[Splat], args: &RenderArgs) -> Result<Orbit, Failure> {
-    let framing = framing(splats)
-        .ok_or_else(|| anyhow!("{}: expected splats to look at, found none that can be drawn", args.model.display()))?;
+    let framing = framing(splats).ok_or_else(|| {
+        anyhow!(
+            "{}: expected splats to look at, found none that can be drawn",
+            args.model.display()
+        )
+    })?;
     let fov = args.fov.to_radians();
     let [azimuth, elevation, distance] =
         args.orbit.unwrap_or([0.0, DEFAULT_ELEVATION, framing.distance(fov)]);

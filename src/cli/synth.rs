@@ -18,7 +18,9 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     };
     let layout = match (args.layout, args.depth_bits) {
         (LayoutName::Blender, DepthBitsName::Eight) => SyntheticLayout::Blender(DepthBits::Eight),
-        (LayoutName::Blender, DepthBitsName::Sixteen) => SyntheticLayout::Blender(DepthBits::Sixteen),
+        (LayoutName::Blender, DepthBitsName::Sixteen) => {
+            SyntheticLayout::Blender(DepthBits::Sixteen)
+        }
         (LayoutName::SevenScenes, _) => SyntheticLayout::SevenScenes,
     };
     let n_frames = args.frames.saturating_add(args.eval_frames);

@@ -1,8 +1,8 @@
 //! `train`: headless training with files at the end.
 
 use super::args::{
-    ComparisonArgs, ConversionName, GroundTruthName, InitName, OrderName, PrecisionName, PresetName, ReassignName,
-    TrainArgs,
+    ComparisonArgs, ConversionName, GroundTruthName, InitName, OrderName, PrecisionName,
+    PresetName, ReassignName, TrainArgs,
 };
 use super::failure::Failure;
 use super::interrupt::Interrupt;
@@ -57,7 +57,10 @@ pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failu
         match session.step()? {
             Step::Trained(frame) => {
                 bar.set_position(frame.index as u64 + 1);
-                bar.set_message(format!("{:.1} ms/frame, {} of {} components used,", frame.ms.stages.train, frame.used, frame.components));
+                bar.set_message(format!(
+                    "{:.1} ms/frame, {} of {} components used,",
+                    frame.ms.stages.train, frame.used, frame.components
+                ));
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
             Step::Finished => break,
@@ -103,14 +106,20 @@ fn conversion_comments(session: &Session) -> Vec<String> {
     }
 }
 
-fn evaluate(session: &Session, split: &str, comparison: &ComparisonArgs) -> Result<EvalReport, Failure> {
+fn evaluate(
+    session: &Session,
+    split: &str,
+    comparison: &ComparisonArgs,
+) -> Result<EvalReport, Failure> {
     let dataset = session.dataset();
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
     let bar = progress::bar(frames.len(), "view");
     let options = eval_options(comparison);
     let (report, _) =
-        views::evaluate(&session.splats(), dataset, split, &frames, &options, |done| bar.set_position(done as u64))?;
+        views::evaluate(&session.splats(), dataset, split, &frames, &options, |done| {
+            bar.set_position(done as u64)
+        })?;
     bar.finish_and_clear();
     Ok(report)
 }
@@ -178,9 +187,11 @@ fn train_config(args: &TrainArgs) -> Result<TrainConfig, Failure> {
 }
 
 fn read_config(path: &Path) -> Result<Overrides, Failure> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("{}: expected a RON file with settings, which could not be read", path.display()))?;
-    let options = ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+    let text = std::fs::read_to_string(path).with_context(|| {
+        format!("{}: expected a RON file with settings, which could not be read", path.display())
+    })?;
+    let options =
+        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
     Ok(options.from_str(&text).with_context(|| {
         format!("{}: expected settings such as (components: 50000, candidates: 4)", path.display())
     })?)
