@@ -38,3 +38,6 @@ pub mod export;
 pub mod render;
 
 pub mod pipeline;
+
+#[cfg(feature = "gui")]
+pub mod app;

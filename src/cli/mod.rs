@@ -19,23 +19,26 @@ mod window;
 use args::{Arguments, Command};
 use clap::Parser;
 use failure::Failure;
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Runs the command the process was started with. Exit status: 0 done, 1 the work failed, 2 wrong
 /// usage, 130 interrupted.
 pub fn run() -> ExitCode {
+    let started = Instant::now();
     let arguments = Arguments::parse();
     start_logging();
-    match dispatch(arguments) {
+    match dispatch(arguments, started) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
 }
 
-fn dispatch(arguments: Arguments) -> Result<(), Failure> {
+fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     match arguments.command {
-        None => open_window(arguments.path),
+        None => open_window(arguments.path, started),
         Some(Command::Train(args)) => train::run(&args),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
@@ -46,13 +49,13 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
 }
 
 #[cfg(feature = "gui")]
-fn open_window(path: Option<std::path::PathBuf>) -> Result<(), Failure> {
-    window::run(path)
+fn open_window(path: Option<PathBuf>, started: Instant) -> Result<(), Failure> {
+    window::run(path, started)
 }
 
 /// Without the window compiled in, the demo is trained as if there were no display.
 #[cfg(not(feature = "gui"))]
-fn open_window(path: Option<std::path::PathBuf>) -> Result<(), Failure> {
+fn open_window(path: Option<PathBuf>, _: Instant) -> Result<(), Failure> {
     match path {
         None => demo::run("this build has no window"),
         Some(path) => Err(Failure::Usage(format!(

@@ -4,7 +4,7 @@ use super::plan::Selection;
 use super::session::{Session, SessionError};
 use crate::dataset::Dataset;
 use crate::dataset::synthetic::{self, ParamsError};
-use crate::train::config::{ConfigError, Overrides, TrainConfig};
+use crate::train::config::{ConfigError, Overrides, ReassignPolicy, TrainConfig};
 use std::sync::Arc;
 
 /// Why the demo cannot start.
@@ -26,9 +26,15 @@ pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
     Ok(Arc::new(synthetic::demo()?))
 }
 
-/// Settings of the demo.
+/// Settings of the demo: forwarded reassignment, the quicker variant, and the paper's factor on the
+/// scales, which closes the gaps between small components.
 pub fn config() -> Result<TrainConfig, DemoError> {
-    Ok(TrainConfig::paper().with(&Overrides::default())?)
+    let overrides = Overrides {
+        reassign: Some(ReassignPolicy::Forwarded),
+        scale_factor: Some(1.41),
+        ..Overrides::default()
+    };
+    Ok(TrainConfig::paper().with(&overrides)?)
 }
 
 /// A session over all of the demo's frames.

@@ -1,0 +1,135 @@
+//! What a user can ask for: label, tooltip and shortcut in one place, and the one table of what is
+//! legal in which state. Buttons, keys and the help list come from here.
+
+use super::state::{RunState, Source};
+use eframe::egui::{Key, KeyboardShortcut, Modifiers};
+
+/// A request of the user.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Open a dataset or a model.
+    Open,
+    /// Load and train the built-in demo.
+    OpenDemo,
+    /// Train until paused or done.
+    Train,
+    /// Stop after the current frame.
+    Pause,
+    /// Train one frame.
+    Step,
+    /// Start over with the same dataset.
+    Reset,
+    /// Write the scene to a file.
+    Export,
+    /// Frame the whole scene.
+    FrameScene,
+    /// Back to where the scene was opened.
+    Home,
+    /// List of all shortcuts.
+    Help,
+}
+
+impl Command {
+    /// Every command, in the order help shows them.
+    pub const ALL: [Command; 10] = [
+        Command::Open,
+        Command::OpenDemo,
+        Command::Train,
+        Command::Pause,
+        Command::Step,
+        Command::Reset,
+        Command::Export,
+        Command::FrameScene,
+        Command::Home,
+        Command::Help,
+    ];
+
+    /// Text on the button.
+    pub fn label(self) -> &'static str {
+        match self {
+            Command::Open => "Open…",
+            Command::OpenDemo => "Demo",
+            Command::Train => "Train",
+            Command::Pause => "Pause",
+            Command::Step => "Step",
+            Command::Reset => "Reset",
+            Command::Export => "Export…",
+            Command::FrameScene => "Frame scene",
+            Command::Home => "Home view",
+            Command::Help => "Shortcuts",
+        }
+    }
+
+    /// One sentence on what it does.
+    pub fn tooltip(self) -> &'static str {
+        match self {
+            Command::Open => "Open a dataset folder, a .ply or a .glb",
+            Command::OpenDemo => "Train the built-in synthetic scene",
+            Command::Train => "Train frame by frame until the frames end",
+            Command::Pause => "Stop after the current frame",
+            Command::Step => "Train exactly one frame",
+            Command::Reset => "Forget the scene and start over with the same dataset",
+            Command::Export => "Write the scene as .ply or .glb",
+            Command::FrameScene => "Move the camera so that the whole scene is seen",
+            Command::Home => "Go back to the view the scene was opened with",
+            Command::Help => "Show all keyboard and mouse shortcuts",
+        }
+    }
+
+    /// Key that asks for it.
+    pub fn shortcut(self) -> Option<KeyboardShortcut> {
+        let plain = |key| Some(KeyboardShortcut::new(Modifiers::NONE, key));
+        let control = |key| Some(KeyboardShortcut::new(Modifiers::COMMAND, key));
+        match self {
+            Command::Open => control(Key::O),
+            Command::OpenDemo => None,
+            // One key toggles the two, of which one is legal at a time.
+            Command::Train | Command::Pause => plain(Key::Space),
+            Command::Step => plain(Key::Period),
+            Command::Reset => control(Key::R),
+            Command::Export => control(Key::E),
+            Command::FrameScene => plain(Key::F),
+            Command::Home => plain(Key::H),
+            Command::Help => plain(Key::F1),
+        }
+    }
+
+    /// Whether the command makes sense now: the one table of states and commands.
+    pub fn is_legal(self, state: RunState, source: Source) -> bool {
+        use RunState::{Empty, Failed, Finished, Loading, Paused, Ready, Training};
+        let dataset = source == Source::Dataset;
+        match self {
+            Command::Open | Command::OpenDemo => state != Loading,
+            Command::Train => dataset && matches!(state, Ready | Paused),
+            Command::Pause => state == Training,
+            Command::Step => dataset && matches!(state, Ready | Paused),
+            Command::Reset => dataset && matches!(state, Training | Paused | Finished | Failed),
+            Command::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
+            Command::FrameScene | Command::Home => source != Source::Nothing,
+            Command::Help => true,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn in_no_state_is_nothing_possible_and_space_is_never_ambiguous() {
+        for state in RunState::ALL {
+            for source in [Source::Nothing, Source::Dataset, Source::Model] {
+                assert!(Command::ALL.iter().any(|c| c.is_legal(state, source)));
+                let both = Command::Train.is_legal(state, source)
+                    && Command::Pause.is_legal(state, source);
+                assert!(!both, "{state:?}");
+            }
+        }
+        assert!(!Command::Train.is_legal(RunState::Finished, Source::Dataset));
+        assert!(!Command::Reset.is_legal(RunState::Finished, Source::Model));
+        assert!(
+            Command::Export.is_legal(RunState::Failed, Source::Dataset),
+            "a trained scene stays usable"
+        );
+    }
+}

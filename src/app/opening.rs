@@ -1,0 +1,166 @@
+//! Opening a subject: the demo, a dataset folder or a model file.
+
+use super::state::{HomeView, NoticeKind, Opened, Subject};
+use crate::dataset::error::DatasetError;
+use crate::dataset::{self, Dataset, LoadOptions};
+use crate::export::{self, ExportError};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::orbit::{Orbit, mean_up};
+use crate::model::splats::{Framing, Splat, framing};
+use crate::pipeline::demo::{self, DemoError};
+use crate::pipeline::plan::Selection;
+use crate::pipeline::session::{Session, SessionError, layout_name};
+use crate::train::config::TrainConfig;
+use glam::DVec3;
+use std::path::Path;
+use std::sync::Arc;
+
+/// What is open.
+pub enum Content {
+    /// A dataset with its model.
+    Session(Box<Session>),
+    /// A model to view.
+    Model(Vec<Splat>),
+}
+
+/// Everything the window needs of a freshly opened subject.
+pub struct Result {
+    /// What is open.
+    pub content: Content,
+    /// What to show first.
+    pub splats: Vec<Splat>,
+    /// Name, facts and first view.
+    pub facts: Opened,
+    /// What the user should know about it.
+    pub notices: Vec<(NoticeKind, String)>,
+}
+
+/// Why something could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The demo.
+    #[error(transparent)]
+    Demo(#[from] DemoError),
+    /// A folder.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// Its session.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A model file.
+    #[error(transparent)]
+    Model(#[from] ExportError),
+}
+
+/// Opens a subject; `serial` numbers what is opened.
+pub fn open(subject: &Subject, serial: u64) -> std::result::Result<Result, OpenError> {
+    match subject {
+        Subject::Demo => Ok(session(demo::session()?, serial, true)),
+        Subject::Path(path) if path.is_file() => model(path, serial),
+        Subject::Path(path) => {
+            let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
+            let opened = Session::new(dataset, TrainConfig::paper(), Selection::everything())?;
+            Ok(session(opened, serial, false))
+        }
+    }
+}
+
+fn session(session: Session, serial: u64, is_demo: bool) -> Result {
+    let dataset = session.dataset();
+    let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
+    let warnings = match dataset.warnings.len() {
+        0 => None,
+        1 => Some((NoticeKind::Warning, dataset.warnings[0].to_string())),
+        n => Some((
+            NoticeKind::Warning,
+            format!("{n} frames are unusable; the first: {}", dataset.warnings[0]),
+        )),
+    };
+    let notices = notes.chain(warnings).collect();
+    let facts = Opened {
+        name: if is_demo { "Demo: synthetic room".to_owned() } else { dataset.name.clone() },
+        facts: dataset_facts(&session),
+        home: home_of(&session),
+        serial,
+        is_demo,
+    };
+    let splats = vec![Splat::default(); session.engine().components()];
+    Result { splats, facts, notices, content: Content::Session(Box::new(session)) }
+}
+
+fn dataset_facts(session: &Session) -> Vec<(String, String)> {
+    let dataset: &Dataset = session.dataset();
+    let path =
+        dataset.path.as_ref().map_or_else(|| "built in".to_owned(), |p| p.display().to_string());
+    let mut facts = vec![
+        ("Dataset".to_owned(), path),
+        (
+            "Layout".to_owned(),
+            format!("{} ({})", layout_name(dataset.layout), dataset.recognised_by),
+        ),
+    ];
+    for split in &dataset.splits {
+        let k = &split.frames[0].camera.intrinsics;
+        let depth = if split.has_depth { "with depth" } else { "colour only" };
+        let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
+        facts.push((format!("Split {}", split.name), text));
+    }
+    let train = &session.config().train;
+    facts.push(("Preset".to_owned(), "paper".to_owned()));
+    facts.push(("Components".to_owned(), train.components.to_string()));
+    facts.push(("Range from".to_owned(), session.config().position_range_source.clone()));
+    facts
+}
+
+/// The first training camera, turning about the middle of the scene's range.
+fn home_of(session: &Session) -> HomeView {
+    let split = &session.dataset().splits[session.plan().split];
+    let camera = split.frames[session.plan().frames.first().copied().unwrap_or(0)].camera;
+    let [lo, hi] = session.config().position_range.map(DVec3::from_array);
+    let (centre, radius) = ((lo + hi) * 0.5, 0.5 * (hi - lo).length());
+    let ahead = (centre - camera.pose.centre()).dot(camera.pose.forward());
+    let distance = ahead.clamp(0.2 * radius, 2.0 * radius);
+    let target = camera.pose.centre() + camera.pose.forward() * distance;
+    HomeView { camera, up: mean_up(split.frames.iter().map(|f| &f.camera.pose)), target, radius }
+}
+
+/// Field of view of models that bring no camera, radians.
+const MODEL_FOV: f64 = 1.0;
+
+fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
+    let model = export::read(path)?;
+    let framing = framing(&model.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+    let orbit = Orbit {
+        target: framing.centre,
+        up: DVec3::Z,
+        azimuth: 0.6,
+        elevation: 0.4,
+        distance: framing.distance(MODEL_FOV),
+    };
+    let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
+    let camera = Camera { intrinsics, pose: orbit.pose() };
+    let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+    let mut notices: Vec<_> =
+        model.notes.iter().map(|n| (NoticeKind::Info, n.to_string())).collect();
+    if model.skipped > 0 {
+        let text = format!("{} rows of {name} are not finite and were left out", model.skipped);
+        notices.push((NoticeKind::Warning, text));
+    }
+    let facts = Opened {
+        name,
+        facts: vec![
+            ("Model".to_owned(), path.display().to_string()),
+            ("Splats".to_owned(), model.splats.len().to_string()),
+            ("Size".to_owned(), format!("{:.1} MB", model.bytes as f64 * 1e-6)),
+        ],
+        home: HomeView { camera, up: DVec3::Z, target: framing.centre, radius: framing.radius },
+        serial,
+        is_demo: false,
+    };
+    Ok(Result {
+        splats: model.splats.clone(),
+        facts,
+        notices,
+        content: Content::Model(model.splats),
+    })
+}

@@ -1,0 +1,145 @@
+//! Where the milliseconds go: a stacked area over the latest frames, and a table.
+
+use crate::app::state::Snapshot;
+use crate::eval::report::{FrameReport, quantile};
+use crate::train::timing::StageMs;
+use eframe::egui::{Color32, Grid, RichText, Ui};
+use egui_plot::{FilledArea, Plot};
+
+/// Colours of the stages, in the order of [`StageMs::NAMES`]; told apart by people with red-green
+/// blindness too (Okabe and Ito 2008).
+const COLORS: [Color32; 5] = [
+    Color32::from_rgb(86, 180, 233),
+    Color32::from_rgb(230, 159, 0),
+    Color32::from_rgb(0, 158, 115),
+    Color32::from_rgb(240, 228, 66),
+    Color32::from_rgb(213, 94, 0),
+];
+
+/// What the stages are called on screen.
+const LABELS: [&str; 5] = ["Candidate search", "E-step", "Statistics", "Update", "Reassignment"];
+
+/// Draws the panel.
+pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
+    if snapshot.recent.is_empty() {
+        ui.label("Timings appear with the first trained frame.");
+        return;
+    }
+    plot(&snapshot.recent, ui);
+    ui.add_space(6.0);
+    table(&snapshot.recent, ui);
+    ui.add_space(6.0);
+    if ui
+        .button("Copy as CSV")
+        .on_hover_text("Copies the timings of these frames to the clipboard")
+        .clicked()
+    {
+        ui.ctx().copy_text(csv(&snapshot.recent));
+    }
+}
+
+fn plot(frames: &[FrameReport], ui: &mut Ui) {
+    let x: Vec<f64> = frames.iter().map(|f| f.index as f64).collect();
+    let mut below = vec![0.0; frames.len()];
+    // The top of the axis leaves out the slowest frames: one hiccup must not flatten the rest.
+    let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
+    totals.sort_by(f64::total_cmp);
+    let top = 1.25 * quantile(&totals, 0.98);
+    Plot::new("latency")
+        .height(190.0)
+        .include_y(0.0)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .x_axis_label("frame")
+        .y_axis_label("ms")
+        .show(ui, |plot| {
+            plot.set_plot_bounds_y(0.0..=top);
+            for stage in 0..StageMs::NAMES.len() {
+                let above: Vec<f64> = frames
+                    .iter()
+                    .zip(&below)
+                    .map(|(f, b)| b + f.ms.stages.stages()[stage])
+                    .collect();
+                let area = FilledArea::new(LABELS[stage], &x, &below, &above)
+                    .fill_color(COLORS[stage].gamma_multiply(0.85));
+                plot.add(area);
+                below = above;
+            }
+        });
+}
+
+fn table(frames: &[FrameReport], ui: &mut Ui) {
+    Grid::new("latency table").num_columns(5).striped(true).show(ui, |ui| {
+        for title in ["", "ms per frame", "median", "95 %", "max"] {
+            ui.label(RichText::new(title).weak());
+        }
+        ui.end_row();
+        for stage in 0..StageMs::NAMES.len() {
+            row(ui, Some(COLORS[stage]), LABELS[stage], frames, |f| f.ms.stages.stages()[stage]);
+        }
+        row(ui, None, "Training, total", frames, |f| f.ms.stages.train);
+        row(ui, None, "Decode (ahead)", frames, |f| f.ms.load);
+        row(ui, None, "Prepare (ahead)", frames, |f| f.ms.prepare);
+    });
+}
+
+fn row(
+    ui: &mut Ui,
+    color: Option<Color32>,
+    label: &str,
+    frames: &[FrameReport],
+    value: impl Fn(&FrameReport) -> f64,
+) {
+    let mut values: Vec<f64> = frames.iter().map(value).collect();
+    values.sort_by(f64::total_cmp);
+    match color {
+        Some(color) => ui.label(RichText::new("⏹").color(color)),
+        None => ui.label(""),
+    };
+    ui.label(label);
+    for q in [0.5, 0.95, 1.0] {
+        ui.label(RichText::new(format!("{:.2}", quantile(&values, q))).monospace());
+    }
+    ui.end_row();
+}
+
+fn csv(frames: &[FrameReport]) -> String {
+    let mut text = format!("frame,points,load,prepare,{},train\n", StageMs::NAMES.join(","));
+    for f in frames {
+        let stages = f.ms.stages.stages().map(|ms| format!("{ms:.4}")).join(",");
+        let line = format!(
+            "{},{},{:.4},{:.4},{stages},{:.4}\n",
+            f.index, f.points, f.ms.load, f.ms.prepare, f.ms.stages.train
+        );
+        text.push_str(&line);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eval::report::FrameMs;
+
+    #[test]
+    fn csv_has_a_column_per_heading() {
+        let stages = StageMs { candidates: 1.0, train: 2.5, ..StageMs::default() };
+        let frame = FrameReport {
+            index: 3,
+            frame: "r_3".into(),
+            points: 10,
+            points_dropped: 0,
+            components: 5,
+            used: 2,
+            reassigned: 0,
+            elbo_mean: 0.0,
+            ms: FrameMs { load: 0.5, prepare: 0.25, stages },
+        };
+        let text = csv(&[frame]);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
+        assert!(lines[1].starts_with("3,10,0.5000,0.2500,1.0000,"));
+    }
+}

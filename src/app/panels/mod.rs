@@ -1,0 +1,7 @@
+//! Panels: each draws from the snapshot and answers with what the user asked for.
+
+pub mod latency;
+pub mod notices;
+pub mod scene;
+pub mod status;
+pub mod transport;

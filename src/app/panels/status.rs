@@ -1,0 +1,65 @@
+//! The line at the bottom: state, speed, components, memory, adapter.
+
+use crate::app::state::{RunState, Snapshot};
+use crate::eval::report::quantile;
+use crate::pipeline::machine;
+use eframe::egui::{Color32, RichText, Ui};
+
+/// What the line says beside the snapshot.
+pub struct Surroundings<'a> {
+    /// Who draws the scene.
+    pub adapter: &'a str,
+    /// Splats in the picture.
+    pub n_drawn: usize,
+}
+
+/// Draws the line.
+pub fn ui(snapshot: &Snapshot, surroundings: &Surroundings, ui: &mut Ui) {
+    ui.horizontal_wrapped(|ui| {
+        ui.label(RichText::new(snapshot.state.label()).strong().color(color(snapshot.state)));
+        if snapshot.frames_per_s > 0.0 {
+            ui.separator();
+            ui.label(format!("{:.1} frames/s", snapshot.frames_per_s));
+        }
+        if !snapshot.recent.is_empty() {
+            let mut ms: Vec<f64> =
+                snapshot.recent.iter().rev().take(30).map(|f| f.ms.stages.train).collect();
+            ms.sort_by(f64::total_cmp);
+            ui.label(format!("{:.1} ms/frame", quantile(&ms, 0.5)));
+        }
+        if snapshot.components > 0 {
+            ui.separator();
+            ui.label(format!("{} of {} components used", snapshot.used, snapshot.components));
+            ui.separator();
+            ui.label(format!("{} splats drawn", surroundings.n_drawn));
+        }
+        if !snapshot.skipped.is_empty() {
+            ui.separator();
+            let first = &snapshot.skipped[0].message;
+            ui.label(
+                RichText::new(format!("{} frames skipped", snapshot.skipped.len()))
+                    .color(Color32::ORANGE),
+            )
+            .on_hover_text(format!("The first: {first}"));
+        }
+        ui.separator();
+        if let Some(bytes) = machine::rss_bytes() {
+            let model = snapshot.model_bytes as f64 / 1048576.0;
+            ui.label(format!("{:.0} MiB", bytes as f64 / 1048576.0)).on_hover_text(format!(
+                "Memory of the whole program; the model itself: {model:.0} MiB"
+            ));
+            ui.separator();
+        }
+        ui.label(RichText::new(surroundings.adapter).weak());
+    });
+}
+
+fn color(state: RunState) -> Color32 {
+    match state {
+        RunState::Empty | RunState::Loading => Color32::GRAY,
+        RunState::Ready | RunState::Paused => Color32::from_rgb(230, 180, 80),
+        RunState::Training => Color32::from_rgb(110, 200, 120),
+        RunState::Finished => Color32::from_rgb(110, 170, 240),
+        RunState::Failed => Color32::from_rgb(240, 100, 90),
+    }
+}

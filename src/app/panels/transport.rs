@@ -1,0 +1,56 @@
+//! The bar at the top: name, transport buttons, progress.
+
+use crate::app::command::Command;
+use crate::app::state::{RunState, Snapshot};
+use eframe::egui::{Button, ProgressBar, RichText, Ui};
+
+/// Buttons in the order they stand.
+const BUTTONS: [&[Command]; 3] = [
+    &[Command::Open, Command::OpenDemo, Command::Export],
+    &[Command::Train, Command::Step, Command::Reset],
+    &[Command::FrameScene, Command::Home, Command::Help],
+];
+
+/// Draws the bar.
+pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<Command> {
+    let mut asked = None;
+    ui.horizontal_wrapped(|ui| {
+        for (i, group) in BUTTONS.iter().enumerate() {
+            if i > 0 {
+                ui.separator();
+            }
+            for &command in *group {
+                // Train and Pause share one place.
+                let command = match (command, snapshot.state) {
+                    (Command::Train, RunState::Training) => Command::Pause,
+                    (other, _) => other,
+                };
+                if button(snapshot, ui, command) {
+                    asked = Some(command);
+                }
+            }
+        }
+        if let Some(opened) = &snapshot.opened {
+            ui.separator();
+            ui.label(RichText::new(&opened.name).strong());
+        }
+        if snapshot.n_frames > 0 {
+            let share = snapshot.frames_done as f32 / snapshot.n_frames as f32;
+            let text = format!("{} / {}", snapshot.frames_done, snapshot.n_frames);
+            ui.add(ProgressBar::new(share).desired_width(160.0).text(text));
+        }
+        if snapshot.state == RunState::Loading {
+            ui.spinner();
+        }
+    });
+    asked
+}
+
+fn button(snapshot: &Snapshot, ui: &mut Ui, command: Command) -> bool {
+    let legal = command.is_legal(snapshot.state, snapshot.source);
+    let keys = command
+        .shortcut()
+        .map_or_else(String::new, |s| format!(" ({})", ui.ctx().format_shortcut(&s)));
+    let response = ui.add_enabled(legal, Button::new(command.label()));
+    response.on_hover_text(format!("{}{keys}", command.tooltip())).clicked()
+}

@@ -1,0 +1,167 @@
+//! The central view: steering the camera, and painting with whatever the machine has.
+
+use super::camera::ViewCamera;
+use super::feed::SplatChange;
+use super::software::{Effort, SoftwarePainter, View};
+use super::state::{Opened, RunState, Snapshot};
+use super::viewport::GpuPainter;
+use super::worker::Waker;
+use crate::model::splats::{Splat, framing};
+use crate::render::RenderOptions;
+use eframe::egui::{PointerButton, Rect, Response, Sense, Ui};
+use std::time::{Duration, Instant};
+
+/// Colour behind the scene.
+const BACKGROUND: [f32; 3] = [0.09, 0.10, 0.12];
+
+/// How long after the last movement the picture is refined.
+const SETTLE: Duration = Duration::from_millis(150);
+
+enum Painter {
+    Gpu(Box<GpuPainter>),
+    Software(SoftwarePainter),
+}
+
+/// State of the central view.
+pub struct SceneView {
+    painter: Painter,
+    waker: Waker,
+    camera: Option<ViewCamera>,
+    /// Serial of what the camera was set up for.
+    serial: u64,
+    /// Centres of what is drawn, for framing.
+    splats: Vec<Splat>,
+    moved_at: Instant,
+    n_drawn: usize,
+}
+
+impl SceneView {
+    /// Starts with a GPU painter if there is one.
+    pub fn new(gpu: Option<GpuPainter>, waker: Waker) -> std::io::Result<Self> {
+        let painter = match gpu {
+            Some(gpu) => Painter::Gpu(Box::new(gpu)),
+            None => Painter::Software(SoftwarePainter::new(waker.clone())?),
+        };
+        Ok(Self {
+            painter,
+            waker,
+            camera: None,
+            serial: 0,
+            splats: Vec::new(),
+            moved_at: Instant::now(),
+            n_drawn: 0,
+        })
+    }
+
+    /// Hands changed splats over.
+    pub fn change(&mut self, change: SplatChange) {
+        super::feed::apply(&mut self.splats, change.clone());
+        match &mut self.painter {
+            Painter::Gpu(painter) => painter.change(change),
+            Painter::Software(painter) => painter.change(change),
+        }
+    }
+
+    /// Splats in the picture.
+    pub fn n_drawn(&self) -> usize {
+        self.n_drawn
+    }
+
+    /// Looks at the whole scene.
+    pub fn frame_scene(&mut self) {
+        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(&self.splats)) {
+            camera.frame(&framing);
+            self.moved_at = Instant::now();
+        }
+    }
+
+    /// Goes back to the view the scene was opened with.
+    pub fn go_home(&mut self, opened: &Opened) {
+        self.camera = Some(ViewCamera::home(&opened.home));
+        self.moved_at = Instant::now();
+    }
+
+    /// Draws the view over all space left. Returns a message if the GPU had to be given up.
+    pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
+        let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        ui.painter().rect_filled(rect, 0.0, eframe::egui::Rgba::from_rgb(0.008, 0.010, 0.014));
+        let opened = snapshot.opened.as_ref()?;
+        if self.serial != opened.serial {
+            self.serial = opened.serial;
+            self.go_home(opened);
+        }
+        self.steer(ui, &response);
+        self.paint(ui, rect, snapshot)
+    }
+
+    fn steer(&mut self, ui: &Ui, response: &Response) {
+        let Some(camera) = &mut self.camera else { return };
+        let before = *camera;
+        let height = response.rect.height() as f64;
+        let delta = response.drag_delta();
+        let delta = [delta.x as f64, delta.y as f64];
+        if response.dragged_by(PointerButton::Primary) {
+            camera.turn(delta, height);
+        } else if response.dragged_by(PointerButton::Secondary)
+            || response.dragged_by(PointerButton::Middle)
+        {
+            camera.pan(delta, height);
+        }
+        if response.hovered() {
+            let (wheel, zoom) = ui.input(|i| (i.smooth_scroll_delta.y, i.zoom_delta()));
+            camera.dolly(wheel as f64 + 240.0 * (zoom as f64).log2());
+        }
+        if *camera != before {
+            self.moved_at = Instant::now();
+        }
+    }
+
+    fn paint(&mut self, ui: &Ui, rect: Rect, snapshot: &Snapshot) -> Option<String> {
+        let camera = self.camera?;
+        let pixels = rect.size() * ui.ctx().pixels_per_point();
+        let size = [pixels.x.round() as u32, pixels.y.round() as u32];
+        if size[0] == 0 || size[1] == 0 {
+            return None;
+        }
+        let options = RenderOptions::viewport(BACKGROUND, camera.radius());
+        let view = View { camera: camera.camera(size), options };
+        match &mut self.painter {
+            Painter::Gpu(painter) => match painter.paint(ui, rect, view.camera, &options) {
+                Ok(n_drawn) => {
+                    self.n_drawn = n_drawn;
+                    None
+                }
+                Err(error) => self.give_up_gpu(&error.to_string()),
+            },
+            Painter::Software(painter) => {
+                let moving = self.moved_at.elapsed() < SETTLE;
+                let effort = match (moving, snapshot.state) {
+                    (true, _) => Effort::Moving,
+                    (false, RunState::Training) => Effort::Shared,
+                    (false, _) => Effort::Full,
+                };
+                if moving {
+                    ui.ctx().request_repaint_after(SETTLE);
+                }
+                self.n_drawn = painter.paint(ui, rect, view, effort);
+                None
+            }
+        }
+    }
+
+    /// Draws on the CPU from here on; the scene is handed over again.
+    fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
+        match SoftwarePainter::new(self.waker.clone()) {
+            Ok(mut painter) => {
+                painter.change(SplatChange::All(self.splats.clone()));
+                self.painter = Painter::Software(painter);
+                Some(format!(
+                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on"
+                ))
+            }
+            Err(error) => Some(format!(
+                "the GPU cannot draw the scene ({reason}) and no drawing thread could be started ({error}); export the scene and restart"
+            )),
+        }
+    }
+}

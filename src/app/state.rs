@@ -1,0 +1,158 @@
+//! The states of a run and the picture of it that panels draw from.
+
+use crate::eval::report::{FrameReport, SkippedFrame};
+use crate::math::camera::Camera;
+use glam::DVec3;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Where a run stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum RunState {
+    /// Nothing is open.
+    #[default]
+    Empty,
+    /// A dataset or model is being opened.
+    Loading,
+    /// Opened, nothing trained yet.
+    Ready,
+    /// Frames are being trained.
+    Training,
+    /// Between two frames, waiting for the user.
+    Paused,
+    /// Every frame is trained; also a model that was opened to be viewed.
+    Finished,
+    /// Something went wrong; what was trained is still there.
+    Failed,
+}
+
+impl RunState {
+    /// Every state.
+    pub const ALL: [RunState; 7] = [
+        RunState::Empty,
+        RunState::Loading,
+        RunState::Ready,
+        RunState::Training,
+        RunState::Paused,
+        RunState::Finished,
+        RunState::Failed,
+    ];
+
+    /// As the status line shows it.
+    pub fn label(self) -> &'static str {
+        match self {
+            RunState::Empty => "Empty",
+            RunState::Loading => "Loading",
+            RunState::Ready => "Ready",
+            RunState::Training => "Training",
+            RunState::Paused => "Paused",
+            RunState::Finished => "Finished",
+            RunState::Failed => "Failed",
+        }
+    }
+}
+
+/// What is open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Source {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// A dataset that can be trained on.
+    Dataset,
+    /// A model file, for viewing and exporting.
+    Model,
+}
+
+/// What a user opens.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// The built-in demo.
+    Demo,
+    /// A dataset folder or a model file.
+    Path(PathBuf),
+}
+
+/// Where to look at first, and at what scale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HomeView {
+    /// The camera to start from.
+    pub camera: Camera,
+    /// Direction that points up.
+    pub up: DVec3,
+    /// Point to turn about.
+    pub target: DVec3,
+    /// Size of the scene, world units.
+    pub radius: f64,
+}
+
+/// What is open, as far as panels need to know; replaced when something else is opened.
+#[derive(Clone, Debug)]
+pub struct Opened {
+    /// Name shown in the title.
+    pub name: String,
+    /// Lines for the scene panel: label and value.
+    pub facts: Vec<(String, String)>,
+    /// Where to look at first.
+    pub home: HomeView,
+    /// Increases with everything opened, so that the viewport notices.
+    pub serial: u64,
+    /// Whether it is the built-in demo, which can be made again at any time.
+    pub is_demo: bool,
+}
+
+/// The newest picture of the run: small numbers only, shared without copying.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// Where the run stands.
+    pub state: RunState,
+    /// What kind of thing is open.
+    pub source: Source,
+    /// What is open.
+    pub opened: Option<Arc<Opened>>,
+    /// The latest frames, oldest first, at most [`HISTORY`].
+    pub recent: Arc<Vec<FrameReport>>,
+    /// Frames trained.
+    pub frames_done: usize,
+    /// Frames of the run.
+    pub n_frames: usize,
+    /// Components, used or not.
+    pub components: usize,
+    /// Components with statistics.
+    pub used: usize,
+    /// Frames that could not be used.
+    pub skipped: Arc<Vec<SkippedFrame>>,
+    /// Trained frames per second of wall time, over the last second or so.
+    pub frames_per_s: f64,
+    /// Bytes of the model.
+    pub model_bytes: usize,
+    /// Frames trained since the scene was last exported.
+    pub unsaved_frames: usize,
+    /// What the user should read, newest last.
+    pub notices: Arc<Vec<Notice>>,
+}
+
+/// Frames whose timings are kept for the latency panel.
+pub const HISTORY: usize = 300;
+
+/// Something the user should read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// Increases with every notice, so that dismissed ones stay away.
+    pub serial: u64,
+    /// How bad it is.
+    pub kind: NoticeKind,
+    /// The text.
+    pub text: String,
+}
+
+/// How bad a notice is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoticeKind {
+    /// Good to know.
+    Info,
+    /// Something was left out.
+    Warning,
+    /// Something failed.
+    Error,
+}

@@ -1,0 +1,304 @@
+//! The application: puts panels together and turns what they answer into orders.
+
+use super::command::Command;
+use super::dialogs::{self, Decision, PathDialog};
+use super::panels::{latency, notices, scene, status, transport};
+use super::scene_view::SceneView;
+use super::state::{RunState, Snapshot, Subject};
+use super::viewport::{self, GpuPainter};
+use super::worker::{Order, Waker, Worker};
+use eframe::egui::{CentralPanel, Context, Frame, Margin, Panel, RichText, Ui, ViewportCommand};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Tabs of the side panel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Tab {
+    #[default]
+    Latency,
+    Scene,
+}
+
+/// What waits for the user's decision about unsaved training.
+#[derive(Clone, Debug)]
+enum Discarding {
+    Open(Subject),
+    Reset,
+    Close,
+}
+
+/// The application's state; the trainer's is on its own thread.
+pub struct Studio {
+    worker: Worker,
+    waker: Waker,
+    view: SceneView,
+    adapter: String,
+    tab: Tab,
+    open_dialog: PathDialog,
+    export_dialog: PathDialog,
+    help_is_open: bool,
+    discarding: Option<Discarding>,
+    may_close: bool,
+    dismissed: u64,
+    started: Instant,
+    first_splats_logged: bool,
+}
+
+/// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
+const INTERVAL: Duration = Duration::from_millis(33);
+const SOFTWARE_INTERVAL: Duration = Duration::from_millis(200);
+
+impl Studio {
+    /// Builds the application on eframe's context and opens `subject`.
+    pub fn new(
+        context: &eframe::CreationContext<'_>,
+        subject: Subject,
+        started: Instant,
+    ) -> std::io::Result<Self> {
+        let egui = context.egui_ctx.clone();
+        let waker: Waker = Arc::new(move || egui.request_repaint());
+        let (gpu, adapter) = gpu_painter(context, &waker);
+        let interval = if gpu.is_some() { INTERVAL } else { SOFTWARE_INTERVAL };
+        let worker = Worker::start(waker.clone(), interval)?;
+        worker.send(Order::Open(subject));
+        Ok(Self {
+            worker,
+            view: SceneView::new(gpu, waker.clone())?,
+            waker,
+            adapter,
+            tab: Tab::default(),
+            open_dialog: PathDialog::open(),
+            export_dialog: PathDialog::export(),
+            help_is_open: false,
+            discarding: None,
+            may_close: false,
+            dismissed: 0,
+            started,
+            first_splats_logged: false,
+        })
+    }
+
+    /// The newest snapshot of the run.
+    pub fn snapshot(&self) -> Arc<Snapshot> {
+        self.worker.snapshot()
+    }
+
+    fn obey(&mut self, command: Command, snapshot: &Snapshot) {
+        if !command.is_legal(snapshot.state, snapshot.source) {
+            return;
+        }
+        match command {
+            Command::Open => self.open_dialog.show(),
+            Command::OpenDemo => self.discard_then(Discarding::Open(Subject::Demo), snapshot),
+            Command::Train => self.worker.send(Order::Train),
+            Command::Pause => self.worker.send(Order::Pause),
+            Command::Step => self.worker.send(Order::Step),
+            Command::Reset => self.discard_then(Discarding::Reset, snapshot),
+            Command::Export => self.export_dialog.show(),
+            Command::FrameScene => self.view.frame_scene(),
+            Command::Home => {
+                if let Some(opened) = &snapshot.opened {
+                    self.view.go_home(opened);
+                }
+            }
+            Command::Help => self.help_is_open = !self.help_is_open,
+        }
+    }
+
+    /// Goes ahead at once if nothing would be lost, else asks. The demo can be made again at any
+    /// time, so it is never asked about.
+    fn discard_then(&mut self, what: Discarding, snapshot: &Snapshot) {
+        let is_demo = snapshot.opened.as_ref().is_none_or(|o| o.is_demo);
+        if snapshot.unsaved_frames > 0 && !is_demo {
+            self.discarding = Some(what);
+        } else {
+            self.discard(what, None);
+        }
+    }
+
+    fn discard(&mut self, what: Discarding, ui: Option<&Ui>) {
+        match what {
+            Discarding::Open(subject) => self.worker.send(Order::Open(subject)),
+            Discarding::Reset => self.worker.send(Order::Reset),
+            Discarding::Close => {
+                self.may_close = true;
+                if let Some(ui) = ui {
+                    ui.ctx().send_viewport_cmd(ViewportCommand::Close);
+                }
+            }
+        }
+    }
+
+    /// Keys are left to text fields and open questions.
+    fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        if ui.ctx().egui_wants_keyboard_input() || self.discarding.is_some() {
+            return;
+        }
+        for command in Command::ALL {
+            if !command.is_legal(snapshot.state, snapshot.source) {
+                continue;
+            }
+            let pressed =
+                command.shortcut().is_some_and(|s| ui.input_mut(|i| i.consume_shortcut(&s)));
+            if pressed {
+                self.obey(command, snapshot);
+            }
+        }
+    }
+
+    fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
+        if let Some(path) = dropped {
+            self.discard_then(Discarding::Open(Subject::Path(path)), snapshot);
+        }
+    }
+
+    /// Closing the window is asked about like everything else that forgets training.
+    fn take_close_request(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        let asked = ui.input(|i| i.viewport().close_requested());
+        let is_demo = snapshot.opened.as_ref().is_none_or(|o| o.is_demo);
+        if asked && !self.may_close && snapshot.unsaved_frames > 0 && !is_demo {
+            ui.ctx().send_viewport_cmd(ViewportCommand::CancelClose);
+            self.discarding = Some(Discarding::Close);
+        }
+    }
+
+    fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        if let Some(path) = self.open_dialog.ui(ui, &self.waker) {
+            self.discard_then(Discarding::Open(Subject::Path(path)), snapshot);
+        }
+        if let Some(path) = self.export_dialog.ui(ui, &self.waker) {
+            self.worker.send(Order::Export(path));
+        }
+        dialogs::help(ui, &mut self.help_is_open);
+        let Some(what) = self.discarding.clone() else { return };
+        match dialogs::confirm_discard(ui, snapshot.unsaved_frames) {
+            None => {}
+            Some(decision) => {
+                self.discarding = None;
+                match decision {
+                    Decision::Discard => self.discard(what, Some(ui)),
+                    Decision::Export => self.export_dialog.show(),
+                    Decision::Cancel => {}
+                }
+            }
+        }
+    }
+
+    fn side_panel(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        ui.horizontal(|ui| {
+            ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
+            ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
+        });
+        ui.separator();
+        match self.tab {
+            Tab::Latency => latency::ui(snapshot, ui),
+            Tab::Scene => scene::ui(snapshot, ui),
+        }
+    }
+
+    fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        for change in self.worker.feed().take() {
+            self.view.change(change);
+        }
+        if snapshot.opened.is_none() && snapshot.state != RunState::Loading {
+            self.empty_view(ui, snapshot);
+            return;
+        }
+        if let Some(message) = self.view.ui(ui, snapshot) {
+            self.worker.send(Order::Report(message));
+        }
+        if !self.first_splats_logged && self.view.n_drawn() > 0 {
+            self.first_splats_logged = true;
+            tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
+        }
+    }
+
+    /// Shown while nothing is open.
+    fn empty_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        ui.vertical_centered(|ui| {
+            ui.add_space(ui.available_height() * 0.35);
+            ui.label(RichText::new("Drop a dataset folder here").size(22.0));
+            ui.label("or a .ply or .glb to look at");
+            ui.add_space(12.0);
+            if ui.button("Open…").clicked() {
+                self.obey(Command::Open, snapshot);
+            }
+            if ui.button("Try the synthetic scene").clicked() {
+                self.obey(Command::OpenDemo, snapshot);
+            }
+        });
+    }
+}
+
+/// A GPU painter if the adapter is a real GPU, and who draws, for the status line.
+fn gpu_painter(
+    context: &eframe::CreationContext<'_>,
+    waker: &Waker,
+) -> (Option<GpuPainter>, String) {
+    let Some(state) = &context.wgpu_render_state else {
+        return (None, "CPU renderer".to_owned());
+    };
+    let capabilities = viewport::capabilities(state);
+    tracing::info!("adapter: {capabilities}");
+    if capabilities.is_software() {
+        return (None, format!("CPU renderer; window by {capabilities}"));
+    }
+    match GpuPainter::new(state, waker.clone()) {
+        Ok(painter) => (Some(painter), capabilities.to_string()),
+        Err(error) => {
+            tracing::warn!("{error}");
+            (None, format!("CPU renderer ({error})"))
+        }
+    }
+}
+
+impl eframe::App for Studio {
+    fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
+        let snapshot = self.worker.snapshot();
+        self.take_close_request(ui, &snapshot);
+        self.take_dropped(ui, &snapshot);
+        self.take_keys(ui, &snapshot);
+        let asked = Panel::top("transport").show(ui, |ui| {
+            ui.add_space(3.0);
+            let asked = transport::ui(&snapshot, ui);
+            ui.add_space(3.0);
+            asked
+        });
+        if let Some(command) = asked.inner {
+            self.obey(command, &snapshot);
+        }
+        let surroundings =
+            status::Surroundings { adapter: &self.adapter, n_drawn: self.view.n_drawn() };
+        Panel::bottom("status").show(ui, |ui| status::ui(&snapshot, &surroundings, ui));
+        Panel::right("panels")
+            .default_size(340.0)
+            .size_range(240.0..=640.0)
+            .show(ui, |ui| self.side_panel(ui, &snapshot));
+        let frame = Frame::central_panel(ui.style()).inner_margin(Margin::ZERO);
+        CentralPanel::default().frame(frame).show(ui, |ui| {
+            self.central_view(ui, &snapshot);
+            self.dismissed = notices::ui(&snapshot, self.dismissed, ui);
+        });
+        self.dialogs(ui, &snapshot);
+        show_drop_target(ui.ctx());
+    }
+}
+
+/// A hint while a file is dragged over the window.
+fn show_drop_target(ctx: &Context) {
+    use eframe::egui::{Align2, Color32, FontId, Id, LayerId, Order as Layer};
+    if ctx.input(|i| i.raw.hovered_files.is_empty()) {
+        return;
+    }
+    let painter = ctx.layer_painter(LayerId::new(Layer::Foreground, Id::unique("drop target")));
+    let rect = ctx.content_rect();
+    painter.rect_filled(rect, 0.0, Color32::from_black_alpha(160));
+    painter.text(
+        rect.center(),
+        Align2::CENTER_CENTER,
+        "Drop to open",
+        FontId::proportional(28.0),
+        Color32::WHITE,
+    );
+}

@@ -1,0 +1,419 @@
+//! The thread that owns the trainer. It takes orders between frames, publishes snapshots and
+//! changed splats, and never waits for the window.
+
+use super::feed::{SplatChange, SplatFeed};
+use super::opening::{self, Content};
+use super::state::{HISTORY, Notice, NoticeKind, RunState, Snapshot, Source, Subject};
+use crate::eval::report::{FrameReport, Summary};
+use crate::export::{self, Format, WriteOptions};
+use crate::model::splats::Splat;
+use crate::pipeline::session::{Session, SessionError, Step};
+use std::any::Any;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// An order to the trainer.
+#[derive(Clone, Debug)]
+pub enum Order {
+    /// Open something and, for the demo, train it at once.
+    Open(Subject),
+    /// Train until paused or done.
+    Train,
+    /// Stop after the current frame.
+    Pause,
+    /// Train one frame.
+    Step,
+    /// Start over with the same subject.
+    Reset,
+    /// Write the newest state to a file.
+    Export(PathBuf),
+    /// Show a failure that happened elsewhere in the window.
+    Report(String),
+}
+
+/// What the worker and the window share.
+#[derive(Default)]
+struct Shared {
+    snapshot: Mutex<Arc<Snapshot>>,
+    feed: SplatFeed,
+}
+
+/// Handle of the trainer's thread; dropping it stops the thread after the current frame.
+pub struct Worker {
+    orders: Option<Sender<Order>>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Wakes the window after something was published.
+pub type Waker = Arc<dyn Fn() + Send + Sync>;
+
+impl Worker {
+    /// Starts the thread. Snapshots and splats are published at most once per `interval`.
+    pub fn start(waker: Waker, interval: Duration) -> std::io::Result<Self> {
+        let (orders, inbox) = channel();
+        let shared = Arc::new(Shared::default());
+        let state = Trainer::new(inbox, shared.clone(), waker, interval);
+        let thread =
+            std::thread::Builder::new().name("trainer".into()).spawn(move || state.run())?;
+        Ok(Self { orders: Some(orders), shared, thread: Some(thread) })
+    }
+
+    /// Hands an order over; returns at once.
+    pub fn send(&self, order: Order) {
+        if let Some(orders) = &self.orders {
+            // The thread ends only when this handle is dropped.
+            let _ = orders.send(order);
+        }
+    }
+
+    /// The newest snapshot.
+    pub fn snapshot(&self) -> Arc<Snapshot> {
+        self.shared.snapshot.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Changed splats on their way to the viewport.
+    pub fn feed(&self) -> &SplatFeed {
+        &self.shared.feed
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        self.orders = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread was reported when it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread's own state.
+struct Trainer {
+    inbox: Receiver<Order>,
+    shared: Arc<Shared>,
+    waker: Waker,
+    interval: Duration,
+    published: Instant,
+    subject: Option<Subject>,
+    content: Option<Content>,
+    snapshot: Snapshot,
+    recent: VecDeque<FrameReport>,
+    /// When recent frames ended, for the frame rate.
+    ends: VecDeque<Instant>,
+    dirty: Dirty,
+    /// Whether the snapshot differs from the published one.
+    changed: bool,
+    next_serial: u64,
+}
+
+/// Components that changed since the viewport was last told.
+#[derive(Default)]
+struct Dirty {
+    ids: Vec<u32>,
+    is_dirty: Vec<bool>,
+}
+
+impl Dirty {
+    fn mark(&mut self, ids: &[u32], components: usize) {
+        self.is_dirty.resize(components, false);
+        for &id in ids {
+            if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
+                self.ids.push(id);
+            }
+        }
+    }
+
+    fn take(&mut self) -> Vec<u32> {
+        for &id in &self.ids {
+            self.is_dirty[id as usize] = false;
+        }
+        std::mem::take(&mut self.ids)
+    }
+}
+
+/// Frames over which the frame rate is taken.
+const RATE_FRAMES: usize = 30;
+/// Most notices kept.
+const MAX_NOTICES: usize = 50;
+
+impl Trainer {
+    fn new(inbox: Receiver<Order>, shared: Arc<Shared>, waker: Waker, interval: Duration) -> Self {
+        Self {
+            inbox,
+            shared,
+            waker,
+            interval,
+            published: Instant::now(),
+            subject: None,
+            content: None,
+            snapshot: Snapshot::default(),
+            recent: VecDeque::new(),
+            ends: VecDeque::new(),
+            dirty: Dirty::default(),
+            changed: true,
+            next_serial: 1,
+        }
+    }
+
+    fn run(mut self) {
+        loop {
+            let order = if self.snapshot.state == RunState::Training {
+                match self.inbox.try_recv() {
+                    Ok(order) => Some(order),
+                    Err(std::sync::mpsc::TryRecvError::Empty) => None,
+                    Err(std::sync::mpsc::TryRecvError::Disconnected) => return,
+                }
+            } else {
+                // Splats that could not be delivered yet are tried again while idle.
+                match self.inbox.recv_timeout(self.interval) {
+                    Ok(order) => Some(order),
+                    Err(RecvTimeoutError::Timeout) => None,
+                    Err(RecvTimeoutError::Disconnected) => return,
+                }
+            };
+            let acted = order.is_some();
+            self.changed |= acted || self.snapshot.state == RunState::Training;
+            let work = catch_unwind(AssertUnwindSafe(|| match order {
+                Some(order) => self.obey(order),
+                None if self.snapshot.state == RunState::Training => self.step(),
+                None => {}
+            }));
+            if let Err(panic) = work {
+                self.fail(format!(
+                    "the trainer crashed: {}; the scene up to here can be exported",
+                    text_of(&*panic)
+                ));
+            }
+            self.publish(acted);
+        }
+    }
+
+    fn obey(&mut self, order: Order) {
+        match order {
+            Order::Open(subject) => self.open(subject),
+            Order::Train => self.set_state(RunState::Training),
+            Order::Pause => self.set_state(RunState::Paused),
+            Order::Step => {
+                self.set_state(RunState::Paused);
+                self.step();
+            }
+            Order::Reset => {
+                if let Some(subject) = self.subject.clone() {
+                    self.open(subject);
+                }
+            }
+            Order::Export(path) => self.export(&path),
+            Order::Report(message) => self.notify(NoticeKind::Error, message),
+        }
+    }
+
+    fn set_state(&mut self, state: RunState) {
+        // An order that crossed with the end of training must not revive it.
+        if matches!(self.snapshot.state, RunState::Ready | RunState::Training | RunState::Paused) {
+            self.snapshot.state = state;
+            self.ends.clear();
+        }
+    }
+
+    fn open(&mut self, subject: Subject) {
+        let before = self.snapshot.state;
+        self.snapshot.state = RunState::Loading;
+        self.publish(true);
+        match opening::open(&subject, self.next_serial) {
+            Ok(opened) => {
+                self.next_serial += 1;
+                self.subject = Some(subject);
+                self.begin(opened);
+            }
+            Err(error) => {
+                // What was open stays open.
+                self.snapshot.state = match before {
+                    RunState::Training => RunState::Paused,
+                    RunState::Loading => RunState::Empty,
+                    other => other,
+                };
+                self.notify(NoticeKind::Error, error.to_string());
+            }
+        }
+    }
+
+    fn begin(&mut self, opened: opening::Result) {
+        self.recent.clear();
+        self.ends.clear();
+        self.dirty = Dirty::default();
+        let notices = self.snapshot.notices.clone();
+        self.snapshot =
+            Snapshot { opened: Some(Arc::new(opened.facts)), notices, ..Snapshot::default() };
+        self.shared.feed.push(SplatChange::All(opened.splats));
+        match &opened.content {
+            Content::Session(session) => {
+                self.snapshot.source = Source::Dataset;
+                self.snapshot.n_frames = session.plan().frames.len();
+                let is_demo = self.subject == Some(Subject::Demo);
+                self.snapshot.state = if is_demo { RunState::Training } else { RunState::Ready };
+            }
+            Content::Model(splats) => {
+                self.snapshot.source = Source::Model;
+                self.snapshot.state = RunState::Finished;
+                self.snapshot.components = splats.len();
+                self.snapshot.used = splats.len();
+            }
+        }
+        self.content = Some(opened.content);
+        for (kind, text) in opened.notices {
+            self.notify(kind, text);
+        }
+        self.refresh_session_facts();
+    }
+
+    fn step(&mut self) {
+        let Some(Content::Session(session)) = &mut self.content else { return };
+        match session.step() {
+            Ok(Step::Trained(frame)) => {
+                self.dirty.mark(session.engine().touched(), session.engine().components());
+                self.learned(frame);
+            }
+            Ok(Step::Skipped(skipped)) => {
+                tracing::warn!("{}", skipped.message);
+                self.refresh_session_facts();
+            }
+            Ok(Step::Finished) => self.finish(),
+            Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
+            Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
+        }
+    }
+
+    fn learned(&mut self, frame: FrameReport) {
+        if self.recent.len() == HISTORY {
+            self.recent.pop_front();
+        }
+        self.recent.push_back(frame);
+        self.snapshot.frames_done += 1;
+        self.snapshot.unsaved_frames += 1;
+        if self.ends.len() == RATE_FRAMES {
+            self.ends.pop_front();
+        }
+        self.ends.push_back(Instant::now());
+        if let (Some(first), Some(last)) = (self.ends.front(), self.ends.back()) {
+            let span_s = (*last - *first).as_secs_f64();
+            self.snapshot.frames_per_s =
+                if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 };
+        }
+        self.refresh_session_facts();
+    }
+
+    fn finish(&mut self) {
+        self.snapshot.state = RunState::Finished;
+        self.snapshot.frames_per_s = 0.0;
+        if let Some(Content::Session(session)) = &self.content {
+            let summary = Summary::of_frames(session.frames(), 0.0);
+            tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
+        }
+    }
+
+    fn refresh_session_facts(&mut self) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        self.snapshot.components = session.engine().components();
+        self.snapshot.used = session.engine().used();
+        self.snapshot.model_bytes = session.engine().model_bytes();
+        if self.snapshot.skipped.len() != session.skipped().len() {
+            self.snapshot.skipped = Arc::new(session.skipped().to_vec());
+        }
+    }
+
+    /// The newest state of the scene, whatever the viewport shows.
+    fn splats(&self) -> Vec<Splat> {
+        match &self.content {
+            Some(Content::Session(session)) => session.splats(),
+            Some(Content::Model(splats)) => splats.clone(),
+            None => Vec::new(),
+        }
+    }
+
+    fn export(&mut self, path: &Path) {
+        let written = Format::from_path(path).and_then(|format| {
+            let options = WriteOptions { metric: self.is_metric(), ..WriteOptions::new(format) };
+            export::write(path, &self.splats(), &options)
+        });
+        match written {
+            Ok(summary) => {
+                self.snapshot.unsaved_frames = 0;
+                let megabytes = summary.bytes as f64 * 1e-6;
+                let text = format!(
+                    "Wrote {} splats ({megabytes:.1} MB) to {}",
+                    summary.n_written,
+                    path.display()
+                );
+                self.notify(NoticeKind::Info, text);
+            }
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+        }
+    }
+
+    fn is_metric(&self) -> bool {
+        matches!(&self.content, Some(Content::Session(session)) if is_metric(session))
+    }
+
+    fn fail(&mut self, message: String) {
+        self.snapshot.state = RunState::Failed;
+        self.notify(NoticeKind::Error, message);
+    }
+
+    fn notify(&mut self, kind: NoticeKind, text: String) {
+        match kind {
+            NoticeKind::Error => tracing::error!("{text}"),
+            NoticeKind::Warning => tracing::warn!("{text}"),
+            NoticeKind::Info => tracing::info!("{text}"),
+        }
+        let mut notices = self.snapshot.notices.to_vec();
+        if notices.len() == MAX_NOTICES {
+            notices.remove(0);
+        }
+        notices.push(Notice { serial: self.next_serial, kind, text });
+        self.next_serial += 1;
+        self.snapshot.notices = Arc::new(notices);
+    }
+
+    /// Tells the window, at most once per interval unless `at_once`. Changed splats are converted
+    /// only when the viewport took the last ones.
+    fn publish(&mut self, at_once: bool) {
+        let due = self.published.elapsed() >= self.interval;
+        let news = self.changed || !self.dirty.ids.is_empty();
+        if !(at_once || due && news) {
+            return;
+        }
+        self.deliver_splats();
+        self.snapshot.recent = Arc::new(self.recent.iter().cloned().collect());
+        let snapshot = Arc::new(self.snapshot.clone());
+        *self.shared.snapshot.lock().unwrap_or_else(PoisonError::into_inner) = snapshot;
+        self.published = Instant::now();
+        self.changed = false;
+        (self.waker)();
+    }
+
+    fn deliver_splats(&mut self) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        if !self.dirty.ids.is_empty() && self.shared.feed.is_empty() {
+            let ids = self.dirty.take();
+            let splats = session.splats_of(&ids);
+            self.shared.feed.push(SplatChange::Some { ids, splats });
+        }
+    }
+}
+
+/// Whether the dataset's world is in metres.
+fn is_metric(session: &Session) -> bool {
+    use crate::dataset::Layout;
+    matches!(session.dataset().layout, Layout::SevenScenes | Layout::Synthetic)
+}
+
+fn text_of(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<&str>().copied();
+    text.or_else(|| panic.downcast_ref::<String>().map(String::as_str)).unwrap_or("unknown reason")
+}
