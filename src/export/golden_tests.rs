@@ -1,6 +1,5 @@
 //! Golden files byte for byte. They were made from f64 values, which a [`Splat`] rounds to f32
 //! first, so the encoders are fed directly; `tests/export.rs` compares the public path.
-#![allow(clippy::unwrap_used)]
 
 use super::format::{Format, WriteOptions};
 use super::gaussian::Gaussian;

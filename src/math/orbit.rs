@@ -111,7 +111,7 @@ mod tests {
     fn up_is_what_the_cameras_agree_on() {
         let circle: Vec<Pose> = (0..12)
             .map(|i| {
-                let azimuth = i as f64 * 0.5236;
+                let azimuth = i as f64 * std::f64::consts::FRAC_PI_6;
                 Orbit { target: DVec3::ZERO, up: DVec3::Z, azimuth, elevation: 0.6, distance: 4.0 }
                     .pose()
             })

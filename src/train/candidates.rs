@@ -55,7 +55,6 @@ impl_scalar!(f32);
 impl_scalar!(f64);
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};

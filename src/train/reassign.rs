@@ -77,7 +77,6 @@ pub fn destinations(elbo: &[f64], quota: Quota, uniform: impl FnMut() -> f64) ->
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -8,7 +8,8 @@ use vbgs_studio::model::niw::Niw;
 fn special_functions() {
     let Some(case) = Case::open("niw") else { return };
     let (x, a) = (case.f64("sf_x"), case.f64("sf_a"));
-    let table: [(&str, &[f64], fn(f64) -> f64); 4] = [
+    type Row<'a> = (&'a str, &'a [f64], fn(f64) -> f64);
+    let table: [Row; 4] = [
         ("sf_digamma", &x, digamma),
         ("sf_lgamma", &x, ln_gamma),
         ("sf_mvdigamma3", &a, mv_digamma3),

@@ -200,7 +200,6 @@ fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

@@ -76,7 +76,6 @@ fn digit(entry: u64, pass: usize) -> usize {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::math::camera::Intrinsics;
