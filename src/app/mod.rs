@@ -17,7 +17,7 @@ mod view_thread;
 mod viewport;
 pub mod worker;
 
-pub use studio::Studio;
+pub use studio::{Painting, Studio};
 
 use eframe::egui::{Vec2, ViewportBuilder};
 use state::Subject;
@@ -50,7 +50,7 @@ pub fn run(subject: Subject, started: Instant) -> Result<(), WindowError> {
         ..Default::default()
     };
     let create = move |context: &eframe::CreationContext<'_>| {
-        let studio = Studio::new(context, subject, started)?;
+        let studio = Studio::new(context, Some(subject), Painting::Auto, started)?;
         Ok(Box::new(studio) as Box<dyn eframe::App>)
     };
     Ok(eframe::run_native("vbgs-studio", options, Box::new(create))?)

@@ -19,6 +19,15 @@ enum Tab {
     Scene,
 }
 
+/// Who draws the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Painting {
+    /// The GPU if it is a real one, else the CPU renderer, which is faster than a software GPU.
+    Auto,
+    /// The GPU whatever it is.
+    Gpu,
+}
+
 /// What waits for the user's decision about unsaved training.
 #[derive(Clone, Debug)]
 enum Discarding {
@@ -49,18 +58,21 @@ const INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(200);
 
 impl Studio {
-    /// Builds the application on eframe's context and opens `subject`.
+    /// Builds the application on eframe's context and opens `subject`, if there is one.
     pub fn new(
         context: &eframe::CreationContext<'_>,
-        subject: Subject,
+        subject: Option<Subject>,
+        painting: Painting,
         started: Instant,
     ) -> std::io::Result<Self> {
         let egui = context.egui_ctx.clone();
         let waker: Waker = Arc::new(move || egui.request_repaint());
-        let (gpu, adapter) = gpu_painter(context, &waker);
+        let (gpu, adapter) = gpu_painter(context, painting, &waker);
         let interval = if gpu.is_some() { INTERVAL } else { SOFTWARE_INTERVAL };
         let worker = Worker::start(waker.clone(), interval)?;
-        worker.send(Order::Open(subject));
+        if let Some(subject) = subject {
+            worker.send(Order::Open(subject));
+        }
         Ok(Self {
             worker,
             view: SceneView::new(gpu, waker.clone())?,
@@ -81,6 +93,11 @@ impl Studio {
     /// The newest snapshot of the run.
     pub fn snapshot(&self) -> Arc<Snapshot> {
         self.worker.snapshot()
+    }
+
+    /// Splats in the picture on screen.
+    pub fn n_drawn(&self) -> usize {
+        self.view.n_drawn()
     }
 
     fn obey(&mut self, command: Command, snapshot: &Snapshot) {
@@ -234,6 +251,7 @@ impl Studio {
 /// A GPU painter if the adapter is a real GPU, and who draws, for the status line.
 fn gpu_painter(
     context: &eframe::CreationContext<'_>,
+    painting: Painting,
     waker: &Waker,
 ) -> (Option<GpuPainter>, String) {
     let Some(state) = &context.wgpu_render_state else {
@@ -241,7 +259,7 @@ fn gpu_painter(
     };
     let capabilities = viewport::capabilities(state);
     tracing::info!("adapter: {capabilities}");
-    if capabilities.is_software() {
+    if capabilities.is_software() && painting == Painting::Auto {
         return (None, format!("CPU renderer; window by {capabilities}"));
     }
     match GpuPainter::new(state, waker.clone()) {

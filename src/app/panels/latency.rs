@@ -3,7 +3,7 @@
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, quantile};
 use crate::train::timing::StageMs;
-use eframe::egui::{Color32, Grid, RichText, Ui};
+use eframe::egui::{Color32, Grid, RichText, Sense, Ui, Vec2};
 use egui_plot::{FilledArea, Plot};
 
 /// Colours of the stages, in the order of [`StageMs::NAMES`]; told apart by people with red-green
@@ -94,10 +94,10 @@ fn row(
 ) {
     let mut values: Vec<f64> = frames.iter().map(value).collect();
     values.sort_by(f64::total_cmp);
-    match color {
-        Some(color) => ui.label(RichText::new("⏹").color(color)),
-        None => ui.label(""),
-    };
+    let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
+    if let Some(color) = color {
+        ui.painter().rect_filled(swatch, 2.0, color);
+    }
     ui.label(label);
     for q in [0.5, 0.95, 1.0] {
         ui.label(RichText::new(format!("{:.2}", quantile(&values, q))).monospace());

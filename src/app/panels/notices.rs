@@ -16,21 +16,24 @@ pub fn ui(snapshot: &Snapshot, dismissed_up_to: u64, ui: &Ui) -> u64 {
         return dismissed;
     }
     let top = ui.max_rect().center_top() + Vec2::new(0.0, 10.0);
-    Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP).show(ui.ctx(), |ui| {
-        Frame::popup(ui.style()).show(ui, |ui| {
-            ui.set_max_width(620.0);
-            for notice in &waiting {
-                ui.horizontal(|ui| {
-                    let (word, color) = heading(notice.kind);
-                    ui.label(RichText::new(word).strong().color(color));
-                    ui.add(eframe::egui::Label::new(&notice.text).wrap());
-                });
-            }
-            if ui.button("Dismiss").clicked() {
-                dismissed = snapshot.notices.last().map_or(dismissed, |n| n.serial);
-            }
-        });
-    });
+    Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP).show(
+        ui.ctx(),
+        |ui| {
+            Frame::popup(ui.style()).show(ui, |ui| {
+                ui.set_max_width(620.0);
+                for notice in &waiting {
+                    ui.horizontal(|ui| {
+                        let (word, color) = heading(notice.kind);
+                        ui.label(RichText::new(word).strong().color(color));
+                        ui.add(eframe::egui::Label::new(&notice.text).wrap());
+                    });
+                }
+                if ui.button("Dismiss").clicked() {
+                    dismissed = snapshot.notices.last().map_or(dismissed, |n| n.serial);
+                }
+            });
+        },
+    );
     dismissed
 }
 

@@ -3,7 +3,7 @@
 use crate::app::state::{RunState, Snapshot};
 use crate::eval::report::quantile;
 use crate::pipeline::machine;
-use eframe::egui::{Color32, RichText, Ui};
+use eframe::egui::{Color32, Label, RichText, Ui};
 
 /// What the line says beside the snapshot.
 pub struct Surroundings<'a> {
@@ -15,7 +15,7 @@ pub struct Surroundings<'a> {
 
 /// Draws the line.
 pub fn ui(snapshot: &Snapshot, surroundings: &Surroundings, ui: &mut Ui) {
-    ui.horizontal_wrapped(|ui| {
+    ui.horizontal(|ui| {
         ui.label(RichText::new(snapshot.state.label()).strong().color(color(snapshot.state)));
         if snapshot.frames_per_s > 0.0 {
             ui.separator();
@@ -50,7 +50,9 @@ pub fn ui(snapshot: &Snapshot, surroundings: &Surroundings, ui: &mut Ui) {
             ));
             ui.separator();
         }
-        ui.label(RichText::new(surroundings.adapter).weak());
+        // The one text of unknown length must not make the line, and with it the viewport, jump.
+        let adapter = Label::new(RichText::new(surroundings.adapter).weak()).truncate();
+        ui.add(adapter).on_hover_text(surroundings.adapter);
     });
 }
 
