@@ -17,14 +17,16 @@ mod train;
 mod window;
 
 use args::{Arguments, Command};
-use clap::Parser;
 use failure::Failure;
 use std::process::ExitCode;
+
+/// More threads than any machine this is meant for has.
+const MAX_THREADS: usize = 1024;
 
 /// Runs the command the process was started with. Exit status: 0 done, 1 the work failed, 2 wrong
 /// usage, 130 interrupted.
 pub fn run() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = Arguments::from_command_line();
     start_logging();
     match dispatch(arguments) {
         Ok(()) => ExitCode::SUCCESS,
@@ -64,8 +66,8 @@ fn open_window(path: Option<std::path::PathBuf>) -> Result<(), Failure> {
 
 fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
     let Some(threads) = threads else { return Ok(()) };
-    if threads == 0 || threads > 1024 {
-        return Err(Failure::Usage(format!("--threads: expected 1 to 1024, found {threads}")));
+    if threads > MAX_THREADS {
+        return Err(Failure::Usage(format!("--threads: expected 1 to {MAX_THREADS}, found {threads}")));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| {
