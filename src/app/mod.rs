@@ -29,9 +29,25 @@ pub enum WindowError {
     /// No display server to open a window on.
     #[error("no display found")]
     NoDisplay,
-    /// The window or its graphics adapter could not be had.
+    /// A display server is announced but does not answer.
+    #[error("the display server does not answer")]
+    DisplaySilent,
+    /// No adapter can draw the window.
+    #[error("no usable graphics adapter found ({0})")]
+    NoAdapter(String),
+    /// The window failed for another reason.
     #[error("no window could be opened ({0})")]
-    Window(#[from] eframe::Error),
+    Window(String),
+}
+
+impl From<eframe::Error> for WindowError {
+    fn from(error: eframe::Error) -> Self {
+        match error {
+            eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => Self::DisplaySilent,
+            eframe::Error::Wgpu(error) => Self::NoAdapter(error.to_string()),
+            other => Self::Window(other.to_string()),
+        }
+    }
 }
 
 /// Opens the window on `subject` and runs until it is closed. `started` is when the process began.

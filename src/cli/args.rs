@@ -1,6 +1,7 @@
 //! Arguments of every command.
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::train::config::Candidates;
@@ -10,15 +11,27 @@ use vbgs_studio::train::config::Candidates;
 /// Without a command, opens the window on PATH, or on a built-in demo that starts training at once.
 /// Without a display the demo is trained headless into `vbgs-demo/`.
 #[derive(Parser)]
-#[command(version, args_conflicts_with_subcommands = true)]
+#[command(version)]
 pub struct Arguments {
     /// Dataset folder, `.ply` or `.glb` to open in the window
     pub path: Option<PathBuf>,
     /// Threads that train and render [default: one per core]
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
     pub threads: Option<usize>,
     #[command(subcommand)]
     pub command: Option<Command>,
+}
+
+impl Arguments {
+    /// The arguments of this process; ends it with a message where they make no sense.
+    pub fn from_command_line() -> Self {
+        let arguments = Self::parse();
+        if let (Some(path), Some(_)) = (&arguments.path, &arguments.command) {
+            let message = format!("`{}` stands before a command; put it after", path.display());
+            Self::command().error(ErrorKind::ArgumentConflict, message).exit();
+        }
+        arguments
+    }
 }
 
 #[derive(Subcommand)]
@@ -89,10 +102,10 @@ pub enum GroundTruthName {
 #[derive(Args)]
 pub struct DepthArgs {
     /// World units per step of 16-bit depth, instead of what the dataset says
-    #[arg(long, value_name = "UNITS")]
+    #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
     pub depth_scale: Option<f64>,
     /// Nearest and farthest depth to trust, world units
-    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"])]
+    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
     pub depth_range: Option<Vec<f64>>,
 }
 
@@ -136,10 +149,10 @@ pub struct TrainArgs {
     #[arg(long)]
     pub seed: Option<u64>,
     /// Frames at most
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     /// Every N-th frame
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_count, allow_negative_numbers = true)]
     pub stride: usize,
     /// Order of the frames
     #[arg(long, value_enum, default_value = "sequential")]
@@ -151,10 +164,10 @@ pub struct TrainArgs {
     #[arg(long, value_name = "FILE.ron")]
     pub config: Option<PathBuf>,
     /// Number of components [default: 100000]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub components: Option<usize>,
     /// Candidate components per point, or `dense` [default: 4]
-    #[arg(long, value_name = "C")]
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
     pub candidates: Option<Candidates>,
     /// Where initial means come from [default: random]
     #[arg(long, value_enum)]
@@ -163,7 +176,7 @@ pub struct TrainArgs {
     #[arg(long, value_enum)]
     pub reassign: Option<ReassignName>,
     /// Share of the unused components that may move per frame [default: 0.05]
-    #[arg(long, value_name = "F")]
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub reassign_fraction: Option<f64>,
     /// Arithmetic of the hot loops [default: mixed]
     #[arg(long, value_enum)]
@@ -172,7 +185,7 @@ pub struct TrainArgs {
     #[arg(long, value_enum)]
     pub conversion: Option<ConversionName>,
     /// Factor on the splats' standard deviations [default: that of the conversion]
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub scale_factor: Option<f64>,
     #[command(flatten)]
     pub depth: DepthArgs,
@@ -190,10 +203,10 @@ pub struct EvalArgs {
     #[command(flatten)]
     pub comparison: ComparisonArgs,
     /// Views at most
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     /// Every N-th view
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_count, allow_negative_numbers = true)]
     pub stride: usize,
     /// Print JSON on stdout
     #[arg(long)]
@@ -222,13 +235,13 @@ pub struct RenderArgs {
     #[arg(long, value_name = "AZ,EL,DIST", value_parser = parse_orbit, allow_hyphen_values = true)]
     pub orbit: Option<[f64; 3]>,
     /// N views once around the scene, written as 000.png, 001.png, …
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub turntable: Option<usize>,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
     pub size: [u32; 2],
     /// Horizontal field of view in degrees
-    #[arg(long, value_name = "DEG", default_value_t = 60.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 60.0, allow_negative_numbers = true)]
     pub fov: f64,
     /// World axis that points up
     #[arg(long, value_enum, default_value = "z", allow_hyphen_values = true)]
@@ -321,7 +334,7 @@ pub struct SynthArgs {
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// Depth noise in units of a depth camera's
-    #[arg(long, value_name = "X", default_value_t = 0.0)]
+    #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
     pub depth_noise: f64,
 }
 
@@ -334,6 +347,11 @@ pub struct InfoArgs {
     pub json: bool,
     #[command(flatten)]
     pub depth: DepthArgs,
+}
+
+fn parse_count(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|&n| n > 0);
+    count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
 }
 
 fn parse_color(text: &str) -> Result<[f32; 3], String> {

@@ -17,9 +17,6 @@ struct EvalOutput {
 
 /// Measures as asked.
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
-    if args.stride == 0 {
-        return Err(Failure::Usage("--stride: expected 1 or more, found 0".into()));
-    }
     let model = model::load(&args.model)?;
     let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
     announce(&dataset);
@@ -31,6 +28,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
             bar.set_position(done as u64)
         })?;
     bar.finish_and_clear();
+    output::skipped_views(&dataset, &report);
     if args.json {
         return output::json(&EvalOutput { eval: vec![report], views });
     }

@@ -14,13 +14,16 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         None => Format::from_path(&args.output)?,
     };
     let model = model::load(&args.model)?;
+    // Foreign comments speak of the foreign file: its axes, its exporter.
+    let ours = model.comments.into_iter().filter(|line| line.starts_with("vbgs "));
+    let comments: Vec<String> = ours.collect();
     let options = WriteOptions {
         axes: match args.axes {
             AxesName::AsIs => Axes::AsIs,
             AxesName::Viewer => Axes::Viewer,
         },
         sh3_padding: args.sh3_padding,
-        comments: &model.comments,
+        comments: &comments,
         ..WriteOptions::new(format)
     };
     let summary = write(&args.output, &model.splats, &options)?;

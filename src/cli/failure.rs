@@ -1,6 +1,8 @@
 //! How a command ends when it does not end well.
 
 use std::process::ExitCode;
+use vbgs_studio::dataset::error::DatasetError;
+use vbgs_studio::dataset::synthetic::write::WriteError;
 use vbgs_studio::train::config::ConfigError;
 
 /// Why a command did not do its work.
@@ -23,7 +25,7 @@ impl Failure {
     pub fn report(self) -> ExitCode {
         match self {
             Self::Failed(error) => {
-                eprintln!("error: {error:#}");
+                eprintln!("error: {}", message(&error));
                 ExitCode::FAILURE
             }
             Self::Usage(message) => {
@@ -38,9 +40,25 @@ impl Failure {
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let error = error.into();
-        match error.downcast_ref::<ConfigError>() {
-            Some(config) => Self::Usage(config.to_string()),
-            None => Self::Failed(error),
+        if is_usage(&error) { Self::Usage(message(&error)) } else { Self::Failed(error) }
+    }
+}
+
+/// Whether a setting is to blame, whatever the files hold.
+fn is_usage(error: &anyhow::Error) -> bool {
+    error.is::<ConfigError>()
+        || matches!(error.downcast_ref(), Some(DatasetError::Option { .. }))
+        || matches!(error.downcast_ref(), Some(WriteError::Params(_)))
+}
+
+/// An error with those of its causes that its own text does not already tell.
+fn message(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
         }
     }
+    text
 }

@@ -17,17 +17,20 @@ mod train;
 mod window;
 
 use args::{Arguments, Command};
-use clap::Parser;
 use failure::Failure;
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
+
+/// More threads than any machine this is meant for has.
+const MAX_THREADS: usize = 1024;
 
 /// Runs the command the process was started with. Exit status: 0 done, 1 the work failed, 2 wrong
 /// usage, 130 interrupted.
 pub fn run() -> ExitCode {
     let started = Instant::now();
-    let arguments = Arguments::parse();
+    let arguments = Arguments::from_command_line();
     start_logging();
     match dispatch(arguments, started) {
         Ok(()) => ExitCode::SUCCESS,
@@ -67,8 +70,10 @@ fn open_window(path: Option<PathBuf>, _: Instant) -> Result<(), Failure> {
 
 fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
     let Some(threads) = threads else { return Ok(()) };
-    if threads == 0 || threads > 1024 {
-        return Err(Failure::Usage(format!("--threads: expected 1 to 1024, found {threads}")));
+    if threads > MAX_THREADS {
+        return Err(Failure::Usage(format!(
+            "--threads: expected 1 to {MAX_THREADS}, found {threads}"
+        )));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     pool.map_err(|e| {
@@ -76,15 +81,18 @@ fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
     })
 }
 
-/// Warnings to stderr; `VBGS_LOG=debug` shows more. The graphics stack stays at warnings.
+/// Our warnings to stderr; `VBGS_LOG=info` or `debug` shows more. Of the graphics and window stack
+/// only errors are shown: what its warnings say, the status line and our messages say better.
 fn start_logging() {
     use tracing_subscriber::EnvFilter;
     let level = std::env::var("VBGS_LOG").unwrap_or_else(|_| "warn".to_owned());
-    let filter = EnvFilter::try_new(format!("{level},wgpu_core=warn,wgpu_hal=error,naga=warn"))
-        .unwrap_or_else(|_| EnvFilter::new("warn,wgpu_hal=error"));
+    let quiet = "eframe=off,winit=error,egui_wgpu=error,wgpu_core=error,wgpu_hal=off,naga=error";
+    let filter = EnvFilter::try_new(format!("{level},{quiet}"))
+        .unwrap_or_else(|_| EnvFilter::new(format!("warn,{quiet}")));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .init();
 }

@@ -8,6 +8,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
+use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::report::EvalReport;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::math::image::RgbImage;
@@ -50,22 +51,37 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
             path.display()
         )
     })?;
+    // Better now than after the training whose result belongs here.
+    tempfile::tempfile_in(path).with_context(|| {
+        format!(
+            "{}: expected a folder to write to, found one that takes no files; choose another",
+            path.display()
+        )
+    })?;
     Ok(())
+}
+
+/// Says on stderr which views could not be measured, besides those refused at opening.
+pub fn skipped_views(dataset: &Dataset, eval: &EvalReport) {
+    let told: Vec<String> = dataset.warnings.iter().map(|w| w.error.to_string()).collect();
+    let untold = eval.skipped.iter().filter(|view| !told.contains(&view.message));
+    untold.for_each(|view| eprintln!("warning: {}", view.message));
 }
 
 /// The quality of one split in a sentence.
 pub fn quality(eval: &EvalReport) -> String {
     let depth =
         eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
+    let covered =
+        eval.psnr_covered_mean.map_or_else(String::new, |psnr| format!("{psnr:.2} dB over "));
     format!(
-        "{} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {:.2} dB over the {:.1} % covered, SSIM {:.4}{depth}",
+        "{} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {covered}the {:.1} % covered, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,
         eval.ground_truth,
         eval.psnr_mean,
         eval.psnr_std,
-        eval.psnr_covered_mean,
         100.0 * eval.coverage_mean,
         eval.ssim_mean,
     )

@@ -24,6 +24,12 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
             args.fov
         )));
     }
+    if args.turntable.is_none() && !is_png(&args.output) {
+        return Err(Failure::Usage(format!(
+            "--output: expected a name ending in .png, found {}",
+            args.output.display()
+        )));
+    }
     let model = model::load(&args.model)?;
     if let Some(dataset) = &args.dataset {
         return render_view(&model.splats, dataset, args);
@@ -95,6 +101,10 @@ fn orbit(splats: &[Splat], args: &RenderArgs) -> Result<Orbit, Failure> {
         elevation: elevation.to_radians(),
         distance,
     })
+}
+
+fn is_png(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"))
 }
 
 fn axis(name: AxisName) -> DVec3 {

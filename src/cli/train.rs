@@ -23,9 +23,6 @@ use vbgs_studio::train::config::{Init, Overrides, Precision, ReassignPolicy, Tra
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let config = train_config(args)?;
-    if args.stride == 0 {
-        return Err(Failure::Usage("--stride: expected 1 or more, found 0".into()));
-    }
     let interrupt = Interrupt::listen()?;
     let dataset = Arc::new(dataset::open(&args.dataset, &args.depth.load_options())?);
     if let Some(split) = &args.eval {
@@ -37,13 +34,26 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
-    let finished = train(&mut session, &interrupt)?;
-    let eval = match &args.eval {
-        Some(split) if finished => vec![evaluate(&session, split, &args.comparison)?],
-        _ => Vec::new(),
+    let end = train(&mut session, &interrupt);
+    if session.frames().is_empty() && end.is_err() {
+        return end.map(drop);
+    }
+    // Whatever happens next, the scene is safe.
+    let has_scene = save_scene(&session, &args.out)?;
+    let (eval, failure) = match (&args.eval, &end) {
+        (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison) {
+            Ok(report) => (vec![report], None),
+            Err(failure) => (Vec::new(), Some(failure)),
+        },
+        _ => (Vec::new(), None),
     };
-    save(&session, &args.out, eval, args.json)?;
-    if finished { Ok(()) } else { Err(Failure::Interrupted) }
+    save_report(&session, args, has_scene, eval)?;
+    let finished = end? && !interrupt.is_asked();
+    match failure {
+        Some(failure) => Err(failure),
+        None if finished => Ok(()),
+        None => Err(Failure::Interrupted),
+    }
 }
 
 /// Trains until the frames end (true) or Ctrl-C (false).
@@ -70,16 +80,27 @@ pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failu
     Ok(true)
 }
 
-/// Writes `scene.ply` and `report.json`, and prints the result.
-fn save(session: &Session, out: &Path, eval: Vec<EvalReport>, json: bool) -> Result<(), Failure> {
-    let report = session.report(None, eval);
+/// Writes `scene.ply` unless nothing was learnt; whether it did.
+fn save_scene(session: &Session, out: &Path) -> Result<bool, Failure> {
+    if session.engine().used() == 0 {
+        return Ok(false);
+    }
     let comments = conversion_comments(session);
     let options = WriteOptions { comments: &comments, ..WriteOptions::new(Format::Ply) };
-    if session.engine().used() > 0 {
-        write(&out.join("scene.ply"), &session.splats(), &options)?;
-    }
-    output::write_json(&out.join("report.json"), &report)?;
-    if json {
+    write(&out.join("scene.ply"), &session.splats(), &options)?;
+    Ok(true)
+}
+
+/// Writes `report.json` and prints the result.
+fn save_report(
+    session: &Session,
+    args: &TrainArgs,
+    has_scene: bool,
+    eval: Vec<EvalReport>,
+) -> Result<(), Failure> {
+    let report = session.report(None, eval);
+    output::write_json(&args.out.join("report.json"), &report)?;
+    if args.json {
         return output::json(&report);
     }
     let summary = &report.summary;
@@ -94,7 +115,8 @@ fn save(session: &Session, out: &Path, eval: Vec<EvalReport>, json: bool) -> Res
         summary.components
     ));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
-    output::line(format!("wrote scene.ply and report.json to {}", out.display()));
+    let files = if has_scene { "scene.ply and report.json" } else { "report.json" };
+    output::line(format!("wrote {files} to {}", args.out.display()));
     Ok(())
 }
 
@@ -121,6 +143,7 @@ fn evaluate(
             bar.set_position(done as u64)
         })?;
     bar.finish_and_clear();
+    output::skipped_views(dataset, &report);
     Ok(report)
 }
 

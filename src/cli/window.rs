@@ -4,8 +4,8 @@ use super::demo;
 use super::failure::Failure;
 use std::path::PathBuf;
 use std::time::Instant;
+use vbgs_studio::app;
 use vbgs_studio::app::state::Subject;
-use vbgs_studio::app::{self, WindowError};
 
 /// Opens the window; the demo falls back to headless training where there is no display or no
 /// usable adapter.
@@ -14,10 +14,9 @@ pub fn run(path: Option<PathBuf>, started: Instant) -> Result<(), Failure> {
     match (app::run(subject, started), path) {
         (Ok(()), _) => Ok(()),
         (Err(error), None) => demo::run(&error.to_string()),
-        (Err(error @ WindowError::NoDisplay), Some(path)) => Err(Failure::failed(anyhow::anyhow!(
+        (Err(error), Some(path)) => Err(Failure::failed(anyhow::anyhow!(
             "{}: {error}, so it cannot be opened in a window; use `train`, `eval`, `render`, `export` or `info`",
             path.display()
         ))),
-        (Err(error), Some(_)) => Err(Failure::failed(error)),
     }
 }

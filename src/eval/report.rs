@@ -1,5 +1,6 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
 
+use crate::dataset::error::FrameError;
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
@@ -100,6 +101,12 @@ pub struct SkippedFrame {
     pub message: String,
 }
 
+impl From<&FrameError> for SkippedFrame {
+    fn from(error: &FrameError) -> Self {
+        Self { frame: error.frame.clone(), message: error.to_string() }
+    }
+}
+
 /// Totals of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -134,12 +141,14 @@ pub struct EvalReport {
     pub background: [f32; 3],
     /// Views evaluated.
     pub views: usize,
+    /// Views that could not be used.
+    pub skipped: Vec<SkippedFrame>,
     /// Mean of the views' PSNR over the whole frame, dB.
     pub psnr_mean: f64,
     /// Population standard deviation of the same.
     pub psnr_std: f64,
-    /// Mean of the views' PSNR over covered pixels, dB.
-    pub psnr_covered_mean: f64,
+    /// Mean of the views' PSNR over covered pixels, dB; `None` if nothing is covered in any view.
+    pub psnr_covered_mean: Option<f64>,
     /// Mean share of pixels that splats cover (A ≥ 0.5).
     pub coverage_mean: f64,
     /// Mean SSIM, `valid` padding.

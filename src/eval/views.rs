@@ -1,9 +1,8 @@
 //! Rendering dataset views and scoring them against their photographs (`rendering.md` (f)).
 
 use super::metrics::{self, MetricError, SsimPadding};
-use super::report::{EvalReport, ViewReport};
+use super::report::{EvalReport, SkippedFrame, ViewReport};
 use crate::dataset::Dataset;
-use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::math::image::{Image, RgbImage};
 use crate::model::splats::Splat;
@@ -39,9 +38,6 @@ pub struct EvalOptions {
 /// A view could not be scored.
 #[derive(Debug, thiserror::Error)]
 pub enum EvalError {
-    /// Its files are unusable.
-    #[error(transparent)]
-    Frame(#[from] FrameError),
     /// Render and photograph do not fit together.
     #[error("{frame}: {source}")]
     Metric {
@@ -60,9 +56,24 @@ pub enum EvalError {
         /// Name of the split.
         split: String,
     },
+    /// Every view was skipped.
+    #[error(
+        "{dataset}: expected at least one usable view in the split `{split}`, found none ({skipped} skipped; the first: {first})"
+    )]
+    NoUsableView {
+        /// Name of the dataset.
+        dataset: String,
+        /// Name of the split.
+        split: String,
+        /// Views skipped.
+        skipped: usize,
+        /// Message of the first one.
+        first: String,
+    },
 }
 
-/// Scores the listed views of a split one after the other; `progress` hears how many are done.
+/// Scores the listed views of a split one after the other; `progress` hears how many are done. Views
+/// whose files are unusable are left out and listed in the report.
 pub fn evaluate(
     splats: &[Splat],
     dataset: &Dataset,
@@ -73,19 +84,38 @@ pub fn evaluate(
 ) -> Result<(EvalReport, Vec<ViewReport>), EvalError> {
     let mut renderer = CpuRenderer::new();
     let mut scores = Vec::with_capacity(views.len());
+    let split_name = dataset.splits[split].name.clone();
+    let refused = dataset.warnings.iter().filter(|w| w.split == split_name);
+    let mut skipped: Vec<SkippedFrame> = refused.map(|w| SkippedFrame::from(&*w.error)).collect();
     for (done, &index) in views.iter().enumerate() {
-        let frame = dataset.load(split, index)?;
-        let rendered = renderer.render(splats, &frame.camera, &options.render);
-        let score = score(index, &frame, &rendered, options);
-        scores
-            .push(score.map_err(|source| EvalError::Metric { frame: frame.name.clone(), source })?);
+        match dataset.load(split, index) {
+            Ok(frame) => {
+                let rendered = renderer.render(splats, &frame.camera, &options.render);
+                let score = score(index, &frame, &rendered, options);
+                let named = |source| EvalError::Metric { frame: frame.name.clone(), source };
+                scores.push(score.map_err(named)?);
+            }
+            Err(error) => skipped.push(SkippedFrame::from(&error)),
+        }
         progress(done + 1);
     }
-    let split_name = dataset.splits[split].name.clone();
     if scores.is_empty() {
-        return Err(EvalError::NoViews { dataset: dataset.name.clone(), split: split_name });
+        return Err(no_view(dataset, split_name, &skipped));
     }
-    Ok((summarise(split_name, &scores, options), scores))
+    Ok((EvalReport { skipped, ..summarise(split_name, &scores, options) }, scores))
+}
+
+fn no_view(dataset: &Dataset, split: String, skipped: &[SkippedFrame]) -> EvalError {
+    let dataset = dataset.name.clone();
+    match skipped.first() {
+        None => EvalError::NoViews { dataset, split },
+        Some(first) => EvalError::NoUsableView {
+            dataset,
+            split,
+            skipped: skipped.len(),
+            first: first.message.clone(),
+        },
+    }
 }
 
 /// The photograph a render is compared with.
@@ -138,6 +168,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
     let mean = |values: Vec<f64>| metrics::mean_std(&values).0;
     let psnr: Vec<f64> = scores.iter().map(|s| s.psnr).collect();
     let depth: Vec<f64> = scores.iter().filter_map(|s| s.depth_mae).collect();
+    let covered: Vec<f64> = scores.iter().filter_map(|s| s.psnr_covered).collect();
     let (psnr_mean, psnr_std) = metrics::mean_std(&psnr);
     let ground_truth = match options.ground_truth {
         GroundTruth::Composited => "composited",
@@ -149,9 +180,10 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         ground_truth: ground_truth.to_owned(),
         background: options.render.background,
         views: scores.len(),
+        skipped: Vec::new(),
         psnr_mean,
         psnr_std,
-        psnr_covered_mean: mean(scores.iter().filter_map(|s| s.psnr_covered).collect()),
+        psnr_covered_mean: (!covered.is_empty()).then(|| mean(covered)),
         coverage_mean: mean(scores.iter().map(|s| s.coverage).collect()),
         ssim_mean: mean(scores.iter().map(|s| s.ssim).collect()),
         depth_mae_mean: (!depth.is_empty()).then(|| mean(depth)),

@@ -37,6 +37,9 @@ pub enum Fault {
         /// The missing folder.
         folder: PathBuf,
     },
+    /// Nothing at that path.
+    #[error("expected a PLY, GLB or glTF file, found nothing at this path; check the spelling")]
+    Missing,
     /// A folder stands where a file is meant.
     #[error("expected a file, found a folder; name a file in it")]
     IsFolder,

@@ -165,7 +165,10 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
 
 /// The whole file; memory is reserved for the size it really has.
 fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
-    let io = |source| Fault::Io { action: "read", source };
+    let io = |source: std::io::Error| match source.kind() {
+        std::io::ErrorKind::NotFound => Fault::Missing,
+        _ => Fault::Io { action: "read", source },
+    };
     if path.is_dir() {
         return Err(Fault::IsFolder);
     }

@@ -113,9 +113,7 @@ impl Session {
         let prefetch = Prefetch::start(dataset.clone(), plan.split, plan.frames.clone(), settings)?;
         let split_name = &dataset.splits[plan.split].name;
         let skipped = dataset.warnings.iter().filter(|w| w.split == *split_name);
-        let skipped = skipped
-            .map(|w| SkippedFrame { frame: w.error.frame.clone(), message: w.error.to_string() })
-            .collect();
+        let skipped = skipped.map(|w| SkippedFrame::from(&*w.error)).collect();
         Ok(Self {
             config: run_config(train, selection, &settings, &range),
             dataset,

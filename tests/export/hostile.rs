@@ -98,5 +98,5 @@ fn files_that_are_no_models() {
     let error = read(folder.path()).unwrap_err().to_string();
     assert!(error.contains("expected a file, found a folder"), "{error}");
     let error = read(&folder.path().join("none.ply")).unwrap_err().to_string();
-    assert!(error.contains("none.ply: cannot read: "), "{error}");
+    assert!(error.contains("none.ply: expected a PLY, GLB or glTF file, found nothing"), "{error}");
 }
