@@ -84,7 +84,6 @@ impl SceneView {
     /// Draws the view over all space left. Returns a message if the GPU had to be given up.
     pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
-        ui.painter().rect_filled(rect, 0.0, eframe::egui::Rgba::from_rgb(0.008, 0.010, 0.014));
         let opened = snapshot.opened.as_ref()?;
         if self.serial != opened.serial {
             self.serial = opened.serial;

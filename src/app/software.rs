@@ -2,7 +2,7 @@
 //! (`rendering.md` (d)).
 
 use super::feed::SplatChange;
-use super::view_thread::ViewThread;
+use super::view_thread::{Announce, ViewThread};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::unit_to_byte;
@@ -50,7 +50,7 @@ pub struct SoftwarePainter {
 
 /// Least time between two pictures while training: on two cores drawing must leave the trainer its
 /// share, and one half-size picture takes some 30 ms of one core.
-const SHARED_INTERVAL: Duration = Duration::from_millis(400);
+const SHARED_INTERVAL: Duration = Duration::from_millis(450);
 
 impl SoftwarePainter {
     /// Starts the drawing thread.
@@ -116,7 +116,9 @@ impl SoftwarePainter {
             }
         }
         self.ask(ui, view, effort);
-        if let Some(texture) = &self.texture {
+        if let Some(texture) = &self.texture
+            && self.n_drawn > 0
+        {
             let uv = eframe::egui::Rect::from_min_max([0.0, 0.0].into(), [1.0, 1.0].into());
             ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
         }
@@ -130,11 +132,18 @@ impl SoftwarePainter {
             return; // a finished picture wakes the window, which asks again
         }
         let pause = SHARED_INTERVAL.saturating_sub(self.asked_at.elapsed());
-        if effort == Effort::Shared && !moved && !pause.is_zero() {
+        let has_picture = self.n_drawn > 0;
+        if effort == Effort::Shared && !moved && has_picture && !pause.is_zero() {
             ui.ctx().request_repaint_after(pause);
             return;
         }
-        self.thread.ask((view, effort));
+        // While training, the next snapshot shows the picture: painting the window through a software
+        // adapter costs more than the picture, so it happens once per snapshot and not twice.
+        let announce = match effort {
+            Effort::Shared if !moved && has_picture => Announce::Quietly,
+            _ => Announce::Wake,
+        };
+        self.thread.ask((view, effort), announce);
         self.asked = Some((view, effort));
         self.asked_at = Instant::now();
         self.is_stale = false;

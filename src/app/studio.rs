@@ -7,7 +7,9 @@ use super::scene_view::SceneView;
 use super::state::{RunState, Snapshot, Subject};
 use super::viewport::{self, GpuPainter};
 use super::worker::{Order, Waker, Worker};
-use eframe::egui::{CentralPanel, Context, Frame, Margin, Panel, RichText, Ui, ViewportCommand};
+use eframe::egui::{
+    CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
+};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -55,7 +57,7 @@ pub struct Studio {
 
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
 const INTERVAL: Duration = Duration::from_millis(33);
-const SOFTWARE_INTERVAL: Duration = Duration::from_millis(200);
+const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 
 impl Studio {
     /// Builds the application on eframe's context and opens `subject`, if there is one.
@@ -272,12 +274,19 @@ fn gpu_painter(
 }
 
 impl eframe::App for Studio {
+    fn clear_color(&self, visuals: &Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
+    }
+
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         let snapshot = self.worker.snapshot();
         self.take_close_request(ui, &snapshot);
         self.take_dropped(ui, &snapshot);
         self.take_keys(ui, &snapshot);
-        let asked = Panel::top("transport").show(ui, |ui| {
+        // The window is cleared to the panels' colour, so nothing is filled twice: one fill of the
+        // window costs 66 ms of processor time on a software adapter (1280×800, llvmpipe).
+        let frame = Frame::side_top_panel(ui.style()).fill(Color32::TRANSPARENT);
+        let asked = Panel::top("transport").frame(frame).show(ui, |ui| {
             ui.add_space(3.0);
             let asked = transport::ui(&snapshot, ui);
             ui.add_space(3.0);
@@ -288,13 +297,15 @@ impl eframe::App for Studio {
         }
         let surroundings =
             status::Surroundings { adapter: &self.adapter, n_drawn: self.view.n_drawn() };
-        Panel::bottom("status").show(ui, |ui| status::ui(&snapshot, &surroundings, ui));
+        Panel::bottom("status")
+            .frame(frame)
+            .show(ui, |ui| status::ui(&snapshot, &surroundings, ui));
         Panel::right("panels")
             .default_size(340.0)
             .size_range(240.0..=640.0)
+            .frame(frame)
             .show(ui, |ui| self.side_panel(ui, &snapshot));
-        let frame = Frame::central_panel(ui.style()).inner_margin(Margin::ZERO);
-        CentralPanel::default().frame(frame).show(ui, |ui| {
+        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             self.central_view(ui, &snapshot);
             self.dismissed = notices::ui(&snapshot, self.dismissed, ui);
         });

@@ -18,9 +18,18 @@ struct Desk<Q, A> {
     bell: Condvar,
 }
 
+/// Whether a finished answer wakes the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Announce {
+    /// At once.
+    Wake,
+    /// Not: the window will look for itself.
+    Quietly,
+}
+
 struct Inbox<Q, A> {
     changes: Vec<SplatChange>,
-    request: Option<Q>,
+    request: Option<(Q, Announce)>,
     answer: Option<A>,
     is_working: bool,
     is_closed: bool,
@@ -34,8 +43,7 @@ impl<Q, A> Desk<Q, A> {
 }
 
 impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
-    /// Starts the thread; `work` answers a request with the splats of that moment, then the window
-    /// is woken.
+    /// Starts the thread; `work` answers a request with the splats of that moment.
     pub fn start(
         name: &str,
         waker: Waker,
@@ -52,7 +60,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let own = desk.clone();
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             let mut splats = Vec::new();
-            while let Some((changes, request)) = next(&own) {
+            while let Some((changes, (request, announce))) = next(&own) {
                 for change in changes {
                     apply(&mut splats, change);
                 }
@@ -61,7 +69,9 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
                 inbox.answer = Some(answer);
                 inbox.is_working = false;
                 drop(inbox);
-                waker();
+                if announce == Announce::Wake {
+                    waker();
+                }
             }
         })?;
         Ok(Self { desk, thread: Some(thread) })
@@ -77,8 +87,8 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
     }
 
     /// Asks for an answer; a request that still waits is replaced.
-    pub fn ask(&self, request: Q) {
-        self.desk.lock().request = Some(request);
+    pub fn ask(&self, request: Q, announce: Announce) {
+        self.desk.lock().request = Some((request, announce));
         self.desk.bell.notify_one();
     }
 
@@ -95,7 +105,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
 }
 
 /// Waits for a request; `None` when the handle was dropped.
-fn next<Q, A>(desk: &Desk<Q, A>) -> Option<(Vec<SplatChange>, Q)> {
+fn next<Q, A>(desk: &Desk<Q, A>) -> Option<(Vec<SplatChange>, (Q, Announce))> {
     let mut inbox = desk.lock();
     loop {
         if inbox.is_closed {
@@ -135,7 +145,7 @@ mod tests {
             ViewThread::start("test", waker, |splats: &[Splat], q: usize| (q, splats.len()))
                 .unwrap();
         thread.change(SplatChange::All(vec![Splat::default(); 3]));
-        thread.ask(7);
+        thread.ask(7, Announce::Wake);
         wakes.recv_timeout(Duration::from_secs(10)).unwrap();
         assert_eq!(thread.take(), Some((7, 3)));
         assert!(thread.take().is_none() && !thread.is_busy());

@@ -2,7 +2,7 @@
 //! window's own pass. The only file of the window that knows wgpu.
 
 use super::feed::{SplatChange, apply};
-use super::view_thread::ViewThread;
+use super::view_thread::{Announce, ViewThread};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::model::splats::Splat;
@@ -157,7 +157,7 @@ impl GpuPainter {
             self.is_stale = true; // the scene shrank meanwhile: a new order is on its way
         }
         if (self.is_stale || self.sorted_for != Some(camera)) && !self.sorter.is_busy() {
-            self.sorter.ask((camera, near));
+            self.sorter.ask((camera, near), Announce::Wake);
             self.sorted_for = Some(camera);
             self.is_stale = false;
         }

@@ -190,7 +190,9 @@ impl Trainer {
                     text_of(&*panic)
                 ));
             }
-            self.publish(acted);
+            // The first frame is shown as soon as it is there.
+            let is_first = self.snapshot.frames_done == 1 && self.changed;
+            self.publish(acted || is_first);
         }
     }
 
