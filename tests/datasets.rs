@@ -2,6 +2,8 @@
 //! truth and damaged files.
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
 #[path = "datasets/bad_input.rs"]
 mod bad_input;
 #[path = "datasets/fuzz.rs"]
@@ -12,7 +14,5 @@ mod golden;
 mod layouts;
 #[path = "datasets/real.rs"]
 mod real;
-#[path = "datasets/support.rs"]
-mod support;
 #[path = "datasets/synthetic.rs"]
 mod synthetic;

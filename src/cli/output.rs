@@ -72,17 +72,20 @@ pub fn skipped_views(dataset: &Dataset, eval: &EvalReport) {
 pub fn quality(eval: &EvalReport) -> String {
     let depth =
         eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
-    let covered =
-        eval.psnr_covered_mean.map_or_else(String::new, |psnr| format!("{psnr:.2} dB over "));
+    let covered = match eval.psnr_covered_mean {
+        Some(psnr) => {
+            format!("{psnr:.2} dB over the {:.1} % covered", 100.0 * eval.coverage_mean)
+        }
+        None => "nothing covered".to_owned(),
+    };
     format!(
-        "{} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {covered}the {:.1} % covered, SSIM {:.4}{depth}",
+        "{} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,
         eval.ground_truth,
         eval.psnr_mean,
         eval.psnr_std,
-        100.0 * eval.coverage_mean,
         eval.ssim_mean,
     )
 }

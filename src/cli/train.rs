@@ -29,8 +29,8 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         dataset.split_named(split)?;
     }
     announce(&dataset);
-    output::create_folder(&args.out)?;
     let mut session = Session::new(dataset, config, selection(args))?;
+    output::create_folder(&args.out)?;
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }

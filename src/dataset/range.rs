@@ -73,7 +73,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let range = from_samples(&mut axes);
     match (range, failure) {
         (Some(range), _) => Ok(range),
-        (None, Some(error)) => Err(RangeError::Frame(error)),
+        (None, Some(last)) => Err(RangeError::Frames { n_sampled, last }),
         (None, None) => Err(RangeError::NoPoints),
     }
 }
@@ -81,9 +81,17 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
 /// Why no range can be found.
 #[derive(Debug, thiserror::Error)]
 pub enum RangeError {
-    /// No sampled frame loads; this is the last one's problem.
-    #[error("{0}")]
-    Frame(#[source] FrameError),
+    /// No sampled frame loads.
+    #[error(
+        "expected at least one usable frame, found none among {n_sampled} sampled; the last one's problem: {last}"
+    )]
+    Frames {
+        /// Frames tried.
+        n_sampled: usize,
+        /// The last one's problem.
+        #[source]
+        last: FrameError,
+    },
     /// The frames load but hold no spread-out trusted depth.
     #[error(
         "depth: expected surfaces within the trusted depth range, found none in the sampled frames; widen the depth range or choose another split"

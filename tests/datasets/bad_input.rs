@@ -1,7 +1,7 @@
 //! One test per way in which a dataset can be damaged: the message names the file, what was
 //! expected, what was found and what to do, and the rest of the dataset stays usable.
 
-use crate::support::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
+use crate::common::scratch::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;

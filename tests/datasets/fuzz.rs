@@ -1,6 +1,6 @@
 //! Seeded mutations of the text files: a clean dataset or a precise error, never a panic.
 
-use crate::support::{open_plain, tiny_blender, tiny_seven_scenes};
+use crate::common::scratch::{open_plain, tiny_blender, tiny_seven_scenes};
 use std::path::Path;
 use vbgs_studio::math::rng::{Purpose, Rng};
 

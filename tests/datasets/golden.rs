@@ -1,7 +1,8 @@
 //! `../shared/golden/lego_small`: pixels of Lego frame 0 and their world points in both camera
 //! conventions.
 
-use crate::support::{open_plain, shared};
+use crate::common::scratch::open_plain;
+use crate::common::shared;
 use glam::{DMat4, DVec3};
 use std::path::Path;
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind, Frame};

@@ -1,6 +1,6 @@
 //! Variants of the layouts that real folders show.
 
-use crate::support::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
+use crate::common::scratch::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use std::fs;
 use std::path::Path;
 use vbgs_studio::dataset::frame::DepthCodes;

@@ -1,6 +1,7 @@
 //! The real recordings open with the right content, and two views agree on the world.
 
-use crate::support::{open_plain, shared};
+use crate::common::scratch::open_plain;
+use crate::common::shared;
 use glam::DVec3;
 use std::time::Instant;
 use vbgs_studio::dataset::frame::Frame;

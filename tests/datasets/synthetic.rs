@@ -1,7 +1,7 @@
 //! The procedural scene: its own geometry, and what both written layouts give back.
 
+use crate::common::scratch::{TINY, open_plain, tiny};
 use crate::real::disagreement;
-use crate::support::{TINY, open_plain, tiny};
 use std::time::Instant;
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind};
 use vbgs_studio::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};

@@ -1,4 +1,4 @@
-//! Scratch datasets and the shared data.
+//! Small datasets to damage, a fresh copy for each test.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -7,17 +7,6 @@ use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
-
-/// A path below `../shared`, or `None` (a failure where `CI` is set).
-pub fn shared(relative: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(relative);
-    if path.exists() {
-        return Some(path);
-    }
-    assert!(std::env::var_os("CI").is_none(), "../shared/{relative} not found");
-    eprintln!("skipped: ../shared/{relative} not found");
-    None
-}
 
 /// Opens with the layout's defaults.
 pub fn open_plain(path: &Path) -> Result<Dataset, DatasetError> {

@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Every gate, one command; the first one that fails ends it. The window's tests want a display and
+# a Vulkan adapter: `.ci/run` brings software ones.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+# A test that finds no data or no adapter fails instead of skipping.
+export CI=true VBGS_REQUIRE_GPU=1
+# Software adapters speak Vulkan; never fall back to another API unseen.
+export WGPU_BACKEND="${WGPU_BACKEND:-vulkan}"
+
+gate() {
+    printf '\n=== %s\n' "$*"
+    local start=$SECONDS
+    "$@"
+    printf '=== passed in %d s\n' $((SECONDS - start))
+}
+
+# One profile everywhere, so that dependencies are built once.
+gate cargo fmt --check
+gate cargo clippy --locked --release --all-targets -- -D warnings
+gate cargo clippy --locked --release --all-targets --no-default-features -- -D warnings
+gate env RUSTDOCFLAGS="-D warnings" \
+    cargo doc --locked --release --no-deps --document-private-items
+gate cargo build --locked --release --no-default-features
+gate cargo test --release
+gate cargo test --release -- --ignored
+printf '\n=== every gate passed in %d s\n' "$SECONDS"

@@ -1,0 +1,19 @@
+//! The command line as a user meets it: the real binary in a scratch folder.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+mod cli {
+    mod bad_input;
+    mod commands;
+    mod determinism;
+    mod headless;
+    mod images;
+    #[cfg(unix)]
+    mod interrupt;
+    mod models;
+    mod real;
+    mod report;
+    mod runner;
+    mod settings;
+    mod usage;
+}

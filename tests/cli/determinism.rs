@@ -1,0 +1,52 @@
+//! The same input gives the same bytes, whatever the machine's threads do.
+
+use super::runner::Scratch;
+
+fn scene(scratch: &Scratch, options: &str) -> Vec<u8> {
+    let train = format!("train room --out out --components 5000 {options}");
+    scratch.run(&train).succeeds();
+    scratch.bytes("out/scene.ply")
+}
+
+fn room() -> Scratch {
+    let scratch = Scratch::empty();
+    scratch.run("synth room --size 160x120 --frames 8 --eval-frames 1").succeeds();
+    scratch
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bytes() {
+    let scratch = room();
+    for reassign in ["off", "truncated", "forwarded"] {
+        for precision in ["mixed", "f64"] {
+            let options = format!("--reassign {reassign} --precision {precision}");
+            let one = scene(&scratch, &format!("{options} --threads 1"));
+            for threads in [2, 3] {
+                let many = scene(&scratch, &format!("{options} --threads {threads}"));
+                assert!(one == many, "{options}: {threads} threads differ from one");
+            }
+            assert_eq!(scratch.json("out/report.json")["machine"]["threads"], 3);
+        }
+    }
+}
+
+#[test]
+fn without_reassignment_the_order_of_frames_does_not_matter() {
+    let scratch = room();
+    let sequential = scene(&scratch, "--reassign off");
+    let shuffled = scene(&scratch, "--reassign off --order shuffled");
+    let frames = scratch.json("out/report.json")["frames"].clone();
+    let order: Vec<&str> =
+        frames.as_array().unwrap().iter().map(|f| f["frame"].as_str().unwrap()).collect();
+    assert!(!order.is_sorted(), "the order was not shuffled: {order:?}");
+    assert!(sequential == shuffled);
+    assert!(sequential != scene(&scratch, "--reassign off --max-frames 7"), "every frame counts");
+}
+
+#[test]
+fn the_seed_changes_the_scene() {
+    let scratch = room();
+    let first = scene(&scratch, "--seed 1");
+    assert!(first == scene(&scratch, "--seed 1"));
+    assert!(first != scene(&scratch, "--seed 2"));
+}

@@ -1,0 +1,76 @@
+//! `render` writes pictures of the right size with something in them.
+
+use super::runner::Scratch;
+use image::RgbImage;
+use std::collections::BTreeSet;
+
+#[track_caller]
+fn picture(scratch: &Scratch, path: &str, size: (u32, u32)) -> RgbImage {
+    let image = image::open(scratch.path(path)).unwrap();
+    assert_eq!(image.color(), image::ColorType::Rgb8, "{path}");
+    let image = image.into_rgb8();
+    assert_eq!(image.dimensions(), size, "{path}");
+    let colors: BTreeSet<[u8; 3]> = image.pixels().map(|p| p.0).collect();
+    assert!(colors.len() > 10, "{path} has {} colours", colors.len());
+    image
+}
+
+#[test]
+fn views_of_a_scene() {
+    let scratch = Scratch::with_scene();
+    for (options, size) in [
+        ("", (1280, 720)),
+        ("--size 80x60", (80, 60)),
+        ("--size 64x64 --orbit 30,20,4", (64, 64)),
+        ("--size 64x64 --orbit -30,-20,4 --up -y --fov 90", (64, 64)),
+        ("--dataset room", (64, 48)),
+        ("--dataset room --view 2", (64, 48)),
+        ("--dataset room --split train --view 7", (64, 48)),
+    ] {
+        let said = scratch.run(&format!("render out/scene.ply -o a.png {options}")).succeeds();
+        assert!(said.stdout.starts_with("wrote a.png"), "{}", said.stdout);
+        picture(&scratch, "a.png", size);
+    }
+}
+
+#[test]
+fn a_turntable_goes_around() {
+    let scratch = Scratch::with_scene();
+    scratch.run("render out/scene.ply -o turn --turntable 4 --size 64x48").succeeds();
+    let views: Vec<RgbImage> =
+        (0..4).map(|i| picture(&scratch, &format!("turn/{i:03}.png"), (64, 48))).collect();
+    assert_eq!(std::fs::read_dir(scratch.path("turn")).unwrap().count(), 4);
+    assert!(views[1..].iter().all(|view| *view != views[0]));
+    scratch.run("render out/scene.ply -o still.png --size 64x48").succeeds();
+    assert_eq!(picture(&scratch, "still.png", (64, 48)), views[0], "the turn starts at the still");
+}
+
+/// A dataset view looks like its photograph.
+#[test]
+fn a_dataset_view_is_the_photographs() {
+    let scratch = Scratch::with_scene();
+    scratch.run("render out/scene.ply -o a.png --dataset room --view 1").succeeds();
+    let render = picture(&scratch, "a.png", (64, 48));
+    let photograph = image::open(scratch.path("room/eval/r_1.png")).unwrap().into_rgb8();
+    let squares = render.as_raw().iter().zip(photograph.as_raw());
+    let mse = squares.map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>()
+        / render.as_raw().len() as f64;
+    let psnr = 10.0 * (255.0 * 255.0 / mse).log10();
+    let measured = scratch.run("eval out/scene.ply room --json").succeeds().json();
+    let measured = measured["views"][1]["psnr"].as_f64().unwrap();
+    // Half an 8-bit step of rounding on every pixel.
+    assert!((psnr - measured).abs() < 0.02, "the file {psnr} dB, `eval` {measured} dB");
+}
+
+#[test]
+fn the_background_is_as_asked() {
+    let scratch = Scratch::with_scene();
+    let corner = |background: &str| {
+        let options = format!("--orbit 0,20,500 --size 32x32 --background {background}");
+        scratch.run(&format!("render out/scene.ply -o a.png {options}")).succeeds();
+        image::open(scratch.path("a.png")).unwrap().into_rgb8().get_pixel(0, 0).0
+    };
+    assert_eq!(corner("black"), [0, 0, 0]);
+    assert_eq!(corner("white"), [255, 255, 255]);
+    assert_eq!(corner("#1080ff"), [16, 128, 255]);
+}

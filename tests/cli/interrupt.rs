@@ -1,0 +1,53 @@
+//! Ctrl-C during training finishes the frame, writes the files and ends with status 130.
+
+use super::runner::{Run, Scratch};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Longest wait for a sign of life.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+#[test]
+fn ctrl_c_keeps_the_scene() {
+    let scratch = Scratch::empty();
+    // Dense and large: about a second a frame, so that there is something to interrupt.
+    scratch.run("synth room --size 64x48 --frames 100 --eval-frames 1").succeeds();
+    // How far training gets before the signal depends on the machine: wait longer if it was nowhere.
+    for wait_s in [1, 4, 16] {
+        let run = interrupted_after(&scratch, Duration::from_secs(wait_s));
+        assert_eq!(run.code, 130, "{}", run.stderr);
+        assert!(!run.stderr.contains("error"), "{}", run.stderr);
+        let report = scratch.json("out/report.json");
+        let n_frames = report["frames"].as_array().unwrap().len();
+        assert!(n_frames < 100, "training ended before the signal came");
+        assert_eq!(report["dataset"]["frames"], 100);
+        if n_frames > 0 {
+            let used = report["summary"]["used"].as_u64().unwrap();
+            assert_eq!(scratch.model("out/scene.ply").splats.len() as u64, used);
+            assert_eq!(report["frames"][n_frames - 1]["used"], used);
+            assert_eq!(report["eval"], serde_json::json!([]), "no evaluation after Ctrl-C");
+            scratch.run("eval out/scene.ply room").succeeds();
+            return;
+        }
+    }
+    panic!("no frame was trained within 16 s");
+}
+
+fn interrupted_after(scratch: &Scratch, wait: Duration) -> Run {
+    let _ = std::fs::remove_dir_all(scratch.path("out"));
+    let options = ["--components", "20000", "--candidates", "dense", "--eval", "eval"];
+    let arguments = [&["train", "room", "--out", "out"][..], &options].concat();
+    let mut command = scratch.command(&arguments);
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    // The output folder is made after the handler is in place.
+    let started = Instant::now();
+    while !scratch.path("out").exists() {
+        assert!(started.elapsed() < PATIENCE, "training did not start");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(wait);
+    // `kill` is built into every shell, but not every system has the program.
+    let kill = format!("kill -INT {}", child.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    Run::from(child.wait_with_output().unwrap())
+}

@@ -1,0 +1,140 @@
+//! Models travel between formats; files that hold none are refused, and so are places that take no
+//! files.
+
+use super::runner::Scratch;
+use std::fs;
+use vbgs_studio::export::ModelKind;
+use vbgs_studio::model::splats::Splat;
+
+/// The largest difference between two models, splat by splat.
+fn difference(a: &[Splat], b: &[Splat]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let largest =
+        |x: &[f32], y: &[f32]| x.iter().zip(y).map(|(x, y)| (x - y).abs()).fold(0.0f32, f32::max);
+    let splat = |(a, b): (&Splat, &Splat)| {
+        largest(&a.mean, &b.mean)
+            .max(largest(&a.color, &b.color))
+            .max(largest(&a.scale, &b.scale))
+            .max(largest(&a.rotation, &b.rotation))
+            .max((a.opacity - b.opacity).abs())
+    };
+    a.iter().zip(b).map(splat).fold(0.0, f32::max)
+}
+
+#[test]
+fn exports_read_back_equal() {
+    let scratch = Scratch::with_scene();
+    let original = scratch.model("out/scene.ply").splats;
+    for (from, to) in [
+        ("out/scene.ply", "a.ply"),
+        ("out/scene.ply", "a.glb"),
+        ("a.glb", "b.ply"),
+        ("b.ply", "c.glb"),
+    ] {
+        let said = scratch.run(&format!("export {from} -o {to}")).succeeds().stdout;
+        assert!(said.contains(&format!("wrote {} splats", original.len())), "{said}");
+        let model = scratch.model(to);
+        assert_eq!(model.kind, ModelKind::Splats);
+        // Logarithms, logits and sRGB curves in f32, there and back.
+        let worst = difference(&original, &model.splats);
+        assert!(worst < 2e-5, "{from} to {to}: {worst:e}");
+    }
+}
+
+#[test]
+fn a_point_cloud_keeps_centres_and_colours() {
+    let scratch = Scratch::with_scene();
+    let original = scratch.model("out/scene.ply").splats;
+    scratch.run("export out/scene.ply -o cloud.ply --format point-cloud").succeeds();
+    let cloud = scratch.model("cloud.ply");
+    assert_eq!((cloud.kind, cloud.splats.len()), (ModelKind::PointCloud, original.len()));
+    for (a, b) in original.iter().zip(&cloud.splats) {
+        assert_eq!(a.mean, b.mean);
+        let off = a.color.iter().zip(b.color).any(|(a, b)| (a - b).abs() > 0.5 / 255.0 + 1e-6);
+        assert!(!off, "{:?} {:?}", a.color, b.color);
+    }
+    let info = scratch.run("info cloud.ply --json").succeeds().json();
+    assert_eq!(info["kind"], "point-cloud");
+}
+
+#[test]
+fn a_legacy_scene_says_so() {
+    let scratch = Scratch::with_room();
+    scratch.run("train room --out out --components 2000 --conversion legacy-cov").succeeds();
+    scratch.run("export out/scene.ply -o a.glb").succeeds();
+    scratch.run("export a.glb -o b.ply").succeeds();
+    for file in ["out/scene.ply", "a.glb", "b.ply"] {
+        let said = scratch.run(&format!("info {file}")).succeeds().stdout;
+        assert_eq!(said.matches("vbgs legacy-cov").count(), 1, "{said}");
+        assert!(said.matches("Vertical axis").count() <= 1, "{said}");
+    }
+    assert_eq!(scratch.model("b.ply").splats.len(), 2000, "unused components are kept");
+}
+
+#[test]
+fn files_that_hold_no_model() {
+    let scratch = Scratch::with_scene();
+    let scene = scratch.bytes("out/scene.ply");
+    scratch.run("export out/scene.ply -o out/scene.glb").succeeds();
+    let glb = scratch.bytes("out/scene.glb");
+    fs::write(scratch.path("empty.ply"), "").unwrap();
+    fs::write(scratch.path("empty.glb"), "").unwrap();
+    fs::write(scratch.path("short.ply"), &scene[..scene.len() / 2]).unwrap();
+    fs::write(scratch.path("header.ply"), &scene[..100]).unwrap();
+    fs::write(scratch.path("short.glb"), &glb[..glb.len() / 2]).unwrap();
+    fs::write(scratch.path("text.ply"), "a shopping list").unwrap();
+    fs::write(scratch.path("image.glb"), scratch.bytes("room/train/r_0.png")).unwrap();
+    fs::write(scratch.path("cloud.obj"), "v 1 2 3").unwrap();
+    for (file, parts) in [
+        ("none.ply", &["expected", "found nothing", "check the spelling"][..]),
+        ("empty.ply", &["expected a PLY, GLB or glTF file", "found an empty file"]),
+        ("empty.glb", &["expected a PLY, GLB or glTF file", "found an empty file"]),
+        ("short.ply", &["expected", "rows", "found", "export the file again"]),
+        ("header.ply", &["expected", "found", "export the file again"]),
+        ("short.glb", &["expected", "found", "export the file again"]),
+        ("text.ply", &["expected a PLY, GLB or glTF file", "found a file starting \"a shopping"]),
+        ("image.glb", &["expected a PLY, GLB or glTF file", "found"]),
+        ("cloud.obj", &["expected a PLY, GLB or glTF file", "found", "convert it"]),
+        ("out/report.json", &["expected glTF 2.0", "found"]),
+        ("room", &["expected a file", "found a folder"]),
+    ] {
+        let named = |parts: &[&'static str]| [&[file][..], parts].concat();
+        scratch.run(&format!("eval {file} room")).fails(1, &named(parts));
+        scratch.run(&format!("render {file} -o a.png")).fails(1, &named(parts));
+        scratch.run(&format!("export {file} -o a.ply")).fails(1, &named(parts));
+        if !["none.ply", "room"].contains(&file) {
+            scratch.run(&format!("info {file}")).fails(1, &named(parts));
+        }
+    }
+    assert!(!scratch.path("a.png").exists() && !scratch.path("a.ply").exists());
+}
+
+#[test]
+fn places_that_take_no_files() {
+    let scratch = Scratch::with_scene();
+    fs::write(scratch.path("file"), "x").unwrap();
+    let folder = ["expected a folder to write to", "choose another"];
+    for out in ["file", "file/inside"] {
+        let parts = [&[out][..], &folder].concat();
+        scratch.run(&format!("train room --out {out}")).fails(1, &parts);
+        scratch.run(&format!("render out/scene.ply -o {out} --turntable 2")).fails(1, &parts);
+        scratch.run(&format!("synth {out}")).fails(1, &[out, "expected to write", "check"]);
+    }
+    if cfg!(target_os = "linux") {
+        // Nobody, not even root, makes files here.
+        for out in ["/proc", "/proc/new"] {
+            let parts = [&[out][..], &folder].concat();
+            scratch.run(&format!("train room --out {out}")).fails(1, &parts);
+        }
+    }
+    for (output, parts) in [
+        ("out", &["out: expected a file", "found a folder", "name a file in it"][..]),
+        ("nowhere/a.ply", &["nowhere/a.ply", "folder nowhere does not exist", "create it"]),
+        ("a.xyz", &["a.xyz", "ending in .ply or .glb", "found \"xyz\"", "rename it"]),
+        ("a", &["ending in .ply or .glb", "found \"\"", "name a format"]),
+    ] {
+        let format = if output == "out" { "--format ply" } else { "" };
+        scratch.run(&format!("export out/scene.ply -o {output} {format}")).fails(1, parts);
+    }
+    assert_eq!(scratch.bytes("file"), b"x");
+}

@@ -1,0 +1,55 @@
+//! The two real recordings through the binary.
+
+use super::runner::Scratch;
+use crate::common::shared;
+
+#[test]
+fn lego_trains_and_evaluates() {
+    let Some(data) = shared("data/lego400") else { return };
+    let data = data.to_str().unwrap();
+    let scratch = Scratch::empty();
+    scratch.run_args(&["train", data, "--out", "out", "--max-frames", "5"]).succeeds();
+    let report = scratch.json("out/report.json");
+    assert_eq!(report["dataset"]["split"], "test");
+    assert_eq!(report["config"]["camera_convention"], "paper");
+    let frames = report["frames"].as_array().unwrap();
+    assert_eq!((frames.len(), report["dataset"]["width"].as_u64()), (5, Some(400)));
+    assert!(frames.iter().all(|f| (30_000..60_000).contains(&f["points"].as_u64().unwrap())));
+    assert_eq!(report["skipped"], serde_json::json!([]));
+    let eval = scratch.run_args(&["eval", "out/scene.ply", data, "--max-frames", "2", "--json"]);
+    let eval = eval.succeeds().json();
+    assert_eq!(eval["eval"][0]["split"], "val");
+    assert!(eval["eval"][0]["psnr_mean"].as_f64().unwrap() > 14.0, "{}", eval["eval"][0]);
+    assert!(eval["eval"][0]["depth_mae_mean"].is_null(), "these views have no depth");
+}
+
+#[test]
+fn kinect_trains_and_evaluates() {
+    let Some(data) = shared("data/kinect_office") else { return };
+    let data = data.to_str().unwrap();
+    let scratch = Scratch::empty();
+    let arguments = ["train", data, "--out", "out", "--max-frames", "5", "--json"];
+    let report = scratch.run_args(&arguments).succeeds().json();
+    assert_eq!(report["dataset"]["split"], "train");
+    assert_eq!(report["dataset"]["layout"], "seven-scenes");
+    let frames = report["frames"].as_array().unwrap();
+    assert!(frames.iter().all(|f| f["points"].as_u64().unwrap() > 100_000));
+    let eval = scratch.run_args(&["eval", "out/scene.ply", data, "--max-frames", "1", "--json"]);
+    let eval = eval.succeeds().json();
+    let eval = &eval["eval"][0];
+    assert_eq!(eval["split"], "eval");
+    assert!(eval["depth_mae_mean"].as_f64().unwrap() < 1.0, "metres: {eval}");
+}
+
+#[test]
+fn both_recordings_are_free_of_defects() {
+    for (name, frames) in [("data/lego400", 250), ("data/kinect_office", 110)] {
+        let Some(data) = shared(name) else { return };
+        let scratch = Scratch::empty();
+        let info = scratch.run_args(&["info", data.to_str().unwrap(), "--json"]).succeeds().json();
+        assert_eq!(info["defects"], serde_json::json!([]));
+        let splits = info["splits"].as_array().unwrap();
+        let found: u64 = splits.iter().map(|s| s["frames"].as_u64().unwrap()).sum();
+        assert_eq!(found, frames, "{name}");
+    }
+}

@@ -1,0 +1,112 @@
+//! Runs the binary in a folder of its own and judges how it ended.
+
+use serde_json::Value;
+use std::fs;
+use std::path::PathBuf;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+use vbgs_studio::export::Imported;
+
+/// A folder that is gone after the test.
+pub struct Scratch(TempDir);
+
+/// What a run left behind.
+pub struct Run {
+    pub code: i32,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Scratch {
+    /// Empty.
+    pub fn empty() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// With a dataset `room` of 8 training and 3 evaluation frames of 64×48, written by `synth`.
+    pub fn with_room() -> Self {
+        let scratch = Self::empty();
+        scratch.run("synth room --size 64x48 --frames 8 --eval-frames 3").succeeds();
+        scratch
+    }
+
+    /// With the room and a small scene `out/scene.ply` trained on it.
+    pub fn with_scene() -> Self {
+        let scratch = Self::with_room();
+        scratch.run("train room --out out --components 2000").succeeds();
+        scratch
+    }
+
+    pub fn path(&self, relative: &str) -> PathBuf {
+        self.0.path().join(relative)
+    }
+
+    pub fn bytes(&self, relative: &str) -> Vec<u8> {
+        fs::read(self.path(relative)).unwrap_or_else(|e| panic!("{relative}: {e}"))
+    }
+
+    pub fn json(&self, relative: &str) -> Value {
+        serde_json::from_slice(&self.bytes(relative)).unwrap()
+    }
+
+    pub fn model(&self, relative: &str) -> Imported {
+        vbgs_studio::export::read(&self.path(relative)).unwrap()
+    }
+
+    /// The binary, in this folder, without a terminal.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"));
+        command.args(arguments).current_dir(self.0.path()).stdin(std::process::Stdio::null());
+        command
+    }
+
+    /// Runs with arguments that hold no spaces.
+    pub fn run(&self, arguments: &str) -> Run {
+        self.run_args(&arguments.split_whitespace().collect::<Vec<_>>())
+    }
+
+    pub fn run_args(&self, arguments: &[&str]) -> Run {
+        Run::from(self.command(arguments).output().unwrap())
+    }
+}
+
+impl From<Output> for Run {
+    fn from(output: Output) -> Self {
+        // A signal is not an exit status: somebody or something ended the process from outside.
+        let code = output.status.code().unwrap_or_else(|| panic!("ended by {}", output.status));
+        Self {
+            code,
+            stdout: String::from_utf8(output.stdout).unwrap(),
+            stderr: String::from_utf8(output.stderr).unwrap(),
+        }
+    }
+}
+
+impl Run {
+    #[track_caller]
+    pub fn succeeds(self) -> Self {
+        assert_eq!(self.code, 0, "{}{}", self.stdout, self.stderr);
+        self
+    }
+
+    /// Ends with a status, nothing on stdout and exactly one error on stderr that says all parts.
+    #[track_caller]
+    pub fn fails(self, code: i32, parts: &[&str]) -> Self {
+        assert_eq!(self.code, code, "{}{}", self.stdout, self.stderr);
+        assert_eq!(self.stdout, "", "nothing on stdout");
+        let errors: Vec<&str> =
+            self.stderr.lines().filter(|line| line.starts_with("error: ")).collect();
+        assert_eq!(errors.len(), 1, "one message: {}", self.stderr);
+        for part in parts {
+            assert!(errors[0].contains(part), "`{part}` is missing from: {}", errors[0]);
+        }
+        assert!(!self.stderr.contains("panicked"), "{}", self.stderr);
+        self
+    }
+
+    /// Stdout is one JSON document.
+    #[track_caller]
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {}", self.stdout))
+    }
+}

@@ -1,0 +1,69 @@
+//! Settings from files and from the command line.
+
+use super::runner::Scratch;
+use std::fs;
+
+fn config_of(scratch: &Scratch, options: &str) -> serde_json::Value {
+    scratch.run(&format!("train room --out out --max-frames 1 {options}")).succeeds();
+    scratch.json("out/report.json")["config"].clone()
+}
+
+#[test]
+fn a_file_sets_and_the_command_line_wins() {
+    let scratch = Scratch::with_room();
+    let file = "(seed: 7, components: 700, candidates: 3, init: data, reassign: forwarded, \
+                reassign_fraction: 0.5, precision: f64, covariance_form: legacy_cholesky, \
+                scale_factor: 1.2)";
+    let file = file.replace("legacy_cholesky", "r#legacy-cholesky");
+    fs::write(scratch.path("all.ron"), file).unwrap();
+    let config = config_of(&scratch, "--config all.ron");
+    assert_eq!(config["seed"], 7);
+    assert_eq!(config["components"], 700);
+    assert_eq!(config["candidates"], 3);
+    assert_eq!(config["init"], "data");
+    assert_eq!(config["reassign"], "forwarded");
+    assert_eq!(config["reassign_fraction"], 0.5);
+    assert_eq!(config["precision"], "f64");
+    assert_eq!(config["conversion"]["form"], "legacy-cholesky");
+    assert_eq!(config["conversion"]["scale_factor"], 1.2);
+    let config = config_of(&scratch, "--config all.ron --seed 9 --candidates dense --init random");
+    assert_eq!(config["seed"], 9);
+    assert_eq!(config["candidates"], "dense");
+    assert_eq!(config["init"], "random");
+    assert_eq!(config["components"], 700, "what the command line does not name stays");
+    fs::write(scratch.path("dense.ron"), "(candidates: \"dense\", components: 500)").unwrap();
+    assert_eq!(config_of(&scratch, "--config dense.ron")["candidates"], "dense");
+}
+
+#[test]
+fn defaults_are_the_papers() {
+    let scratch = Scratch::with_room();
+    let config = config_of(&scratch, "");
+    assert_eq!(config["preset"], "paper");
+    assert_eq!(config["components"], 100_000);
+    assert_eq!(config["candidates"], 4);
+    assert_eq!(config["init"], "random");
+    assert_eq!(config["reassign"], "truncated");
+    assert_eq!(config["reassign_fraction"], 0.05);
+    assert_eq!(config["precision"], "mixed");
+}
+
+#[test]
+fn files_that_are_no_settings_are_refused() {
+    let scratch = Scratch::with_room();
+    let cases: [(&[u8], i32, &[&str]); 6] = [
+        (b"(componets: 5)", 1, &["x.ron", "`componets`", "`components`"]),
+        (b"components = 5", 1, &["x.ron", "expected settings such as (components"]),
+        (b"", 1, &["x.ron", "expected settings such as"]),
+        (b"(seed: -1)", 1, &["x.ron", "expected settings such as"]),
+        (b"\xff\xfe", 1, &["x.ron", "expected a RON file", "UTF-8"]),
+        (b"(components: 0)", 2, &["--components", "expected 1 to 20000000", "found 0"]),
+    ];
+    for (content, code, parts) in cases {
+        fs::write(scratch.path("x.ron"), content).unwrap();
+        scratch.run("train room --out out --config x.ron").fails(code, parts);
+    }
+    let parts = ["none.ron", "expected a RON file", "could not be read"];
+    scratch.run("train room --out out --config none.ron").fails(1, &parts);
+    assert!(!scratch.path("out").exists(), "nothing is made before the settings are right");
+}

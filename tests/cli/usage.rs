@@ -1,0 +1,81 @@
+//! Wrong usage ends with status 2 and says what is allowed.
+
+use super::runner::Scratch;
+
+#[test]
+fn settings_out_of_range() {
+    let scratch = Scratch::with_room();
+    for (option, parts) in [
+        ("--components 0", &["--components", "1 to 20000000", "found 0"][..]),
+        ("--components 20000001", &["--components", "1 to 20000000", "found 20000001"]),
+        ("--components -5", &["'-5'", "--components"]),
+        ("--components many", &["'many'", "--components"]),
+        ("--candidates 0", &["--candidates", "1 to 1024, or dense", "found 0"]),
+        ("--candidates some", &["--candidates", "expected a number or `dense`", "`some`"]),
+        ("--reassign-fraction 2", &["--reassign-fraction", "0 to 1", "found 2"]),
+        ("--reassign-fraction -0.1", &["--reassign-fraction", "0 to 1", "found -0.1"]),
+        ("--reassign-fraction nan", &["--reassign-fraction", "0 to 1", "found NaN"]),
+        ("--scale-factor 0", &["--scale-factor", "more than 0, at most 100", "found 0"]),
+        ("--stride 0", &["'0'", "--stride", "1 or more"]),
+        ("--max-frames 0", &["'0'", "--max-frames", "1 or more"]),
+        ("--threads 0", &["'0'", "--threads", "1 or more"]),
+        ("--threads 100000", &["--threads", "1 to 1024", "found 100000"]),
+        ("--depth-scale -1", &["depth scale", "a positive number", "found -1"]),
+        ("--depth-range 3 1", &["depth range", "near < far", "found 3 to 1"]),
+        ("--reassign never", &["'never'", "--reassign"]),
+        ("--background blue", &["--background", "black, white or #rrggbb"]),
+        ("--no-such-option", &["--no-such-option"]),
+    ] {
+        scratch.run(&format!("train room --out out {option}")).fails(2, parts);
+        assert!(!scratch.path("out").exists(), "{option}: nothing is made");
+    }
+}
+
+#[test]
+fn arguments_of_the_other_commands() {
+    let scratch = Scratch::with_scene();
+    for (arguments, parts) in [
+        ("train room", &["required arguments"][..]),
+        ("eval out/scene.ply room --stride 0", &["--stride", "1 or more"]),
+        ("eval out/scene.ply", &["required arguments"]),
+        ("render out/scene.ply -o a.png --size 0x9", &["--size", "each from 1 to 16384"]),
+        ("render out/scene.ply -o a.png --fov 200", &["--fov", "less than 170", "found 200"]),
+        ("render out/scene.ply -o a.png --fov -1", &["--fov", "more than 1", "found -1"]),
+        ("render out/scene.ply -o a.png --orbit 1,2", &["--orbit", "such as 30,20,4"]),
+        ("render out/scene.ply -o a.png --orbit 1,2,-3", &["--orbit", "a positive distance"]),
+        ("render out/scene.ply -o a --turntable 0", &["--turntable", "1 or more"]),
+        ("render out/scene.ply -o a.jpg", &["--output", "ending in .png", "a.jpg"]),
+        ("render out/scene.ply -o a.png --view 1", &["required arguments"]),
+        ("render out/scene.ply -o a.png --dataset room --view 3", &["--view", "0 to 2", "found 3"]),
+        ("export out/scene.ply -o a.ply --format stl", &["'stl'", "--format"]),
+        ("synth new --layout tum", &["'tum'", "--layout"]),
+        ("synth new --frames 0", &["training frames", "1 to 100000", "found 0"]),
+        ("synth new --depth-noise -1", &["depth noise", "0 to 100", "found -1"]),
+        ("synth new --size 4x4", &["width", "8 to 8192", "found 4"]),
+        ("room train room --out out", &["`room` stands before a command"]),
+        ("--no-such-option", &["--no-such-option"]),
+    ] {
+        scratch.run(arguments).fails(2, parts);
+    }
+}
+
+#[test]
+fn help_and_version_are_no_failures() {
+    let scratch = Scratch::empty();
+    let help = scratch.run("--help").succeeds().stdout;
+    for command in ["train", "eval", "render", "export", "synth", "info"] {
+        assert!(help.contains(&format!("\n  {command} ")), "{help}");
+        scratch.run(&format!("{command} --help")).succeeds();
+    }
+    let version = scratch.run("--version").succeeds().stdout;
+    assert_eq!(version.trim(), concat!("vbgs-studio ", env!("CARGO_PKG_VERSION")));
+}
+
+#[test]
+fn common_options_stand_before_or_after_the_command() {
+    let scratch = Scratch::with_room();
+    for arguments in ["--threads 1 train room --out out", "train room --out out --threads 1"] {
+        scratch.run(&format!("{arguments} --components 100")).succeeds();
+        assert_eq!(scratch.json("out/report.json")["machine"]["threads"], 1);
+    }
+}
