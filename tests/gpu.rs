@@ -514,8 +514,8 @@ fn every_target_format_shows_the_same_values() {
         for channel in 0..3 {
             let value = texel[channel] + (1.0 - texel[3]) * background[channel];
             let expected = value.clamp(0.0, 1.0) * 255.0;
-            assert!((f32::from(plain[channel]) - expected).abs() <= 0.51, "{plain:?} {expected}");
-            // The GPU's own encoder may round the other way.
+            // A GPU blends and rounds by its own rules, but never further off than one level.
+            assert!((f32::from(plain[channel]) - expected).abs() <= 1.0, "{plain:?} {expected}");
             assert!(plain[channel].abs_diff(encoding[channel]) <= 1, "{plain:?} {encoding:?}");
         }
         assert_eq!((plain[3], encoding[3]), (255, 255));

@@ -3,7 +3,7 @@
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, quantile};
 use crate::train::timing::StageMs;
-use eframe::egui::{Color32, Grid, RichText, Sense, Ui, Vec2};
+use eframe::egui::{Align, Color32, Grid, Layout, RichText, Sense, Ui, Vec2};
 use egui_plot::{FilledArea, Plot};
 
 /// Colours of the stages, in the order of [`StageMs::NAMES`]; told apart by people with red-green
@@ -25,6 +25,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
         ui.label("Timings appear with the first trained frame.");
         return;
     }
+    ui.label(RichText::new("Milliseconds of training per frame").weak());
     plot(&snapshot.recent, ui);
     ui.add_space(6.0);
     table(&snapshot.recent, ui);
@@ -53,7 +54,6 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
         .allow_scroll(false)
         .allow_boxed_zoom(false)
         .x_axis_label("frame")
-        .y_axis_label("ms")
         .show(ui, |plot| {
             plot.set_plot_bounds_y(0.0..=top);
             for stage in 0..StageMs::NAMES.len() {
@@ -71,9 +71,12 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
 }
 
 fn table(frames: &[FrameReport], ui: &mut Ui) {
-    Grid::new("latency table").num_columns(5).striped(true).show(ui, |ui| {
-        for title in ["", "ms per frame", "median", "95 %", "max"] {
+    Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(ui, |ui| {
+        for title in ["", "Stage, ms"] {
             ui.label(RichText::new(title).weak());
+        }
+        for title in ["median", "95 %", "max"] {
+            number(ui, RichText::new(title).weak());
         }
         ui.end_row();
         for stage in 0..StageMs::NAMES.len() {
@@ -100,9 +103,13 @@ fn row(
     }
     ui.label(label);
     for q in [0.5, 0.95, 1.0] {
-        ui.label(RichText::new(format!("{:.2}", quantile(&values, q))).monospace());
+        number(ui, RichText::new(format!("{:.1}", quantile(&values, q))).monospace());
     }
     ui.end_row();
+}
+
+fn number(ui: &mut Ui, text: RichText) {
+    ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(text));
 }
 
 fn csv(frames: &[FrameReport]) -> String {
