@@ -25,6 +25,4 @@ fn the_demo_trains_without_a_display() {
     assert_eq!(preview.dimensions(), (320, 240));
     let dark = preview.pixels().filter(|p| p.0.iter().all(|&v| v < 8)).count();
     assert!(dark * 10 < 320 * 240, "{dark} pixels of the preview show nothing");
-    let again = Run::from(command.output().unwrap());
-    again.succeeds();
 }
