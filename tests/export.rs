@@ -5,6 +5,7 @@
 mod allocations;
 #[path = "export/atomic.rs"]
 mod atomic;
+mod common;
 #[path = "export/glb.rs"]
 mod glb;
 #[path = "export/glb_file.rs"]
@@ -27,15 +28,9 @@ use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read, wri
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splats::Splat;
 
-/// A path under the golden folder, or `None` (a failure in CI) if it is not there.
-fn shared(name: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/golden").join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    assert!(std::env::var_os("CI").is_none(), "../shared/golden/{name} not found");
-    eprintln!("skipped: ../shared/golden/{name} not found");
-    None
+/// A path under the golden folder, or `None` if it is not there.
+fn golden(name: &str) -> Option<PathBuf> {
+    common::shared(&format!("golden/{name}"))
 }
 
 /// Reads a model from bytes, under a name that tells nothing.

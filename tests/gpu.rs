@@ -2,9 +2,11 @@
 #![cfg(feature = "gui")]
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+mod common;
+
+use common::adapter::{Turn, now, turn, vulkan};
 use glam::{DMat3, DMat4, DVec2, DVec3};
 use std::path::Path;
-use std::task::{Context, Poll, Waker};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
@@ -31,37 +33,21 @@ struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: GpuFaults,
-}
-
-/// Futures of native wgpu are ready when they are made.
-fn now<T>(future: impl Future<Output = T>) -> T {
-    match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(value) => value,
-        Poll::Pending => panic!("a native wgpu future was not ready"),
-    }
+    _turn: Turn,
 }
 
 impl Gpu {
     /// `None` (with a note) where there is no Vulkan and none is demanded.
     fn new() -> Option<Self> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-            backends: wgpu::Backends::VULKAN,
-            ..wgpu::InstanceDescriptor::new_without_display_handle()
-        });
-        let Ok(adapter) = now(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))
-        else {
-            let required = ["CI", "VBGS_REQUIRE_GPU"].iter().any(|v| std::env::var_os(v).is_some());
-            assert!(!required, "no Vulkan adapter, but CI or VBGS_REQUIRE_GPU is set");
-            println!("skipped: no Vulkan adapter");
-            return None;
-        };
+        let turn = turn();
+        let adapter = vulkan()?;
         let (device, queue) = now(adapter.request_device(&device_descriptor(&adapter))).unwrap();
         let faults = GpuFaults::default();
         faults.watch(&device);
         let caps = GpuCaps::new(&adapter, &device);
         println!("adapter: {caps}");
         caps.check().unwrap();
-        Some(Self { adapter, device, queue, faults })
+        Some(Self { adapter, device, queue, faults, _turn: turn })
     }
 
     fn scene(&self, splats: &[Splat]) -> GpuScene {

@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout)]
 
+mod common;
+
 use glam::{DMat4, DQuat, DVec3};
 use proptest::prelude::*;
 use serde_json::Value;
-use std::path::PathBuf;
 use vbgs_studio::eval::metrics::{
     MetricError, SsimPadding, depth_error, mean_std, psnr, psnr_masked, ssim,
 };
@@ -540,7 +541,7 @@ fn formula_images() -> (Image<[f64; 3]>, Image<[f64; 3]>) {
 
 #[test]
 fn golden_psnr_of_the_reference() {
-    let Some(folder) = shared("golden/splat") else { return };
+    let Some(folder) = common::shared("golden/splat") else { return };
     let bytes = |name: &str| std::fs::read(folder.join(name)).unwrap();
     let image = |name: &str| -> RgbImage {
         let bytes = bytes(name);
@@ -659,19 +660,8 @@ fn spread_is_that_of_the_population() {
 // ---------------------------------------------------------------------------------------------
 // Golden files
 
-/// A path under `../shared`, or `None` (with a note) where there is none and this is not CI.
-fn shared(path: &str) -> Option<PathBuf> {
-    let full = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared").join(path);
-    if full.exists() {
-        return Some(full);
-    }
-    assert!(std::env::var_os("CI").is_none(), "../shared/{path} not found");
-    println!("skipped: ../shared/{path} not found");
-    None
-}
-
 fn golden_json(name: &str) -> Option<Value> {
-    let path = shared(&format!("golden/{name}"))?;
+    let path = common::shared(&format!("golden/{name}"))?;
     Some(serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap())
 }
 

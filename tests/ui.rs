@@ -2,12 +2,14 @@
 #![cfg(feature = "gui")]
 #![allow(clippy::unwrap_used)]
 
+mod common;
+
+use common::adapter::{turn, vulkan};
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::state::{NoticeKind, RunState, Source, Subject};
 use vbgs_studio::app::{Painting, Studio};
@@ -17,40 +19,18 @@ use vbgs_studio::export;
 
 type Window = Harness<'static, Studio>;
 
-/// Held by every test: drivers were seen to corrupt memory (NVIDIA 580) when several devices of one
-/// process come and go at once, which the program itself never does.
-static ONE_DEVICE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-fn turn() -> MutexGuard<'static, ()> {
-    ONE_DEVICE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Longest any condition may take on a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// The window, or `None` without a Vulkan adapter, which in CI is a failure.
 fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
-    if !has_adapter() {
-        let required = ["CI", "VBGS_REQUIRE_GPU"].iter().any(|v| std::env::var_os(v).is_some());
-        assert!(!required, "no graphics adapter, and here nothing may be skipped");
-        eprintln!("skipped: no graphics adapter (install mesa-vulkan-drivers)");
-        return None;
-    }
+    vulkan()?;
     let harness = Harness::builder()
         .with_size(Vec2::new(1000.0, 640.0))
         .with_max_steps(8)
         .wgpu()
         .build_eframe(move |cc| Studio::new(cc, subject, painting, Instant::now()).unwrap());
     Some(harness)
-}
-
-fn has_adapter() -> bool {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-        backends: wgpu::Backends::VULKAN,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    });
-    let options = wgpu::RequestAdapterOptions::default();
-    pollster::block_on(instance.request_adapter(&options)).is_ok()
 }
 
 /// Steps the window until the condition holds.

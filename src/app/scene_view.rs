@@ -19,7 +19,7 @@ const SETTLE: Duration = Duration::from_millis(150);
 
 enum Painter {
     Gpu(Box<GpuPainter>),
-    Software(SoftwarePainter),
+    Software(Box<SoftwarePainter>),
 }
 
 /// State of the central view.
@@ -40,7 +40,7 @@ impl SceneView {
     pub fn new(gpu: Option<GpuPainter>, waker: Waker) -> std::io::Result<Self> {
         let painter = match gpu {
             Some(gpu) => Painter::Gpu(Box::new(gpu)),
-            None => Painter::Software(SoftwarePainter::new(waker.clone())?),
+            None => Painter::Software(Box::new(SoftwarePainter::new(waker.clone())?)),
         };
         Ok(Self {
             painter,
@@ -153,7 +153,7 @@ impl SceneView {
         match SoftwarePainter::new(self.waker.clone()) {
             Ok(mut painter) => {
                 painter.change(SplatChange::All(self.splats.clone()));
-                self.painter = Painter::Software(painter);
+                self.painter = Painter::Software(Box::new(painter));
                 Some(format!(
                     "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on"
                 ))

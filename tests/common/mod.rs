@@ -1,6 +1,8 @@
 //! What several integration tests share.
 #![allow(dead_code)] // each test binary uses its own part
 
+#[cfg(feature = "gui")]
+pub mod adapter;
 pub mod golden;
 pub mod scratch;
 

@@ -1,6 +1,6 @@
 //! Golden values: covariances to splats, and whole tiny files through the public functions.
 
-use super::{shared, written};
+use super::{golden, written};
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 use std::path::Path;
@@ -31,7 +31,7 @@ fn numbers(value: &Value) -> Vec<f64> {
 }
 
 fn cases() -> Option<Value> {
-    let text = std::fs::read_to_string(shared("export_cases.json")?).unwrap();
+    let text = std::fs::read_to_string(golden("export_cases.json")?).unwrap();
     Some(serde_json::from_str(&text).unwrap())
 }
 
@@ -124,7 +124,7 @@ fn f32s(folder: &Path, name: &str) -> Vec<f64> {
 /// Tolerances of `golden/README.md`.
 #[test]
 fn reference_scales_quaternions_and_eigenvalues() {
-    let Some(folder) = shared("splat") else { return };
+    let Some(folder) = golden("splat") else { return };
     let (sigma, eig) = (f64s(&folder, "sigma"), f64s(&folder, "eig"));
     let (scale_ref, quat_ref) = (f32s(&folder, "scale_ref"), f32s(&folder, "quat_ref"));
     let mut worst = [0.0f64; 3];
@@ -171,7 +171,7 @@ fn ply_files_of_two_splats() {
     for (name, sh3_padding, row_floats) in
         [("two_splats.ply", false, 17), ("two_splats_sh3.ply", true, 62)]
     {
-        let golden = std::fs::read(shared(name).unwrap()).unwrap();
+        let golden = std::fs::read(golden(name).unwrap()).unwrap();
         assert_eq!(golden.len() as u64, cases["files"][name]["bytes"].as_u64().unwrap());
         let options = WriteOptions { sh3_padding, ..WriteOptions::new(Format::Ply) };
         let ours = written(&splats(&cases), &options);
@@ -186,7 +186,7 @@ fn ply_files_of_two_splats() {
 #[test]
 fn glb_file_of_two_splats() {
     let Some(cases) = cases() else { return };
-    let golden = std::fs::read(shared("two_splats.glb").unwrap()).unwrap();
+    let golden = std::fs::read(golden("two_splats.glb").unwrap()).unwrap();
     let ours = written(&splats(&cases), &WriteOptions::new(Format::Glb));
     let (ours, golden) = (super::glb_file::Glb::parse(&ours), super::glb_file::Glb::parse(&golden));
     let mut json = ours.json.clone();
@@ -203,7 +203,7 @@ fn glb_file_of_two_splats() {
 fn golden_files_read_back_as_the_golden_splats() {
     let Some(cases) = cases() else { return };
     for name in ["two_splats.ply", "two_splats_sh3.ply", "two_splats.glb"] {
-        let model = read(&shared(name).unwrap()).unwrap();
+        let model = read(&golden(name).unwrap()).unwrap();
         for (ours, golden) in model.splats.iter().zip(splats(&cases)) {
             assert_eq!(ours.mean, golden.mean, "{name}");
             super::round_trip::assert_same(ours, &golden, name);
