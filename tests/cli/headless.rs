@@ -2,14 +2,28 @@
 
 use super::runner::{Run, Scratch};
 
-#[test]
-fn the_demo_trains_without_a_display() {
-    let scratch = Scratch::empty();
-    let mut command = scratch.command(&[]);
+fn run_without_display(scratch: &Scratch, arguments: &[&str]) -> Run {
+    let mut command = scratch.command(arguments);
     for display in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
         command.env_remove(display);
     }
-    let run = Run::from(command.output().unwrap()).succeeds();
+    Run::from(command.output().unwrap())
+}
+
+/// A path asks for a window; where there can be none the message names the ways without.
+#[test]
+fn a_path_needs_a_display() {
+    let scratch = Scratch::empty();
+    let code = if cfg!(feature = "gui") { 1 } else { 2 };
+    let parts = ["scene.ply", "no ", "`train`", "`eval`", "`render`", "`export`", "`info`"];
+    run_without_display(&scratch, &["scene.ply"]).fails(code, &parts);
+    assert!(!scratch.path("vbgs-demo").exists());
+}
+
+#[test]
+fn the_demo_trains_without_a_display() {
+    let scratch = Scratch::empty();
+    let run = run_without_display(&scratch, &[]).succeeds();
     let lines: Vec<&str> = run.stdout.lines().collect();
     assert_eq!(lines.len(), 2, "{}", run.stdout);
     assert!(lines[0].contains("headless into vbgs-demo/"), "{}", lines[0]);
