@@ -600,6 +600,7 @@ fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
     gpu.draw(&mut renderer, &mut gpu.scene(&splats), &splats, &view, EVERYTHING);
     assert!(readback::premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
 
+    drop((renderer, gpu));
     let fresh = Gpu::new().unwrap();
     assert_eq!(largest_difference(&before, &fresh.image(&splats, &view)), 0.0);
 }
