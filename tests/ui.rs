@@ -56,6 +56,13 @@ fn is(state: RunState) -> impl Fn(&Studio) -> bool {
     move |studio| studio.snapshot().state == state
 }
 
+/// Trains what is open to the end.
+fn train(window: &mut Window) {
+    wait(window, "ready", is(RunState::Ready));
+    window.key_press(Key::Space);
+    wait(window, "the end", is(RunState::Finished));
+}
+
 fn click(window: &mut Window, label: &str) {
     window.get_by_label(label).click();
     window.run_steps(2);
@@ -150,9 +157,7 @@ fn export_writes_the_newest_state_and_the_file_opens_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 2);
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
-    wait(&mut window, "ready", is(RunState::Ready));
-    window.key_press(Key::Space);
-    wait(&mut window, "the end", is(RunState::Finished));
+    train(&mut window);
 
     let file = folder.path().join("scene.glb");
     window.key_press_modifiers(Modifiers::COMMAND, Key::E);
@@ -241,9 +246,7 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
     });
     std::fs::write(&depth, b"not an image").unwrap();
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
-    wait(&mut window, "ready", is(RunState::Ready));
-    window.key_press(Key::Space);
-    wait(&mut window, "the end", is(RunState::Finished));
+    train(&mut window);
     let snapshot = window.state().snapshot();
     assert_eq!(snapshot.skipped.len() + snapshot.frames_done, 4, "{:?}", snapshot.skipped);
     assert_eq!(snapshot.skipped.len(), 1);
@@ -275,9 +278,7 @@ fn the_camera_follows_the_pointer_and_keys() {
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 2);
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
-    wait(&mut window, "ready", is(RunState::Ready));
-    window.key_press(Key::Space);
-    wait(&mut window, "the end", is(RunState::Finished));
+    train(&mut window);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
     let home = settled(&mut window);
     drag(&mut window, PointerButton::Primary);

@@ -69,15 +69,8 @@ impl ViewCamera {
 
     /// The camera for a viewport of this size in pixels.
     pub fn camera(&self, [width, height]: [u32; 2]) -> Camera {
-        let focal = 0.5 * height as f64 / (0.5 * self.fov_y).tan();
-        let intrinsics = Intrinsics {
-            width,
-            height,
-            fx: focal,
-            fy: focal,
-            cx: 0.5 * width as f64,
-            cy: 0.5 * height as f64,
-        };
+        let half_width = (0.5 * self.fov_y).tan() * width as f64 / height as f64;
+        let intrinsics = Intrinsics::from_horizontal_fov(width, height, 2.0 * half_width.atan());
         Camera { intrinsics, pose: self.orbit.pose() }
     }
 

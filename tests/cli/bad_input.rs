@@ -3,7 +3,7 @@
 //! error.
 
 use super::runner::Scratch;
-use crate::common::scratch::{edit_json, tiny, tiny_blender, tiny_seven_scenes};
+use crate::common::scratch::{edit_json, edit_pose, tiny, tiny_blender, tiny_seven_scenes};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -56,15 +56,6 @@ fn edit_frame(data: &TempDir, edit: impl FnOnce(&mut Value)) {
     edit_json(&data.path().join(LIST), |json| edit(&mut json["frames"][1]));
 }
 
-fn edit_pose(data: &TempDir, edit: impl FnOnce(&mut Vec<f64>)) {
-    let path = data.path().join("train/frame-000001.pose.txt");
-    let text = fs::read_to_string(&path).unwrap();
-    let mut values: Vec<f64> = text.split_whitespace().map(|t| t.parse().unwrap()).collect();
-    edit(&mut values);
-    let text: Vec<String> = values.iter().map(f64::to_string).collect();
-    fs::write(&path, text.join(" ")).unwrap();
-}
-
 #[test]
 fn missing_depth_file() {
     let data = tiny_blender();
@@ -106,7 +97,7 @@ fn nan_pose() {
         &[LIST, "train/r_1", "expected 4 rows of 4 finite numbers", "\"NaN\"", "export"],
     );
     let data = tiny_seven_scenes();
-    edit_pose(&data, |values| values[6] = f64::NAN);
+    edit_pose(data.path(), |values| values[6] = f64::NAN);
     skips_one(
         &data,
         &["frame-000001.pose.txt", "expected", "finite numbers", "found NaN", "export"],
@@ -120,7 +111,7 @@ fn singular_and_non_rigid_poses() {
             [0, 1, 2, 4, 5, 6, 8, 9, 10].iter().for_each(|&i| values[i] *= factor);
         };
         let data = tiny_seven_scenes();
-        edit_pose(&data, scale);
+        edit_pose(data.path(), scale);
         skips_one(&data, &["frame-000001.pose.txt", "expected a rotation", found, "export"]);
         let data = tiny_blender();
         edit_frame(&data, |frame| {

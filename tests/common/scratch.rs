@@ -70,3 +70,13 @@ pub fn edit_json(path: &Path, edit: impl FnOnce(&mut serde_json::Value)) {
     edit(&mut json);
     std::fs::write(path, json.to_string()).unwrap();
 }
+
+/// Changes the 16 numbers of the second training pose of a 7-Scenes folder.
+pub fn edit_pose(root: &Path, edit: impl FnOnce(&mut Vec<f64>)) {
+    let path = root.join("train/frame-000001.pose.txt");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let mut values: Vec<f64> = text.split_whitespace().map(|t| t.parse().unwrap()).collect();
+    edit(&mut values);
+    let text: Vec<String> = values.iter().map(f64::to_string).collect();
+    std::fs::write(&path, text.join(" ")).unwrap();
+}

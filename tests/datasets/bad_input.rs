@@ -1,7 +1,9 @@
 //! One test per way in which a dataset can be damaged: the message names the file, what was
 //! expected, what was found and what to do, and the rest of the dataset stays usable.
 
-use crate::common::scratch::{edit_json, open_plain, tiny, tiny_blender, tiny_seven_scenes};
+use crate::common::scratch::{
+    edit_json, edit_pose, open_plain, tiny, tiny_blender, tiny_seven_scenes,
+};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
@@ -58,15 +60,6 @@ fn truncate(path: &Path, keep: f64) {
 
 fn edit_frame(root: &Path, edit: impl FnOnce(&mut Value)) {
     edit_json(&root.join(LIST), |json| edit(&mut json["frames"][1]));
-}
-
-fn edit_pose(root: &Path, edit: impl FnOnce(&mut Vec<f64>)) {
-    let path = root.join("train/frame-000001.pose.txt");
-    let text = fs::read_to_string(&path).unwrap();
-    let mut values: Vec<f64> = text.split_whitespace().map(|t| t.parse().unwrap()).collect();
-    edit(&mut values);
-    let text: Vec<String> = values.iter().map(f64::to_string).collect();
-    fs::write(&path, text.join(" ")).unwrap();
 }
 
 #[test]
