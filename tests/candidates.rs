@@ -10,6 +10,8 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::train::candidates::Scalar;
 
 type Mean = [f32; 3];
+/// Makes the mean of an id.
+type Draw = Box<dyn FnMut(&mut Rng, usize) -> Mean>;
 
 /// Numbers of means every shape is tried with; a million only where nothing is scanned.
 const SIZES: [usize; 11] = [1, 2, 3, 4, 7, 9, 63, 64, 1000, 10_000, 100_000];
@@ -84,9 +86,7 @@ fn patch(rng: &mut Rng, pitch: f32) -> Vec<Mean> {
 
 /// Names and means of every shape.
 fn shapes(n: usize, rng: &mut Rng) -> Vec<(&'static str, Vec<Mean>)> {
-    let mut make = |name, mut mean: Box<dyn FnMut(&mut Rng, usize) -> Mean>| {
-        (name, (0..n).map(|k| mean(rng, k)).collect())
-    };
+    let mut make = |name, mut mean: Draw| (name, (0..n).map(|k| mean(rng, k)).collect());
     vec![
         make("uniform", Box::new(|rng, _| uniform(rng, 1.7))),
         make(

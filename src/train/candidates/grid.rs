@@ -143,7 +143,7 @@ impl Shape {
         if !(b >= cell && cell > 0.0) {
             cell = a / n;
         }
-        if !(cell > 0.0) {
+        if cell == 0.0 {
             cell = 1.0;
         }
         let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);

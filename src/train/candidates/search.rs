@@ -4,10 +4,11 @@
 //! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from the
 //! triangle inequality and carry margins for rounding, which cost candidates, never correctness.
 
-use super::columns::{Columns, STEP};
+use super::columns::{Columns, STEP, key};
 use super::grid::Grid;
-use super::kernel::{LANES, Neighbours, distances, load, neighbours, ranked, select};
-use std::cmp::Ordering::Greater;
+use super::kernel::{
+    LANES, Neighbours, bounding_box, distances, load, neighbours, ranked, reach2, within,
+};
 use std::num::NonZero;
 use std::ops::Range;
 use wide::bytemuck::cast;
@@ -59,7 +60,9 @@ struct Lists {
 struct Work {
     /// Squared distances of a list.
     distance2: Vec<f32>,
-    /// The same, for sorting.
+    /// Entries selected from a list.
+    entries: Vec<u32>,
+    /// Squared distances, for sorting.
     sorted: Vec<f32>,
     /// Squared distance in the high half, id in the low half.
     keys: Vec<u64>,
@@ -177,19 +180,9 @@ impl Tile {
 
 impl Extent {
     fn of(points: &Columns, range: Range<usize>) -> Self {
-        let mut lo = [f32::INFINITY; 3];
-        let mut hi = [f32::NEG_INFINITY; 3];
-        for (axis, column) in [&points.x, &points.y, &points.z].into_iter().enumerate() {
-            (lo[axis], hi[axis]) = range_of(&column[range.clone()]);
-        }
+        let [lo, hi] = bounding_box(points, range.clone());
         let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * lo[i] + 0.5 * hi[i]);
-        let mut reach2 = 0f32;
-        for i in range {
-            let p = points.position(i);
-            let d: [f32; 3] = std::array::from_fn(|i| p[i] - centre[i]);
-            let d2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-            reach2 = if d2 > reach2 || d2.is_nan() { d2 } else { reach2 };
-        }
+        let reach2 = reach2(points, range, centre);
         let largest = lo.iter().chain(&hi).fold(0f32, |largest, v| largest.max(v.abs()));
         let slack = COORDINATE_MARGIN * largest + LEAST_MARGIN;
         Self { lo, hi, centre, reach: reach2.sqrt(), slack }
@@ -203,13 +196,6 @@ impl Extent {
     fn is_finite(&self) -> bool {
         self.reach.is_finite() && self.slack.is_finite()
     }
-}
-
-/// Smallest and largest value.
-fn range_of(values: &[f32]) -> (f32, f32) {
-    values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(lo, hi), &v| {
-        (if v < lo { v } else { lo }, if v > hi { v } else { hi })
-    })
 }
 
 impl Lists {
@@ -247,7 +233,7 @@ impl Lists {
         if !(extent.is_finite() && limit + extent.reach < MAX_RADIUS) {
             return chunk.for_each(|i| work.rank_all(raw, points, i, rank, ids));
         }
-        select(raw, &work.distance2, limit * limit, near);
+        near.copy(raw, within(raw, &work.distance2, limit * limit, &mut work.entries));
         if near.len > MAX_KERNEL_LIST {
             return chunk.for_each(|i| work.rank_all(near, points, i, rank, ids));
         }
@@ -295,13 +281,21 @@ impl Work {
             let found: Neighbours<KEYS> = neighbours(list, lanes, entry_bits);
             let keys = found.keys.map(cast::<f32x8, [u32; LANES]>);
             for (lane, point) in (first..chunk.end).take(LANES).enumerate() {
-                if found.uncertain >> lane & 1 == 1 {
+                if found.set_uncertain >> lane & 1 == 1 {
                     self.rank_all(list, points, point, rank, ids);
                     continue;
                 }
                 let place = points.id[point] as usize * rank;
-                for (id, keys) in ids[place..place + rank].iter_mut().zip(&keys) {
-                    *id = list.id[(keys[lane] & entry_bits) as usize];
+                let ids = &mut ids[place..place + rank];
+                for (id, keys) in ids.iter_mut().zip(&keys) {
+                    *id = keys[lane] & entry_bits;
+                }
+                if found.order_uncertain >> lane & 1 == 1 {
+                    let position = points.position(point);
+                    ids.sort_unstable_by_key(|&entry| list.key(entry as usize, position));
+                }
+                for id in ids {
+                    *id = list.id[*id as usize];
                 }
             }
         }
@@ -319,11 +313,16 @@ impl Work {
     ) {
         let least = distances(list, points.position(point), &mut self.distance2);
         let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
-        let entries = self.distance2.iter().zip(&list.id[..list.len]);
-        // What is not a number is kept: a point that is none must have neighbours, too.
-        let near = entries.filter(|(d2, _)| !matches!(d2.partial_cmp(&&limit), Some(Greater)));
-        self.keys.clear();
-        self.keys.extend(near.map(|(d2, &id)| u64::from(d2.to_bits()) << 32 | u64::from(id)));
+        let Self { distance2, entries, keys, .. } = self;
+        keys.clear();
+        if limit.is_finite() {
+            let near = within(list, distance2, limit, entries);
+            keys.extend(near.iter().map(|&i| key(distance2[i as usize], list.id[i as usize])));
+        } else {
+            // Nothing is left out, so that a point that is no number has neighbours, too.
+            let all = distance2.iter().zip(&list.id[..list.len]);
+            keys.extend(all.map(|(&d2, &id)| key(d2, id)));
+        }
         if self.keys.len() > rank {
             self.keys.select_nth_unstable(rank - 1);
             self.keys.truncate(rank);
