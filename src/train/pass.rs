@@ -13,6 +13,7 @@ use crate::model::statistics::Record;
 use rayon::prelude::*;
 use std::num::NonZero;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 /// Tiles one task takes: about a thousand points, a few hundred microseconds of search.
 const TILES_PER_GROUP: usize = 16;
@@ -27,10 +28,12 @@ pub enum Output {
 }
 
 /// Buffers of a pass, reused from frame to frame.
-#[derive(Debug, Default)]
-pub struct Pass<R> {
+#[derive(Default)]
+pub struct Pass<R: Scalar> {
     groups: Vec<Group<R>>,
     n_groups: usize,
+    /// One per thread: what a group leaves there never changes what the next one finds.
+    workers: Vec<Mutex<Worker<R>>>,
 }
 
 /// The fixed inputs of a pass.
@@ -38,28 +41,29 @@ pub struct Inputs<'a, R: Scalar> {
     /// Initial model.
     pub model: &'a InitialModel<R>,
     /// Index over its spatial means.
-    pub tree: &'a R::Tree,
+    pub index: &'a R::Index,
     /// Constants of the score.
     pub scoring: Scoring<R>,
     /// Components each point is compared with.
     pub candidates: Candidates,
 }
 
+/// What the tiles of one task give.
 #[derive(Debug, Default)]
 struct Group<R> {
     records: Vec<Record<R>>,
     elbo: Vec<f64>,
-    slots: SlotTable,
-    scratch: TileScratch<R>,
     nanos: [u64; 3],
 }
 
-/// Candidates and responsibilities of one tile: point `i` owns `offsets[i]..offsets[i + 1]`.
-#[derive(Debug, Default)]
-struct TileScratch<R> {
-    offsets: Vec<usize>,
+/// Memory of one thread. Candidates and responsibilities are those of one tile, equally many for
+/// each of its points.
+#[derive(Default)]
+struct Worker<R: Scalar> {
+    search: R::Scratch,
     ids: Vec<u32>,
     responsibilities: Vec<R>,
+    slots: SlotTable,
 }
 
 impl<R: Scalar> Pass<R> {
@@ -69,11 +73,16 @@ impl<R: Scalar> Pass<R> {
         if self.groups.len() < self.n_groups {
             self.groups.resize_with(self.n_groups, Group::default);
         }
+        self.workers
+            .resize_with(rayon::current_num_threads().max(self.workers.len()), Mutex::default);
+        let workers = &self.workers;
         self.groups[..self.n_groups].par_iter_mut().with_max_len(1).enumerate().for_each(
             |(index, group)| {
                 let first = index * TILES_PER_GROUP;
                 let tiles = first..(first + TILES_PER_GROUP).min(points.n_tiles());
-                group.run(inputs, points, tiles, output);
+                let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
+                let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
+                group.run(&mut worker, inputs, points, tiles, output);
             },
         );
     }
@@ -100,65 +109,46 @@ impl<R: Scalar> Pass<R> {
 }
 
 impl<R: Scalar> Group<R> {
-    fn run(&mut self, inputs: &Inputs<R>, points: &Points<R>, tiles: Range<usize>, output: Output) {
+    fn run(
+        &mut self,
+        worker: &mut Worker<R>,
+        inputs: &Inputs<R>,
+        points: &Points<R>,
+        tiles: Range<usize>,
+        output: Output,
+    ) {
         self.records.clear();
         self.elbo.clear();
         self.nanos = [0; 3];
         let mut clock = Stopwatch::start();
         for tile in tiles {
             let range = points.tile(tile);
-            self.scratch.find_candidates(inputs, points, range.clone());
+            worker.find_candidates(inputs, points, range.clone());
             self.nanos[0] += clock.lap_nanos();
-            self.scratch.score(inputs, points, range.clone(), &mut self.elbo);
+            worker.score(inputs, points, range.clone(), &mut self.elbo);
             self.nanos[1] += clock.lap_nanos();
             if output == Output::ElboAndSums {
-                self.sum(inputs.model, points, range);
+                worker.sum(inputs.model, points, range, &mut self.records);
             }
             self.nanos[2] += clock.lap_nanos();
         }
     }
-
-    /// One record per component the tile touches, points in order.
-    fn sum(&mut self, model: &InitialModel<R>, points: &Points<R>, range: Range<usize>) {
-        let TileScratch { offsets, ids, responsibilities } = &self.scratch;
-        self.slots.begin(ids.len());
-        let tile_start = self.records.len();
-        for (local, point) in range.enumerate() {
-            let (space, color) = (points.position(point), points.color(point));
-            for pair in offsets[local]..offsets[local + 1] {
-                let r = responsibilities[pair];
-                if r == R::ZERO {
-                    continue;
-                }
-                let id = ids[pair];
-                let next = self.records.len() - tile_start;
-                let slot = tile_start + self.slots.find_or_insert(id, next as u32) as usize;
-                if slot == self.records.len() {
-                    self.records.push(Record::empty(id));
-                }
-                let mean = model.space[id as usize];
-                let offset = std::array::from_fn(|i| space[i] - mean[i]);
-                self.records[slot].add(r, offset, color);
-            }
-        }
-    }
 }
 
-impl<R: Scalar> TileScratch<R> {
+impl<R: Scalar> Worker<R> {
     fn find_candidates(&mut self, inputs: &Inputs<R>, points: &Points<R>, range: Range<usize>) {
         self.ids.clear();
-        self.offsets.clear();
-        self.offsets.push(0);
-        for point in range {
-            match inputs.candidates {
-                Candidates::Dense => self.ids.extend(0..inputs.model.len() as u32),
-                Candidates::Nearest(n) => {
-                    if let Some(n) = NonZero::new(n) {
-                        R::nearest(inputs.tree, &points.position(point), n, &mut self.ids);
-                    }
+        match inputs.candidates {
+            Candidates::Dense => {
+                let all = 0..inputs.model.len() as u32;
+                range.for_each(|_| self.ids.extend(all.clone()));
+            }
+            Candidates::Nearest(n) => {
+                if let Some(n) = NonZero::new(n) {
+                    let Self { search, ids, .. } = self;
+                    R::nearest_in_tile(inputs.index, search, points, range, n, ids);
                 }
             }
-            self.offsets.push(self.ids.len());
         }
     }
 
@@ -169,14 +159,46 @@ impl<R: Scalar> TileScratch<R> {
         range: Range<usize>,
         elbo: &mut Vec<f64>,
     ) {
+        let per_point = self.ids.len() / range.len().max(1);
         self.responsibilities.clear();
         for (local, point) in range.enumerate() {
             let (space, color) = (points.position(point), points.color(point));
-            let own = self.offsets[local]..self.offsets[local + 1];
+            let own = local * per_point..(local + 1) * per_point;
             let distance =
                 |&id: &u32| inputs.scoring.distance(inputs.model, id as usize, space, color);
             self.responsibilities.extend(self.ids[own.clone()].iter().map(distance));
             elbo.push(inputs.scoring.responsibilities(&mut self.responsibilities[own]));
+        }
+    }
+
+    /// Appends one record per component the tile touches, points in order.
+    fn sum(
+        &mut self,
+        model: &InitialModel<R>,
+        points: &Points<R>,
+        range: Range<usize>,
+        records: &mut Vec<Record<R>>,
+    ) {
+        let per_point = self.ids.len() / range.len().max(1);
+        self.slots.begin(self.ids.len());
+        let tile_start = records.len();
+        for (local, point) in range.enumerate() {
+            let (space, color) = (points.position(point), points.color(point));
+            for pair in local * per_point..(local + 1) * per_point {
+                let r = self.responsibilities[pair];
+                if r == R::ZERO {
+                    continue;
+                }
+                let id = self.ids[pair];
+                let next = records.len() - tile_start;
+                let slot = tile_start + self.slots.find_or_insert(id, next as u32) as usize;
+                if slot == records.len() {
+                    records.push(Record::empty(id));
+                }
+                let mean = model.space[id as usize];
+                let offset = std::array::from_fn(|i| space[i] - mean[i]);
+                records[slot].add(r, offset, color);
+            }
         }
     }
 }

@@ -34,12 +34,14 @@ pub struct Trainer<R: Scalar> {
     config: TrainConfig,
     hyper: Hyper,
     model: InitialModel<R>,
-    tree: R::Tree,
+    index: R::Index,
     scoring: Scoring<R>,
     statistics: Statistics,
     pass: Pass<R>,
     elbo: Vec<f64>,
     touched: Touched,
+    /// Where the components of a reassignment came from, should it fail.
+    displaced: Vec<[R; 3]>,
     frames: u64,
 }
 
@@ -67,12 +69,13 @@ impl<R: Scalar> Trainer<R> {
         Ok(Self {
             config: config.clone(),
             hyper,
-            tree: R::build(&model.space)?,
+            index: R::build(&model.space)?,
             scoring: Scoring::new(&hyper),
             statistics: Statistics::new(model.len()),
             pass: Pass::default(),
             elbo: Vec::new(),
             touched: Touched { stamps: vec![0; model.len()], ..Touched::default() },
+            displaced: Vec::new(),
             model,
             frames: 0,
         })
@@ -125,7 +128,7 @@ impl<R: Scalar> Trainer<R> {
     ) {
         let mut clock = Stopwatch::start();
         let inputs =
-            Inputs { model: &self.model, tree: &self.tree, scoring: self.scoring, candidates };
+            Inputs { model: &self.model, index: &self.index, scoring: self.scoring, candidates };
         self.pass.run(&inputs, points, output);
         self.pass.elbo_into(&mut self.elbo);
         ms.add_pass(clock.lap_ms(), self.pass.thread_nanos());
@@ -166,14 +169,21 @@ impl<R: Scalar> Trainer<R> {
         points: &Points<R>,
         moves: &[(u32, u32)],
     ) -> Result<(), IndexError> {
-        let mut space = self.model.space.clone();
+        let InitialModel { space, color, .. } = &mut self.model;
+        self.displaced.clear();
         for &(component, point) in moves {
-            space[component as usize] = points.position(point as usize);
+            let mean = &mut space[component as usize];
+            self.displaced.push(std::mem::replace(mean, points.position(point as usize)));
         }
-        self.tree = R::build(&space)?;
-        self.model.space = space;
+        if let Err(error) = R::rebuild(&mut self.index, space) {
+            // Backwards, should a component move twice.
+            for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
+                space[component as usize] = mean;
+            }
+            return Err(error);
+        }
         for &(component, point) in moves {
-            self.model.color[component as usize] = points.color(point as usize);
+            color[component as usize] = points.color(point as usize);
         }
         Ok(())
     }
@@ -186,7 +196,7 @@ impl<R: Scalar> Trainer<R> {
     /// Candidate ids of a point in ascending distance.
     pub fn nearest(&self, position: [R; 3], n: NonZero<usize>) -> Vec<u32> {
         let mut ids = Vec::new();
-        R::nearest(&self.tree, &position, n, &mut ids);
+        R::nearest(&self.index, &position, n, &mut ids);
         ids
     }
 

@@ -1,0 +1,265 @@
+//! A uniform grid over the initial spatial means (`engine.md` section 3).
+
+use super::IndexError;
+use super::columns::Columns;
+
+/// Most cells of a grid.
+const MAX_CELLS: usize = 1 << 22;
+/// Means looked at for the bounds of the grid.
+const SAMPLE: usize = 2048;
+/// Share of the sample cut off at either side of an axis: outliers live in border cells.
+const TRIM: f64 = 0.005;
+/// By how much the trimmed bounds grow, as a share of their length, at either side.
+const MARGIN: f64 = 0.02;
+
+/// Means in the order of the cells they lie in. Cells at the border extend to infinity.
+#[derive(Debug, Default)]
+pub struct Grid {
+    shape: Shape,
+    /// Cell `c` holds the entries `start[c]..start[c + 1]`.
+    start: Vec<u32>,
+    means: Columns,
+    /// Cell of every id, needed while the grid is built.
+    cell_of_id: Vec<u32>,
+}
+
+/// Where the cells are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shape {
+    lo: [f32; 3],
+    cell: f32,
+    per_unit: f32,
+    dims: [usize; 3],
+}
+
+impl Grid {
+    /// Sorts finite means into cells, reusing memory. On error the grid is as it was.
+    pub fn rebuild(&mut self, means: &[[f32; 3]]) -> Result<(), IndexError> {
+        let refuse =
+            |reason: &str| Err(IndexError { components: means.len(), reason: reason.to_owned() });
+        if means.len() >= u32::MAX as usize {
+            return refuse("too many components");
+        }
+        if !means.iter().flatten().fold(true, |all, v| all & v.is_finite()) {
+            return refuse("an initial mean is not finite");
+        }
+        self.shape = Shape::new(means);
+        let shape = self.shape;
+        self.cell_of_id.clear();
+        self.cell_of_id.extend(means.iter().map(|&mean| shape.cell_of(mean) as u32));
+        self.sort(means);
+        Ok(())
+    }
+
+    /// Counting sort by cell, stable by id.
+    fn sort(&mut self, means: &[[f32; 3]]) {
+        let Self { shape, start, means: sorted, cell_of_id } = self;
+        start.clear();
+        // Counted two places late, summed one place late: filling a cell then moves the start of
+        // the next one to where it belongs.
+        start.resize(shape.n_cells() + 2, 0);
+        for &cell in cell_of_id.iter() {
+            start[cell as usize + 2] += 1;
+        }
+        let mut sum = 0;
+        for count in start.iter_mut() {
+            sum += *count;
+            *count = sum;
+        }
+        sorted.reserve(means.len());
+        sorted.len = means.len();
+        for (id, (mean, &cell)) in means.iter().zip(cell_of_id.iter()).enumerate() {
+            let next = &mut start[cell as usize + 1];
+            let entry = *next as usize;
+            *next += 1;
+            sorted.x[entry] = mean[0];
+            sorted.y[entry] = mean[1];
+            sorted.z[entry] = mean[2];
+            sorted.id[entry] = id as u32;
+        }
+        sorted.pad();
+    }
+
+    /// Number of means.
+    pub fn len(&self) -> usize {
+        self.means.len
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Edge of a cell.
+    pub(super) fn cell(&self) -> f32 {
+        self.shape.cell
+    }
+
+    /// Largest distance along an axis from a box to the box of the grid; 0 where they meet.
+    pub(super) fn gap(&self, lo: [f32; 3], hi: [f32; 3]) -> f32 {
+        let Shape { lo: first, cell, dims, .. } = self.shape;
+        (0..3).fold(0f32, |gap, axis| {
+            let last = first[axis] + cell * dims[axis] as f32;
+            gap.max(first[axis] - hi[axis]).max(lo[axis] - last)
+        })
+    }
+
+    /// Replaces `list` by a superset of the means in the box `lo..hi` grown by `radius`.
+    pub(super) fn gather(&self, lo: [f32; 3], hi: [f32; 3], radius: f32, list: &mut Columns) {
+        let shape = &self.shape;
+        list.len = 0;
+        let first: [usize; 3] = std::array::from_fn(|i| shape.coordinate(lo[i] - radius, i));
+        let last: [usize; 3] = std::array::from_fn(|i| shape.coordinate(hi[i] + radius, i));
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                let row = (z * shape.dims[1] + y) * shape.dims[0];
+                let span = self.start[row + first[0]]..self.start[row + last[0] + 1];
+                list.append(&self.means, span.start as usize..span.end as usize);
+            }
+        }
+        list.pad();
+    }
+
+    /// Replaces `list` by all means.
+    pub(super) fn gather_all(&self, list: &mut Columns) {
+        list.len = 0;
+        list.append(&self.means, 0..self.means.len);
+        list.pad();
+    }
+}
+
+impl Shape {
+    /// One mean per cell of the trimmed bounding box; axes shorter than a cell get one layer.
+    fn new(means: &[[f32; 3]]) -> Self {
+        let (lo, extent) = bounds(means);
+        let mut longest_first = extent;
+        longest_first.sort_by(|a, b| b.total_cmp(a));
+        let n = means.len().clamp(1, MAX_CELLS) as f64;
+        let [a, b, c] = longest_first;
+        let mut cell = (a * b * c / n).cbrt();
+        if !(c >= cell && cell > 0.0) {
+            cell = (a * b / n).sqrt();
+        }
+        if !(b >= cell && cell > 0.0) {
+            cell = a / n;
+        }
+        if cell == 0.0 {
+            cell = 1.0;
+        }
+        let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);
+        while dims(cell).iter().fold(1usize, |all, &d| all.saturating_mul(d)) > MAX_CELLS {
+            cell *= 1.1;
+        }
+        let per_unit = (1.0 / cell).min(f64::from(f32::MAX)) as f32;
+        Self { lo: lo.map(|v| v as f32), cell: cell as f32, per_unit, dims: dims(cell) }
+    }
+
+    fn n_cells(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    /// Cell along one axis. Monotone in `value`, whatever is rounded, so a range of cells holds
+    /// every mean in the range of values.
+    #[inline(always)]
+    fn coordinate(&self, value: f32, axis: usize) -> usize {
+        let cell = ((value - self.lo[axis]) * self.per_unit) as i32;
+        cell.clamp(0, self.dims[axis] as i32 - 1) as usize
+    }
+
+    #[inline(always)]
+    fn cell_of(&self, mean: [f32; 3]) -> usize {
+        let [x, y, z] = std::array::from_fn(|axis| self.coordinate(mean[axis], axis));
+        (z * self.dims[1] + y) * self.dims[0] + x
+    }
+}
+
+/// Lower corner and edges of the box that holds all but the outliers of a sample.
+fn bounds(means: &[[f32; 3]]) -> ([f64; 3], [f64; 3]) {
+    let (mut lo, mut extent) = ([0.0; 3], [0.0; 3]);
+    if means.is_empty() {
+        return (lo, extent);
+    }
+    let stride = means.len().div_ceil(SAMPLE);
+    for axis in 0..3 {
+        let mut sample: Vec<f32> = means.iter().step_by(stride).map(|m| m[axis]).collect();
+        let trimmed = (sample.len() as f64 * TRIM) as usize;
+        let last = sample.len() - 1;
+        let mut quantile = |rank| f64::from(*sample.select_nth_unstable_by(rank, f32::total_cmp).1);
+        let (first, last) = (quantile(trimmed), quantile(last - trimmed));
+        let margin = MARGIN * (last - first);
+        lo[axis] = first - margin;
+        extent[axis] = last - first + 2.0 * margin;
+    }
+    (lo, extent)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    fn grid(means: &[[f32; 3]]) -> Grid {
+        let mut grid = Grid::default();
+        grid.rebuild(means).unwrap();
+        grid
+    }
+
+    #[test]
+    fn a_gathered_box_holds_its_means_in_ascending_id_per_cell() {
+        let mut rng = Rng::new(1, Purpose::Init, 0);
+        let mut means: Vec<[f32; 3]> =
+            (0..5000).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0) as f32)).collect();
+        means[17] = [1e6, 0.0, -1e30];
+        means.push(means[3]);
+        let grid = grid(&means);
+        assert_eq!(grid.len(), means.len());
+        let mut list = Columns::default();
+        for _ in 0..200 {
+            let lo: [f32; 3] = std::array::from_fn(|_| rng.range(-1.5, 1.0) as f32);
+            let hi = lo.map(|v| v + 0.3);
+            grid.gather(lo, hi, 0.1, &mut list);
+            let mut found = list.id[..list.len].to_vec();
+            found.sort_unstable();
+            assert!(found.windows(2).all(|w| w[0] < w[1]));
+            let inside = |m: &[f32; 3]| (0..3).all(|i| (lo[i] - 0.1..=hi[i] + 0.1).contains(&m[i]));
+            for (id, _) in means.iter().enumerate().filter(|(_, m)| inside(m)) {
+                assert!(found.binary_search(&(id as u32)).is_ok());
+            }
+        }
+        grid.gather_all(&mut list);
+        assert_eq!(list.len, means.len());
+        let (first, copy) = (means[3], means.len() as u32 - 1);
+        let at = |id| list.id[..list.len].iter().position(|&i| i == id).unwrap();
+        assert!(at(3) < at(copy));
+        assert_eq!(list.position(at(copy)), first);
+    }
+
+    #[test]
+    fn degenerate_bounds_make_few_cells() {
+        for means in [
+            vec![],
+            vec![[3.0; 3]],
+            vec![[1.0; 3]; 1000],
+            (0..1000).map(|i| [i as f32 * 1e-42, 0.0, 0.0]).collect(),
+            (0..1000).map(|i| [i as f32, 5.0, 5.0]).collect(),
+            (0..1000).map(|i| [(i % 32) as f32, (i / 32) as f32, 5.0]).collect(),
+            (0..1000).map(|i| [(i - 500) as f32 * 6e35; 3]).collect(),
+        ] {
+            let grid = grid(&means);
+            assert!(grid.shape.n_cells() <= 3 * means.len() + 8, "{:?}", grid.shape);
+            let mut list = Columns::default();
+            grid.gather([-f32::MAX; 3], [f32::MAX; 3], f32::INFINITY, &mut list);
+            assert_eq!(list.len, means.len());
+        }
+    }
+
+    #[test]
+    fn means_that_are_not_finite_are_refused_and_change_nothing() {
+        let mut grid = grid(&[[1.0; 3], [2.0; 3]]);
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert_eq!(grid.rebuild(&[[0.0; 3], [0.0, bad, 0.0]]).unwrap_err().components, 2);
+            assert_eq!(grid.len(), 2);
+        }
+    }
+}
