@@ -2,6 +2,7 @@
 
 use super::IndexError;
 use super::columns::Columns;
+use rayon::prelude::*;
 
 /// Most cells of a grid.
 const MAX_CELLS: usize = 1 << 22;
@@ -11,6 +12,9 @@ const SAMPLE: usize = 2048;
 const TRIM: f64 = 0.005;
 /// By how much the trimmed bounds grow, as a share of their length, at either side.
 const MARGIN: f64 = 0.02;
+
+/// Means that one task of the build takes.
+const PART: usize = 1 << 14;
 
 /// Means in the order of the cells they lie in. Cells at the border extend to infinity.
 #[derive(Debug, Default)]
@@ -45,8 +49,13 @@ impl Grid {
         }
         self.shape = Shape::new(means);
         let shape = self.shape;
-        self.cell_of_id.clear();
-        self.cell_of_id.extend(means.iter().map(|&mean| shape.cell_of(mean) as u32));
+        self.cell_of_id.resize(means.len(), 0);
+        let cells = self.cell_of_id.par_chunks_mut(PART).zip(means.par_chunks(PART));
+        cells.for_each(|(cells, means)| {
+            for (cell, &mean) in cells.iter_mut().zip(means) {
+                *cell = shape.cell_of(mean) as u32;
+            }
+        });
         self.sort(means);
         Ok(())
     }
@@ -68,15 +77,21 @@ impl Grid {
         }
         sorted.reserve(means.len());
         sorted.len = means.len();
-        for (id, (mean, &cell)) in means.iter().zip(cell_of_id.iter()).enumerate() {
+        let Columns { x, y, z, id: ids, len } = sorted;
+        let (x, y, z, ids) = (&mut x[..*len], &mut y[..*len], &mut z[..*len], &mut ids[..*len]);
+        // Only ids are scattered; positions are then fetched in order, by all threads.
+        for (id, &cell) in (0..).zip(cell_of_id.iter()) {
             let next = &mut start[cell as usize + 1];
-            let entry = *next as usize;
+            ids[*next as usize] = id;
             *next += 1;
-            sorted.x[entry] = mean[0];
-            sorted.y[entry] = mean[1];
-            sorted.z[entry] = mean[2];
-            sorted.id[entry] = id as u32;
         }
+        let positions = x.par_chunks_mut(PART).zip(y.par_chunks_mut(PART));
+        let positions = positions.zip(z.par_chunks_mut(PART)).zip(ids.par_chunks(PART));
+        positions.for_each(|(((x, y), z), ids)| {
+            for (((x, y), z), &id) in x.iter_mut().zip(y).zip(z).zip(ids) {
+                [*x, *y, *z] = means[id as usize];
+            }
+        });
         sorted.pad();
     }
 
