@@ -5,7 +5,7 @@ use crate::dataset::error::DatasetError;
 use crate::dataset::{self, Dataset, LoadOptions};
 use crate::export::{self, ExportError};
 use crate::math::camera::{Camera, Intrinsics};
-use crate::math::orbit::{Orbit, mean_up};
+use crate::math::orbit::Orbit;
 use crate::model::splats::{Framing, Splat, framing};
 use crate::pipeline::demo::{self, DemoError};
 use crate::pipeline::plan::Selection;
@@ -121,7 +121,7 @@ fn home_of(session: &Session) -> HomeView {
     let ahead = (centre - camera.pose.centre()).dot(camera.pose.forward());
     let distance = ahead.clamp(0.2 * radius, 2.0 * radius);
     let target = camera.pose.centre() + camera.pose.forward() * distance;
-    HomeView { camera, up: mean_up(split.frames.iter().map(|f| &f.camera.pose)), target, radius }
+    HomeView { camera, up: session.up(), target, radius }
 }
 
 /// Field of view of models that bring no camera, radians.
@@ -130,9 +130,10 @@ const MODEL_FOV: f64 = 1.0;
 fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
     let model = export::read(path)?;
     let framing = framing(&model.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+    let up = model.up().unwrap_or(DVec3::Z);
     let orbit = Orbit {
         target: framing.centre,
-        up: DVec3::Z,
+        up,
         azimuth: 0.6,
         elevation: 0.4,
         distance: framing.distance(MODEL_FOV),
@@ -153,7 +154,7 @@ fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
             ("Splats".to_owned(), model.splats.len().to_string()),
             ("Size".to_owned(), format!("{:.1} MB", model.bytes as f64 * 1e-6)),
         ],
-        home: HomeView { camera, up: DVec3::Z, target: framing.centre, radius: framing.radius },
+        home: HomeView { camera, up, target: framing.centre, radius: framing.radius },
         serial,
         is_demo: false,
     };

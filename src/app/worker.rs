@@ -8,6 +8,7 @@ use crate::eval::report::{FrameReport, Summary};
 use crate::export::{self, Format, WriteOptions};
 use crate::model::splats::Splat;
 use crate::pipeline::session::{Session, SessionError, Step};
+use glam::DVec3;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -340,7 +341,11 @@ impl Trainer {
 
     fn export(&mut self, path: &Path) {
         let written = Format::from_path(path).and_then(|format| {
-            let options = WriteOptions { metric: self.is_metric(), ..WriteOptions::new(format) };
+            let options = WriteOptions {
+                metric: self.is_metric(),
+                up: self.up(),
+                ..WriteOptions::new(format)
+            };
             export::write(path, &self.splats(), &options)
         });
         match written {
@@ -356,6 +361,11 @@ impl Trainer {
             }
             Err(error) => self.notify(NoticeKind::Error, error.to_string()),
         }
+    }
+
+    /// Up in the world of what is open.
+    fn up(&self) -> DVec3 {
+        self.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up)
     }
 
     fn is_metric(&self) -> bool {

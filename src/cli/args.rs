@@ -243,9 +243,9 @@ pub struct RenderArgs {
     /// Horizontal field of view in degrees
     #[arg(long, value_name = "DEG", default_value_t = 60.0, allow_negative_numbers = true)]
     pub fov: f64,
-    /// World axis that points up
-    #[arg(long, value_enum, default_value = "z", allow_hyphen_values = true)]
-    pub up: AxisName,
+    /// World axis that points up [default: what the model says, else z]
+    #[arg(long, value_enum, allow_hyphen_values = true)]
+    pub up: Option<AxisName>,
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],

@@ -3,6 +3,7 @@
 use super::args::{AxesName, ExportArgs, FormatName};
 use super::failure::Failure;
 use super::{model, output};
+use glam::DVec3;
 use vbgs_studio::export::{Axes, Format, WriteOptions, write};
 
 /// Converts as asked.
@@ -14,6 +15,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         None => Format::from_path(&args.output)?,
     };
     let model = model::load(&args.model)?;
+    let up = model.up().unwrap_or(DVec3::Z);
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let ours = model.comments.into_iter().filter(|line| line.starts_with("vbgs "));
     let comments: Vec<String> = ours.collect();
@@ -24,6 +26,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         },
         sh3_padding: args.sh3_padding,
         comments: &comments,
+        up,
         ..WriteOptions::new(format)
     };
     let summary = write(&args.output, &model.splats, &options)?;

@@ -34,7 +34,8 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     if let Some(dataset) = &args.dataset {
         return render_view(&model.splats, dataset, args);
     }
-    let start = orbit(&model.splats, args)?;
+    let up = args.up.map(axis).or(model.up()).unwrap_or(DVec3::Z);
+    let start = orbit(&model.splats, up, args)?;
     let intrinsics =
         Intrinsics::from_horizontal_fov(args.size[0], args.size[1], args.fov.to_radians());
     let radius = framing(&model.splats).map_or(1.0, |f| f.radius);
@@ -84,19 +85,22 @@ fn render_view(splats: &[Splat], path: &Path, args: &RenderArgs) -> Result<(), F
     Ok(())
 }
 
-fn orbit(splats: &[Splat], args: &RenderArgs) -> Result<Orbit, Failure> {
+fn orbit(splats: &[Splat], up: DVec3, args: &RenderArgs) -> Result<Orbit, Failure> {
     let framing = framing(splats).ok_or_else(|| {
         anyhow!(
             "{}: expected splats to look at, found none that can be drawn",
             args.model.display()
         )
     })?;
-    let fov = args.fov.to_radians();
+    // The narrower of the two angles of view must hold the scene.
+    let tall = args.size[1] as f64 / args.size[0] as f64;
+    let half = (0.5 * args.fov.to_radians()).tan() * tall.min(1.0);
+    let fov = 2.0 * half.atan();
     let [azimuth, elevation, distance] =
         args.orbit.unwrap_or([0.0, DEFAULT_ELEVATION, framing.distance(fov)]);
     Ok(Orbit {
         target: framing.centre,
-        up: axis(args.up),
+        up,
         azimuth: azimuth.to_radians(),
         elevation: elevation.to_radians(),
         distance,

@@ -86,7 +86,8 @@ fn save_scene(session: &Session, out: &Path) -> Result<bool, Failure> {
         return Ok(false);
     }
     let comments = conversion_comments(session);
-    let options = WriteOptions { comments: &comments, ..WriteOptions::new(Format::Ply) };
+    let options =
+        WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
     write(&out.join("scene.ply"), &session.splats(), &options)?;
     Ok(true)
 }

@@ -104,12 +104,14 @@ pub struct WriteOptions<'a> {
     pub camera_centres: &'a [DVec3],
     /// `N_k` of every splat given, written with the points of a point cloud.
     pub confidence: Option<&'a [f64]>,
+    /// Direction that points up in the model's world, written into a PLY as it is.
+    pub up: DVec3,
     /// Lengths are metres: a GLB says so in `asset.extras.units`.
     pub metric: bool,
 }
 
 impl WriteOptions<'_> {
-    /// Axes as they are, no padding, no comments, no normals, no confidence, unknown units.
+    /// Axes as they are, z up, no padding, no comments, no normals, no confidence, unknown units.
     pub fn new(format: Format) -> Self {
         Self {
             format,
@@ -118,6 +120,7 @@ impl WriteOptions<'_> {
             comments: &[],
             camera_centres: &[],
             confidence: None,
+            up: DVec3::Z,
             metric: false,
         }
     }

@@ -3,7 +3,7 @@
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
 use crate::model::splats::{Splat, bounds};
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 use std::fmt;
 
 /// A model read from a file.
@@ -22,6 +22,18 @@ pub struct Imported {
     pub comments: Vec<String>,
     /// Size of the file.
     pub bytes: u64,
+}
+
+/// Start of the PLY comment that names the direction pointing up; brush reads it too.
+pub(super) const VERTICAL_AXIS: &str = "Vertical axis:";
+
+impl Imported {
+    /// Unit vector that points up in the model's world, where the file says so.
+    pub fn up(&self) -> Option<DVec3> {
+        let text = self.comments.iter().find_map(|line| line.strip_prefix(VERTICAL_AXIS))?;
+        let numbers: Vec<f64> = text.split_whitespace().filter_map(|n| n.parse().ok()).collect();
+        DVec3::from_array(numbers.try_into().ok()?).try_normalize()
+    }
 }
 
 /// What a file's rows describe.

@@ -10,12 +10,14 @@ use crate::dataset::{Dataset, Layout};
 use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
+use crate::math::orbit::mean_up;
 use crate::math::points::Points;
 use crate::model::splats::Splat;
 use crate::train::candidates::IndexError;
 use crate::train::config::{Init, Preset, TrainConfig};
 use crate::train::engine::Engine;
 use crate::train::init::InitialDraw;
+use glam::DVec3;
 use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
@@ -201,6 +203,11 @@ impl Session {
     /// The model.
     pub fn engine(&self) -> &Engine {
         &self.engine
+    }
+
+    /// Direction that points up in the world, as far as the cameras tell.
+    pub fn up(&self) -> DVec3 {
+        mean_up(self.dataset.splits[self.plan.split].frames.iter().map(|f| &f.camera.pose))
     }
 
     /// Trained frames so far, in order.

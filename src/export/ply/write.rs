@@ -4,6 +4,7 @@ use super::N_REST_DEGREE_3;
 use crate::export::error::Fault;
 use crate::export::format::{Axes, WriteOptions};
 use crate::export::gaussian::{Gaussian, Turn, color_to_sh, logit, wxyz};
+use crate::export::imported::VERTICAL_AXIS;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
@@ -63,11 +64,11 @@ fn n_rest(options: &WriteOptions) -> usize {
 /// Everything up to the first property of the vertex element.
 pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
-    let up = match options.axes {
-        Axes::AsIs => "0 0 1",
-        Axes::Viewer => "0 -1 0",
-    };
-    let mut header = format!("ply\nformat binary_little_endian 1.0\ncomment Vertical axis: {up}\n");
+    let up = turn(options.axes).vector(options.up);
+    // Adding zero turns −0 into 0.
+    let [x, y, z] = up.as_vec3().to_array().map(|v| v + 0.0);
+    let mut header =
+        format!("ply\nformat binary_little_endian 1.0\ncomment {VERTICAL_AXIS} {x} {y} {z}\n");
     for comment in options.comments {
         let _ = writeln!(header, "comment {comment}");
     }
