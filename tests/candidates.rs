@@ -13,7 +13,7 @@ type Mean = [f32; 3];
 /// Makes the mean of an id.
 type Draw = Box<dyn FnMut(&mut Rng, usize) -> Mean>;
 
-/// Numbers of means every shape is tried with; a million only where nothing is scanned.
+/// Numbers of means every shape is tried with; a million has its own test.
 const SIZES: [usize; 11] = [1, 2, 3, 4, 7, 9, 63, 64, 1000, 10_000, 100_000];
 const RANKS: [usize; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 
