@@ -7,11 +7,16 @@
 mod common;
 
 use common::shared;
+use ply_rs_bw::parser::Parser;
+use ply_rs_bw::ply::{DefaultElement, Property};
+use std::fs::File;
+use std::io::BufReader;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::metrics::psnr;
 use vbgs_studio::eval::report::Summary;
 use vbgs_studio::eval::views::{GroundTruth, ground_truth};
+use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::points::Normalization;
@@ -232,5 +237,48 @@ fn mixed_reassigns_as_well_as_f64() {
         assert!((a - b).abs() < 0.05, "{reassign:?}: f64 {a} dB, mixed {b} dB");
         let share = used[0] as f64 / used[1] as f64;
         assert!((share - 1.0).abs() < 0.01, "{reassign:?}: used {used:?}");
+    }
+}
+
+/// The Lego `.ply` through a reader that shares no code with ours shows the same pictures.
+#[test]
+fn the_ply_reads_back_with_an_independent_reader() {
+    let Some(dataset) = open() else { return };
+    let session = train(&dataset, Overrides::default(), Some(10));
+    let splats = session.splats();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.ply");
+    let summary = export::write(&path, &splats, &WriteOptions::new(Format::Ply)).unwrap();
+    assert_eq!(summary.n_written, session.engine().used());
+
+    let mut file = BufReader::new(File::open(&path).unwrap());
+    let ply = Parser::<DefaultElement>::new().read_ply(&mut file).unwrap();
+    let back: Vec<Splat> = ply.payload["vertex"].iter().map(splat_of).collect();
+    assert_eq!(back.len(), summary.n_written);
+    let drawn = splats.iter().filter(|s| s.is_drawable());
+    assert!(drawn.zip(&back).all(|(ours, theirs)| ours.mean == theirs.mean));
+
+    let options = RenderOptions::evaluation([0.0; 3]);
+    for view in &views(&dataset)[..3] {
+        let picture =
+            |splats: &[Splat]| CpuRenderer::new().render(splats, &view.camera, &options).color;
+        let same = psnr(&picture(&back), &picture(&splats)).unwrap();
+        assert!(same > 70.0, "the file shows another scene: {same} dB");
+    }
+}
+
+/// A row of the 3DGS layout by its definition (`export.md` 1).
+fn splat_of(row: &DefaultElement) -> Splat {
+    let value = |name: &str| match row.get(name) {
+        Some(Property::Float(value)) => *value,
+        other => panic!("{name}: expected a float, found {other:?}"),
+    };
+    let color = |i: usize| 0.5 + 0.282_094_8 * value(&format!("f_dc_{i}"));
+    Splat {
+        mean: ["x", "y", "z"].map(value),
+        opacity: 1.0 / (1.0 + (-value("opacity")).exp()),
+        color: [0, 1, 2].map(color),
+        scale: [0, 1, 2].map(|i| value(&format!("scale_{i}")).exp()),
+        rotation: [0, 1, 2, 3].map(|i| value(&format!("rot_{i}"))),
     }
 }
