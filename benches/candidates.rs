@@ -6,13 +6,15 @@
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
+mod common;
+
+use common::times_ms;
 use glam::DVec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::hint::black_box;
 use std::num::NonZero;
 use std::path::Path;
-use std::time::Instant;
 use vbgs_studio::dataset::frame::{DepthCodes, Frame};
 use vbgs_studio::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use vbgs_studio::dataset::{LoadOptions, open};
@@ -156,17 +158,8 @@ fn pool(threads: usize) -> rayon::ThreadPool {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads")
 }
 
-fn median_ms(repetitions: usize, mut run: impl FnMut()) -> f64 {
-    run();
-    let mut ms: Vec<f64> = (0..repetitions)
-        .map(|_| {
-            let start = Instant::now();
-            run();
-            start.elapsed().as_secs_f64() * 1e3
-        })
-        .collect();
-    ms.sort_by(f64::total_cmp);
-    ms[repetitions / 2]
+fn median_ms(repetitions: usize, run: impl FnMut()) -> f64 {
+    times_ms(repetitions, run)[repetitions / 2]
 }
 
 /// The paper's start, the state after reassignment (points of another frame) and a cluster: 90 % in

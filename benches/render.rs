@@ -5,8 +5,10 @@
 
 #![allow(clippy::print_stdout)]
 
+mod common;
+
+use common::times_ms;
 use glam::DVec3;
-use std::time::Instant;
 use vbgs_studio::eval::metrics::{SsimPadding, ssim};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
@@ -83,15 +85,7 @@ fn ball(n_splats: usize, sigma: f64) -> Vec<Splat> {
     splats
 }
 
-fn time(mut run: impl FnMut()) -> (f64, f64) {
-    run();
-    let mut ms: Vec<f64> = (0..REPETITIONS)
-        .map(|_| {
-            let start = Instant::now();
-            run();
-            start.elapsed().as_secs_f64() * 1e3
-        })
-        .collect();
-    ms.sort_by(f64::total_cmp);
+fn time(run: impl FnMut()) -> (f64, f64) {
+    let ms = times_ms(REPETITIONS, run);
     (ms[0], ms[REPETITIONS / 2])
 }

@@ -26,11 +26,33 @@ impl Picker {
     }
 }
 
+/// What a path is asked for.
+#[derive(Clone, Copy)]
+enum Purpose {
+    Open,
+    Export,
+}
+
+impl Purpose {
+    /// Title of the dialog and text of its button.
+    fn label(self) -> &'static str {
+        match self {
+            Purpose::Open => "Open",
+            Purpose::Export => "Export",
+        }
+    }
+
+    fn hint(self) -> &'static str {
+        match self {
+            Purpose::Open => "A dataset folder, a .ply or a .glb",
+            Purpose::Export => "A file name ending in .ply or .glb",
+        }
+    }
+}
+
 /// Dialog for one path: a text field, and a native dialog where there is one.
 pub struct PathDialog {
-    title: &'static str,
-    hint: &'static str,
-    confirm: &'static str,
+    purpose: Purpose,
     is_open: bool,
     path: String,
     picker: Option<Picker>,
@@ -40,27 +62,16 @@ pub struct PathDialog {
 impl PathDialog {
     /// What to open.
     pub fn open() -> Self {
-        Self::new("Open", "A dataset folder, a .ply or a .glb", "Open")
+        Self::new(Purpose::Open, "")
     }
 
     /// Where to export.
     pub fn export() -> Self {
-        Self {
-            path: "scene.ply".into(),
-            ..Self::new("Export", "A file name ending in .ply or .glb", "Export")
-        }
+        Self::new(Purpose::Export, "scene.ply")
     }
 
-    fn new(title: &'static str, hint: &'static str, confirm: &'static str) -> Self {
-        Self {
-            title,
-            hint,
-            confirm,
-            is_open: false,
-            path: String::new(),
-            picker: None,
-            no_native: false,
-        }
+    fn new(purpose: Purpose, path: &str) -> Self {
+        Self { purpose, is_open: false, path: path.to_owned(), picker: None, no_native: false }
     }
 
     /// Shows the dialog from now on.
@@ -76,7 +87,7 @@ impl PathDialog {
         self.take_picked();
         let mut stays = true;
         let mut confirmed = false;
-        Window::new(self.title)
+        Window::new(self.purpose.label())
             .open(&mut stays)
             .collapsible(false)
             .resizable(false)
@@ -90,15 +101,15 @@ impl PathDialog {
     }
 
     fn content(&mut self, ui: &mut Ui, waker: &Waker) -> bool {
-        ui.label(self.hint);
+        ui.label(self.purpose.hint());
         let field =
             ui.add(TextEdit::singleline(&mut self.path).desired_width(420.0).hint_text("path"));
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let mut confirmed = entered;
         ui.horizontal(|ui| {
-            confirmed |= ui.button(self.confirm).clicked();
-            match self.title {
-                "Open" => {
+            confirmed |= ui.button(self.purpose.label()).clicked();
+            match self.purpose {
+                Purpose::Open => {
                     self.browse(ui, waker, "Browse folders…", || {
                         rfd::FileDialog::new().pick_folder()
                     });
@@ -108,7 +119,7 @@ impl PathDialog {
                             .pick_file()
                     });
                 }
-                _ => self.browse(ui, waker, "Browse…", || {
+                Purpose::Export => self.browse(ui, waker, "Browse…", || {
                     rfd::FileDialog::new()
                         .add_filter("splats", &["ply", "glb"])
                         .set_file_name("scene.ply")

@@ -29,7 +29,7 @@ pub struct SceneView {
     camera: Option<ViewCamera>,
     /// Serial of what the camera was set up for.
     serial: u64,
-    /// Centres of what is drawn, for framing.
+    /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
     splats: Vec<Splat>,
     moved_at: Instant,
     n_drawn: usize,
@@ -57,7 +57,7 @@ impl SceneView {
     pub fn change(&mut self, change: SplatChange) {
         super::feed::apply(&mut self.splats, change.clone());
         match &mut self.painter {
-            Painter::Gpu(painter) => painter.change(change),
+            Painter::Gpu(painter) => painter.change(change, &self.splats),
             Painter::Software(painter) => painter.change(change),
         }
     }
@@ -125,13 +125,15 @@ impl SceneView {
         let options = RenderOptions::viewport(BACKGROUND, camera.radius());
         let view = View { camera: camera.camera(size), options };
         match &mut self.painter {
-            Painter::Gpu(painter) => match painter.paint(ui, rect, view.camera, &options) {
-                Ok(n_drawn) => {
-                    self.n_drawn = n_drawn;
-                    None
+            Painter::Gpu(painter) => {
+                match painter.paint(ui, rect, view.camera, &options, &self.splats) {
+                    Ok(n_drawn) => {
+                        self.n_drawn = n_drawn;
+                        None
+                    }
+                    Err(error) => self.give_up_gpu(&error.to_string()),
                 }
-                Err(error) => self.give_up_gpu(&error.to_string()),
-            },
+            }
             Painter::Software(painter) => {
                 let moving = self.moved_at.elapsed() < SETTLE;
                 let effort = match (moving, snapshot.state) {

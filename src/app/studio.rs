@@ -33,8 +33,7 @@ pub enum Painting {
 /// What waits for the user's decision about unsaved training.
 #[derive(Clone, Debug)]
 enum Discarding {
-    Open(Subject),
-    Reset,
+    By(Order),
     Close,
 }
 
@@ -108,11 +107,11 @@ impl Studio {
         }
         match command {
             Command::Open => self.open_dialog.show(),
-            Command::OpenDemo => self.discard_then(Discarding::Open(Subject::Demo), snapshot),
+            Command::OpenDemo => self.discard_then(Order::Open(Subject::Demo), snapshot),
             Command::Train => self.worker.send(Order::Train),
             Command::Pause => self.worker.send(Order::Pause),
             Command::Step => self.worker.send(Order::Step),
-            Command::Reset => self.discard_then(Discarding::Reset, snapshot),
+            Command::Reset => self.discard_then(Order::Reset, snapshot),
             Command::Export => self.export_dialog.show(),
             Command::FrameScene => self.view.frame_scene(),
             Command::Home => {
@@ -124,26 +123,21 @@ impl Studio {
         }
     }
 
-    /// Goes ahead at once if nothing would be lost, else asks. The demo can be made again at any
-    /// time, so it is never asked about.
-    fn discard_then(&mut self, what: Discarding, snapshot: &Snapshot) {
-        let is_demo = snapshot.opened.as_ref().is_none_or(|o| o.is_demo);
-        if snapshot.unsaved_frames > 0 && !is_demo {
-            self.discarding = Some(what);
+    /// Goes ahead at once if nothing would be lost, else asks.
+    fn discard_then(&mut self, order: Order, snapshot: &Snapshot) {
+        if would_lose(snapshot) {
+            self.discarding = Some(Discarding::By(order));
         } else {
-            self.discard(what, None);
+            self.worker.send(order);
         }
     }
 
-    fn discard(&mut self, what: Discarding, ui: Option<&Ui>) {
+    fn discard(&mut self, what: Discarding, ui: &Ui) {
         match what {
-            Discarding::Open(subject) => self.worker.send(Order::Open(subject)),
-            Discarding::Reset => self.worker.send(Order::Reset),
+            Discarding::By(order) => self.worker.send(order),
             Discarding::Close => {
                 self.may_close = true;
-                if let Some(ui) = ui {
-                    ui.ctx().send_viewport_cmd(ViewportCommand::Close);
-                }
+                ui.ctx().send_viewport_cmd(ViewportCommand::Close);
             }
         }
     }
@@ -168,15 +162,14 @@ impl Studio {
     fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
         if let Some(path) = dropped {
-            self.discard_then(Discarding::Open(Subject::Path(path)), snapshot);
+            self.discard_then(Order::Open(Subject::Path(path)), snapshot);
         }
     }
 
     /// Closing the window is asked about like everything else that forgets training.
     fn take_close_request(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let asked = ui.input(|i| i.viewport().close_requested());
-        let is_demo = snapshot.opened.as_ref().is_none_or(|o| o.is_demo);
-        if asked && !self.may_close && snapshot.unsaved_frames > 0 && !is_demo {
+        if asked && !self.may_close && would_lose(snapshot) {
             ui.ctx().send_viewport_cmd(ViewportCommand::CancelClose);
             self.discarding = Some(Discarding::Close);
         }
@@ -184,7 +177,7 @@ impl Studio {
 
     fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         if let Some(path) = self.open_dialog.ui(ui, &self.waker) {
-            self.discard_then(Discarding::Open(Subject::Path(path)), snapshot);
+            self.discard_then(Order::Open(Subject::Path(path)), snapshot);
         }
         if let Some(path) = self.export_dialog.ui(ui, &self.waker) {
             self.worker.send(Order::Export(path));
@@ -196,7 +189,7 @@ impl Studio {
             Some(decision) => {
                 self.discarding = None;
                 match decision {
-                    Decision::Discard => self.discard(what, Some(ui)),
+                    Decision::Discard => self.discard(what, ui),
                     Decision::Export => self.export_dialog.show(),
                     Decision::Cancel => {}
                 }
@@ -240,7 +233,7 @@ impl Studio {
             ui.label(RichText::new("Drop a dataset folder here").size(22.0));
             ui.label("or a .ply or .glb to look at");
             ui.add_space(12.0);
-            if ui.button("Open…").clicked() {
+            if ui.button(Command::Open.label()).clicked() {
                 self.obey(Command::Open, snapshot);
             }
             if ui.button("Try the synthetic scene").clicked() {
@@ -248,6 +241,11 @@ impl Studio {
             }
         });
     }
+}
+
+/// Whether there is training to lose. The demo can be made again at any time, so it never counts.
+fn would_lose(snapshot: &Snapshot) -> bool {
+    snapshot.unsaved_frames > 0 && snapshot.opened.as_ref().is_some_and(|o| !o.is_demo)
 }
 
 /// A GPU painter if the adapter is a real GPU, and who draws, for the status line.

@@ -1,7 +1,7 @@
 //! Painting with a real GPU: hands eframe's device to `render::gpu` and draws its result inside the
 //! window's own pass. The only file of the window that knows wgpu.
 
-use super::feed::{SplatChange, apply};
+use super::feed::SplatChange;
 use super::view_thread::{Announce, ViewThread};
 use super::worker::Waker;
 use crate::math::camera::Camera;
@@ -54,7 +54,6 @@ pub struct GpuPainter {
     scene: GpuScene,
     renderer: ProjectedRenderer,
     compositor: Arc<Mutex<Compositor>>,
-    splats: Vec<Splat>,
     /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
     pending: Option<Vec<u32>>,
     sorter: ViewThread<(Camera, f32), Vec<u32>>,
@@ -82,7 +81,6 @@ impl GpuPainter {
             device,
             queue,
             faults,
-            splats: Vec::new(),
             pending: None,
             sorter,
             sorted_for: None,
@@ -91,16 +89,16 @@ impl GpuPainter {
         })
     }
 
-    /// Hands changed splats over.
-    pub fn change(&mut self, change: SplatChange) {
-        self.sorter.change(change.clone());
-        match (apply(&mut self.splats, change), &mut self.pending) {
-            (Some(ids), Some(pending)) => pending.extend(ids),
-            (Some(_), None) => {}
-            (None, pending) => *pending = None,
+    /// Hands changed splats over; `splats` are all of them, the change applied.
+    pub fn change(&mut self, change: SplatChange, splats: &[Splat]) {
+        match (&change, &mut self.pending) {
+            (SplatChange::Some { ids, .. }, Some(pending)) => pending.extend(ids),
+            (SplatChange::Some { .. }, None) => {}
+            (SplatChange::All(_), pending) => *pending = None,
         }
+        self.sorter.change(change);
         self.is_stale = true;
-        self.n_drawn = self.splats.iter().filter(|s| s.opacity > 0.0).count();
+        self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
     /// Draws the scene and queues it for painting over `rect`. Returns the number of splats there
@@ -111,11 +109,12 @@ impl GpuPainter {
         rect: Rect,
         camera: Camera,
         options: &RenderOptions,
+        splats: &[Splat],
     ) -> Result<usize, PaintError> {
         if let Some(fault) = self.faults.take().into_iter().next() {
             return Err(PaintError::Fault(fault.message));
         }
-        self.upload()?;
+        self.upload(splats)?;
         self.sort(camera, options.near as f32);
         let mut encoder =
             self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -137,12 +136,12 @@ impl GpuPainter {
         Ok(self.n_drawn)
     }
 
-    fn upload(&mut self) -> Result<(), GpuError> {
+    fn upload(&mut self, splats: &[Splat]) -> Result<(), GpuError> {
         match self.pending.take() {
-            None => self.scene = GpuScene::new(&self.device, &self.queue, &self.splats)?,
+            None => self.scene = GpuScene::new(&self.device, &self.queue, splats)?,
             Some(ids) if ids.is_empty() => {}
             Some(ids) => {
-                self.scene.update(&self.device, &self.queue, &ids, &self.splats)?;
+                self.scene.update(&self.device, &self.queue, &ids, splats)?;
             }
         }
         self.pending = Some(Vec::new());

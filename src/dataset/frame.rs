@@ -75,15 +75,6 @@ impl Depth {
         }
     }
 
-    /// Half-width of the depth noise at length `value`, world units (`accuracy.md` 2): one code
-    /// level for 8-bit depth, `max(0.003, 0.003·value²)` for metric 16-bit depth.
-    pub fn noise_half_width(&self, value: f64) -> f64 {
-        match &self.codes {
-            DepthCodes::Inverse8(_) => INVERSE8_RANGE / 255.0,
-            DepthCodes::Linear16 { .. } => sensor_noise(value as f32) as f64,
-        }
-    }
-
     /// Whether a length lies in the trusted interval.
     pub fn trusts(&self, value: f64) -> bool {
         value > self.trusted[0] && value < self.trusted[1]

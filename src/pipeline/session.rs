@@ -130,7 +130,7 @@ impl Session {
         })
     }
 
-    /// Trains on the next frame, waiting for it to be decoded. An error leaves the model as it was.
+    /// Trains on the next frame, waiting for it to be decoded. On errors see [`Engine::train`].
     pub fn step(&mut self) -> Result<Step, SessionError> {
         let Some(Prepared { position, name, result }) = self.prefetch.next() else {
             return self.finish();

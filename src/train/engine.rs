@@ -47,7 +47,7 @@ impl Engine {
         })
     }
 
-    /// Learns from one frame. On error the model is as it was before.
+    /// Learns from one frame, whole or not at all (see [`Trainer::train`]).
     pub fn train(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
         match self {
             Self::F64(trainer) => trainer.train(&points.cast()),

@@ -81,7 +81,9 @@ impl<R: Scalar> Trainer<R> {
         })
     }
 
-    /// Learns from one frame. On error the model is as it was before.
+    /// Learns from one frame, whole or not at all: on an error before the fit the model is as it
+    /// was; if only the forwarded reassignment after it fails, the frame is learnt and no component
+    /// has moved.
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
         let mut ms = StageMs::default();
