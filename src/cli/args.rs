@@ -1,10 +1,15 @@
 //! Arguments of every command.
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use std::str::FromStr;
 use vbgs_studio::dataset::LoadOptions;
-use vbgs_studio::train::config::Candidates;
+use vbgs_studio::pipeline::plan::Order;
+use vbgs_studio::train::config::{
+    Batch, Candidates, IndexKind, Init, Precision, Preset, ReassignPolicy, StatisticsForm,
+};
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
 ///
@@ -48,38 +53,6 @@ pub enum Command {
     Synth(SynthArgs),
     /// Say what a dataset or a model holds, and every defect found
     Info(InfoArgs),
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum PresetName {
-    /// The algorithm as published
-    Paper,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum OrderName {
-    Sequential,
-    Shuffled,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum InitName {
-    Random,
-    Data,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum ReassignName {
-    Off,
-    Dense,
-    Truncated,
-    Forwarded,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum PrecisionName {
-    F64,
-    Mixed,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -143,8 +116,8 @@ pub struct TrainArgs {
     #[command(flatten)]
     pub comparison: ComparisonArgs,
     /// Set of defaults
-    #[arg(long, value_enum, default_value = "paper")]
-    pub preset: PresetName,
+    #[arg(long, default_value = "paper", value_parser = choice::<Preset>())]
+    pub preset: Preset,
     /// Seed of every random stream [default: 0]
     #[arg(long)]
     pub seed: Option<u64>,
@@ -155,8 +128,8 @@ pub struct TrainArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_count, allow_negative_numbers = true)]
     pub stride: usize,
     /// Order of the frames
-    #[arg(long, value_enum, default_value = "sequential")]
-    pub order: OrderName,
+    #[arg(long, default_value = "sequential", value_parser = choice::<Order>())]
+    pub order: Order,
     /// Print the report as JSON on stdout
     #[arg(long)]
     pub json: bool,
@@ -169,18 +142,28 @@ pub struct TrainArgs {
     /// Candidate components per point, or `dense` [default: 4]
     #[arg(long, value_name = "C", allow_negative_numbers = true)]
     pub candidates: Option<Candidates>,
+    /// Points that pass through the engine at once, or `frame` [default: frame]
+    #[arg(long, value_name = "POINTS", allow_negative_numbers = true)]
+    pub batch: Option<Batch>,
+    /// Whether responsibilities are summed at once or written out first [default: fused]
+    #[arg(long, value_parser = choice::<StatisticsForm>())]
+    pub statistics: Option<StatisticsForm>,
+    /// How candidates are found [default: grid]
+    #[arg(long, value_parser = choice::<IndexKind>())]
+    pub index: Option<IndexKind>,
     /// Where initial means come from [default: random]
-    #[arg(long, value_enum)]
-    pub init: Option<InitName>,
-    /// When unused components move onto badly explained points [default: truncated]
-    #[arg(long, value_enum)]
-    pub reassign: Option<ReassignName>,
+    #[arg(long, value_parser = choice::<Init>())]
+    pub init: Option<Init>,
+    /// When unused components move onto badly explained points: forwarded after the fit, the others
+    /// before it [default: padded]
+    #[arg(long, value_parser = choice::<ReassignPolicy>())]
+    pub reassign: Option<ReassignPolicy>,
     /// Share of the unused components that may move per frame [default: 0.05]
     #[arg(long, value_name = "F", allow_negative_numbers = true)]
     pub reassign_fraction: Option<f64>,
     /// Arithmetic of the hot loops [default: mixed]
-    #[arg(long, value_enum)]
-    pub precision: Option<PrecisionName>,
+    #[arg(long, value_parser = choice::<Precision>())]
+    pub precision: Option<Precision>,
     /// How covariances become splats [default: right]
     #[arg(long, value_enum)]
     pub conversion: Option<ConversionName>,
@@ -347,6 +330,14 @@ pub struct InfoArgs {
     pub json: bool,
     #[command(flatten)]
     pub depth: DepthArgs,
+}
+
+/// Parses a setting of the library by the names it has in files.
+fn choice<T>() -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err = strum::ParseError> + strum::VariantNames + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
 }
 
 fn parse_count(text: &str) -> Result<usize, String> {

@@ -1,9 +1,6 @@
 //! `train`: headless training with files at the end.
 
-use super::args::{
-    ComparisonArgs, ConversionName, GroundTruthName, InitName, OrderName, PrecisionName,
-    PresetName, ReassignName, TrainArgs,
-};
+use super::args::{ComparisonArgs, ConversionName, GroundTruthName, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::{output, progress};
@@ -15,10 +12,10 @@ use vbgs_studio::eval::report::EvalReport;
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::model::splats::CovarianceForm;
-use vbgs_studio::pipeline::plan::{Order, Selection};
+use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::RenderOptions;
-use vbgs_studio::train::config::{Init, Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::config::{Overrides, Preset, TrainConfig};
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
@@ -168,10 +165,7 @@ pub fn announce(dataset: &Dataset) {
 fn selection(args: &TrainArgs) -> Selection {
     Selection {
         split: args.split.clone(),
-        order: match args.order {
-            OrderName::Sequential => Order::Sequential,
-            OrderName::Shuffled => Order::Shuffled,
-        },
+        order: args.order,
         stride: args.stride,
         max_frames: args.max_frames,
     }
@@ -179,28 +173,21 @@ fn selection(args: &TrainArgs) -> Selection {
 
 fn train_config(args: &TrainArgs) -> Result<TrainConfig, Failure> {
     let preset = match args.preset {
-        PresetName::Paper => TrainConfig::paper(),
+        Preset::Paper => TrainConfig::paper(),
     };
     let file = args.config.as_deref().map(read_config).transpose()?.unwrap_or_default();
     let line = Overrides {
         seed: args.seed,
         components: args.components,
         candidates: args.candidates,
-        init: args.init.map(|init| match init {
-            InitName::Random => Init::Random,
-            InitName::Data => Init::Data,
-        }),
-        reassign: args.reassign.map(|policy| match policy {
-            ReassignName::Off => ReassignPolicy::Off,
-            ReassignName::Dense => ReassignPolicy::Dense,
-            ReassignName::Truncated => ReassignPolicy::Truncated,
-            ReassignName::Forwarded => ReassignPolicy::Forwarded,
-        }),
+        batch: args.batch,
+        statistics: args.statistics,
+        index: args.index,
+        init: args.init,
+        reassign: args.reassign,
         reassign_fraction: args.reassign_fraction,
-        precision: args.precision.map(|precision| match precision {
-            PrecisionName::F64 => Precision::F64,
-            PrecisionName::Mixed => Precision::Mixed,
-        }),
+        precision: args.precision,
+        operations: None,
         covariance_form: args.conversion.map(|conversion| match conversion {
             ConversionName::Right => CovarianceForm::Eigen,
             ConversionName::LegacyCov => CovarianceForm::LegacyCholesky,

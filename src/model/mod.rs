@@ -11,4 +11,5 @@ pub mod niw;
 pub mod posterior;
 pub mod prior;
 pub mod splats;
+pub mod state;
 pub mod statistics;

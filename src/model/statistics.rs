@@ -3,6 +3,7 @@
 use crate::math::fixed::{from_fixed, to_fixed};
 use crate::math::real::Real;
 use crate::math::sym3::Sym3;
+use crate::model::state::Totals;
 use glam::DVec3;
 
 /// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), where
@@ -118,6 +119,11 @@ impl Statistics {
             *total += to_fixed(sum.to_f64());
         }
         self.used += usize::from(!was_used && totals[0] > 0);
+    }
+
+    /// The totals as they stand.
+    pub fn state(&self) -> Totals {
+        Totals::Fixed128(self.totals.clone())
     }
 
     /// Statistics of one component.

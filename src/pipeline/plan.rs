@@ -4,10 +4,12 @@ use crate::dataset::Dataset;
 use crate::dataset::error::DatasetError;
 use crate::math::rng::{Purpose, Rng};
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, VariantNames};
 
 /// Order of the frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Order {
     /// As the dataset lists them.
     Sequential,

@@ -7,6 +7,7 @@ use super::trainer::{FrameOutcome, Trainer};
 use crate::math::points::{Normalization, Points};
 use crate::model::posterior::ComponentPosterior;
 use crate::model::splats::Splat;
+use crate::model::state::ModelState;
 use rayon::prelude::*;
 
 /// A trainer whose precision was chosen at run time.
@@ -43,7 +44,7 @@ impl Engine {
     pub fn new(config: &TrainConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Ok(match config.precision {
             Precision::F64 => Self::F64(Box::new(Trainer::new(config, draw)?)),
-            Precision::Mixed => Self::Mixed(Box::new(Trainer::new(config, draw)?)),
+            _ => Self::Mixed(Box::new(Trainer::new(config, draw)?)),
         })
     }
 
@@ -52,6 +53,29 @@ impl Engine {
         match self {
             Self::F64(trainer) => trainer.train(&points.cast()),
             Self::Mixed(trainer) => trainer.train(points),
+        }
+    }
+
+    /// The model as it stands.
+    pub fn state(&self) -> ModelState {
+        either!(self, t => t.state())
+    }
+
+    /// Frames learnt; names the random numbers of the next reassignment.
+    pub fn frames(&self) -> u64 {
+        either!(self, t => t.frames())
+    }
+
+    /// ELBO of every point of the last frame under the model it was scored with, point order.
+    pub fn elbo(&self) -> &[f64] {
+        either!(self, t => t.elbo())
+    }
+
+    /// Per point its candidates and their responsibilities, without learning from it.
+    pub fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>> {
+        match self {
+            Self::F64(trainer) => trainer.responsibilities(&points.cast()),
+            Self::Mixed(trainer) => trainer.responsibilities(points),
         }
     }
 

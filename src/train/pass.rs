@@ -87,6 +87,24 @@ impl<R: Scalar> Pass<R> {
         );
     }
 
+    /// Per point its candidates and their responsibilities.
+    pub fn responsibilities(inputs: &Inputs<R>, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
+        let mut worker = Worker::default();
+        let (mut found, mut elbo) = (Vec::with_capacity(points.len()), Vec::new());
+        for tile in 0..points.n_tiles() {
+            let range = points.tile(tile);
+            worker.find_candidates(inputs, points, range.clone());
+            worker.score(inputs, points, range.clone(), &mut elbo);
+            let per_point = (worker.ids.len() / range.len()).max(1);
+            let pairs = worker.ids.chunks(per_point).zip(worker.responsibilities.chunks(per_point));
+            let of_point = |(ids, r): (&[u32], &[R])| {
+                ids.iter().zip(r).map(|(&id, r)| (id, r.to_f64())).collect::<Vec<_>>()
+            };
+            found.extend(pairs.map(of_point));
+        }
+        found
+    }
+
     /// Sums of the last pass, tile by tile.
     pub fn records(&self) -> impl Iterator<Item = &Record<R>> {
         self.groups[..self.n_groups].iter().flat_map(|g| &g.records)

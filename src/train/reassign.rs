@@ -26,7 +26,7 @@ impl Quota {
         let low_elbo = match policy {
             ReassignPolicy::Off => return None,
             ReassignPolicy::Dense => usize::MAX,
-            ReassignPolicy::Truncated | ReassignPolicy::Forwarded => {
+            ReassignPolicy::Truncated | ReassignPolicy::Padded | ReassignPolicy::Forwarded => {
                 low_elbo_floor.max((components as f64 * fraction * 4.0) as usize)
             }
         };

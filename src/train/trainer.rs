@@ -12,6 +12,7 @@ use crate::math::rng::{Purpose, Rng};
 use crate::model::mixture::InitialModel;
 use crate::model::posterior::ComponentPosterior;
 use crate::model::prior::Hyper;
+use crate::model::state::ModelState;
 use crate::model::statistics::{Moments, Statistics};
 use glam::DVec3;
 use std::num::NonZero;
@@ -42,6 +43,7 @@ pub struct Trainer<R: Scalar> {
     touched: Touched,
     /// Where the components of a reassignment came from, should it fail.
     displaced: Vec<[R; 3]>,
+    alpha_init: Vec<f64>,
     frames: u64,
 }
 
@@ -76,6 +78,7 @@ impl<R: Scalar> Trainer<R> {
             elbo: Vec::new(),
             touched: Touched { stamps: vec![0; model.len()], ..Touched::default() },
             displaced: Vec::new(),
+            alpha_init: draw.alpha.clone(),
             model,
             frames: 0,
         })
@@ -87,8 +90,10 @@ impl<R: Scalar> Trainer<R> {
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
         let mut ms = StageMs::default();
-        let before =
-            matches!(self.config.reassign, ReassignPolicy::Dense | ReassignPolicy::Truncated);
+        let before = matches!(
+            self.config.reassign,
+            ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded
+        );
         let mut reassigned = 0;
         if before && let Some(quota) = self.quota() {
             let candidates = match self.config.reassign {
@@ -210,6 +215,31 @@ impl<R: Scalar> Trainer<R> {
     /// Scores a frame's points without learning from them; the values are [`Trainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::default());
+    }
+
+    /// The model as it stands.
+    pub fn state(&self) -> ModelState {
+        ModelState {
+            alpha_init: self.alpha_init.clone(),
+            means: R::means(&self.model.space, &self.model.color),
+            totals: self.statistics.state(),
+        }
+    }
+
+    /// Frames learnt.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Per point its candidates and their responsibilities, without learning from it.
+    pub fn responsibilities(&mut self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
+        let inputs = Inputs {
+            model: &self.model,
+            index: &self.index,
+            scoring: self.scoring,
+            candidates: self.config.candidates,
+        };
+        Pass::responsibilities(&inputs, points)
     }
 
     /// Components, used or not.

@@ -12,6 +12,7 @@ pub use search::Scratch;
 
 use crate::math::points::Points;
 use crate::math::real::Real;
+use crate::model::state::Means;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::num::NonZero;
 use std::ops::Range;
@@ -47,6 +48,9 @@ pub trait Scalar: Real {
     /// Appends the ids of the `n` nearest means; fewer if there are fewer.
     fn nearest(index: &Self::Index, query: &[Self; 3], n: NonZero<usize>, ids: &mut Vec<u32>);
 
+    /// Means of this precision, as checkpoints hold them.
+    fn means(space: &[[Self; 3]], color: &[[Self; 3]]) -> Means;
+
     /// Appends, point by point, the ids of the `n` nearest means of every point in `range`: as
     /// many for each, `n` or the number of means if that is less. Fast where the points of the
     /// range are neighbours.
@@ -63,6 +67,10 @@ pub trait Scalar: Real {
 impl Scalar for f32 {
     type Index = Grid;
     type Scratch = Scratch;
+
+    fn means(space: &[[f32; 3]], color: &[[f32; 3]]) -> Means {
+        Means::F32 { space: space.to_vec(), color: color.to_vec() }
+    }
 
     fn build(means: &[[f32; 3]]) -> Result<Grid, IndexError> {
         let mut grid = Grid::default();
@@ -95,6 +103,10 @@ impl Scalar for f32 {
 impl Scalar for f64 {
     type Index = ImmutableKdTree<f64, 3>;
     type Scratch = ();
+
+    fn means(space: &[[f64; 3]], color: &[[f64; 3]]) -> Means {
+        Means::F64 { space: space.to_vec(), color: color.to_vec() }
+    }
 
     fn build(means: &[[f64; 3]]) -> Result<Self::Index, IndexError> {
         ImmutableKdTree::new_from_slice(means)

@@ -1,102 +1,15 @@
 //! Every setting that shapes a training run, checked before any work.
 
+mod precision;
+mod settings;
+
+pub use precision::{Operations, Precision, UpdateWidth, Width};
+pub use settings::{Batch, Candidates, IndexKind, Init, Preset, ReassignPolicy, StatisticsForm};
+
 use crate::model::posterior::Conversion;
 use crate::model::prior::Hyper;
 use crate::model::splats::CovarianceForm;
 use serde::{Deserialize, Serialize};
-
-/// A named set of defaults.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Preset {
-    /// The algorithm as published.
-    Paper,
-}
-
-/// Which components a point is compared with; a number or `dense` in files and on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(into = "CandidatesText", try_from = "CandidatesText")]
-pub enum Candidates {
-    /// All of them.
-    Dense,
-    /// The C components whose initial spatial means are nearest.
-    Nearest(usize),
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(untagged)]
-enum CandidatesText {
-    Number(usize),
-    Word(String),
-}
-
-impl From<Candidates> for CandidatesText {
-    fn from(candidates: Candidates) -> Self {
-        match candidates {
-            Candidates::Dense => Self::Word("dense".to_owned()),
-            Candidates::Nearest(n) => Self::Number(n),
-        }
-    }
-}
-
-impl TryFrom<CandidatesText> for Candidates {
-    type Error = String;
-
-    fn try_from(text: CandidatesText) -> Result<Self, String> {
-        match text {
-            CandidatesText::Number(n) => Ok(Self::Nearest(n)),
-            CandidatesText::Word(word) => word.parse(),
-        }
-    }
-}
-
-impl std::str::FromStr for Candidates {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "dense" => Ok(Self::Dense),
-            _ => text
-                .parse()
-                .map(Self::Nearest)
-                .map_err(|_| format!("expected a number or `dense`, found `{text}`")),
-        }
-    }
-}
-
-/// Where the initial means come from (`model.md` 11).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Init {
-    /// Uniform in the normalised cube, independent of the data.
-    Random,
-    /// Points of the first frame.
-    Data,
-}
-
-/// When and by which scores unused components move (`model.md` 10).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum ReassignPolicy {
-    /// Never.
-    Off,
-    /// Before the fit, from a dense pass over every point.
-    Dense,
-    /// Before the fit, from a truncated pass, among the lowest scores: the paper's default.
-    Truncated,
-    /// After the fit, from the scores of the fit itself; takes effect with the next frame.
-    Forwarded,
-}
-
-/// Arithmetic of the hot loops.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Precision {
-    /// f64 throughout: the oracle.
-    F64,
-    /// f32 in hot loops about a local centre, fixed-point sums.
-    Mixed,
-}
 
 /// A checked configuration. Built by [`TrainConfig::paper`] and [`TrainConfig::with`] only.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -109,6 +22,12 @@ pub struct TrainConfig {
     pub components: usize,
     /// Candidate components per point.
     pub candidates: Candidates,
+    /// Points that pass through the engine at once.
+    pub batch: Batch,
+    /// Whether responsibilities are materialised.
+    pub statistics: StatisticsForm,
+    /// How candidates are found.
+    pub index: IndexKind,
     /// Initial means.
     pub init: Init,
     /// Reassignment policy.
@@ -117,8 +36,10 @@ pub struct TrainConfig {
     pub reassign_fraction: f64,
     /// Least number of badly explained points the sampler chooses among.
     pub low_elbo_floor: usize,
-    /// Arithmetic of the hot loops.
+    /// Arithmetic of the hot loops, by name.
     pub precision: Precision,
+    /// Arithmetic of the hot loops, operation by operation.
+    pub operations: Operations,
     /// How the posterior becomes splats.
     pub conversion: Conversion,
 }
@@ -133,6 +54,12 @@ pub struct Overrides {
     pub components: Option<usize>,
     /// See [`TrainConfig::candidates`].
     pub candidates: Option<Candidates>,
+    /// See [`TrainConfig::batch`].
+    pub batch: Option<Batch>,
+    /// See [`TrainConfig::statistics`].
+    pub statistics: Option<StatisticsForm>,
+    /// See [`TrainConfig::index`].
+    pub index: Option<IndexKind>,
     /// See [`TrainConfig::init`].
     pub init: Option<Init>,
     /// See [`TrainConfig::reassign`].
@@ -141,6 +68,8 @@ pub struct Overrides {
     pub reassign_fraction: Option<f64>,
     /// See [`TrainConfig::precision`].
     pub precision: Option<Precision>,
+    /// See [`TrainConfig::operations`]; makes the precision [`Precision::Custom`].
+    pub operations: Option<Operations>,
     /// Decomposition of the covariance; `legacy-cholesky` switches to the reference's exporter.
     pub covariance_form: Option<CovarianceForm>,
     /// Factor on the splats' standard deviations.
@@ -154,10 +83,17 @@ impl Overrides {
             seed: self.seed.or(fallback.seed),
             components: self.components.or(fallback.components),
             candidates: self.candidates.or(fallback.candidates),
+            batch: self.batch.or(fallback.batch),
+            statistics: self.statistics.or(fallback.statistics),
+            index: self.index.or(fallback.index),
             init: self.init.or(fallback.init),
             reassign: self.reassign.or(fallback.reassign),
             reassign_fraction: self.reassign_fraction.or(fallback.reassign_fraction),
             precision: self.precision.or(fallback.precision),
+            // A precision by name wins over operations that lie deeper.
+            operations: self
+                .operations
+                .or(fallback.operations.filter(|_| self.precision.is_none())),
             covariance_form: self.covariance_form.or(fallback.covariance_form),
             scale_factor: self.scale_factor.or(fallback.scale_factor),
         }
@@ -176,6 +112,10 @@ pub struct ConfigError {
     pub found: String,
 }
 
+fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T, ConfigError> {
+    Err(ConfigError { setting, expected, found })
+}
+
 /// Most components a model may have: one id is an `i32` everywhere it is stored.
 pub const MAX_COMPONENTS: usize = 20_000_000;
 /// Most candidates per point; beyond this the dense E-step is meant.
@@ -189,11 +129,15 @@ impl TrainConfig {
             seed: 0,
             components: 100_000,
             candidates: Candidates::Nearest(4),
+            batch: Batch::Frame,
+            statistics: StatisticsForm::Fused,
+            index: IndexKind::Grid,
             init: Init::Random,
-            reassign: ReassignPolicy::Truncated,
+            reassign: ReassignPolicy::Padded,
             reassign_fraction: 0.05,
             low_elbo_floor: 1024,
             precision: Precision::Mixed,
+            operations: Operations::MIXED,
             conversion: Conversion::right(),
         }
     }
@@ -206,7 +150,10 @@ impl TrainConfig {
         self.init = overrides.init.unwrap_or(self.init);
         self.reassign = overrides.reassign.unwrap_or(self.reassign);
         self.reassign_fraction = overrides.reassign_fraction.unwrap_or(self.reassign_fraction);
-        self.precision = overrides.precision.unwrap_or(self.precision);
+        self.batch = overrides.batch.unwrap_or(self.batch);
+        self.statistics = overrides.statistics.unwrap_or(self.statistics);
+        self.index = overrides.index.unwrap_or(self.index);
+        self.set_precision(overrides)?;
         if overrides.covariance_form == Some(CovarianceForm::LegacyCholesky) {
             self.conversion = Conversion::legacy();
         }
@@ -215,10 +162,41 @@ impl TrainConfig {
         self.check()
     }
 
-    fn check(self) -> Result<Self, ConfigError> {
-        let refuse = |setting, expected: String, found: String| {
-            Err(ConfigError { setting, expected, found })
+    fn set_precision(&mut self, overrides: &Overrides) -> Result<(), ConfigError> {
+        let named = |precision| match precision {
+            Precision::F64 => Some(Operations::F64),
+            Precision::Mixed => Some(Operations::MIXED),
+            Precision::F32 => Some(Operations::F32),
+            Precision::Custom => None,
         };
+        (self.precision, self.operations) = match (overrides.precision, overrides.operations) {
+            (None, None) => return Ok(()),
+            (None | Some(Precision::Custom), Some(operations)) => (Precision::Custom, operations),
+            (Some(precision), None) if let Some(operations) = named(precision) => {
+                (precision, operations)
+            }
+            (Some(precision), Some(operations)) if named(precision) == Some(operations) => {
+                (precision, operations)
+            }
+            (Some(Precision::Custom), None) => {
+                return refuse(
+                    "--precision",
+                    "f64, mixed or f32, or `operations` in --config".into(),
+                    "custom alone".into(),
+                );
+            }
+            (Some(precision), _) => {
+                return refuse(
+                    "operations",
+                    format!("none beside `precision: {precision:?}`, which sets them all"),
+                    "both".into(),
+                );
+            }
+        };
+        Ok(())
+    }
+
+    fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.components) {
             return refuse(
                 "--components",
@@ -233,6 +211,16 @@ impl TrainConfig {
                 "--candidates",
                 format!("1 to {MAX_CANDIDATES}, or dense"),
                 c.to_string(),
+            );
+        }
+        if self.batch == Batch::Points(0) {
+            return refuse("--batch", "1 point or more, or frame".into(), "0".into());
+        }
+        if self.candidates == Candidates::Dense && self.index == IndexKind::KdTree {
+            return refuse(
+                "--index",
+                "grid with --candidates dense, which searches nothing".into(),
+                "kd-tree".into(),
             );
         }
         if !(0.0..=1.0).contains(&self.reassign_fraction) {
