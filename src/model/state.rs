@@ -33,6 +33,22 @@ pub enum Means {
     },
 }
 
+impl Means {
+    /// Rows `[s, c]`; exact.
+    pub fn rows(&self) -> Vec<[f64; 6]> {
+        let row = |s: [f64; 3], c: [f64; 3]| [s[0], s[1], s[2], c[0], c[1], c[2]];
+        match self {
+            Self::F32 { space, color } => {
+                let widened = |v: &[f32; 3]| v.map(f64::from);
+                space.iter().zip(color).map(|(s, c)| row(widened(s), widened(c))).collect()
+            }
+            Self::F64 { space, color } => {
+                space.iter().zip(color).map(|(&s, &c)| row(s, c)).collect()
+            }
+        }
+    }
+}
+
 /// Sums in the order of [`N_SUMS`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Totals {

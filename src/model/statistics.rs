@@ -121,6 +121,15 @@ impl Statistics {
         self.used += usize::from(!was_used && totals[0] > 0);
     }
 
+    /// Totals as they stood.
+    pub fn restore(totals: Totals) -> Self {
+        let Totals::Fixed128(totals) = totals else {
+            unimplemented!("follows with the other forms")
+        };
+        let used = totals.iter().filter(|row| row[0] > 0).count();
+        Self { totals, used }
+    }
+
     /// The totals as they stand.
     pub fn state(&self) -> Totals {
         Totals::Fixed128(self.totals.clone())

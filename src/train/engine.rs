@@ -56,6 +56,18 @@ impl Engine {
         }
     }
 
+    /// A model that goes on where another, configured alike, stopped after `frames` frames.
+    pub fn restore(
+        config: &TrainConfig,
+        state: ModelState,
+        frames: u64,
+    ) -> Result<Self, IndexError> {
+        Ok(match config.precision {
+            Precision::F64 => Self::F64(Box::new(Trainer::restore(config, state, frames)?)),
+            _ => Self::Mixed(Box::new(Trainer::restore(config, state, frames)?)),
+        })
+    }
+
     /// The model as it stands.
     pub fn state(&self) -> ModelState {
         either!(self, t => t.state())

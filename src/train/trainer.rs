@@ -217,6 +217,20 @@ impl<R: Scalar> Trainer<R> {
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::default());
     }
 
+    /// A model that goes on where another stopped after `frames` frames.
+    pub fn restore(
+        config: &TrainConfig,
+        state: ModelState,
+        frames: u64,
+    ) -> Result<Self, IndexError> {
+        let ModelState { alpha_init, means, totals } = state;
+        let draw = InitialDraw { means: means.rows(), alpha: alpha_init };
+        let mut trainer = Self::new(config, &draw)?;
+        trainer.statistics = Statistics::restore(totals);
+        trainer.frames = frames;
+        Ok(trainer)
+    }
+
     /// The model as it stands.
     pub fn state(&self) -> ModelState {
         ModelState {
