@@ -21,8 +21,9 @@ use vbgs_studio::dataset::{LoadOptions, open};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::points::{Normalization, Points};
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::train::candidates::Scalar;
+use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
 use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::train::simd::Isa;
 
 type Mean = [f32; 3];
 
@@ -97,8 +98,8 @@ fn search_row(name: &str, kind: &str, frame: &Points<f32>, means: &[Mean], n: us
 fn build_row(kind: &str, means: &[Mean]) {
     let grid = [1, 2].map(|threads| {
         pool(threads).install(|| {
-            let mut index = f32::build(means).expect("finite means");
-            median_ms(REPETITIONS, || f32::rebuild(&mut index, means).expect("finite means"))
+            let mut index = Grid::new(means).expect("finite means");
+            median_ms(REPETITIONS, || index.rebuild(means).expect("finite means"))
         })
     });
     let kiddo = median_ms(KIDDO_REPETITIONS, || {
@@ -113,14 +114,17 @@ fn build_row(kind: &str, means: &[Mean]) {
 }
 
 fn grid_ms(points: &Points<f32>, means: &[Mean], n: NonZero<usize>, threads: usize) -> f64 {
-    let index = f32::build(means).expect("finite means");
-    let mut tasks = tasks(points, |_| (<f32 as Scalar>::Scratch::default(), Vec::new()));
+    let index = Grid::new(means).expect("finite means");
+    let mut tasks = tasks(points, |_| (Search::default(), Vec::new()));
     pool(threads).install(|| {
         median_ms(REPETITIONS, || {
             tasks.par_iter_mut().with_max_len(1).for_each(|(tiles, (scratch, ids))| {
                 for tile in tiles.clone() {
                     ids.clear();
-                    f32::nearest_in_tile(&index, scratch, points, points.tile(tile), n, ids);
+                    let range = points.tile(tile);
+                    let tile =
+                        [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
+                    nearest_in_tile(Isa::best(), &index, scratch, tile, n, ids);
                 }
                 black_box(ids);
             });

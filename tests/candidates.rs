@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use std::num::NonZero;
 use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::train::candidates::Scalar;
+use vbgs_studio::train::candidates::{Grid, KdTree, Search, nearest_in_tile, nearest_in_tile_wide};
+use vbgs_studio::train::simd::Isa;
 
 type Mean = [f32; 3];
 /// Makes the mean of an id.
@@ -43,18 +44,44 @@ fn points(tiles: &[Vec<Mean>]) -> Points<f32> {
     points
 }
 
-/// Ids of all points by the search under test, tile by tile with shared memory.
-fn search(index: &<f32 as Scalar>::Index, points: &Points<f32>, n: usize) -> Vec<u32> {
-    let (mut scratch, mut ids) = Default::default();
+/// Every instruction set of this machine.
+fn instruction_sets() -> impl Iterator<Item = Isa> {
+    [Isa::PORTABLE].into_iter().chain(Isa::avx2())
+}
+
+/// Ids of all points by the search under test, tile by tile with shared memory: the same on every
+/// instruction set.
+fn search(grid: &Grid, points: &Points<f32>, n: usize) -> Vec<u32> {
+    let mut all = instruction_sets().map(|isa| search_on(isa, grid, points, n));
+    let first = all.next().unwrap();
+    assert!(all.all(|ids| ids == first));
+    first
+}
+
+fn search_on(isa: Isa, grid: &Grid, points: &Points<f32>, n: usize) -> Vec<u32> {
+    let (mut memory, mut ids) = Default::default();
     for tile in 0..points.n_tiles() {
-        let n = NonZero::new(n).unwrap();
-        f32::nearest_in_tile(index, &mut scratch, points, points.tile(tile), n, &mut ids);
+        search_tile(isa, grid, &mut memory, points, tile, n, &mut ids);
     }
     ids
 }
 
+fn search_tile(
+    isa: Isa,
+    grid: &Grid,
+    memory: &mut Search,
+    points: &Points<f32>,
+    tile: usize,
+    n: usize,
+    ids: &mut Vec<u32>,
+) {
+    let range = points.tile(tile);
+    let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
+    nearest_in_tile(isa, grid, memory, tile, NonZero::new(n).unwrap(), ids);
+}
+
 fn check(name: &str, means: &[Mean], tiles: &[Vec<Mean>], ranks: &[usize]) {
-    let index = f32::build(means).unwrap();
+    let index = Grid::new(means).unwrap();
     let points = points(tiles);
     for &n in ranks {
         let found = search(&index, &points, n);
@@ -193,7 +220,7 @@ fn equals_kiddo() {
             continue; // `kiddo` has no better idea of equals, and another one of overflow
         }
         let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&means).unwrap();
-        let index = f32::build(&means).unwrap();
+        let index = Grid::new(&means).unwrap();
         let points = points(&tiles(&means, &mut rng));
         for n in [1, 4, 8, 20] {
             for (i, found) in search(&index, &points, n).chunks(n).enumerate() {
@@ -217,17 +244,15 @@ fn order_and_threads_do_not_matter() {
     let (_, means) = shapes(20_000, &mut rng).swap_remove(1);
     let tiles: Vec<Vec<Mean>> = (0..40).flat_map(|_| tiles(&means, &mut rng)).collect();
     let forward = points(&tiles);
-    let rank = NonZero::new(4).unwrap();
     let by_threads = |threads| -> (Vec<u32>, Vec<u32>) {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let index = f32::build(&means).unwrap();
+            let index = Grid::new(&means).unwrap();
             let one_by_one = (0..forward.n_tiles()).into_par_iter().map_init(
                 Default::default,
                 |scratch, tile| {
                     let mut ids = Vec::new();
-                    let tile = forward.tile(tile);
-                    f32::nearest_in_tile(&index, scratch, &forward, tile, rank, &mut ids);
+                    search_tile(Isa::best(), &index, scratch, &forward, tile, 4, &mut ids);
                     ids
                 },
             );
@@ -239,7 +264,7 @@ fn order_and_threads_do_not_matter() {
     assert_eq!(one.0, one.1);
     assert_eq!(one, by_threads(2));
     assert_eq!(one, by_threads(3));
-    let index = f32::build(&means).unwrap();
+    let index = Grid::new(&means).unwrap();
     let backward: Vec<Vec<Mean>> = tiles.iter().rev().cloned().collect();
     let mut found: Vec<&[u32]> = Vec::new();
     let ids = search(&index, &points(&backward), 4);
@@ -256,16 +281,16 @@ fn order_and_threads_do_not_matter() {
 #[test]
 fn a_rebuilt_index_is_a_new_one() {
     let mut rng = Rng::new(10, Purpose::Init, 0);
-    let mut index = f32::build(&[[0.0; 3]; 10]).unwrap();
+    let mut index = Grid::new(&[[0.0; 3]; 10]).unwrap();
     for n in [5000, 3, 700, 20_000, 1] {
         for (name, means) in shapes(n, &mut rng) {
-            f32::rebuild(&mut index, &means).unwrap();
+            index.rebuild(&means).unwrap();
             let points = points(&tiles(&means, &mut rng));
-            let fresh = f32::build(&means).unwrap();
+            let fresh = Grid::new(&means).unwrap();
             assert_eq!(search(&index, &points, 4), search(&fresh, &points, 4), "{name}");
         }
     }
-    assert!(f32::rebuild(&mut index, &[[0.0, f32::NAN, 0.0]]).is_err());
+    assert!(index.rebuild(&[[0.0, f32::NAN, 0.0]]).is_err());
     let points = points(&[vec![[1.0; 3]]]);
     assert_eq!(search(&index, &points, 4), [0]);
 }
@@ -274,7 +299,7 @@ fn a_rebuilt_index_is_a_new_one() {
 fn points_that_are_no_numbers_have_neighbours_and_harm_no_others() {
     let mut rng = Rng::new(11, Purpose::Init, 0);
     let means: Vec<Mean> = (0..3000).map(|_| uniform(&mut rng, 1.0)).collect();
-    let index = f32::build(&means).unwrap();
+    let index = Grid::new(&means).unwrap();
     let mut tile = patch(&mut rng, 0.01);
     let bad = [
         (3, [f32::NAN; 3]),
@@ -300,23 +325,62 @@ fn points_that_are_no_numbers_have_neighbours_and_harm_no_others() {
     assert!(search(&index, &Points::new(), 4).is_empty());
 }
 
-/// In f64, too, the lowest ids win among equals.
+/// In f64, too, the lowest ids win among equals: by the tree, and by the grid over rounded means.
 #[test]
-fn the_oracle_breaks_ties_by_id() {
+fn f64_searches_break_ties_by_id() {
     let lattice: Vec<[f64; 3]> =
         (0..1000).map(|k| [k % 10, k / 10 % 10, k / 100].map(|v: i32| f64::from(v))).collect();
-    let index = f64::build(&lattice).unwrap();
+    let tree = KdTree::new(&lattice).unwrap();
     for n in [1, 2, 4, 8, 9, 999, 1000, 1001] {
         for query in [[4.5; 3], [4.0; 3], [4.5, 4.0, 4.0], [-3.0, 4.5, 20.0]] {
             let mut found = Vec::new();
-            f64::nearest(&index, &query, NonZero::new(n).unwrap(), &mut found);
-            let distance = |m: &[f64; 3]| (0..3).map(|i| (m[i] - query[i]).powi(2)).sum::<f64>();
-            let mut expected: Vec<(f64, u32)> = lattice.iter().map(distance).zip(0..).collect();
-            expected.sort_by(|a, b| a.partial_cmp(b).unwrap());
-            let expected: Vec<u32> = expected.into_iter().map(|(_, id)| id).take(n).collect();
-            assert_eq!(found, expected, "C = {n}, {query:?}");
+            tree.nearest(query, NonZero::new(n).unwrap(), &mut found);
+            assert_eq!(found, brute_force_wide(&lattice, query, n), "C = {n}, {query:?}");
+            assert_eq!(found, search_wide(&lattice, &[query], n), "C = {n}, {query:?}");
         }
     }
+}
+
+/// Means that differ in f64 only are told apart by a grid that cannot.
+#[test]
+fn the_grid_is_exact_in_f64() {
+    let mut rng = Rng::new(12, Purpose::Init, 0);
+    for spread in [1.0, 1e-7, 1e-12] {
+        let mut near = |centre: f64| -> [f64; 3] {
+            std::array::from_fn(|_| centre + spread * rng.range(-1.0, 1.0))
+        };
+        let means: Vec<[f64; 3]> =
+            (0..3000).map(|k| near(if k % 2 == 0 { 0.7 } else { -300.1 })).collect();
+        let queries: Vec<[f64; 3]> = (0..64).map(|_| near(0.7)).collect();
+        for n in [1, 4, 8, 20] {
+            let found = search_wide(&means, &queries, n);
+            for (found, &query) in found.chunks(n).zip(&queries) {
+                assert_eq!(found, brute_force_wide(&means, query, n), "spread {spread}, C = {n}");
+            }
+        }
+    }
+}
+
+fn brute_force_wide(means: &[[f64; 3]], query: [f64; 3], n: usize) -> Vec<u32> {
+    let distance2 = |m: &[f64; 3]| {
+        let d: [f64; 3] = std::array::from_fn(|i| m[i] - query[i]);
+        (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+    };
+    let mut keys: Vec<(f64, u32)> = means.iter().map(distance2).zip(0..).collect();
+    keys.sort_by(|a, b| a.partial_cmp(b).unwrap());
+    keys.into_iter().map(|(_, id)| id).take(n).collect()
+}
+
+fn search_wide(means: &[[f64; 3]], queries: &[[f64; 3]], n: usize) -> Vec<u32> {
+    let rounded: Vec<Mean> = means.iter().map(|m| m.map(|v| v as f32)).collect();
+    let grid = Grid::new(&rounded).unwrap();
+    let rows: Vec<[f64; 6]> = queries.iter().map(|q| [q[0], q[1], q[2], 0.0, 0.0, 0.0]).collect();
+    let points = Points::<f64>::from_rows(&rows);
+    let (mut memory, mut ids) = (Search::default(), Vec::new());
+    let n = NonZero::new(n).unwrap();
+    let all = 0..points.len();
+    nearest_in_tile_wide(&grid, &mut memory, means, &points, all, n, &mut ids);
+    ids
 }
 
 fn coordinate() -> impl Strategy<Value = f32> {
@@ -337,7 +401,7 @@ proptest! {
         tile in prop::collection::vec(prop::array::uniform3(coordinate()), 1..65),
         n in 1usize..20,
     ) {
-        let index = f32::build(&means).unwrap();
+        let index = Grid::new(&means).unwrap();
         let points = points(std::slice::from_ref(&tile));
         let rank = n.min(means.len());
         for (found, &point) in search(&index, &points, n).chunks(rank).zip(&tile) {

@@ -9,4 +9,5 @@ mod inference {
     mod rand_hard;
     mod rand_soft;
     mod reference;
+    mod sampler;
 }

@@ -1,7 +1,7 @@
 //! Fixed-point accumulation: integer addition is associative, so totals do not depend on the
 //! order of frames, on the number of threads or on how a dataset was sharded.
 
-/// Fraction bits of a total: the quantum is 2⁻⁸⁰ = 8.3e-25, far below the smallest prior term
+/// Fraction bits of a wide total: the quantum is 2⁻⁸⁰ = 8.3e-25, far below the smallest prior term
 /// (4e-15 for a million components), and the range is ±1.4e14.
 pub const FRACTION_BITS: i32 = 80;
 
@@ -36,6 +36,61 @@ pub fn from_fixed(total: i128) -> f64 {
     total as f64 * QUANTUM
 }
 
+/// A number of quanta `high · 2⁶⁴ + low`. The pair is unique, so equal sums have equal bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Split {
+    /// What does not fit in 64 bits; 0 almost always.
+    pub high: i32,
+    /// The signed rest.
+    pub low: i64,
+}
+
+/// Quanta of 2^−`bits` in a value, to nearest, ties to even. What exceeds 96 bits saturates; NaN
+/// counts as zero (callers drop non-finite points first).
+#[inline(always)]
+pub fn to_quanta(value: f64, bits: u32) -> Split {
+    /// Added to a small number, leaves its integer part in the low mantissa bits.
+    const SHIFTER: f64 = 1.5 * (1u64 << 52) as f64;
+    let scaled = value * (1u64 << bits) as f64;
+    if scaled.abs() < (1u64 << 51) as f64 {
+        let low = (scaled + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits());
+        return Split { high: 0, low: low as i64 };
+    }
+    to_many_quanta(scaled)
+}
+
+#[cold]
+fn to_many_quanta(scaled: f64) -> Split {
+    const MOST: i128 = (i32::MAX as i128) << 64;
+    let quanta = (scaled.round_ties_even() as i128).clamp(-MOST, MOST);
+    let low = quanta as i64;
+    Split { high: ((quanta - i128::from(low)) >> 64) as i32, low }
+}
+
+impl Split {
+    /// The sum; its high part saturates.
+    #[inline(always)]
+    pub fn plus(self, other: Self) -> Self {
+        let (low, overflowed) = self.low.overflowing_add(other.low);
+        // Overflow happens between equal signs only, towards that sign.
+        let carry = if !overflowed {
+            0
+        } else if other.low > 0 {
+            1
+        } else {
+            -1
+        };
+        Self { high: self.high.saturating_add(other.high).saturating_add(carry), low }
+    }
+
+    /// The value in units of 2^−`bits`, rounded to nearest.
+    #[inline]
+    pub fn value(self, bits: u32) -> f64 {
+        let quanta = (i128::from(self.high) << 64) + i128::from(self.low);
+        quanta as f64 * (1.0 / (1u64 << bits) as f64)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -55,6 +110,31 @@ mod tests {
             prop_assume!(value.abs() > 1e-15);
             prop_assert_eq!(from_fixed(to_fixed(value as f64)), value as f64);
         }
+    }
+
+    proptest! {
+        #[test]
+        fn split_sums_are_exact(values in prop::collection::vec(-4e9f64..4e9, 1..60), bits in 30u32..50) {
+            let mut sum = Split { high: 0, low: 0 };
+            let mut exact = 0i128;
+            for value in values {
+                sum = sum.plus(to_quanta(value, bits));
+                exact += (value * (1u64 << bits) as f64).round_ties_even() as i128;
+            }
+            prop_assert_eq!((i128::from(sum.high) << 64) + i128::from(sum.low), exact);
+            prop_assert_eq!(sum.value(bits), exact as f64 / (1u64 << bits) as f64);
+        }
+    }
+
+    #[test]
+    fn quanta_round_to_even_and_saturate() {
+        for (value, quanta) in [(0.5, 0), (1.5, 2), (-2.5, -2), (0.75, 1), (f64::NAN, 0)] {
+            assert_eq!(to_quanta(value, 0), Split { high: 0, low: quanta }, "{value}");
+        }
+        assert_eq!(to_quanta(f64::INFINITY, 36), Split { high: i32::MAX, low: 0 });
+        assert_eq!(to_quanta(-1e300, 36), Split { high: -i32::MAX, low: 0 });
+        let most = Split { high: i32::MAX, low: i64::MAX };
+        assert_eq!(most.plus(Split { high: 0, low: 1 }), Split { high: i32::MAX, low: i64::MIN });
     }
 
     #[test]

@@ -108,16 +108,24 @@ impl<R: Real> Points<R> {
 
     /// The same points in another precision.
     pub fn cast<S: Real>(&self) -> Points<S> {
-        let cast = |column: &[R]| column.iter().map(|v| S::of(v.to_f64())).collect();
-        Points {
-            x: cast(&self.x),
-            y: cast(&self.y),
-            z: cast(&self.z),
-            r: cast(&self.r),
-            g: cast(&self.g),
-            b: cast(&self.b),
-            tiles: self.tiles.clone(),
-        }
+        let mut points = Points::new();
+        self.cast_into(&mut points);
+        points
+    }
+
+    /// Replaces `points` by the same points in another precision.
+    pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
+        let cast = |from: &[R], to: &mut Vec<S>| {
+            to.clear();
+            to.extend(from.iter().map(|v| S::of(v.to_f64())));
+        };
+        cast(&self.x, &mut points.x);
+        cast(&self.y, &mut points.y);
+        cast(&self.z, &mut points.z);
+        cast(&self.r, &mut points.r);
+        cast(&self.g, &mut points.g);
+        cast(&self.b, &mut points.b);
+        points.tiles.clone_from(&self.tiles);
     }
 }
 

@@ -31,9 +31,9 @@ pub trait Real:
     fn of(value: f64) -> Self;
     /// Widens (or keeps) the value.
     fn to_f64(self) -> f64;
-    /// Exponential function.
+    /// Exponential function, the same bits on every platform.
     fn exp(self) -> Self;
-    /// Natural logarithm.
+    /// Natural logarithm, the same bits on every platform.
     fn ln(self) -> Self;
     /// Neither infinite nor NaN.
     fn is_finite(self) -> bool;
@@ -42,7 +42,7 @@ pub trait Real:
 }
 
 macro_rules! impl_real {
-    ($t:ty) => {
+    ($t:ty, $exp:path, $ln:path) => {
         impl Real for $t {
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
@@ -57,11 +57,11 @@ macro_rules! impl_real {
             }
             #[inline(always)]
             fn exp(self) -> Self {
-                self.exp()
+                $exp(self)
             }
             #[inline(always)]
             fn ln(self) -> Self {
-                self.ln()
+                $ln(self)
             }
             #[inline(always)]
             fn is_finite(self) -> bool {
@@ -75,5 +75,5 @@ macro_rules! impl_real {
     };
 }
 
-impl_real!(f32);
-impl_real!(f64);
+impl_real!(f32, libm::expf, libm::logf);
+impl_real!(f64, libm::exp, libm::log);

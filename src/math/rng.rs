@@ -50,6 +50,13 @@ impl Rng {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
+    /// Number `index` of a sequence of its own, uniform in `(0, 1]`; the stream stays where it is.
+    #[inline]
+    pub fn uniform_at(&self, index: u64) -> f64 {
+        let bits = mix(!self.key ^ mix(index.wrapping_mul(GOLDEN_GAMMA)));
+        ((bits >> 11) + 1) as f64 * (1.0 / (1u64 << 53) as f64)
+    }
+
     /// Uniform in `[lo, hi)`.
     pub fn range(&mut self, lo: f64, hi: f64) -> f64 {
         lo + (hi - lo) * self.uniform()

@@ -13,6 +13,8 @@ pub struct InitialModel<R> {
     pub color: Vec<[R; 3]>,
     /// `w_k = 2 E[ln π_k] / E_s`: the weight in units of squared distance.
     pub weight: Vec<R>,
+    /// Largest of the weights.
+    pub max_weight: R,
     /// Prior and initial hyper-parameters.
     pub hyper: Hyper,
 }
@@ -24,13 +26,13 @@ impl<R: Real> InitialModel<R> {
         assert_eq!(means.len(), hyper.components, "one mean per component");
         assert_eq!(alpha.len(), hyper.components, "one concentration per component");
         let to_weight = 2.0 / hyper.expected_precision_space();
+        let ln_weights = dirichlet::expected_ln_weights(alpha);
+        let weight: Vec<R> = ln_weights.into_iter().map(|w| R::of(w * to_weight)).collect();
         Self {
+            max_weight: weight.iter().fold(-R::INFINITY, |m, &w| if w > m { w } else { m }),
+            weight,
             space: means.iter().map(|m| [m[0], m[1], m[2]].map(R::of)).collect(),
             color: means.iter().map(|m| [m[3], m[4], m[5]].map(R::of)).collect(),
-            weight: dirichlet::expected_ln_weights(alpha)
-                .into_iter()
-                .map(|w| R::of(w * to_weight))
-                .collect(),
             hyper,
         }
     }

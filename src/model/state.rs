@@ -52,7 +52,7 @@ impl Means {
 /// Sums in the order of [`N_SUMS`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Totals {
-    /// 64-bit fixed point; quanta as in [`crate::math::fixed`].
+    /// 64-bit fixed point; quanta as in [`super::totals`].
     Fixed64 {
         /// Low 64 bits of every sum.
         rows: Vec<[i64; N_SUMS]>,
@@ -63,6 +63,22 @@ pub enum Totals {
     Fixed128(Vec<[i128; N_SUMS]>),
     /// Single precision.
     F32(Vec<[f32; N_SUMS]>),
+}
+
+impl Totals {
+    /// Number of components.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Fixed64 { rows, .. } => rows.len(),
+            Self::Fixed128(rows) => rows.len(),
+            Self::F32(rows) => rows.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// High limbs of a component: a sum is `limb · 2⁶⁴ + row` quanta.

@@ -24,16 +24,16 @@ use rayon::prelude::*;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub enum Engine {
-    /// The oracle.
-    F64(Box<Trainer<f64>>),
-    /// f32 hot loops.
+    /// The oracle, and memory for its points.
+    F64(Box<Trainer<f64>>, Points<f64>),
+    /// f32 points and means.
     Mixed(Box<Trainer<f32>>),
 }
 
 macro_rules! either {
     ($self:expr, $trainer:ident => $body:expr) => {
         match $self {
-            Engine::F64($trainer) => $body,
+            Engine::F64($trainer, _) => $body,
             Engine::Mixed($trainer) => $body,
         }
     };
@@ -43,7 +43,7 @@ impl Engine {
     /// A model that has seen nothing.
     pub fn new(config: &TrainConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Ok(match config.precision {
-            Precision::F64 => Self::F64(Box::new(Trainer::new(config, draw)?)),
+            Precision::F64 => Self::F64(Box::new(Trainer::new(config, draw)?), Points::new()),
             _ => Self::Mixed(Box::new(Trainer::new(config, draw)?)),
         })
     }
@@ -51,7 +51,10 @@ impl Engine {
     /// Learns from one frame, whole or not at all (see [`Trainer::train`]).
     pub fn train(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
         match self {
-            Self::F64(trainer) => trainer.train(&points.cast()),
+            Self::F64(trainer, wide) => {
+                points.cast_into(wide);
+                trainer.train(wide)
+            }
             Self::Mixed(trainer) => trainer.train(points),
         }
     }
@@ -63,7 +66,9 @@ impl Engine {
         frames: u64,
     ) -> Result<Self, IndexError> {
         Ok(match config.precision {
-            Precision::F64 => Self::F64(Box::new(Trainer::restore(config, state, frames)?)),
+            Precision::F64 => {
+                Self::F64(Box::new(Trainer::restore(config, state, frames)?), Points::new())
+            }
             _ => Self::Mixed(Box::new(Trainer::restore(config, state, frames)?)),
         })
     }
@@ -78,15 +83,19 @@ impl Engine {
         either!(self, t => t.frames())
     }
 
-    /// ELBO of every point of the last frame under the model it was scored with, point order.
-    pub fn elbo(&self) -> &[f64] {
+    /// ELBO of every point of the last frame under the model it was scored with, point order; NaN
+    /// for points that were left out.
+    pub fn elbo(&self) -> Vec<f64> {
         either!(self, t => t.elbo())
     }
 
     /// Per point its candidates and their responsibilities, without learning from it.
     pub fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>> {
         match self {
-            Self::F64(trainer) => trainer.responsibilities(&points.cast()),
+            Self::F64(trainer, wide) => {
+                points.cast_into(wide);
+                trainer.responsibilities(wide)
+            }
             Self::Mixed(trainer) => trainer.responsibilities(points),
         }
     }

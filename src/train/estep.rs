@@ -6,67 +6,83 @@ use crate::math::real::Real;
 use crate::model::mixture::InitialModel;
 use crate::model::prior::Hyper;
 
+/// Nats by which a component must lose to receive nothing: e⁻⁴⁰ is below the rounding of a sum that
+/// starts with 1, in either precision.
+const HARD_NATS: f64 = 40.0;
+
 /// Constants of the score.
 #[derive(Clone, Copy, Debug)]
-pub struct Scoring<R> {
+pub struct Scoring {
     /// `λ = E[Λ^c] / E[Λ^s]`.
-    color_ratio: R,
+    pub color_ratio: f64,
     /// `½ E[Λ^s]`.
-    half_precision: R,
+    pub half_precision: f64,
     /// Point- and component-independent part of the log-score.
     ln_constant: f64,
 }
 
-impl<R: Real> Scoring<R> {
+impl Scoring {
     /// From the hyper-parameters of the initial model.
     pub fn new(hyper: &Hyper) -> Self {
         let precision = hyper.expected_precision_space();
         Self {
-            color_ratio: R::of(hyper.expected_precision_color() / precision),
-            half_precision: R::of(0.5 * precision),
+            color_ratio: hyper.expected_precision_color() / precision,
+            half_precision: 0.5 * precision,
             ln_constant: hyper.ln_constant_space() + hyper.ln_constant_color(),
         }
     }
 
-    /// Scaled distance `q` of a point to a component, smaller is better.
+    /// How much farther than the nearest, in units of `q`, a component receives nothing.
+    pub fn hard_gap(&self) -> f64 {
+        HARD_NATS / self.half_precision
+    }
+
+    /// Scaled distance `q` of a point to a component in precision `S`, smaller is better.
     #[inline(always)]
-    pub fn distance(
+    pub fn distance<R: Real, S: Real>(
         &self,
         model: &InitialModel<R>,
         component: usize,
         space: [R; 3],
         color: [R; 3],
-    ) -> R {
-        let square = |a: [R; 3], b: [R; 3]| {
-            let d: [R; 3] = std::array::from_fn(|i| a[i] - b[i]);
-            d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-        };
+    ) -> S {
+        let of = |v: R| S::of(v.to_f64());
+        let square = |a: [R; 3], b: [R; 3]| squared_distance(a.map(of), b.map(of));
         square(space, model.space[component])
-            + self.color_ratio * square(color, model.color[component])
-            - model.weight[component]
+            + S::of(self.color_ratio) * square(color, model.color[component])
+            - of(model.weight[component])
     }
 
-    /// The log-score `ln γ̂ = const − ½ E_s q` a distance stands for.
-    pub fn ln_score(&self, distance: R) -> f64 {
-        self.ln_constant - self.half_precision.to_f64() * distance.to_f64()
-    }
-
-    /// Turns distances into responsibilities in place and returns the point's ELBO,
-    /// `logsumexp ln γ̂`. Negative infinity for no candidates.
+    /// The ELBO that an effective distance stands for.
     #[inline(always)]
-    pub fn responsibilities(&self, distances: &mut [R]) -> f64 {
-        let min = distances.iter().fold(R::INFINITY, |min, &q| if q < min { q } else { min });
-        let mut sum = R::ZERO;
-        for q in distances.iter_mut() {
-            *q = (-(self.half_precision * (*q - min))).exp();
-            sum += *q;
-        }
-        let scale = R::ONE / sum;
-        for r in distances.iter_mut() {
-            *r = *r * scale;
-        }
-        self.ln_score(min) + sum.ln().to_f64()
+    pub fn elbo(&self, q: f64) -> f64 {
+        self.ln_constant - self.half_precision * q
     }
+
+    /// Turns distances into responsibilities in place, in precision `S`, and returns the effective
+    /// distance `q_min − (2/E_s) ln Σ exp(−½E_s(q − q_min))`, which stands for the point's ELBO,
+    /// `logsumexp ln γ̂`. Infinity for no candidates.
+    #[inline(always)]
+    pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
+        let min = distances.iter().fold(f64::INFINITY, |min, &q| if q < min { q } else { min });
+        let (scale, min) = (S::of(self.half_precision), S::of(min));
+        let mut sum = S::ZERO;
+        for q in distances.iter_mut() {
+            let e = (-(scale * (S::of(*q) - min))).exp();
+            sum += e;
+            *q = e.to_f64();
+        }
+        let total = S::ONE / sum;
+        distances.iter_mut().for_each(|r| *r = (S::of(*r) * total).to_f64());
+        (min - sum.ln() / scale).to_f64()
+    }
+}
+
+/// `(dx² + dy²) + dz²`.
+#[inline(always)]
+pub fn squared_distance<S: Real>(a: [S; 3], b: [S; 3]) -> S {
+    let d: [S; 3] = std::array::from_fn(|i| a[i] - b[i]);
+    (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
 }
 
 #[cfg(test)]
@@ -75,14 +91,14 @@ mod tests {
 
     #[test]
     fn responsibilities_are_a_distribution_even_when_others_underflow() {
-        let scoring = Scoring::<f32>::new(&Hyper::paper(100_000, 1e5));
-        let mut q = [0.25f32, 0.1, 0.3];
-        let elbo = scoring.responsibilities(&mut q);
-        assert_eq!(q, [0.0, 1.0, 0.0]);
-        assert!((elbo - scoring.ln_score(0.1)).abs() <= elbo.abs() * 1e-6);
-        let mut equal = [0.5f32, 0.5];
-        scoring.responsibilities(&mut equal);
+        let scoring = Scoring::new(&Hyper::paper(100_000, 1e5));
+        let mut r = [0.25, 0.1, 0.3];
+        assert_eq!(scoring.responsibilities::<f32>(&mut r), f64::from(0.1f32));
+        assert_eq!(r, [0.0, 1.0, 0.0]);
+        let mut equal = [0.5, 0.5];
+        let q = scoring.responsibilities::<f64>(&mut equal);
         assert_eq!(equal, [0.5, 0.5]);
-        assert_eq!(scoring.responsibilities(&mut []), f64::NEG_INFINITY);
+        assert!((scoring.elbo(q) - scoring.elbo(0.5) - 2f64.ln()).abs() <= 0.1);
+        assert_eq!(scoring.responsibilities::<f64>(&mut []), f64::INFINITY);
     }
 }

@@ -3,20 +3,23 @@
 //! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
 //! fixed-point totals they end in, are the same for any number of threads.
 
-use super::candidates::Scalar;
-use super::config::Candidates;
+use super::config::{Batch, Candidates, Operations, StatisticsForm, TrainConfig, Width};
 use super::estep::Scoring;
-use super::timing::Stopwatch;
+use super::fused::{FusedInputs, FusedMemory, FusedTiles};
+use super::index::Index;
+use super::plain::{PlainInputs, PlainMemory};
+use super::scalar::Scalar;
+use super::simd::Isa;
+use super::timing::{Lap, StageClock};
 use crate::math::points::Points;
 use crate::model::mixture::InitialModel;
 use crate::model::statistics::Record;
-use rayon::prelude::*;
-use std::num::NonZero;
+use crate::model::totals::Statistics;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
-/// Tiles one task takes: about a thousand points, a few hundred microseconds of search.
-const TILES_PER_GROUP: usize = 16;
+/// Tiles one task takes: about a thousand points.
+const TILES_PER_TASK: usize = 16;
 
 /// What a pass is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,268 +30,344 @@ pub enum Output {
     ElboAndSums,
 }
 
-/// Buffers of a pass, reused from frame to frame.
-#[derive(Default)]
-pub struct Pass<R: Scalar> {
-    groups: Vec<Group<R>>,
-    n_groups: usize,
-    /// One per thread: what a group leaves there never changes what the next one finds.
-    workers: Vec<Mutex<Worker<R>>>,
-}
-
 /// The fixed inputs of a pass.
 pub struct Inputs<'a, R: Scalar> {
     /// Initial model.
     pub model: &'a InitialModel<R>,
     /// Index over its spatial means.
-    pub index: &'a R::Index,
+    pub index: &'a Index,
     /// Constants of the score.
-    pub scoring: Scoring<R>,
+    pub scoring: &'a Scoring,
     /// Components each point is compared with.
     pub candidates: Candidates,
+    /// How it is done.
+    pub config: &'a TrainConfig,
+    /// The totals the sums are for.
+    pub statistics: &'a Statistics,
 }
 
-/// What the tiles of one task give.
-#[derive(Debug, Default)]
-struct Group<R> {
-    records: Vec<Record<R>>,
-    elbo: Vec<f64>,
-    nanos: [u64; 3],
-}
-
-/// Memory of one thread. Candidates and responsibilities are those of one tile, equally many for
-/// each of its points.
+/// Buffers of a pass, reused from frame to frame.
 #[derive(Default)]
-struct Worker<R: Scalar> {
-    search: R::Scratch,
+pub struct Pass {
+    /// One per thread: what a task leaves there never changes what the next one finds.
+    workers: Vec<RwLock<Worker>>,
+    /// Candidates and responsibilities of a batch, where they are materialised.
     ids: Vec<u32>,
-    responsibilities: Vec<R>,
-    slots: SlotTable,
+    responsibilities: Vec<f64>,
 }
 
-impl<R: Scalar> Pass<R> {
-    /// Runs over all points.
-    pub fn run(&mut self, inputs: &Inputs<R>, points: &Points<R>, output: Output) {
-        self.n_groups = points.n_tiles().div_ceil(TILES_PER_GROUP);
-        if self.groups.len() < self.n_groups {
-            self.groups.resize_with(self.n_groups, Group::default);
+/// Memory of one thread.
+#[derive(Default)]
+struct Worker {
+    fused: FusedMemory,
+    plain: PlainMemory,
+    ids: Vec<u32>,
+    scores: Vec<f64>,
+    /// Sums by shard of the totals, in one of the two widths.
+    narrow: Vec<Vec<Record<f32>>>,
+    wide: Vec<Vec<Record<f64>>>,
+    clock: StageClock,
+}
+
+/// What belongs to the points of some tiles. The first two are empty where nothing is
+/// materialised.
+struct Columns<'a> {
+    ids: &'a mut [u32],
+    scores: &'a mut [f64],
+    q: &'a mut [f64],
+}
+
+impl Pass {
+    /// Runs over all points. `q` receives the effective distance of every point (see
+    /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out.
+    pub fn run<R: Scalar>(
+        &mut self,
+        inputs: &Inputs<R>,
+        points: &Points<R>,
+        output: Output,
+        q: &mut Vec<f64>,
+    ) {
+        q.resize(points.len(), 0.0);
+        self.begin(inputs.statistics);
+        let mut tile = 0;
+        while tile < points.n_tiles() {
+            let batch = tile..batch_end(points, tile, inputs.config.batch);
+            tile = batch.end;
+            let range = points.tiles[batch.start] as usize..points.tiles[batch.end] as usize;
+            self.run_batch(inputs, points, batch, output, &mut q[range]);
         }
-        self.workers
-            .resize_with(rayon::current_num_threads().max(self.workers.len()), Mutex::default);
-        let workers = &self.workers;
-        self.groups[..self.n_groups].par_iter_mut().with_max_len(1).enumerate().for_each(
-            |(index, group)| {
-                let first = index * TILES_PER_GROUP;
-                let tiles = first..(first + TILES_PER_GROUP).min(points.n_tiles());
-                let worker = &workers[rayon::current_thread_index().unwrap_or(0) % workers.len()];
-                let mut worker = worker.lock().unwrap_or_else(PoisonError::into_inner);
-                group.run(&mut worker, inputs, points, tiles, output);
-            },
-        );
+    }
+
+    fn run_batch<R: Scalar>(
+        &mut self,
+        inputs: &Inputs<R>,
+        points: &Points<R>,
+        batch: Range<usize>,
+        output: Output,
+        q: &mut [f64],
+    ) {
+        let shard_bits = inputs.statistics.shard_bits();
+        if let (Some(rank), Some((points, model))) =
+            (fused_rank(inputs), R::as_narrow(points, inputs.model))
+        {
+            let (grid, scoring) = (inputs.index.grid(), inputs.scoring);
+            let inputs = FusedInputs { model, grid, points, scoring, rank, shard_bits };
+            return self.run_fused(inputs, batch, output, q);
+        }
+        let &Inputs { model, index, scoring, candidates, config, .. } = inputs;
+        let operations = config.operations;
+        let inputs =
+            PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
+        match config.statistics {
+            StatisticsForm::Fused => self.run_plain(inputs, batch, output, q),
+            StatisticsForm::Unfused => self.run_materialised(inputs, batch, output, q),
+        }
+    }
+
+    fn run_fused(&self, inputs: FusedInputs, batch: Range<usize>, output: Output, q: &mut [f64]) {
+        let columns = Columns { ids: &mut [], scores: &mut [], q };
+        for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
+            let mut worker = self.worker();
+            let Worker { fused, narrow, clock, .. } = &mut *worker;
+            let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
+            Isa::best().run(FusedTiles {
+                inputs,
+                memory: fused,
+                tiles,
+                q: columns.q,
+                records,
+                clock,
+            });
+        });
+    }
+
+    /// Tile by tile, every stage for one tile.
+    fn run_plain<R: Scalar>(
+        &self,
+        inputs: PlainInputs<R>,
+        batch: Range<usize>,
+        output: Output,
+        q: &mut [f64],
+    ) {
+        let columns = Columns { ids: &mut [], scores: &mut [], q };
+        for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
+            let mut worker = self.worker();
+            let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
+            let mut q = columns.q;
+            for tile in tiles {
+                let range = inputs.points.tile(tile);
+                let (own, rest) = q.split_at_mut(range.len());
+                q = rest;
+                clock.begin_tile(true);
+                inputs.find(plain, range.clone(), ids);
+                clock.lap(Lap::Candidates);
+                scores.resize(ids.len(), 0.0);
+                inputs.score(range, ids, scores);
+                inputs.normalise(scores, own);
+                clock.lap(Lap::EStep);
+                if output == Output::ElboAndSums {
+                    sum(&inputs, plain, tile, (ids, scores), narrow, wide);
+                    clock.lap(Lap::Stats);
+                }
+            }
+        });
+    }
+
+    /// Stage by stage, every stage for the whole batch.
+    fn run_materialised<R: Scalar>(
+        &mut self,
+        inputs: PlainInputs<R>,
+        batch: Range<usize>,
+        output: Output,
+        q: &mut [f64],
+    ) {
+        let per_point = inputs.per_point();
+        let mut ids = std::mem::take(&mut self.ids);
+        let mut responsibilities = std::mem::take(&mut self.responsibilities);
+        ids.resize(q.len() * per_point, 0);
+        responsibilities.resize(q.len() * per_point, 0.0);
+        let stage = |q: &mut [f64],
+                     ids: &mut [u32],
+                     scores: &mut [f64],
+                     lap,
+                     run: &(dyn Fn(&mut Worker, usize, Columns) + Sync)| {
+            let columns = Columns { ids, scores, q };
+            for_each_task(inputs.points, batch.clone(), per_point, columns, &|tiles, columns| {
+                let mut worker = self.worker();
+                worker.clock.begin_tile(true);
+                for_each_tile(inputs.points, tiles, per_point, columns, |tile, columns| {
+                    run(&mut worker, tile, columns);
+                });
+                worker.clock.lap(lap);
+            });
+        };
+        stage(q, &mut ids, &mut responsibilities, Lap::Candidates, &|worker, tile, columns| {
+            let Worker { plain, ids, .. } = worker;
+            inputs.find(plain, inputs.points.tile(tile), ids);
+            columns.ids.copy_from_slice(ids);
+        });
+        stage(q, &mut ids, &mut responsibilities, Lap::EStep, &|_, tile, columns| {
+            inputs.score(inputs.points.tile(tile), columns.ids, columns.scores);
+        });
+        stage(q, &mut ids, &mut responsibilities, Lap::EStep, &|_, _, columns| {
+            inputs.normalise(columns.scores, columns.q);
+        });
+        if output == Output::ElboAndSums {
+            stage(q, &mut ids, &mut responsibilities, Lap::Stats, &|worker, tile, columns| {
+                let Worker { plain, narrow, wide, .. } = worker;
+                sum(&inputs, plain, tile, (columns.ids, columns.scores), narrow, wide);
+            });
+        }
+        (self.ids, self.responsibilities) = (ids, responsibilities);
     }
 
     /// Per point its candidates and their responsibilities.
-    pub fn responsibilities(inputs: &Inputs<R>, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
-        let mut worker = Worker::default();
-        let (mut found, mut elbo) = (Vec::with_capacity(points.len()), Vec::new());
+    pub fn responsibilities<R: Scalar>(
+        inputs: &Inputs<R>,
+        points: &Points<R>,
+    ) -> Vec<Vec<(u32, f64)>> {
+        let &Inputs { model, index, scoring, candidates, config, statistics } = inputs;
+        let shard_bits = statistics.shard_bits();
+        let operations = config.operations;
+        let inputs =
+            PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
+        let (mut memory, mut ids) = (PlainMemory::default(), Vec::new());
+        let per_point = inputs.per_point();
+        let mut found = Vec::with_capacity(points.len());
         for tile in 0..points.n_tiles() {
             let range = points.tile(tile);
-            worker.find_candidates(inputs, points, range.clone());
-            worker.score(inputs, points, range.clone(), &mut elbo);
-            let per_point = (worker.ids.len() / range.len()).max(1);
-            let pairs = worker.ids.chunks(per_point).zip(worker.responsibilities.chunks(per_point));
-            let of_point = |(ids, r): (&[u32], &[R])| {
-                ids.iter().zip(r).map(|(&id, r)| (id, r.to_f64())).collect::<Vec<_>>()
-            };
-            found.extend(pairs.map(of_point));
+            inputs.find(&mut memory, range.clone(), &mut ids);
+            let (mut scores, mut q) = (vec![0.0; ids.len()], vec![0.0; range.len()]);
+            inputs.score(range, &ids, &mut scores);
+            inputs.normalise(&mut scores, &mut q);
+            let pairs: Vec<(u32, f64)> = ids.iter().copied().zip(scores).collect();
+            found.extend(pairs.chunks(per_point.max(1)).map(<[_]>::to_vec));
         }
         found
     }
 
-    /// Sums of the last pass, tile by tile.
-    pub fn records(&self) -> impl Iterator<Item = &Record<R>> {
-        self.groups[..self.n_groups].iter().flat_map(|g| &g.records)
-    }
-
-    /// ELBO of every point of the last pass, in point order.
-    pub fn elbo_into(&self, elbo: &mut Vec<f64>) {
-        elbo.clear();
-        for group in &self.groups[..self.n_groups] {
-            elbo.extend_from_slice(&group.elbo);
+    fn begin(&mut self, statistics: &Statistics) {
+        let n_workers = rayon::current_num_threads().max(self.workers.len());
+        self.workers.resize_with(n_workers, RwLock::default);
+        for worker in &mut self.workers {
+            let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+            worker.narrow.resize_with(statistics.shards(), Vec::new);
+            worker.wide.resize_with(statistics.shards(), Vec::new);
+            worker.narrow.iter_mut().for_each(Vec::clear);
+            worker.wide.iter_mut().for_each(Vec::clear);
         }
     }
 
-    /// Time all threads together spent in search, E-step and sums of the last pass.
-    pub fn thread_nanos(&self) -> [u64; 3] {
-        self.groups[..self.n_groups]
-            .iter()
-            .fold([0; 3], |sum, g| std::array::from_fn(|i| sum[i] + g.nanos[i]))
+    fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
+        let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
+        self.workers[thread].write().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn read_workers(&self) -> impl Iterator<Item = RwLockReadGuard<'_, Worker>> {
+        self.workers.iter().map(|w| w.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Adds the sums of the last pass to the totals.
+    pub fn commit(&self, statistics: &mut Statistics, moments: Width) {
+        match moments {
+            Width::F32 => statistics.add_frame(|shard, add| {
+                self.read_workers().for_each(|w| w.narrow[shard].iter().for_each(&mut *add));
+            }),
+            Width::F64 => statistics.add_frame(|shard, add| {
+                self.read_workers().for_each(|w| w.wide[shard].iter().for_each(&mut *add));
+            }),
+        }
+    }
+
+    /// Time that threads together spent in search, E-step and sums of the last pass, where they
+    /// looked at the clock; only the proportion means something.
+    pub fn take_stage_nanos(&mut self) -> [u64; 3] {
+        let mut sum = [0; 3];
+        for worker in &mut self.workers {
+            let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+            let own = worker.clock.take();
+            sum = std::array::from_fn(|i| sum[i] + own[i]);
+        }
+        sum
     }
 }
 
-impl<R: Scalar> Group<R> {
-    fn run(
-        &mut self,
-        worker: &mut Worker<R>,
-        inputs: &Inputs<R>,
-        points: &Points<R>,
-        tiles: Range<usize>,
-        output: Output,
-    ) {
-        self.records.clear();
-        self.elbo.clear();
-        self.nanos = [0; 3];
-        let mut clock = Stopwatch::start();
-        for tile in tiles {
-            let range = points.tile(tile);
-            worker.find_candidates(inputs, points, range.clone());
-            self.nanos[0] += clock.lap_nanos();
-            worker.score(inputs, points, range.clone(), &mut self.elbo);
-            self.nanos[1] += clock.lap_nanos();
-            if output == Output::ElboAndSums {
-                worker.sum(inputs.model, points, range, &mut self.records);
-            }
-            self.nanos[2] += clock.lap_nanos();
+/// Candidates per point if the fused kernels do what is asked for.
+fn fused_rank<R: Scalar>(inputs: &Inputs<R>) -> Option<usize> {
+    let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
+    let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
+    let is_fused = inputs.config.statistics == StatisticsForm::Fused;
+    match inputs.candidates {
+        Candidates::Nearest(n) if is_narrow && is_fused && inputs.index.tree().is_none() => {
+            Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
         }
+        _ => None,
     }
 }
 
-impl<R: Scalar> Worker<R> {
-    fn find_candidates(&mut self, inputs: &Inputs<R>, points: &Points<R>, range: Range<usize>) {
-        self.ids.clear();
-        match inputs.candidates {
-            Candidates::Dense => {
-                let all = 0..inputs.model.len() as u32;
-                range.for_each(|_| self.ids.extend(all.clone()));
-            }
-            Candidates::Nearest(n) => {
-                if let Some(n) = NonZero::new(n) {
-                    let Self { search, ids, .. } = self;
-                    R::nearest_in_tile(inputs.index, search, points, range, n, ids);
-                }
-            }
-        }
-    }
-
-    fn score(
-        &mut self,
-        inputs: &Inputs<R>,
-        points: &Points<R>,
-        range: Range<usize>,
-        elbo: &mut Vec<f64>,
-    ) {
-        let per_point = self.ids.len() / range.len().max(1);
-        self.responsibilities.clear();
-        for (local, point) in range.enumerate() {
-            let (space, color) = (points.position(point), points.color(point));
-            let own = local * per_point..(local + 1) * per_point;
-            let distance =
-                |&id: &u32| inputs.scoring.distance(inputs.model, id as usize, space, color);
-            self.responsibilities.extend(self.ids[own.clone()].iter().map(distance));
-            elbo.push(inputs.scoring.responsibilities(&mut self.responsibilities[own]));
-        }
-    }
-
-    /// Appends one record per component the tile touches, points in order.
-    fn sum(
-        &mut self,
-        model: &InitialModel<R>,
-        points: &Points<R>,
-        range: Range<usize>,
-        records: &mut Vec<Record<R>>,
-    ) {
-        let per_point = self.ids.len() / range.len().max(1);
-        self.slots.begin(self.ids.len());
-        let tile_start = records.len();
-        for (local, point) in range.enumerate() {
-            let (space, color) = (points.position(point), points.color(point));
-            for pair in local * per_point..(local + 1) * per_point {
-                let r = self.responsibilities[pair];
-                if r == R::ZERO {
-                    continue;
-                }
-                let id = self.ids[pair];
-                let next = records.len() - tile_start;
-                let slot = tile_start + self.slots.find_or_insert(id, next as u32) as usize;
-                if slot == records.len() {
-                    records.push(Record::empty(id));
-                }
-                let mean = model.space[id as usize];
-                let offset = std::array::from_fn(|i| space[i] - mean[i]);
-                records[slot].add(r, offset, color);
-            }
-        }
+fn sum<R: Scalar>(
+    inputs: &PlainInputs<R>,
+    memory: &mut PlainMemory,
+    tile: usize,
+    pairs: (&[u32], &[f64]),
+    narrow: &mut [Vec<Record<f32>>],
+    wide: &mut [Vec<Record<f64>>],
+) {
+    match inputs.operations.moments {
+        Width::F32 => inputs.sum_narrow(memory, tile, pairs, narrow),
+        Width::F64 => inputs.sum_wide(memory, tile, pairs, wide),
     }
 }
 
-/// Maps the component ids of one tile to consecutive slots: open addressing with a generation stamp
-/// instead of clearing.
-#[derive(Debug, Default)]
-struct SlotTable {
-    entries: Vec<SlotEntry>,
-    generation: u32,
+/// Where the batch that starts with a tile ends.
+fn batch_end<R: Scalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
+    let Batch::Points(n) = batch else { return points.n_tiles() };
+    let end = points.tiles[tile] as usize + n;
+    let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
+    tiles_before.clamp(tile + 1, points.n_tiles())
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct SlotEntry {
-    generation: u32,
-    id: u32,
-    slot: u32,
-}
-
-impl SlotTable {
-    /// Forgets all ids and makes room for `n_pairs` of them at half load.
-    fn begin(&mut self, n_pairs: usize) {
-        let capacity = (2 * n_pairs).next_power_of_two();
-        if self.entries.len() < capacity || self.generation == u32::MAX {
-            self.entries.clear();
-            self.entries.resize(
-                capacity.max(self.entries.capacity()).next_power_of_two(),
-                SlotEntry::default(),
-            );
-            self.generation = 0;
-        }
-        self.generation += 1;
+/// Splits tiles and their columns into tasks, `per_point` entries for each point.
+fn for_each_task<R: Scalar>(
+    points: &Points<R>,
+    tiles: Range<usize>,
+    per_point: usize,
+    columns: Columns,
+    task: &(impl Fn(Range<usize>, Columns) + Sync),
+) {
+    if tiles.len() <= TILES_PER_TASK {
+        return task(tiles, columns);
     }
+    let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
+    let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
+    let (left, right) = columns.split(n_points, per_point);
+    rayon::join(
+        || for_each_task(points, tiles.start..middle, per_point, left, task),
+        || for_each_task(points, middle..tiles.end, per_point, right, task),
+    );
+}
 
-    /// The slot of `id`, or `next` if it is new.
-    #[inline(always)]
-    fn find_or_insert(&mut self, id: u32, next: u32) -> u32 {
-        let mask = self.entries.len() - 1;
-        let mut position = id.wrapping_mul(0x9E37_79B1) as usize >> 7 & mask;
-        loop {
-            let entry = &mut self.entries[position];
-            if entry.generation != self.generation {
-                *entry = SlotEntry { generation: self.generation, id, slot: next };
-                return next;
-            }
-            if entry.id == id {
-                return entry.slot;
-            }
-            position = (position + 1) & mask;
-        }
+/// Hands every tile its columns.
+fn for_each_tile<R: Scalar>(
+    points: &Points<R>,
+    tiles: Range<usize>,
+    per_point: usize,
+    mut columns: Columns,
+    mut run: impl FnMut(usize, Columns),
+) {
+    for tile in tiles {
+        let (own, rest) = columns.split(points.tile(tile).len(), per_point);
+        columns = rest;
+        run(tile, own);
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slot_table_numbers_ids_in_order_of_appearance() {
-        let mut table = SlotTable::default();
-        for _ in 0..3 {
-            table.begin(6);
-            let mut next = 0;
-            let slots: Vec<u32> = [7, 9, 7, 100_000, 9, 0]
-                .iter()
-                .map(|&id| {
-                    let slot = table.find_or_insert(id, next);
-                    next += u32::from(slot == next);
-                    slot
-                })
-                .collect();
-            assert_eq!(slots, [0, 1, 0, 2, 1, 3]);
-        }
+impl<'a> Columns<'a> {
+    fn split(self, n_points: usize, per_point: usize) -> (Columns<'a>, Columns<'a>) {
+        let (ids, later_ids) = self.ids.split_at_mut(n_points * per_point);
+        let (scores, later_scores) = self.scores.split_at_mut(n_points * per_point);
+        let (q, later_q) = self.q.split_at_mut(n_points);
+        let later = Columns { ids: later_ids, scores: later_scores, q: later_q };
+        (Columns { ids, scores, q }, later)
     }
 }

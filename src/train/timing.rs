@@ -42,6 +42,46 @@ impl StageMs {
     }
 }
 
+/// The stages a pass is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lap {
+    /// Candidate search.
+    Candidates,
+    /// Scores and responsibilities.
+    EStep,
+    /// Sums per tile.
+    Stats,
+}
+
+/// Splits the time of a pass among its stages by looking at some tiles only: reading the clock
+/// costs as much as scoring a point.
+#[derive(Debug, Default)]
+pub struct StageClock {
+    running: Option<Stopwatch>,
+    nanos: [u64; 3],
+}
+
+impl StageClock {
+    /// Starts with a tile, which is looked at or not.
+    #[inline(always)]
+    pub fn begin_tile(&mut self, is_looked_at: bool) {
+        self.running = is_looked_at.then(Stopwatch::start);
+    }
+
+    /// Books the time since the last lap.
+    #[inline(always)]
+    pub fn lap(&mut self, lap: Lap) {
+        if let Some(clock) = &mut self.running {
+            self.nanos[lap as usize] += clock.lap_nanos();
+        }
+    }
+
+    /// What was booked, by stage; starts over.
+    pub fn take(&mut self) -> [u64; 3] {
+        std::mem::take(&mut self.nanos)
+    }
+}
+
 /// A running clock.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(Instant);

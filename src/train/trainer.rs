@@ -1,11 +1,13 @@
 //! The trainer of one precision: owns the model and applies frames to it.
 
-use super::candidates::{IndexError, Scalar};
+use super::candidates::IndexError;
 use super::config::{Candidates, ReassignPolicy, TrainConfig};
 use super::estep::Scoring;
+use super::index::Index;
 use super::init::InitialDraw;
 use super::pass::{Inputs, Output, Pass};
-use super::reassign::{self, Quota};
+use super::reassign::{Chooser, Quota};
+use super::scalar::Scalar;
 use super::timing::{StageMs, Stopwatch};
 use crate::math::points::Points;
 use crate::math::rng::{Purpose, Rng};
@@ -13,9 +15,9 @@ use crate::model::mixture::InitialModel;
 use crate::model::posterior::ComponentPosterior;
 use crate::model::prior::Hyper;
 use crate::model::state::ModelState;
-use crate::model::statistics::{Moments, Statistics};
+use crate::model::statistics::Moments;
+use crate::model::totals::Statistics;
 use glam::DVec3;
-use std::num::NonZero;
 
 /// What one frame did to the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,24 +37,18 @@ pub struct Trainer<R: Scalar> {
     config: TrainConfig,
     hyper: Hyper,
     model: InitialModel<R>,
-    index: R::Index,
-    scoring: Scoring<R>,
+    alpha_init: Vec<f64>,
+    index: Index,
+    scoring: Scoring,
     statistics: Statistics,
-    pass: Pass<R>,
-    elbo: Vec<f64>,
-    touched: Touched,
+    pass: Pass,
+    /// Effective distance of every point of the last frame.
+    q: Vec<f64>,
+    chooser: Chooser,
+    moves: Vec<(u32, u32)>,
     /// Where the components of a reassignment came from, should it fail.
     displaced: Vec<[R; 3]>,
-    alpha_init: Vec<f64>,
     frames: u64,
-}
-
-/// Ids written by the current frame, each once.
-#[derive(Default)]
-struct Touched {
-    ids: Vec<u32>,
-    stamps: Vec<u32>,
-    stamp: u32,
 }
 
 impl<R: Scalar> Trainer<R> {
@@ -68,17 +64,20 @@ impl<R: Scalar> Trainer<R> {
         draw: &InitialDraw,
     ) -> Result<Self, IndexError> {
         let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
+        let is_padded = config.reassign == ReassignPolicy::Padded;
+        let chooser = if is_padded { Chooser::padded(config) } else { Chooser::default() };
         Ok(Self {
             config: config.clone(),
             hyper,
-            index: R::build(&model.space)?,
+            index: Index::new(&model.space, config.index)?,
             scoring: Scoring::new(&hyper),
-            statistics: Statistics::new(model.len()),
+            statistics: Statistics::new(model.len(), config.operations.update),
             pass: Pass::default(),
-            elbo: Vec::new(),
-            touched: Touched { stamps: vec![0; model.len()], ..Touched::default() },
+            q: Vec::new(),
+            moves: Vec::new(),
             displaced: Vec::new(),
             alpha_init: draw.alpha.clone(),
+            chooser,
             model,
             frames: 0,
         })
@@ -90,39 +89,43 @@ impl<R: Scalar> Trainer<R> {
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
         let mut ms = StageMs::default();
-        let before = matches!(
-            self.config.reassign,
-            ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded
-        );
-        let mut reassigned = 0;
-        if before && let Some(quota) = self.quota() {
-            let candidates = match self.config.reassign {
-                ReassignPolicy::Dense => Candidates::Dense,
-                _ => self.config.candidates,
-            };
-            self.run_pass(points, candidates, Output::Elbo, &mut ms);
-            reassigned = self.reassign(points, quota, &mut ms)?;
-        }
-        self.fit(points, &mut ms);
-        if self.config.reassign == ReassignPolicy::Forwarded
-            && let Some(quota) = self.quota()
-        {
-            reassigned = self.reassign(points, quota, &mut ms)?;
-        }
+        let reassigned = match self.config.reassign {
+            ReassignPolicy::Off => {
+                self.fit(points, &mut ms);
+                0
+            }
+            ReassignPolicy::Forwarded => {
+                self.fit(points, &mut ms);
+                self.reassign(points, self.quota(), &mut ms)?
+            }
+            ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded => {
+                let quota = self.quota();
+                if quota.is_some() {
+                    self.run_pass(points, self.scored_by(), Output::Elbo, &mut ms);
+                }
+                let reassigned = self.reassign(points, quota, &mut ms)?;
+                self.fit(points, &mut ms);
+                reassigned
+            }
+        };
         self.frames += 1;
+        let (learnt, elbo_mean) = self.mean_elbo();
         ms.train = wall.elapsed_ms();
-        let elbo_mean = self.elbo.iter().sum::<f64>() / points.len().max(1) as f64;
-        Ok(FrameOutcome { points: points.len(), elbo_mean, reassigned, ms })
+        Ok(FrameOutcome { points: learnt, elbo_mean, reassigned, ms })
+    }
+
+    /// Candidates of the pass that scores points before the fit.
+    fn scored_by(&self) -> Candidates {
+        match self.config.reassign {
+            ReassignPolicy::Dense => Candidates::Dense,
+            _ => self.config.candidates,
+        }
     }
 
     fn fit(&mut self, points: &Points<R>, ms: &mut StageMs) {
         self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
         let mut clock = Stopwatch::start();
-        self.touched.begin();
-        for record in self.pass.records() {
-            self.statistics.add(record);
-            self.touched.mark(record.id);
-        }
+        self.pass.commit(&mut self.statistics, self.config.operations.moments);
         ms.update += clock.lap_ms();
     }
 
@@ -134,11 +137,32 @@ impl<R: Scalar> Trainer<R> {
         ms: &mut StageMs,
     ) {
         let mut clock = Stopwatch::start();
-        let inputs =
-            Inputs { model: &self.model, index: &self.index, scoring: self.scoring, candidates };
-        self.pass.run(&inputs, points, output);
-        self.pass.elbo_into(&mut self.elbo);
-        ms.add_pass(clock.lap_ms(), self.pass.thread_nanos());
+        let inputs = Inputs {
+            model: &self.model,
+            index: &self.index,
+            scoring: &self.scoring,
+            candidates,
+            config: &self.config,
+            statistics: &self.statistics,
+        };
+        self.pass.run(&inputs, points, output, &mut self.q);
+        ms.add_pass(clock.lap_ms(), self.pass.take_stage_nanos());
+    }
+
+    /// Points that were learnt from and the mean of their ELBO; 0 without points.
+    fn mean_elbo(&self) -> (usize, f64) {
+        let mut sum = 0.0;
+        let mut n = 0;
+        for chunk in self.q.chunks(64) {
+            let (mut chunk_sum, mut chunk_n) = (0.0, 0);
+            for &q in chunk {
+                let counts = !q.is_nan();
+                chunk_sum += if counts { q } else { 0.0 };
+                chunk_n += usize::from(counts);
+            }
+            (sum, n) = (sum + chunk_sum, n + chunk_n);
+        }
+        (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
     }
 
     /// Before the first fit nothing is unused: the posterior is still the initial model, whose
@@ -147,25 +171,28 @@ impl<R: Scalar> Trainer<R> {
         if self.frames == 0 && self.statistics.used() == 0 {
             return None;
         }
-        let unused = self.statistics.len() - self.statistics.used();
-        let TrainConfig { reassign, reassign_fraction, low_elbo_floor, .. } = self.config;
-        Quota::new(reassign, self.model.len(), unused, reassign_fraction, low_elbo_floor)
+        Quota::new(&self.config, self.statistics.len() - self.statistics.used())
     }
 
+    /// Moves components by the scores of the last pass; how many.
     fn reassign(
         &mut self,
         points: &Points<R>,
-        quota: Quota,
+        quota: Option<Quota>,
         ms: &mut StageMs,
     ) -> Result<usize, IndexError> {
+        let Some(quota) = quota else { return Ok(0) };
         let mut clock = Stopwatch::start();
-        let mut rng = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
-        let destinations = reassign::destinations(&self.elbo, quota, || rng.uniform());
-        let unused = (0..self.statistics.len()).filter(|&k| !self.statistics.is_used(k));
-        let moves: Vec<(u32, u32)> = unused.map(|k| k as u32).zip(destinations).collect();
-        self.move_components(points, &moves)?;
+        let stream = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
+        let destinations = self.chooser.destinations(&self.q, quota, &stream);
+        let mut moves = std::mem::take(&mut self.moves);
+        moves.clear();
+        moves.extend(self.statistics.unused().zip(destinations.iter().copied()));
+        let moved = self.move_components(points, &moves);
+        let n = moves.len();
+        self.moves = moves;
         ms.reassign += clock.lap_ms();
-        Ok(moves.len())
+        moved.map(|()| n)
     }
 
     /// Sets the initial means of components to points, `(component, point)`, and rebuilds the
@@ -182,7 +209,7 @@ impl<R: Scalar> Trainer<R> {
             let mean = &mut space[component as usize];
             self.displaced.push(std::mem::replace(mean, points.position(point as usize)));
         }
-        if let Err(error) = R::rebuild(&mut self.index, space) {
+        if let Err(error) = self.index.rebuild(space) {
             // Backwards, should a component move twice.
             for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
                 space[component as usize] = mean;
@@ -195,20 +222,18 @@ impl<R: Scalar> Trainer<R> {
         Ok(())
     }
 
-    /// ELBO of every point of the last frame, in point order.
-    pub fn elbo(&self) -> &[f64] {
-        &self.elbo
+    /// ELBO of every point of the last frame, in point order; NaN for points left out.
+    pub fn elbo(&self) -> Vec<f64> {
+        self.q.iter().map(|&q| self.scoring.elbo(q)).collect()
     }
 
-    /// Candidate ids of a point in ascending distance.
-    pub fn nearest(&self, position: [R; 3], n: NonZero<usize>) -> Vec<u32> {
-        let mut ids = Vec::new();
-        R::nearest(&self.index, &position, n, &mut ids);
-        ids
+    /// Effective distances of the points of the last frame (see [`Scoring::elbo`]).
+    pub fn effective_distances(&self) -> &[f64] {
+        &self.q
     }
 
     /// Scores of one point against given components, and the constants behind them.
-    pub fn scoring(&self) -> (&Scoring<R>, &InitialModel<R>) {
+    pub fn scoring(&self) -> (&Scoring, &InitialModel<R>) {
         (&self.scoring, &self.model)
     }
 
@@ -226,7 +251,7 @@ impl<R: Scalar> Trainer<R> {
         let ModelState { alpha_init, means, totals } = state;
         let draw = InitialDraw { means: means.rows(), alpha: alpha_init };
         let mut trainer = Self::new(config, &draw)?;
-        trainer.statistics = Statistics::restore(totals);
+        trainer.statistics = Statistics::restore(&totals);
         trainer.frames = frames;
         Ok(trainer)
     }
@@ -246,12 +271,14 @@ impl<R: Scalar> Trainer<R> {
     }
 
     /// Per point its candidates and their responsibilities, without learning from it.
-    pub fn responsibilities(&mut self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
+    pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
         let inputs = Inputs {
             model: &self.model,
             index: &self.index,
-            scoring: self.scoring,
+            scoring: &self.scoring,
             candidates: self.config.candidates,
+            config: &self.config,
+            statistics: &self.statistics,
         };
         Pass::responsibilities(&inputs, points)
     }
@@ -288,31 +315,12 @@ impl<R: Scalar> Trainer<R> {
 
     /// Components whose statistics the last frame changed, each once.
     pub fn touched(&self) -> &[u32] {
-        &self.touched.ids
+        self.statistics.touched()
     }
 
     /// Bytes the model itself occupies: initial means and weights, and totals.
     pub fn model_bytes(&self) -> usize {
-        self.model.len()
-            * (7 * size_of::<R>() + size_of::<[i128; crate::model::statistics::N_SUMS]>())
-    }
-}
-
-impl Touched {
-    fn begin(&mut self) {
-        self.ids.clear();
-        if self.stamp == u32::MAX {
-            self.stamps.fill(0);
-            self.stamp = 0;
-        }
-        self.stamp += 1;
-    }
-
-    fn mark(&mut self, id: u32) {
-        let stamp = &mut self.stamps[id as usize];
-        if *stamp != self.stamp {
-            *stamp = self.stamp;
-            self.ids.push(id);
-        }
+        let of_start = 7 * size_of::<R>() + size_of::<f64>();
+        self.model.len() * (of_start + self.statistics.row_bytes())
     }
 }

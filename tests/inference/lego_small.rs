@@ -1,8 +1,8 @@
 use super::reference::*;
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::math::points::Points;
-use vbgs_studio::train::candidates::Scalar;
 use vbgs_studio::train::config::Candidates;
+use vbgs_studio::train::scalar::Scalar;
 use vbgs_studio::train::trainer::Trainer;
 
 const TRUNCATED: Candidates = Candidates::Nearest(4);
@@ -30,14 +30,11 @@ fn without_reassignment() {
     let Some(case) = Case::open("lego_small") else { return };
     let mut trainer = trainer::<f64>(&case, TRUNCATED);
     let frames = frames::<f64>(&case);
-    let ids: Vec<u32> = (0..frames[0].len())
-        .flat_map(|i| trainer.nearest(frames[0].position(i), 4.try_into().unwrap()))
-        .collect();
-    case.check_exact("none_cand0", &ids);
+    case.check_exact("none_cand0", &nearest(&trainer, &frames[0]));
     for (t, frame) in frames.iter().enumerate() {
-        case.check_exact(&format!("none_assign{t}"), &assignments(&trainer, frame, Some(4)));
+        case.check_exact(&format!("none_assign{t}"), &assignments(&trainer, frame));
         trainer.train(frame).unwrap();
-        case.check(&format!("none_elbo{t}"), trainer.elbo(), Rel(2e-9, 1.0));
+        case.check(&format!("none_elbo{t}"), &trainer.elbo(), Rel(2e-9, 1.0));
         check_frame(&case, &format!("none_f{t}"), &trainer, &frames);
     }
     println!("golden arrays compared: {}", case.compared());
@@ -82,7 +79,7 @@ fn mixed_path() {
         (trainer::<f64>(&case, TRUNCATED), trainer::<f32>(&case, TRUNCATED));
     for t in 0..3 {
         let frame = points::<f32>(&case, t);
-        case.check_exact(&format!("none_assign{t}"), &assignments(&mixed, &frame, Some(4)));
+        case.check_exact(&format!("none_assign{t}"), &assignments(&mixed, &frame));
         exact.train(&points(&case, t)).unwrap();
         mixed.train(&frame).unwrap();
         let counts: Vec<f64> = (0..mixed.components()).map(|k| mixed.moments(k).count).collect();

@@ -1,9 +1,9 @@
-use super::reference::*;
+use super::reference::{self, *};
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::math::special::log_sum_exp;
 use vbgs_studio::model::dirichlet;
-use vbgs_studio::train::candidates::Scalar;
 use vbgs_studio::train::config::Candidates;
+use vbgs_studio::train::scalar::Scalar;
 
 const LOW_ELBO: usize = 100;
 const TRUNCATED: Candidates = Candidates::Nearest(4);
@@ -20,7 +20,7 @@ fn scores_and_assignments() {
     let (scoring, model) = trainer.scoring();
     let row = |i: usize| -> Vec<f64> {
         (0..64)
-            .map(|k| scoring.ln_score(scoring.distance(model, k, x0.position(i), x0.color(i))))
+            .map(|k| scoring.elbo(scoring.distance(model, k, x0.position(i), x0.color(i))))
             .collect()
     };
     let scores: Vec<f64> = (0..200).flat_map(row).collect();
@@ -40,11 +40,9 @@ fn scores_and_assignments() {
 fn assignments_and_candidates<R: Scalar>(case: &Case) {
     let trainer = trainer::<R>(case, Candidates::Dense);
     let x0 = points::<R>(case, 0);
-    case.check_exact("assign0", &assignments(&trainer, &x0, None));
-    let ids: Vec<u32> = (0..x0.len())
-        .flat_map(|i| trainer.nearest(x0.position(i), 4.try_into().unwrap()))
-        .collect();
-    case.check_exact("trunc_cand0", &ids);
+    case.check_exact("assign0", &assignments(&trainer, &x0));
+    let truncated = reference::trainer::<R>(case, TRUNCATED);
+    case.check_exact("trunc_cand0", &nearest(&truncated, &x0));
 }
 
 #[test]

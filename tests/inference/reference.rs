@@ -1,6 +1,8 @@
 //! Drives a trainer the way the golden cases were made.
 
+use super::sampler;
 use crate::common::golden::{Case, Tolerance::*};
+
 use glam::DVec3;
 use std::collections::BTreeMap;
 use vbgs_studio::math::points::Points;
@@ -8,11 +10,11 @@ use vbgs_studio::math::special::mv_digamma3;
 use vbgs_studio::model::dirichlet;
 use vbgs_studio::model::posterior::ComponentPosterior;
 use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::train::candidates::Scalar;
-use vbgs_studio::train::config::{Candidates, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::config::{Candidates, Operations, ReassignPolicy, TrainConfig};
 use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::train::reassign::Chooser;
+use vbgs_studio::train::scalar::Scalar;
 use vbgs_studio::train::trainer::Trainer;
-use vbgs_studio::train::{reassign, sampler};
 
 pub fn hyper(case: &Case) -> Hyper {
     Hyper {
@@ -30,7 +32,13 @@ pub fn hyper(case: &Case) -> Hyper {
 
 /// A trainer at the case's start that never reassigns by itself.
 pub fn trainer<R: Scalar>(case: &Case, candidates: Candidates) -> Trainer<R> {
-    let config = TrainConfig { candidates, reassign: ReassignPolicy::Off, ..TrainConfig::paper() };
+    let is_wide = size_of::<R>() == size_of::<f64>();
+    let config = TrainConfig {
+        candidates,
+        reassign: ReassignPolicy::Off,
+        operations: if is_wide { Operations::F64 } else { Operations::MIXED },
+        ..TrainConfig::paper()
+    };
     let draw = InitialDraw { means: case.rows("mean_init"), alpha: case.f64("alpha_init") };
     Trainer::with_hyper(&config, hyper(case), &draw).unwrap()
 }
@@ -125,30 +133,19 @@ pub fn expected_ln_det<R: Scalar>(trainer: &Trainer<R>) -> Vec<f64> {
     posteriors(trainer).iter().map(ln_det).collect()
 }
 
+/// Ids of the candidates of every point, nearest first.
+pub fn nearest<R: Scalar>(trainer: &Trainer<R>, points: &Points<R>) -> Vec<u32> {
+    let of_points = trainer.responsibilities(points);
+    of_points.iter().flatten().map(|&(id, _)| id).collect()
+}
+
 /// The component every point belongs to (responsibilities must be one-hot).
-pub fn assignments<R: Scalar>(
-    trainer: &Trainer<R>,
-    points: &Points<R>,
-    candidates: Option<usize>,
-) -> Vec<u32> {
-    let (scoring, model) = trainer.scoring();
-    let assign = |i: usize| {
-        let position = points.position(i);
-        let ids = match candidates {
-            Some(n) => trainer.nearest(position, n.try_into().unwrap()),
-            None => (0..trainer.components() as u32).collect(),
-        };
-        let mut r: Vec<R> = ids
-            .iter()
-            .map(|&id| scoring.distance(model, id as usize, position, points.color(i)))
-            .collect();
-        scoring.responsibilities(&mut r);
-        let best = (0..r.len())
-            .find(|&j| r[j] == R::ONE)
-            .unwrap_or_else(|| panic!("point {i} is soft: {r:?}"));
-        ids[best]
+pub fn assignments<R: Scalar>(trainer: &Trainer<R>, points: &Points<R>) -> Vec<u32> {
+    let owner = |(i, r): (usize, &Vec<(u32, f64)>)| {
+        let owner = r.iter().find(|(_, r)| *r == 1.0);
+        owner.unwrap_or_else(|| panic!("point {i} is soft: {r:?}")).0
     };
-    (0..points.len()).map(assign).collect()
+    trainer.responsibilities(points).iter().enumerate().map(owner).collect()
 }
 
 pub struct ReassignTolerance {
@@ -171,16 +168,19 @@ pub fn check_reassign<R: Scalar>(
     let unused = (trainer.components() - trainer.used()) as u32;
     case.check_exact(&name("unused"), &[unused]);
 
-    let mine = reassign::lowest_elbo(trainer.elbo(), low_elbo);
+    let q = trainer.effective_distances();
+    let mut mine: Vec<u32> = Chooser::default().lowest_elbo(q, low_elbo).collect();
+    mine.sort_unstable();
     let mut expected = cand.clone();
     expected.sort_unstable();
     assert_eq!(mine, expected, "{prefix}: candidate set");
     case.count();
 
-    let elbo: BTreeMap<u32, f64> = mine.iter().map(|&p| (p, trainer.elbo()[p as usize])).collect();
-    let my_elbo: Vec<f64> = mine.iter().map(|p| elbo[p]).collect();
+    let all_elbo = trainer.elbo();
+    let elbo: BTreeMap<u32, f64> = mine.iter().map(|&p| (p, all_elbo[p as usize])).collect();
+    let my_q: Vec<f64> = mine.iter().map(|&p| q[p as usize]).collect();
     let my_p: BTreeMap<u32, f64> =
-        mine.iter().copied().zip(reassign::probabilities(&my_elbo)).collect();
+        mine.iter().copied().zip(sampler::probabilities(&my_q)).collect();
     if let Some(tolerance) = tolerance {
         if case.has(&name("cand_elbo")) {
             let in_order: Vec<f64> = cand.iter().map(|p| elbo[p]).collect();

@@ -1,27 +1,24 @@
-//! Positions and ids side by side, as the search reads them.
+//! Positions side by side, as the search reads them.
 
+use crate::train::simd::LANES;
 use std::ops::Range;
 
-/// Elements handled by one step of the search: two vectors of eight lanes.
-pub(super) const STEP: usize = 16;
+/// Elements handled by one step of the search: two vectors.
+pub(super) const STEP: usize = 2 * LANES;
 
-/// Ranks by squared distance, then by id.
-pub(super) fn key(distance2: f32, id: u32) -> u64 {
-    u64::from(distance2.to_bits()) << 32 | u64::from(id)
-}
-
-/// Positions and ids as columns. Behind the `len` entries every column has at least [`STEP`]
-/// more, so that whole vectors can be read and written at any entry.
+/// Positions as columns, and what each stands for. Behind the `len` entries every column has at
+/// least [`STEP`] more, so that whole vectors can be read and written at any entry.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Columns {
+pub(in crate::train) struct Columns {
     /// Positions, first axis.
     pub x: Vec<f32>,
     /// Positions, second axis.
     pub y: Vec<f32>,
     /// Positions, third axis.
     pub z: Vec<f32>,
-    /// Component ids.
-    pub id: Vec<u32>,
+    /// What an entry stands for: in the grid a component's id, in a list of candidates an entry of
+    /// the grid, among points a place in the tile.
+    pub tag: Vec<u32>,
     /// Entries that mean something.
     pub len: usize,
 }
@@ -35,23 +32,23 @@ impl Columns {
             for column in [&mut self.x, &mut self.y, &mut self.z] {
                 column.resize(size, 0.0);
             }
-            self.id.resize(size, 0);
+            self.tag.resize(size, 0);
         }
     }
 
-    /// Appends the entries `span` of `other`.
+    /// Appends the positions of the entries `span` of `other`, which become the tags.
     #[inline(always)]
     pub fn append(&mut self, other: &Columns, span: Range<usize>) {
-        const W: usize = 8;
         let n = span.len();
         self.reserve(self.len + n);
         // Whole vectors: what is written beyond the end is overwritten or padding.
-        for k in (0..n).step_by(W) {
+        for k in (0..n).step_by(LANES) {
             let (to, from) = (self.len + k, span.start + k);
-            self.x[to..to + W].copy_from_slice(&other.x[from..from + W]);
-            self.y[to..to + W].copy_from_slice(&other.y[from..from + W]);
-            self.z[to..to + W].copy_from_slice(&other.z[from..from + W]);
-            self.id[to..to + W].copy_from_slice(&other.id[from..from + W]);
+            self.x[to..to + LANES].copy_from_slice(&other.x[from..from + LANES]);
+            self.y[to..to + LANES].copy_from_slice(&other.y[from..from + LANES]);
+            self.z[to..to + LANES].copy_from_slice(&other.z[from..from + LANES]);
+            let tags = &mut self.tag[to..to + LANES];
+            tags.iter_mut().zip(from as u32..).for_each(|(tag, entry)| *tag = entry);
         }
         self.len += n;
     }
@@ -64,23 +61,24 @@ impl Columns {
         self.len = n;
         let columns = self.x[..n].iter_mut().zip(&mut self.y[..n]).zip(&mut self.z[..n]);
         let (xs, ys) = (&other.x[..other.len], &other.y[..other.len]);
-        let (zs, ids) = (&other.z[..other.len], &other.id[..other.len]);
-        for ((((x, y), z), id), &entry) in columns.zip(&mut self.id[..n]).zip(entries) {
+        let (zs, tags) = (&other.z[..other.len], &other.tag[..other.len]);
+        for ((((x, y), z), tag), &entry) in columns.zip(&mut self.tag[..n]).zip(entries) {
             let entry = entry as usize;
-            (*x, *y, *z, *id) = (xs[entry], ys[entry], zs[entry], ids[entry]);
+            (*x, *y, *z, *tag) = (xs[entry], ys[entry], zs[entry], tags[entry]);
         }
         self.pad();
+    }
+
+    /// Overwrites an entry.
+    pub fn set(&mut self, i: usize, position: [f32; 3], tag: u32) {
+        [self.x[i], self.y[i], self.z[i]] = position;
+        self.tag[i] = tag;
     }
 
     /// Makes the padding infinitely far away.
     pub fn pad(&mut self) {
         self.reserve(self.len);
         self.x[self.len..self.len + STEP].fill(f32::INFINITY);
-    }
-
-    /// What an entry is ranked by, seen from a point.
-    pub fn key(&self, i: usize, point: [f32; 3]) -> u64 {
-        key(self.distance2(i, point), self.id[i])
     }
 
     /// Squared distance of an entry to a point, by the formula of the whole search.

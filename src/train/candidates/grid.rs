@@ -37,6 +37,13 @@ struct Shape {
 }
 
 impl Grid {
+    /// Over finite means.
+    pub fn new(means: &[[f32; 3]]) -> Result<Self, IndexError> {
+        let mut grid = Self::default();
+        grid.rebuild(means)?;
+        Ok(grid)
+    }
+
     /// Sorts finite means into cells, reusing memory. On error the grid is as it was.
     pub fn rebuild(&mut self, means: &[[f32; 3]]) -> Result<(), IndexError> {
         let refuse =
@@ -77,7 +84,7 @@ impl Grid {
         }
         sorted.reserve(means.len());
         sorted.len = means.len();
-        let Columns { x, y, z, id: ids, len } = sorted;
+        let Columns { x, y, z, tag: ids, len } = sorted;
         let (x, y, z, ids) = (&mut x[..*len], &mut y[..*len], &mut z[..*len], &mut ids[..*len]);
         // Only ids are scattered; positions are then fetched in order, by all threads.
         for (id, &cell) in (0..).zip(cell_of_id.iter()) {
@@ -105,6 +112,17 @@ impl Grid {
         self.len() == 0
     }
 
+    /// Components by entry.
+    pub(in crate::train) fn ids(&self) -> &[u32] {
+        &self.means.tag[..self.means.len]
+    }
+
+    /// Mean of an entry.
+    #[inline(always)]
+    pub(in crate::train) fn mean(&self, entry: u32) -> [f32; 3] {
+        self.means.position(entry as usize)
+    }
+
     /// Edge of a cell.
     pub(super) fn cell(&self) -> f32 {
         self.shape.cell
@@ -119,7 +137,8 @@ impl Grid {
         })
     }
 
-    /// Replaces `list` by a superset of the means in the box `lo..hi` grown by `radius`.
+    /// Replaces `list` by entries: a superset of those in the box `lo..hi` grown by `radius`.
+    #[inline(always)]
     pub(super) fn gather(&self, lo: [f32; 3], hi: [f32; 3], radius: f32, list: &mut Columns) {
         let shape = &self.shape;
         list.len = 0;
@@ -135,7 +154,7 @@ impl Grid {
         list.pad();
     }
 
-    /// Replaces `list` by all means.
+    /// Replaces `list` by all entries.
     pub(super) fn gather_all(&self, list: &mut Columns) {
         list.len = 0;
         list.append(&self.means, 0..self.means.len);
@@ -214,12 +233,6 @@ mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
 
-    fn grid(means: &[[f32; 3]]) -> Grid {
-        let mut grid = Grid::default();
-        grid.rebuild(means).unwrap();
-        grid
-    }
-
     #[test]
     fn a_gathered_box_holds_its_means_in_ascending_id_per_cell() {
         let mut rng = Rng::new(1, Purpose::Init, 0);
@@ -227,14 +240,15 @@ mod tests {
             (0..5000).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0) as f32)).collect();
         means[17] = [1e6, 0.0, -1e30];
         means.push(means[3]);
-        let grid = grid(&means);
+        let grid = Grid::new(&means).unwrap();
         assert_eq!(grid.len(), means.len());
         let mut list = Columns::default();
         for _ in 0..200 {
             let lo: [f32; 3] = std::array::from_fn(|_| rng.range(-1.5, 1.0) as f32);
             let hi = lo.map(|v| v + 0.3);
             grid.gather(lo, hi, 0.1, &mut list);
-            let mut found = list.id[..list.len].to_vec();
+            let mut found: Vec<u32> =
+                list.tag[..list.len].iter().map(|&entry| grid.ids()[entry as usize]).collect();
             found.sort_unstable();
             assert!(found.windows(2).all(|w| w[0] < w[1]));
             let inside = |m: &[f32; 3]| (0..3).all(|i| (lo[i] - 0.1..=hi[i] + 0.1).contains(&m[i]));
@@ -245,7 +259,7 @@ mod tests {
         grid.gather_all(&mut list);
         assert_eq!(list.len, means.len());
         let (first, copy) = (means[3], means.len() as u32 - 1);
-        let at = |id| list.id[..list.len].iter().position(|&i| i == id).unwrap();
+        let at = |id| grid.ids().iter().position(|&i| i == id).unwrap();
         assert!(at(3) < at(copy));
         assert_eq!(list.position(at(copy)), first);
     }
@@ -261,7 +275,7 @@ mod tests {
             (0..1000).map(|i| [(i % 32) as f32, (i / 32) as f32, 5.0]).collect(),
             (0..1000).map(|i| [(i - 500) as f32 * 6e35; 3]).collect(),
         ] {
-            let grid = grid(&means);
+            let grid = Grid::new(&means).unwrap();
             assert!(grid.shape.n_cells() <= 3 * means.len() + 8, "{:?}", grid.shape);
             let mut list = Columns::default();
             grid.gather([-f32::MAX; 3], [f32::MAX; 3], f32::INFINITY, &mut list);
@@ -271,7 +285,7 @@ mod tests {
 
     #[test]
     fn means_that_are_not_finite_are_refused_and_change_nothing() {
-        let mut grid = grid(&[[1.0; 3], [2.0; 3]]);
+        let mut grid = Grid::new(&[[1.0; 3], [2.0; 3]]).unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert_eq!(grid.rebuild(&[[0.0; 3], [0.0, bad, 0.0]]).unwrap_err().components, 2);
             assert_eq!(grid.len(), 2);

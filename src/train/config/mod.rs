@@ -216,6 +216,13 @@ impl TrainConfig {
         if self.batch == Batch::Points(0) {
             return refuse("--batch", "1 point or more, or frame".into(), "0".into());
         }
+        if self.index == IndexKind::KdTree && self.operations.distance == Width::F32 {
+            return refuse(
+                "--index",
+                "grid, or --precision f64: the tree measures distances in f64".into(),
+                "kd-tree with distances in f32".into(),
+            );
+        }
         if self.candidates == Candidates::Dense && self.index == IndexKind::KdTree {
             return refuse(
                 "--index",

@@ -1,5 +1,6 @@
 //! In which arithmetic each operation of the hot loop runs.
 
+pub use crate::model::totals::UpdateWidth;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, VariantNames};
 
@@ -27,18 +28,6 @@ pub enum Width {
     F32,
     /// Double precision.
     F64,
-}
-
-/// How totals over all frames are kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum UpdateWidth {
-    /// Single precision; not invariant to the order of frames.
-    F32,
-    /// 64-bit fixed point with a carry.
-    Fixed64,
-    /// 128-bit fixed point.
-    Fixed128,
 }
 
 /// Arithmetic operation by operation.

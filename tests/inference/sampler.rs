@@ -1,4 +1,7 @@
-//! Sampling without replacement, in the rounds of the reference (`model.md` 10).
+//! Sampling without replacement, in the rounds of the reference (`model.md` 10): the stored cases
+//! prescribe its uniforms. The trainer draws by a race of the same law.
+
+use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Chooses `n` distinct indices with probabilities proportional to `weights` (finite, not
 /// negative), drawing uniforms in `[0, 1)` from `uniform`.
@@ -52,32 +55,39 @@ fn cumulate(weights: &[f64], cumulative: &mut Vec<f64>) -> f64 {
     total
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::rng::{Purpose, Rng};
-
-    #[test]
-    fn chosen_indices_are_distinct_and_follow_the_weights() {
-        let mut counts = [0usize; 4];
-        for seed in 0..4000 {
-            let mut rng = Rng::new(seed, Purpose::Reassign, 0);
-            let chosen = without_replacement(&[0.0, 1.0, 2.0, 5.0], 1, || rng.uniform());
-            counts[chosen[0]] += 1;
-        }
-        assert_eq!(counts[0], 0);
-        for (count, p) in counts.iter().zip([0.0, 0.125, 0.25, 0.625]) {
-            assert!((*count as f64 / 4000.0 - p).abs() < 0.03, "{counts:?}");
-        }
+/// Sampling probabilities `p_i ∝ max_j ELBO_j − ELBO_i` of candidates, by their effective
+/// distances; uniform if all are equal.
+pub fn probabilities(candidate_q: &[f64]) -> Vec<f64> {
+    let best = candidate_q.iter().copied().fold(f64::INFINITY, f64::min);
+    let gaps: Vec<f64> = candidate_q.iter().map(|q| q - best).collect();
+    let total: f64 = gaps.iter().sum();
+    if total > 0.0 && total.is_finite() {
+        gaps.iter().map(|g| g / total).collect()
+    } else {
+        vec![1.0 / gaps.len().max(1) as f64; gaps.len()]
     }
+}
 
-    #[test]
-    fn zero_weights_fill_the_rest() {
-        let mut rng = Rng::new(1, Purpose::Reassign, 0);
-        let mut chosen = without_replacement(&[0.0, 3.0, 0.0, 0.0], 4, || rng.uniform());
-        assert_eq!(chosen[0], 1);
-        chosen.sort_unstable();
-        assert_eq!(chosen, [0, 1, 2, 3]);
-        assert!(without_replacement(&[], 3, || 0.5).is_empty());
+#[test]
+fn chosen_indices_are_distinct_and_follow_the_weights() {
+    let mut counts = [0usize; 4];
+    for seed in 0..4000 {
+        let mut rng = Rng::new(seed, Purpose::Reassign, 0);
+        let chosen = without_replacement(&[0.0, 1.0, 2.0, 5.0], 1, || rng.uniform());
+        counts[chosen[0]] += 1;
     }
+    assert_eq!(counts[0], 0);
+    for (count, p) in counts.iter().zip([0.0, 0.125, 0.25, 0.625]) {
+        assert!((*count as f64 / 4000.0 - p).abs() < 0.03, "{counts:?}");
+    }
+}
+
+#[test]
+fn zero_weights_fill_the_rest() {
+    let mut rng = Rng::new(1, Purpose::Reassign, 0);
+    let mut chosen = without_replacement(&[0.0, 3.0, 0.0, 0.0], 4, || rng.uniform());
+    assert_eq!(chosen[0], 1);
+    chosen.sort_unstable();
+    assert_eq!(chosen, [0, 1, 2, 3]);
+    assert!(without_replacement(&[], 3, || 0.5).is_empty());
 }

@@ -1,0 +1,212 @@
+//! The candidates of a group of points, and the nearest among them.
+
+use super::columns::{Columns, STEP};
+use super::kernel::{Neighbours, distances, neighbours, ranked, within};
+use super::search::{CHUNK, Extent};
+use crate::train::simd::{LANES, Vector};
+use std::ops::Range;
+
+/// Longest list whose entries fit in the low bits of a key.
+const MAX_KERNEL_LIST: usize = 1024;
+
+/// Lists of grid entries, and memory to work on them.
+#[derive(Debug, Default)]
+pub(in crate::train) struct Lists {
+    /// All that can matter to a group.
+    raw: Columns,
+    /// Those of `raw` that can matter to a chunk.
+    near: Columns,
+    /// Squared distances of a list.
+    distance2: Vec<f32>,
+    /// Places selected from a list.
+    selected: Vec<u32>,
+    /// Squared distances, for sorting.
+    sorted: Vec<f32>,
+    /// Squared distance in the high half, component in the low half; then the grid's entry.
+    keys: Vec<(u64, u32)>,
+    /// Squared distance and component.
+    wide: Vec<(f64, u32)>,
+}
+
+/// The nearest entry of a point, if the others are farther than `second2`.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::train) struct Nearest {
+    /// Entry of the grid; one of the nearest if `second2` says nothing.
+    pub entry: u32,
+    /// A lower bound on the squared distance of every other entry, or negative infinity.
+    pub second2: f32,
+}
+
+/// Ranks by squared distance, then by id.
+fn key(distance2: f32, id: u32) -> u64 {
+    u64::from(distance2.to_bits()) << 32 | u64::from(id)
+}
+
+impl Lists {
+    /// All entries that can matter to the points of the group.
+    pub fn raw(&self) -> &Columns {
+        &self.raw
+    }
+
+    pub(super) fn raw_mut(&mut self) -> &mut Columns {
+        &mut self.raw
+    }
+
+    /// An upper bound on the squared distance of the `rank`-th nearest raw entry to `centre`.
+    #[inline(always)]
+    pub(super) fn raw_bound2<V: Vector>(&mut self, centre: [f32; 3], rank: usize) -> f32 {
+        let least = distances::<V>(&self.raw, centre, &mut self.distance2);
+        if rank <= STEP {
+            return ranked(least, rank);
+        }
+        self.sorted.clear();
+        self.sorted.extend_from_slice(&self.distance2[..self.raw.len]);
+        *self.sorted.select_nth_unstable_by(rank - 1, f32::total_cmp).1
+    }
+
+    /// Fills the near list with a superset of the `rank` nearest entries of a chunk's points;
+    /// whether it is fit for [`Lists::neighbours`].
+    #[inline(always)]
+    pub(super) fn shorten<V: Vector>(
+        &mut self,
+        points: &Columns,
+        chunk: Range<usize>,
+        rank: usize,
+    ) -> bool {
+        let extent = Extent::of::<V>(points, chunk);
+        let bound2 = self.raw_bound2::<V>(extent.centre, rank);
+        let Some(limit) = extent.limit(bound2) else { return false };
+        let Self { raw, near, distance2, selected, .. } = self;
+        near.copy(raw, within::<V>(raw, distance2, limit * limit, selected));
+        near.len <= MAX_KERNEL_LIST
+    }
+
+    /// The near list, after [`Lists::shorten`].
+    pub(super) fn near(&self) -> &Columns {
+        &self.near
+    }
+
+    /// Low bits of a key that hold its place in the near list.
+    pub(super) fn place_bits(&self) -> u32 {
+        self.near.len.next_power_of_two() as u32 - 1
+    }
+
+    /// The nearest of the near list for eight points from `first` on, by the branch-free kernel.
+    #[inline(always)]
+    pub(super) fn neighbours<V: Vector, const KEYS: usize>(
+        &self,
+        points: &Columns,
+        first: usize,
+    ) -> Neighbours<KEYS> {
+        neighbours::<V, KEYS>(&self.near, points, first, self.place_bits())
+    }
+
+    /// The nearest raw entry of every point of a chunk.
+    #[inline(always)]
+    pub fn nearest<V: Vector>(
+        &mut self,
+        points: &Columns,
+        chunk: Range<usize>,
+    ) -> [Nearest; CHUNK] {
+        let mut nearest = [Nearest { entry: self.raw.tag[0], second2: f32::NEG_INFINITY }; CHUNK];
+        if !self.shorten::<V>(points, chunk.clone(), self.raw.len.min(2)) {
+            return nearest;
+        }
+        let place_bits = self.place_bits();
+        let mut first = chunk.start;
+        let mut out = &mut nearest[..];
+        while first < chunk.end {
+            let found: Neighbours<2> = self.neighbours::<V, 2>(points, first);
+            let (eight, rest) = out.split_at_mut(LANES);
+            for (lane, nearest) in eight.iter_mut().enumerate() {
+                let [key, second] = [found.keys[0][lane], found.keys[1][lane]];
+                let place = (key.to_bits() & place_bits) as usize;
+                nearest.entry = self.near.tag[place];
+                // Without the place a key is a lower bound of its squared distance.
+                nearest.second2 = f32::from_bits(second.to_bits() & !place_bits);
+            }
+            out = rest;
+            first += LANES;
+        }
+        nearest
+    }
+
+    /// The entries nearest to one point, in the order (squared distance, component), by `rank`;
+    /// `ids` are the components by entry. Among the near list, or all raw ones.
+    #[inline(always)]
+    pub fn rank<V: Vector>(
+        &mut self,
+        among: Among,
+        position: [f32; 3],
+        ids: &[u32],
+        rank: usize,
+    ) -> impl ExactSizeIterator<Item = (u32, u32)> {
+        let Self { raw, near, distance2, selected, keys, .. } = self;
+        let list = match among {
+            Among::Raw => &*raw,
+            Among::Near => &*near,
+        };
+        let least = distances::<V>(list, position, distance2);
+        let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
+        keys.clear();
+        let entry = |place: usize, distance2: f32| {
+            let entry = list.tag[place];
+            (key(distance2, ids[entry as usize]), entry)
+        };
+        if limit.is_finite() {
+            let places = within::<V>(list, distance2, limit, selected);
+            keys.extend(places.iter().map(|&i| entry(i as usize, distance2[i as usize])));
+        } else {
+            // Nothing is left out, so that a point that is no number has neighbours, too.
+            keys.extend((0..list.len).map(|i| entry(i, distance2[i])));
+        }
+        ranked_keys(keys, rank)
+    }
+
+    /// Appends the components nearest to one point by squared distances of one's own,
+    /// `of(component)`, in the order (squared distance, component).
+    pub(super) fn rank_by(
+        &mut self,
+        among: Among,
+        ids: &[u32],
+        rank: usize,
+        of: impl Fn(u32) -> f64,
+    ) -> impl ExactSizeIterator<Item = u32> {
+        let Self { raw, near, wide, .. } = self;
+        let list = match among {
+            Among::Raw => &*raw,
+            Among::Near => &*near,
+        };
+        let components = list.tag[..list.len].iter().map(|&entry| ids[entry as usize]);
+        wide.clear();
+        wide.extend(components.map(|id| (of(id), id)));
+        let order = |a: &(f64, u32), b: &(f64, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if wide.len() > rank {
+            wide.select_nth_unstable_by(rank - 1, order);
+            wide.truncate(rank);
+        }
+        wide.sort_unstable_by(order);
+        wide.iter().map(|&(_, id)| id)
+    }
+}
+
+/// Which list is ranked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::train) enum Among {
+    /// All entries that can matter to the group.
+    Raw,
+    /// Those that can matter to the chunk.
+    Near,
+}
+
+fn ranked_keys(
+    keys: &mut Vec<(u64, u32)>,
+    rank: usize,
+) -> impl ExactSizeIterator<Item = (u32, u32)> {
+    if keys.len() > rank {
+        keys.select_nth_unstable(rank - 1);
+        keys.truncate(rank);
+    }
+    keys.sort_unstable();
+    keys.iter().map(|&(key, entry)| (key as u32, entry))
+}

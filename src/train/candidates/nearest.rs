@@ -1,0 +1,190 @@
+//! Ids of the nearest means of every point of a tile, in either arithmetic.
+
+use super::Grid;
+use super::columns::Columns;
+use super::kernel::Neighbours;
+use super::lists::{Among, Lists};
+use super::search::{Search, VisitChunk};
+use crate::math::points::Points;
+use crate::math::real::Real;
+use crate::train::simd::{Isa, Kernel, LANES, Vector};
+use std::num::NonZero;
+use std::ops::Range;
+
+/// Appends, point by point, the ids of the `n` nearest means of every point of `tile`, columns of
+/// equal length: as many for each, `n` or the number of means if that is less.
+///
+/// Nearest means those of smallest squared distance `(dx² + dy²) + dz²` in f32; among equals those
+/// of lowest id. Ids are in that order. Fast where the points of the tile are neighbours.
+pub fn nearest_in_tile(
+    isa: Isa,
+    grid: &Grid,
+    search: &mut Search,
+    tile: [&[f32]; 3],
+    n: NonZero<usize>,
+    ids: &mut Vec<u32>,
+) {
+    let rank = n.get().min(grid.len());
+    let first = ids.len();
+    ids.resize(first + tile[0].len() * rank, 0);
+    if rank > 0 {
+        isa.run(Narrow { grid, search, tile, rank, ids: &mut ids[first..] });
+    }
+}
+
+/// The same with squared distances in f64 between `points` and `means`, both of precision `R`; the
+/// grid is over the means rounded to f32.
+pub fn nearest_in_tile_wide<R: Real>(
+    grid: &Grid,
+    search: &mut Search,
+    means: &[[R; 3]],
+    points: &Points<R>,
+    range: Range<usize>,
+    n: NonZero<usize>,
+    ids: &mut Vec<u32>,
+) {
+    let rank = n.get().min(grid.len());
+    let first = ids.len();
+    ids.resize(first + range.len() * rank, 0);
+    if rank == 0 {
+        return;
+    }
+    let narrow = |column: &[R]| -> Vec<f32> {
+        column[range.clone()].iter().map(|v| v.to_f64() as f32).collect()
+    };
+    let [x, y, z] = [narrow(&points.x), narrow(&points.y), narrow(&points.z)];
+    let position = |place: usize| points.position(range.start + place);
+    let ids = &mut ids[first..];
+    Isa::best().run(Wide { grid, search, tile: [&x, &y, &z], rank, means, position, ids });
+}
+
+struct Narrow<'a> {
+    grid: &'a Grid,
+    search: &'a mut Search,
+    tile: [&'a [f32]; 3],
+    rank: usize,
+    ids: &'a mut [u32],
+}
+
+impl Kernel for Narrow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { grid, search, tile, rank, ids } = self;
+        search.visit_tile::<V>(grid, tile, rank, &mut NarrowVisitor { grid, rank, ids });
+    }
+}
+
+struct NarrowVisitor<'a> {
+    grid: &'a Grid,
+    rank: usize,
+    ids: &'a mut [u32],
+}
+
+impl VisitChunk for NarrowVisitor<'_> {
+    #[inline(always)]
+    fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
+        if !lists.shorten::<V>(points, chunk.clone(), self.rank) {
+            return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
+        }
+        match self.rank {
+            1 => self.visit_near::<V, 2>(lists, points, chunk),
+            2 => self.visit_near::<V, 3>(lists, points, chunk),
+            3 => self.visit_near::<V, 4>(lists, points, chunk),
+            4 => self.visit_near::<V, 5>(lists, points, chunk),
+            5 => self.visit_near::<V, 6>(lists, points, chunk),
+            6 => self.visit_near::<V, 7>(lists, points, chunk),
+            7 => self.visit_near::<V, 8>(lists, points, chunk),
+            8 => self.visit_near::<V, 9>(lists, points, chunk),
+            // The kernel has not been measured beyond eight; `benches/candidates.rs` times 8 and 9.
+            _ => chunk.for_each(|i| self.rank::<V>(lists, Among::Near, points, i)),
+        }
+    }
+}
+
+impl NarrowVisitor<'_> {
+    /// Keys of all points at once; those for which rounding hides the order are ranked again.
+    #[inline(always)]
+    fn visit_near<V: Vector, const KEYS: usize>(
+        &mut self,
+        lists: &mut Lists,
+        points: &Columns,
+        chunk: Range<usize>,
+    ) {
+        let rank = KEYS - 1;
+        let place_bits = lists.place_bits();
+        for first in chunk.clone().step_by(LANES) {
+            let found: Neighbours<KEYS> = lists.neighbours::<V, KEYS>(points, first);
+            for (lane, point) in (first..chunk.end).take(LANES).enumerate() {
+                if (found.set_uncertain | found.order_uncertain) >> lane & 1 == 1 {
+                    self.rank::<V>(lists, Among::Near, points, point);
+                    continue;
+                }
+                let place = points.tag[point] as usize * rank;
+                for (id, keys) in self.ids[place..place + rank].iter_mut().zip(&found.keys) {
+                    let entry = lists.near().tag[(keys[lane].to_bits() & place_bits) as usize];
+                    *id = self.grid.ids()[entry as usize];
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn rank<V: Vector>(&mut self, lists: &mut Lists, among: Among, points: &Columns, point: usize) {
+        let found = lists.rank::<V>(among, points.position(point), self.grid.ids(), self.rank);
+        let place = points.tag[point] as usize * self.rank;
+        let ids = &mut self.ids[place..place + self.rank];
+        ids.iter_mut().zip(found).for_each(|(id, (found, _))| *id = found);
+    }
+}
+
+struct Wide<'a, R, P> {
+    grid: &'a Grid,
+    search: &'a mut Search,
+    tile: [&'a [f32]; 3],
+    rank: usize,
+    means: &'a [[R; 3]],
+    /// Position of the point at a place of the tile.
+    position: P,
+    ids: &'a mut [u32],
+}
+
+impl<R: Real, P: Fn(usize) -> [R; 3]> Kernel for Wide<'_, R, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { grid, search, tile, rank, means, position, ids } = self;
+        let mut visitor = WideVisitor { grid, rank, means, position, ids };
+        search.visit_tile::<V>(grid, tile, rank, &mut visitor);
+    }
+}
+
+struct WideVisitor<'a, R, P> {
+    grid: &'a Grid,
+    rank: usize,
+    means: &'a [[R; 3]],
+    position: P,
+    ids: &'a mut [u32],
+}
+
+impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
+    #[inline(always)]
+    fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
+        let is_short = lists.shorten::<V>(points, chunk.clone(), self.rank);
+        let among = if is_short { Among::Near } else { Among::Raw };
+        for i in chunk {
+            let place = points.tag[i] as usize;
+            let point = (self.position)(place).map(R::to_f64);
+            let distance2 = |id: u32| {
+                let mean = self.means[id as usize].map(R::to_f64);
+                let d: [f64; 3] = std::array::from_fn(|axis| mean[axis] - point[axis]);
+                (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+            };
+            let found = lists.rank_by(among, self.grid.ids(), self.rank, distance2);
+            let ids = &mut self.ids[place * self.rank..(place + 1) * self.rank];
+            ids.iter_mut().zip(found).for_each(|(id, found)| *id = found);
+        }
+    }
+}

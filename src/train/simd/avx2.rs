@@ -1,0 +1,108 @@
+//! Vectors of AVX2.
+//!
+//! Safety: [`Avx2`] cannot be named outside this file, so its methods run below [`run`] only, and
+//! [`run`] is reached through an [`super::Isa`] that exists only where [`is_available`] said so.
+
+#![allow(unsafe_code)]
+
+use super::{Kernel, LANES, Vector};
+use std::arch::x86_64::*;
+use std::ops::{Add, Mul, Sub};
+
+/// Whether this processor has all that [`run`] is compiled for.
+pub(super) fn is_available() -> bool {
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("popcnt")
+}
+
+/// Runs a kernel compiled for AVX2. FMA is left out on purpose: fused operations round otherwise.
+#[inline]
+pub(super) fn run<K: Kernel>(kernel: K) -> K::Output {
+    // SAFETY: an `Isa` with AVX2 is made by `Isa::avx2` only, which asks `is_available`.
+    unsafe { run_with_features(kernel) }
+}
+
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+fn run_with_features<K: Kernel>(kernel: K) -> K::Output {
+    kernel.run::<Avx2>()
+}
+
+#[derive(Clone, Copy)]
+struct Avx2(__m256);
+
+macro_rules! operator {
+    ($trait:ident, $method:ident, $intrinsic:ident) => {
+        impl $trait for Avx2 {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                // SAFETY: below `run` the processor has AVX2.
+                Self(unsafe { $intrinsic(self.0, other.0) })
+            }
+        }
+    };
+}
+
+operator!(Add, add, _mm256_add_ps);
+operator!(Sub, sub, _mm256_sub_ps);
+operator!(Mul, mul, _mm256_mul_ps);
+
+// SAFETY of every block below: below `run` the processor has AVX2; loads and stores go through
+// slices checked to hold eight values.
+impl Vector for Avx2 {
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self(unsafe { _mm256_set1_ps(value) })
+    }
+
+    #[inline(always)]
+    fn load(values: &[f32]) -> Self {
+        let values = &values[..LANES];
+        Self(unsafe { _mm256_loadu_ps(values.as_ptr()) })
+    }
+
+    #[inline(always)]
+    fn store(self, values: &mut [f32]) {
+        let values = &mut values[..LANES];
+        unsafe { _mm256_storeu_ps(values.as_mut_ptr(), self.0) }
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(unsafe { _mm256_min_ps(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(unsafe { _mm256_max_ps(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> u32 {
+        let mask = unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0)) };
+        mask as u32
+    }
+
+    #[inline(always)]
+    fn tag(self, kept: u32, added: u32) -> Self {
+        unsafe {
+            let bits = _mm256_castps_si256(self.0);
+            let kept = _mm256_and_si256(bits, _mm256_set1_epi32(kept as i32));
+            let tagged = _mm256_or_si256(kept, _mm256_set1_epi32(added as i32));
+            Self(_mm256_castsi256_ps(tagged))
+        }
+    }
+
+    #[inline(always)]
+    fn agrees(self, other: Self, mask: u32) -> u32 {
+        unsafe {
+            let differing = _mm256_castps_si256(_mm256_xor_ps(self.0, other.0));
+            let differing = _mm256_and_si256(differing, _mm256_set1_epi32(mask as i32));
+            let equal = _mm256_cmpeq_epi32(differing, _mm256_setzero_si256());
+            _mm256_movemask_ps(_mm256_castsi256_ps(equal)) as u32
+        }
+    }
+}

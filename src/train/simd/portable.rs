@@ -1,0 +1,74 @@
+//! Vectors of `wide`: what the compiler may use everywhere.
+
+use super::{LANES, Vector};
+use std::ops::{Add, Mul, Sub};
+use wide::bytemuck::cast;
+use wide::{f32x8, u32x8};
+
+/// Eight lanes of whatever the target has at least.
+#[derive(Clone, Copy)]
+pub(super) struct Portable(f32x8);
+
+macro_rules! operator {
+    ($trait:ident, $method:ident) => {
+        impl $trait for Portable {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(self.0.$method(other.0))
+            }
+        }
+    };
+}
+
+operator!(Add, add);
+operator!(Sub, sub);
+operator!(Mul, mul);
+
+impl Vector for Portable {
+    #[inline(always)]
+    fn splat(value: f32) -> Self {
+        Self(f32x8::splat(value))
+    }
+
+    #[inline(always)]
+    fn load(values: &[f32]) -> Self {
+        let mut lanes = [0.0; LANES];
+        lanes.copy_from_slice(&values[..LANES]);
+        Self(f32x8::new(lanes))
+    }
+
+    #[inline(always)]
+    fn store(self, values: &mut [f32]) {
+        values[..LANES].copy_from_slice(self.0.as_array());
+    }
+
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(self.0.fast_min(other.0))
+    }
+
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(self.0.fast_max(other.0))
+    }
+
+    #[inline(always)]
+    fn at_most(self, other: Self) -> u32 {
+        self.0.simd_le(other.0).to_bitmask() & 0xFF
+    }
+
+    #[inline(always)]
+    fn tag(self, kept: u32, added: u32) -> Self {
+        let bits = cast::<f32x8, u32x8>(self.0) & u32x8::splat(kept) | u32x8::splat(added);
+        Self(cast(bits))
+    }
+
+    #[inline(always)]
+    fn agrees(self, other: Self, mask: u32) -> u32 {
+        let differing = cast::<f32x8, u32x8>(self.0) ^ cast::<f32x8, u32x8>(other.0);
+        let equal = (differing & u32x8::splat(mask)).simd_eq(u32x8::splat(0));
+        cast::<u32x8, f32x8>(equal).to_bitmask() & 0xFF
+    }
+}
