@@ -49,14 +49,21 @@ pub struct Split {
 /// counts as zero (callers drop non-finite points first).
 #[inline(always)]
 pub fn to_quanta(value: f64, bits: u32) -> Split {
+    let scaled = value * (1u64 << bits) as f64;
+    match round_small(scaled) {
+        (low, true) => Split { high: 0, low },
+        _ => to_many_quanta(scaled),
+    }
+}
+
+/// The nearest integer, ties to even, of numbers of less than 2⁵¹; whether this is one. Without a
+/// branch or a call, so that loops over it are vectorised.
+#[inline(always)]
+pub fn round_small(scaled: f64) -> (i64, bool) {
     /// Added to a small number, leaves its integer part in the low mantissa bits.
     const SHIFTER: f64 = 1.5 * (1u64 << 52) as f64;
-    let scaled = value * (1u64 << bits) as f64;
-    if scaled.abs() < (1u64 << 51) as f64 {
-        let low = (scaled + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits());
-        return Split { high: 0, low: low as i64 };
-    }
-    to_many_quanta(scaled)
+    let quanta = (scaled + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits());
+    (quanta as i64, scaled.abs() < (1u64 << 51) as f64)
 }
 
 #[cold]

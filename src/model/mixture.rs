@@ -37,6 +37,16 @@ impl<R: Real> InitialModel<R> {
         }
     }
 
+    /// Sets a component's mean, position and colour, and returns the one it had.
+    pub fn replace_mean(
+        &mut self,
+        component: usize,
+        (space, color): ([R; 3], [R; 3]),
+    ) -> ([R; 3], [R; 3]) {
+        let old_space = std::mem::replace(&mut self.space[component], space);
+        (old_space, std::mem::replace(&mut self.color[component], color))
+    }
+
     /// Number of components.
     pub fn len(&self) -> usize {
         self.space.len()

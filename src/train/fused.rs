@@ -11,7 +11,6 @@ use super::simd::{Kernel, Vector};
 use super::slots::Slots;
 use super::timing::{Lap, StageClock};
 use crate::math::points::Points;
-use crate::model::mixture::InitialModel;
 use crate::model::statistics::{N_SUMS, Record, add_point};
 use std::ops::Range;
 
@@ -23,8 +22,10 @@ const NOBODY: u32 = u32::MAX;
 /// What a fused pass reads.
 #[derive(Clone, Copy)]
 pub(super) struct FusedInputs<'a> {
-    pub model: &'a InitialModel<f32>,
     pub grid: &'a Grid,
+    /// By entry of the grid the mean colour and the weight.
+    pub appearance: &'a [[f32; 4]],
+    pub max_weight: f32,
     pub points: &'a Points<f32>,
     pub scoring: &'a Scoring,
     /// Candidates per point, at least 1 and at most the number of components.
@@ -180,7 +181,7 @@ impl VisitChunk for Assign<'_> {
                 self.memory.owners[place] = slot as u32;
                 self.q[place] = q.into();
             } else {
-                self.share::<V>(lists, place, space, color);
+                self.share::<V>(lists, place, q, space, color);
             }
         }
         self.clock.lap(Lap::EStep);
@@ -206,13 +207,12 @@ impl<'a> Assign<'a> {
     fn slot(&mut self, entry: u32) -> usize {
         let slot = self.memory.slots.find(entry);
         if slot == self.memory.components.len() {
-            let id = self.inputs.grid.ids()[entry as usize];
-            let model = self.inputs.model;
+            let [r, g, b, weight] = self.inputs.appearance[entry as usize];
             self.memory.components.push(Component {
                 space: self.inputs.grid.mean(entry),
-                color: model.color[id as usize],
-                weight: model.weight[id as usize],
-                id,
+                color: [r, g, b],
+                weight,
+                id: self.inputs.grid.ids()[entry as usize],
             });
         }
         slot
@@ -235,22 +235,34 @@ impl<'a> Assign<'a> {
         if self.inputs.rank == 1 {
             return second2 > squared_distance(space, self.memory.components[slot].space);
         }
-        (second2 - self.inputs.model.max_weight) - q > self.hard_gap
+        self.is_out_of_reach(q, second2)
     }
 
-    /// Scores a point against all its candidates, in ascending order of components.
+    /// Whether a component at this squared distance cannot come within the hard gap of `q`.
+    #[inline(always)]
+    fn is_out_of_reach(&self, q: f32, distance2: f32) -> bool {
+        (distance2 - self.inputs.max_weight) - q > self.hard_gap
+    }
+
+    /// Scores a point against all candidates that may come within the hard gap of the score `q` of
+    /// one of them, in ascending order of components: those left out would receive nothing.
     #[inline(always)]
     fn share<V: Vector>(
         &mut self,
         lists: &mut Lists,
         place: usize,
+        q: f32,
         space: [f32; 3],
         color: [f32; 3],
     ) {
+        let (ids, rank) = (self.inputs.grid.ids(), self.inputs.rank);
+        let reach2 = (q + self.inputs.max_weight) + self.hard_gap;
+        let among = if rank == 1 { Among::Raw } else { lists.covering(space, reach2) };
+        let is_near = |d2| rank == 1 || !self.is_out_of_reach(q, d2);
+        let found = lists.rank::<V>(among, space, ids, rank, is_near);
         let mut candidates = std::mem::take(&mut self.memory.candidates);
         candidates.clear();
-        let ids = self.inputs.grid.ids();
-        candidates.extend(lists.rank::<V>(Among::Raw, space, ids, self.inputs.rank));
+        candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));
         candidates.sort_unstable();
         let mut scores = std::mem::take(&mut self.memory.scores);
         scores.clear();

@@ -69,6 +69,28 @@ struct Worker {
     clock: StageClock,
 }
 
+impl Worker {
+    /// Records of a shard, narrow and wide.
+    fn records_of(&self, shard: usize) -> [usize; 2] {
+        [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
+    }
+
+    fn clear_records(&mut self, shard: usize, [narrow, wide]: [usize; 2]) {
+        if self.narrow.len() <= shard {
+            self.narrow.resize_with(shard + 1, Vec::new);
+            self.wide.resize_with(shard + 1, Vec::new);
+        }
+        self.narrow[shard].clear();
+        self.narrow[shard].reserve(narrow);
+        self.wide[shard].clear();
+        self.wide[shard].reserve(wide);
+    }
+}
+
+fn add(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
 /// What belongs to the points of some tiles. The first two are empty where nothing is
 /// materialised.
 struct Columns<'a> {
@@ -107,11 +129,18 @@ impl Pass {
         q: &mut [f64],
     ) {
         let shard_bits = inputs.statistics.shard_bits();
-        if let (Some(rank), Some((points, model))) =
-            (fused_rank(inputs), R::as_narrow(points, inputs.model))
+        if let (Some(rank), Some(points), Some(model)) =
+            (fused_rank(inputs), R::narrow_points(points), R::narrow_model(inputs.model))
         {
-            let (grid, scoring) = (inputs.index.grid(), inputs.scoring);
-            let inputs = FusedInputs { model, grid, points, scoring, rank, shard_bits };
+            let inputs = FusedInputs {
+                points,
+                grid: inputs.index.grid(),
+                appearance: inputs.index.appearance(),
+                max_weight: model.max_weight,
+                scoring: inputs.scoring,
+                rank,
+                shard_bits,
+            };
             return self.run_fused(inputs, batch, output, q);
         }
         let &Inputs { model, index, scoring, candidates, config, .. } = inputs;
@@ -246,15 +275,17 @@ impl Pass {
         found
     }
 
+    /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
+    /// takes which tiles changes from frame to frame.
     fn begin(&mut self, statistics: &Statistics) {
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, RwLock::default);
-        for worker in &mut self.workers {
-            let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
-            worker.narrow.resize_with(statistics.shards(), Vec::new);
-            worker.wide.resize_with(statistics.shards(), Vec::new);
-            worker.narrow.iter_mut().for_each(Vec::clear);
-            worker.wide.iter_mut().for_each(Vec::clear);
+        for shard in 0..statistics.shards() {
+            let seen = self.read_workers().map(|w| w.records_of(shard)).fold([0; 2], add);
+            for worker in &mut self.workers {
+                let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+                worker.clear_records(shard, seen.map(|n| (2 * n + 32).next_power_of_two()));
+            }
         }
     }
 
@@ -271,10 +302,10 @@ impl Pass {
     pub fn commit(&self, statistics: &mut Statistics, moments: Width) {
         match moments {
             Width::F32 => statistics.add_frame(|shard, add| {
-                self.read_workers().for_each(|w| w.narrow[shard].iter().for_each(&mut *add));
+                self.read_workers().for_each(|w| add(&w.narrow[shard]));
             }),
             Width::F64 => statistics.add_frame(|shard, add| {
-                self.read_workers().for_each(|w| w.wide[shard].iter().for_each(&mut *add));
+                self.read_workers().for_each(|w| add(&w.wide[shard]));
             }),
         }
     }

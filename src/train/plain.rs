@@ -67,8 +67,8 @@ impl<R: Scalar> PlainInputs<'_, R> {
             return range.for_each(|i| tree.nearest(points.position(i).map(R::to_f64), n, ids));
         }
         let (grid, search) = (index.grid(), &mut memory.search);
-        match R::as_narrow(points, model) {
-            Some((points, _)) if self.operations.distance == Width::F32 => {
+        match R::narrow_points(points) {
+            Some(points) if self.operations.distance == Width::F32 => {
                 let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
                 nearest_in_tile(Isa::best(), grid, search, tile, n, ids);
             }

@@ -7,11 +7,11 @@ use crate::model::state::Means;
 
 /// `f32`, which the fused kernels read, or `f64`, the oracle.
 pub trait Scalar: Real {
-    /// Points and model in f32, if that is what they are kept in.
-    fn as_narrow<'a>(
-        points: &'a Points<Self>,
-        model: &'a InitialModel<Self>,
-    ) -> Option<(&'a Points<f32>, &'a InitialModel<f32>)>;
+    /// The points, if they are kept in f32.
+    fn narrow_points(points: &Points<Self>) -> Option<&Points<f32>>;
+
+    /// The model, if it is kept in f32.
+    fn narrow_model(model: &InitialModel<Self>) -> Option<&InitialModel<f32>>;
 
     /// Rows rounded to f32, in `memory` where they have to be copied.
     fn narrow_rows<'a>(rows: &'a [[Self; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]];
@@ -21,11 +21,12 @@ pub trait Scalar: Real {
 }
 
 impl Scalar for f32 {
-    fn as_narrow<'a>(
-        points: &'a Points<f32>,
-        model: &'a InitialModel<f32>,
-    ) -> Option<(&'a Points<f32>, &'a InitialModel<f32>)> {
-        Some((points, model))
+    fn narrow_points(points: &Points<f32>) -> Option<&Points<f32>> {
+        Some(points)
+    }
+
+    fn narrow_model(model: &InitialModel<f32>) -> Option<&InitialModel<f32>> {
+        Some(model)
     }
 
     fn narrow_rows<'a>(rows: &'a [[f32; 3]], _: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]] {
@@ -38,10 +39,11 @@ impl Scalar for f32 {
 }
 
 impl Scalar for f64 {
-    fn as_narrow<'a>(
-        _: &'a Points<f64>,
-        _: &'a InitialModel<f64>,
-    ) -> Option<(&'a Points<f32>, &'a InitialModel<f32>)> {
+    fn narrow_points(_: &Points<f64>) -> Option<&Points<f32>> {
+        None
+    }
+
+    fn narrow_model(_: &InitialModel<f64>) -> Option<&InitialModel<f32>> {
         None
     }
 

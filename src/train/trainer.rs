@@ -46,8 +46,8 @@ pub struct Trainer<R: Scalar> {
     q: Vec<f64>,
     chooser: Chooser,
     moves: Vec<(u32, u32)>,
-    /// Where the components of a reassignment came from, should it fail.
-    displaced: Vec<[R; 3]>,
+    /// Positions and colours that components of a reassignment came from, should it fail.
+    displaced: Vec<([R; 3], [R; 3])>,
     frames: u64,
 }
 
@@ -69,7 +69,7 @@ impl<R: Scalar> Trainer<R> {
         Ok(Self {
             config: config.clone(),
             hyper,
-            index: Index::new(&model.space, config.index)?,
+            index: Index::new(&model, config.index)?,
             scoring: Scoring::new(&hyper),
             statistics: Statistics::new(model.len(), config.operations.update),
             pass: Pass::default(),
@@ -203,23 +203,19 @@ impl<R: Scalar> Trainer<R> {
         points: &Points<R>,
         moves: &[(u32, u32)],
     ) -> Result<(), IndexError> {
-        let InitialModel { space, color, .. } = &mut self.model;
         self.displaced.clear();
         for &(component, point) in moves {
-            let mean = &mut space[component as usize];
-            self.displaced.push(std::mem::replace(mean, points.position(point as usize)));
+            let mean = (points.position(point as usize), points.color(point as usize));
+            self.displaced.push(self.model.replace_mean(component as usize, mean));
         }
-        if let Err(error) = self.index.rebuild(space) {
+        let rebuilt = self.index.rebuild(&self.model);
+        if rebuilt.is_err() {
             // Backwards, should a component move twice.
             for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
-                space[component as usize] = mean;
+                self.model.replace_mean(component as usize, mean);
             }
-            return Err(error);
         }
-        for &(component, point) in moves {
-            color[component as usize] = points.color(point as usize);
-        }
-        Ok(())
+        rebuilt
     }
 
     /// ELBO of every point of the last frame, in point order; NaN for points left out.

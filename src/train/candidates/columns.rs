@@ -25,15 +25,20 @@ pub(in crate::train) struct Columns {
 
 impl Columns {
     /// Makes room for `len` entries. Never shrinks, never loses an entry.
+    #[inline(always)]
     pub fn reserve(&mut self, len: usize) {
-        let needed = len + STEP;
-        if self.x.len() < needed {
-            let size = needed.next_power_of_two();
-            for column in [&mut self.x, &mut self.y, &mut self.z] {
-                column.resize(size, 0.0);
-            }
-            self.tag.resize(size, 0);
+        if self.x.len() < len + STEP {
+            self.grow(len + STEP);
         }
+    }
+
+    #[cold]
+    fn grow(&mut self, needed: usize) {
+        let size = needed.next_power_of_two();
+        for column in [&mut self.x, &mut self.y, &mut self.z] {
+            column.resize(size, 0.0);
+        }
+        self.tag.resize(size, 0);
     }
 
     /// Appends the positions of the entries `span` of `other`, which become the tags.
@@ -53,22 +58,6 @@ impl Columns {
         self.len += n;
     }
 
-    /// Replaces all entries by the given ones of `other`.
-    #[inline(always)]
-    pub fn copy(&mut self, other: &Columns, entries: &[u32]) {
-        let n = entries.len();
-        self.reserve(n);
-        self.len = n;
-        let columns = self.x[..n].iter_mut().zip(&mut self.y[..n]).zip(&mut self.z[..n]);
-        let (xs, ys) = (&other.x[..other.len], &other.y[..other.len]);
-        let (zs, tags) = (&other.z[..other.len], &other.tag[..other.len]);
-        for ((((x, y), z), tag), &entry) in columns.zip(&mut self.tag[..n]).zip(entries) {
-            let entry = entry as usize;
-            (*x, *y, *z, *tag) = (xs[entry], ys[entry], zs[entry], tags[entry]);
-        }
-        self.pad();
-    }
-
     /// Overwrites an entry.
     pub fn set(&mut self, i: usize, position: [f32; 3], tag: u32) {
         [self.x[i], self.y[i], self.z[i]] = position;
@@ -76,6 +65,7 @@ impl Columns {
     }
 
     /// Makes the padding infinitely far away.
+    #[inline(always)]
     pub fn pad(&mut self) {
         self.reserve(self.len);
         self.x[self.len..self.len + STEP].fill(f32::INFINITY);

@@ -25,6 +25,8 @@ pub struct Grid {
     means: Columns,
     /// Cell of every id, needed while the grid is built.
     cell_of_id: Vec<u32>,
+    /// Coordinates the bounds are taken from, needed while the grid is built.
+    sample: Vec<f32>,
 }
 
 /// Where the cells are.
@@ -54,7 +56,7 @@ impl Grid {
         if !means.iter().flatten().fold(true, |all, v| all & v.is_finite()) {
             return refuse("an initial mean is not finite");
         }
-        self.shape = Shape::new(means);
+        self.shape = Shape::new(means, &mut self.sample);
         let shape = self.shape;
         self.cell_of_id.resize(means.len(), 0);
         let cells = self.cell_of_id.par_chunks_mut(PART).zip(means.par_chunks(PART));
@@ -69,7 +71,7 @@ impl Grid {
 
     /// Counting sort by cell, stable by id.
     fn sort(&mut self, means: &[[f32; 3]]) {
-        let Self { shape, start, means: sorted, cell_of_id } = self;
+        let Self { shape, start, means: sorted, cell_of_id, .. } = self;
         start.clear();
         // Counted two places late, summed one place late: filling a cell then moves the start of
         // the next one to where it belongs.
@@ -164,8 +166,8 @@ impl Grid {
 
 impl Shape {
     /// One mean per cell of the trimmed bounding box; axes shorter than a cell get one layer.
-    fn new(means: &[[f32; 3]]) -> Self {
-        let (lo, extent) = bounds(means);
+    fn new(means: &[[f32; 3]], sample: &mut Vec<f32>) -> Self {
+        let (lo, extent) = bounds(means, sample);
         let mut longest_first = extent;
         longest_first.sort_by(|a, b| b.total_cmp(a));
         let n = means.len().clamp(1, MAX_CELLS) as f64;
@@ -208,14 +210,15 @@ impl Shape {
 }
 
 /// Lower corner and edges of the box that holds all but the outliers of a sample.
-fn bounds(means: &[[f32; 3]]) -> ([f64; 3], [f64; 3]) {
+fn bounds(means: &[[f32; 3]], sample: &mut Vec<f32>) -> ([f64; 3], [f64; 3]) {
     let (mut lo, mut extent) = ([0.0; 3], [0.0; 3]);
     if means.is_empty() {
         return (lo, extent);
     }
     let stride = means.len().div_ceil(SAMPLE);
     for axis in 0..3 {
-        let mut sample: Vec<f32> = means.iter().step_by(stride).map(|m| m[axis]).collect();
+        sample.clear();
+        sample.extend(means.iter().step_by(stride).map(|m| m[axis]));
         let trimmed = (sample.len() as f64 * TRIM) as usize;
         let last = sample.len() - 1;
         let mut quantile = |rank| f64::from(*sample.select_nth_unstable_by(rank, f32::total_cmp).1);

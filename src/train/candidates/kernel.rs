@@ -49,8 +49,7 @@ pub(super) fn bounding_box<V: Vector>(points: &Columns, range: Range<usize>) -> 
             (low, high) = (v.min(low), v.max(high));
             at += LANES;
         }
-        lo[axis] = low.to_array().into_iter().fold(lo[axis], f32::min);
-        hi[axis] = high.to_array().into_iter().fold(hi[axis], f32::max);
+        (lo[axis], hi[axis]) = (least(low.to_array()), largest(high.to_array()));
     }
     [lo, hi]
 }
@@ -75,7 +74,7 @@ pub(super) fn reach2<V: Vector>(points: &Columns, range: Range<usize>, centre: [
     }
     // The maximum may lose a NaN, the sum does not.
     let sum: f32 = sum.to_array().into_iter().sum();
-    if sum.is_finite() { reach.to_array().into_iter().fold(0.0, f32::max) } else { sum }
+    if sum.is_finite() { largest(reach.to_array()) } else { sum }
 }
 
 /// Writes the squared distances of all entries to `centre`, padding included, and returns the
@@ -123,49 +122,42 @@ pub(super) fn ranked(values: [f32; STEP], rank: usize) -> f32 {
     sorted[rank - 1]
 }
 
-/// For every mask of eight lanes the set ones, ascending.
-const SET_LANES: [[u32; LANES]; 256] = {
-    let mut table = [[0; LANES]; 256];
-    let mut mask = 0;
-    while mask < 256 {
-        let (mut lane, mut n) = (0, 0);
-        while lane < LANES {
-            if mask >> lane & 1 == 1 {
-                table[mask][n] = lane as u32;
-                n += 1;
-            }
-            lane += 1;
-        }
-        mask += 1;
-    }
-    table
-};
-
-/// The entries, ascending, of `list` whose squared distance is at most `limit`, which must be finite:
-/// that of the padding is not. `entries` is memory.
+/// Replaces `near` by the entries of `list`, in order, whose squared distance is at most `limit`,
+/// which must be finite: that of the padding is not.
 #[inline(always)]
-pub(super) fn within<'a, V: Vector>(
-    list: &Columns,
-    distance2: &[f32],
-    limit: f32,
-    entries: &'a mut Vec<u32>,
-) -> &'a [u32] {
-    if entries.len() < list.len + STEP {
-        entries.resize((list.len + STEP).next_power_of_two(), 0);
-    }
+pub(super) fn select<V: Vector>(list: &Columns, distance2: &[f32], limit: f32, near: &mut Columns) {
+    let size = list.len.next_multiple_of(LANES);
+    near.reserve(size);
     // Whole vectors without a branch: what is written beyond the end is overwritten.
     let mut n = 0;
     let limit = V::splat(limit);
-    let size = list.len.next_multiple_of(LANES);
-    for (first, d2) in (0u32..).step_by(LANES).zip(distance2[..size].chunks_exact(LANES)) {
-        let inside = V::load(d2).at_most(limit) as usize;
-        let out = &mut entries[n..n + LANES];
-        for (out, lane) in out.iter_mut().zip(SET_LANES[inside]) {
-            *out = lane + first;
-        }
+    let (x, y, z) = (&list.x[..size], &list.y[..size], &list.z[..size]);
+    let tag: &[f32] = bytemuck::cast_slice(&list.tag[..size]);
+    let near_tag: &mut [f32] = bytemuck::cast_slice_mut(&mut near.tag);
+    for (at, d2) in (0..size).step_by(LANES).zip(distance2[..size].chunks_exact(LANES)) {
+        let inside = V::load(d2).at_most(limit);
+        V::load(&x[at..]).compress(inside).store(&mut near.x[n..]);
+        V::load(&y[at..]).compress(inside).store(&mut near.y[n..]);
+        V::load(&z[at..]).compress(inside).store(&mut near.z[n..]);
+        V::load(&tag[at..]).compress(inside).store(&mut near_tag[n..]);
         n += inside.count_ones() as usize;
     }
-    &entries[..n]
+    near.len = n;
+    near.pad();
+}
+
+/// The least of eight values.
+#[inline(always)]
+fn least(v: [f32; LANES]) -> f32 {
+    let min = |a: f32, b: f32| if a < b { a } else { b };
+    min(min(min(v[0], v[1]), min(v[2], v[3])), min(min(v[4], v[5]), min(v[6], v[7])))
+}
+
+/// The largest of eight values.
+#[inline(always)]
+fn largest(v: [f32; LANES]) -> f32 {
+    let max = |a: f32, b: f32| if a > b { a } else { b };
+    max(max(max(v[0], v[1]), max(v[2], v[3])), max(max(v[4], v[5]), max(v[6], v[7])))
 }
 
 /// Neighbours of eight points as sorted keys.

@@ -1,8 +1,9 @@
 //! The candidates of a group of points, and the nearest among them.
 
 use super::columns::{Columns, STEP};
-use super::kernel::{Neighbours, distances, neighbours, ranked, within};
-use super::search::{CHUNK, Extent};
+use super::kernel::{Neighbours, distances, neighbours, ranked, select};
+use super::search::{CHUNK, Extent, RELATIVE_MARGIN};
+use crate::train::estep::squared_distance;
 use crate::train::simd::{LANES, Vector};
 use std::ops::Range;
 
@@ -16,10 +17,11 @@ pub(in crate::train) struct Lists {
     raw: Columns,
     /// Those of `raw` that can matter to a chunk.
     near: Columns,
+    /// Middle of the chunk, and how far from there `near` leaves nothing out.
+    near_centre: [f32; 3],
+    near_limit: f32,
     /// Squared distances of a list.
     distance2: Vec<f32>,
-    /// Places selected from a list.
-    selected: Vec<u32>,
     /// Squared distances, for sorting.
     sorted: Vec<f32>,
     /// Squared distance in the high half, component in the low half; then the grid's entry.
@@ -73,11 +75,13 @@ impl Lists {
         chunk: Range<usize>,
         rank: usize,
     ) -> bool {
+        self.near_limit = 0.0;
         let extent = Extent::of::<V>(points, chunk);
         let bound2 = self.raw_bound2::<V>(extent.centre, rank);
         let Some(limit) = extent.limit(bound2) else { return false };
-        let Self { raw, near, distance2, selected, .. } = self;
-        near.copy(raw, within::<V>(raw, distance2, limit * limit, selected));
+        let Self { raw, near, distance2, .. } = self;
+        select::<V>(raw, distance2, limit * limit, near);
+        (self.near_centre, self.near_limit) = (extent.centre, limit);
         near.len <= MAX_KERNEL_LIST
     }
 
@@ -131,8 +135,9 @@ impl Lists {
         nearest
     }
 
-    /// The entries nearest to one point, in the order (squared distance, component), by `rank`;
-    /// `ids` are the components by entry. Among the near list, or all raw ones.
+    /// The entries nearest to one point, by the order (squared distance, component), at most `rank`
+    /// and none that `is_near` denies by its squared distance; the predicate must be monotone. `ids`
+    /// are the components by entry.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -140,27 +145,37 @@ impl Lists {
         position: [f32; 3],
         ids: &[u32],
         rank: usize,
-    ) -> impl ExactSizeIterator<Item = (u32, u32)> {
-        let Self { raw, near, distance2, selected, keys, .. } = self;
+        is_near: impl Fn(f32) -> bool,
+    ) -> &[(u64, u32)] {
+        let Self { raw, near, distance2, keys, .. } = self;
         let list = match among {
             Among::Raw => &*raw,
             Among::Near => &*near,
         };
         let least = distances::<V>(list, position, distance2);
         let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
+        // Where nothing bounds them all are taken, so that a point that is no number has neighbours,
+        // too.
+        let is_unbounded = !limit.is_finite();
         keys.clear();
-        let entry = |place: usize, distance2: f32| {
-            let entry = list.tag[place];
-            (key(distance2, ids[entry as usize]), entry)
-        };
-        if limit.is_finite() {
-            let places = within::<V>(list, distance2, limit, selected);
-            keys.extend(places.iter().map(|&i| entry(i as usize, distance2[i as usize])));
-        } else {
-            // Nothing is left out, so that a point that is no number has neighbours, too.
-            keys.extend((0..list.len).map(|i| entry(i, distance2[i])));
+        for (&d2, &entry) in distance2[..list.len].iter().zip(&list.tag[..list.len]) {
+            if (d2 <= limit || is_unbounded) && is_near(d2) {
+                keys.push((key(d2, ids[entry as usize]), entry));
+            }
         }
-        ranked_keys(keys, rank)
+        if keys.len() > rank {
+            keys.select_nth_unstable(rank - 1);
+            keys.truncate(rank);
+        }
+        keys
+    }
+
+    /// The list that leaves out nothing within a squared distance of a point of the chunk.
+    #[inline(always)]
+    pub fn covering(&self, position: [f32; 3], distance2: f32) -> Among {
+        let off = squared_distance(position, self.near_centre).sqrt();
+        let reach = (off + distance2.sqrt()) * RELATIVE_MARGIN;
+        if reach < self.near_limit { Among::Near } else { Among::Raw }
     }
 
     /// Appends the components nearest to one point by squared distances of one's own,
@@ -197,16 +212,4 @@ pub(in crate::train) enum Among {
     Raw,
     /// Those that can matter to the chunk.
     Near,
-}
-
-fn ranked_keys(
-    keys: &mut Vec<(u64, u32)>,
-    rank: usize,
-) -> impl ExactSizeIterator<Item = (u32, u32)> {
-    if keys.len() > rank {
-        keys.select_nth_unstable(rank - 1);
-        keys.truncate(rank);
-    }
-    keys.sort_unstable();
-    keys.iter().map(|&(key, entry)| (key as u32, entry))
 }

@@ -72,7 +72,12 @@ impl Kernel for Narrow<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { grid, search, tile, rank, ids } = self;
-        search.visit_tile::<V>(grid, tile, rank, &mut NarrowVisitor { grid, rank, ids });
+        search.visit_tile::<V>(
+            grid,
+            tile,
+            rank,
+            &mut NarrowVisitor { grid, rank, ids, found: Vec::new() },
+        );
     }
 }
 
@@ -80,6 +85,8 @@ struct NarrowVisitor<'a> {
     grid: &'a Grid,
     rank: usize,
     ids: &'a mut [u32],
+    /// Memory for the keys of one point.
+    found: Vec<(u64, u32)>,
 }
 
 impl VisitChunk for NarrowVisitor<'_> {
@@ -132,10 +139,14 @@ impl NarrowVisitor<'_> {
 
     #[inline(always)]
     fn rank<V: Vector>(&mut self, lists: &mut Lists, among: Among, points: &Columns, point: usize) {
-        let found = lists.rank::<V>(among, points.position(point), self.grid.ids(), self.rank);
+        let (position, all) = (points.position(point), self.grid.ids());
+        let found = lists.rank::<V>(among, position, all, self.rank, |_| true);
+        self.found.clear();
+        self.found.extend_from_slice(found);
+        self.found.sort_unstable();
         let place = points.tag[point] as usize * self.rank;
         let ids = &mut self.ids[place..place + self.rank];
-        ids.iter_mut().zip(found).for_each(|(id, (found, _))| *id = found);
+        ids.iter_mut().zip(&self.found).for_each(|(id, &(key, _))| *id = key as u32);
     }
 }
 

@@ -16,15 +16,15 @@ pub(in crate::train) const CHUNK: usize = 16;
 /// A group of points that is longer than this many cells is split.
 const MAX_GROUP_CELLS: f32 = 2.0;
 /// Relative margin of every radius: a hundred roundings.
-const RELATIVE_MARGIN: f32 = 1.0 + 1e-5;
+pub(super) const RELATIVE_MARGIN: f32 = 1.0 + 1e-5;
 /// Margin of every radius per unit of the largest coordinate: ten roundings.
 const COORDINATE_MARGIN: f32 = 1e-6;
 /// Margin of every radius against underflow of its square.
 const LEAST_MARGIN: f32 = 1e-18;
 /// Radius whose square is safely finite.
 const MAX_RADIUS: f32 = 1e18;
-/// The first guess of a radius, as a multiple of the last one.
-const RADIUS_GUESS: f32 = 1.1;
+/// The first guess of the distance of the neighbours, as a multiple of the last one.
+const NEAREST_GUESS: f32 = 1.1;
 
 /// Memory of a search, grow-only. It carries nothing from tile to tile but a first guess.
 #[derive(Debug, Default)]
@@ -32,7 +32,8 @@ pub struct Search {
     tile: Tile,
     lists: Lists,
     pending: Vec<Range<usize>>,
-    radius: f32,
+    /// Distance of the last group's neighbours.
+    nearest: f32,
 }
 
 /// Points of a tile group by group; the tag is their place in the tile.
@@ -102,26 +103,26 @@ impl Search {
     /// Fills the raw list with a superset of the `rank` nearest entries of every point of a group.
     #[inline(always)]
     fn gather<V: Vector>(&mut self, grid: &Grid, extent: &Extent, rank: usize) {
-        let Self { lists, radius, .. } = self;
+        let Self { lists, nearest, .. } = self;
         if !extent.is_finite() {
             return grid.gather_all(lists.raw_mut());
         }
-        if !(*radius > 0.0) {
-            *radius = grid.cell();
+        let mut radius = extent.reach_of(NEAREST_GUESS * *nearest);
+        if !(radius > 0.0 && radius < MAX_RADIUS) {
+            radius = grid.cell();
         }
         loop {
-            grid.gather(extent.lo, extent.hi, *radius, lists.raw_mut());
+            grid.gather(extent.lo, extent.hi, radius, lists.raw_mut());
             if lists.raw().len >= rank {
                 break;
             }
-            *radius = (2.0 * *radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
+            radius = (2.0 * radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
         }
-        let nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();
-        let needed = (nearest + extent.reach) * RELATIVE_MARGIN + extent.slack;
-        if needed > *radius {
+        *nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();
+        let needed = extent.reach_of(*nearest);
+        if needed > radius {
             grid.gather(extent.lo, extent.hi, needed, lists.raw_mut());
         }
-        *radius = RADIUS_GUESS * needed;
     }
 }
 
@@ -180,6 +181,13 @@ impl Extent {
     /// Whether bounds mean anything: coordinates are finite and their squares do not overflow.
     fn is_finite(&self) -> bool {
         self.reach.is_finite() && self.slack.is_finite()
+    }
+
+    /// How far from its box the neighbours of its points can be, given how far those of the centre
+    /// are.
+    #[inline(always)]
+    fn reach_of(&self, nearest: f32) -> f32 {
+        (nearest + self.reach) * RELATIVE_MARGIN + self.slack
     }
 
     /// How far from the centre the nearest entries of its points can be, given how far those of

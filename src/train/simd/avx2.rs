@@ -5,7 +5,7 @@
 
 #![allow(unsafe_code)]
 
-use super::{Kernel, LANES, Vector};
+use super::{Kernel, LANES, SET_LANES, Vector};
 use std::arch::x86_64::*;
 use std::ops::{Add, Mul, Sub};
 
@@ -103,6 +103,15 @@ impl Vector for Avx2 {
             let differing = _mm256_and_si256(differing, _mm256_set1_epi32(mask as i32));
             let equal = _mm256_cmpeq_epi32(differing, _mm256_setzero_si256());
             _mm256_movemask_ps(_mm256_castsi256_ps(equal)) as u32
+        }
+    }
+
+    #[inline(always)]
+    fn compress(self, mask: u32) -> Self {
+        let lanes = &SET_LANES[mask as usize & 0xFF];
+        unsafe {
+            let lanes = _mm256_loadu_si256(lanes.as_ptr().cast());
+            Self(_mm256_permutevar8x32_ps(self.0, lanes))
         }
     }
 }

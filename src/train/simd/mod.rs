@@ -36,6 +36,8 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn tag(self, kept: u32, added: u32) -> Self;
     /// Lane `i` sets bit `i` if it agrees with that of `other` in the bits of `mask`.
     fn agrees(self, other: Self, mask: u32) -> u32;
+    /// The lanes whose bit is set in `mask` come first, in order; the others say nothing.
+    fn compress(self, mask: u32) -> Self;
     /// The lanes.
     fn to_array(self) -> [f32; LANES] {
         let mut lanes = [0.0; LANES];
@@ -43,6 +45,24 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
         lanes
     }
 }
+
+/// For every mask of eight lanes the set ones, ascending, then zeros.
+const SET_LANES: [[u32; LANES]; 256] = {
+    let mut table = [[0; LANES]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut lane, mut n) = (0, 0);
+        while lane < LANES {
+            if mask >> lane & 1 == 1 {
+                table[mask][n] = lane as u32;
+                n += 1;
+            }
+            lane += 1;
+        }
+        mask += 1;
+    }
+    table
+};
 
 /// A computation on vectors of any instruction set. `run` must be `#[inline(always)]`, and so must
 /// everything hot below it: what is not inlined is compiled for the baseline.
@@ -129,9 +149,12 @@ mod tests {
                 a.max(b),
                 a.tag(!7, 5),
                 a * b + a * a,
+                a.compress(0xFF),
             ];
             let lanes = vectors.iter().flat_map(|v| v.to_array()).map(f32::to_bits);
-            lanes.chain([a.at_most(b), a.agrees(b, !0xFFFF)]).collect()
+            let some = a.compress(0b1010_0110).to_array().map(f32::to_bits);
+            let some = some.into_iter().take(4);
+            lanes.chain([a.at_most(b), a.agrees(b, !0xFFFF)]).chain(some).collect()
         }
     }
 
@@ -141,7 +164,8 @@ mod tests {
         let b = [0.1, 7.5e10, -3.0, 1.0, -1.0, 4.0, 2e-42, 1.0];
         let expected = Isa::PORTABLE.run(Everything(&a, &b));
         assert_eq!(f32::from_bits(expected[8]), 0.2);
-        assert_eq!(expected[64..], [0b0101_0011 | 1 << 5 | 1 << 6 & 0, 0b1000_0001]);
+        assert_eq!(expected[72..74], [0b0110_0011, 0b1100_0001]);
+        assert_eq!(expected[74..], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
         if let Some(avx2) = Isa::avx2() {
             assert_eq!(avx2.run(Everything(&a, &b)), expected);
         }

@@ -1,6 +1,6 @@
 //! Vectors of `wide`: what the compiler may use everywhere.
 
-use super::{LANES, Vector};
+use super::{LANES, SET_LANES, Vector};
 use std::ops::{Add, Mul, Sub};
 use wide::bytemuck::cast;
 use wide::{f32x8, u32x8};
@@ -70,5 +70,15 @@ impl Vector for Portable {
         let differing = cast::<f32x8, u32x8>(self.0) ^ cast::<f32x8, u32x8>(other.0);
         let equal = (differing & u32x8::splat(mask)).simd_eq(u32x8::splat(0));
         cast::<u32x8, f32x8>(equal).to_bitmask() & 0xFF
+    }
+
+    #[inline(always)]
+    fn compress(self, mask: u32) -> Self {
+        let (from, lanes) = (self.0.to_array(), &SET_LANES[mask as usize & 0xFF]);
+        let mut to = [0.0; LANES];
+        for (to, &lane) in to.iter_mut().zip(lanes) {
+            *to = from[lane as usize % LANES];
+        }
+        Self(f32x8::new(to))
     }
 }

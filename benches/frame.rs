@@ -1,0 +1,85 @@
+//! Time of one frame of training, by stage.
+//!
+//! `cargo bench --bench frame` prints the table of `engine.md` section 1 at N = 100,000 and C = 4 on
+//! about 190,000 points: frames of Lego (from `../shared/data/lego400`, if that is there, doubled to
+//! 800 pixels) and of a smooth surface. `VBGS_SIMD=portable` leaves AVX2 out.
+
+#![allow(clippy::print_stdout, clippy::expect_used)]
+
+#[path = "common/scenes.rs"]
+mod scenes;
+
+use scenes::{draws, lego, smooth, together};
+use vbgs_studio::math::points::Points;
+use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::engine::Engine;
+use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::train::simd::Isa;
+use vbgs_studio::train::timing::StageMs;
+
+/// Frames of a measurement.
+const FRAMES: usize = 100;
+/// Different frames they cycle through.
+const DISTINCT: usize = 24;
+
+fn main() {
+    println!("{}; medians of {FRAMES} frames, ms", Isa::best().name());
+    let lego = lego((0..DISTINCT).map(|t| 8 * t));
+    let smooth: Vec<_> = (0..DISTINCT).map(|t| smooth(t as f32)).collect();
+    for (name, frames) in lego.iter().map(|f| ("lego", f)).chain([("smooth", &smooth)]) {
+        let [(_, random), (_, surface), _] = draws(100_000, &together(&frames[..8]));
+        let only = std::env::args().nth(1).unwrap_or_default();
+        for (start, draw, policy) in [
+            ("random", &random, ReassignPolicy::Off),
+            ("surface", &surface, ReassignPolicy::Off),
+            ("growing", &random, ReassignPolicy::Forwarded),
+            ("growing", &random, ReassignPolicy::Padded),
+        ] {
+            if !format!("{name} {start} {policy:?}").contains(only.trim_start_matches("--bench")) {
+                continue;
+            }
+            let [one, two] = [1, 2].map(|threads| medians(frames, draw, policy, threads));
+            println!(
+                "{name:6} {start:7} {policy:9?} 1T {:5.1}   2T {:5.1}   ratio {:.2}   {}",
+                one.train,
+                two.train,
+                one.train / two.train,
+                StageMs::NAMES
+                    .iter()
+                    .zip(two.stages())
+                    .map(|(name, ms)| format!("{name} {ms:.2} "))
+                    .collect::<String>()
+            );
+        }
+    }
+}
+
+/// Median of every stage over [`FRAMES`] frames.
+fn medians(
+    frames: &[Points<f32>],
+    draw: &InitialDraw,
+    policy: ReassignPolicy,
+    threads: usize,
+) -> StageMs {
+    let overrides = Overrides { reassign: Some(policy), ..Overrides::default() };
+    let config = TrainConfig::paper().with(&overrides).expect("settings in range");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+    let times: Vec<StageMs> = pool.install(|| {
+        let mut engine = Engine::new(&config, draw).expect("finite means");
+        let frames = frames.iter().cycle().take(FRAMES);
+        frames.map(|frame| engine.train(frame).expect("finite means").ms).collect()
+    });
+    let median = |of: &dyn Fn(&StageMs) -> f64| {
+        let mut values: Vec<f64> = times.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    StageMs {
+        candidates: median(&|ms| ms.candidates),
+        e_step: median(&|ms| ms.e_step),
+        stats: median(&|ms| ms.stats),
+        update: median(&|ms| ms.update),
+        reassign: median(&|ms| ms.reassign),
+        train: median(&|ms| ms.train),
+    }
+}

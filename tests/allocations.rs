@@ -1,0 +1,76 @@
+//! The training loop allocates nothing once it is warm.
+#![allow(clippy::unwrap_used, unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use vbgs_studio::math::points::Points;
+use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::engine::Engine;
+use vbgs_studio::train::init::InitialDraw;
+
+struct Counting;
+
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: hands everything to the system's allocator; counting does not allocate.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn realloc(&self, old: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        unsafe { System.realloc(old, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Points of a surface that looks a little different in every frame.
+fn frame(t: usize) -> Points<f32> {
+    let mut points = Points::new();
+    for tile in 0..30 * 30 {
+        for k in 0..64 {
+            let x = (tile % 30 * 8 + k % 8) as f32 * 0.012 - 1.5;
+            let y = (tile / 30 * 8 + k / 8) as f32 * 0.012 - 1.5;
+            let z = 0.4 * (2.0 * x + 0.1 * t as f32).sin();
+            points.push([x, y, z, x, y, z]);
+        }
+        points.close_tile();
+    }
+    points
+}
+
+/// 100 frames after 100 others, on two threads that the loop runs inside of.
+#[test]
+fn a_warm_training_loop_allocates_nothing() {
+    let frames: Vec<Points<f32>> = (0..10).map(frame).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    for reassign in [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded] {
+        let overrides = Overrides {
+            reassign: Some(reassign),
+            components: Some(20_000),
+            ..Overrides::default()
+        };
+        let config = TrainConfig::paper().with(&overrides).unwrap();
+        let mut engine = Engine::new(&config, &InitialDraw::random(20_000, 0)).unwrap();
+        let allocations = pool.install(|| {
+            let mut train = || {
+                for frame in frames.iter().cycle().take(100) {
+                    engine.train(frame).unwrap();
+                }
+            };
+            train();
+            let before = ALLOCATIONS.load(Ordering::Relaxed);
+            train();
+            ALLOCATIONS.load(Ordering::Relaxed) - before
+        });
+        assert_eq!(allocations, 0, "{reassign:?}");
+    }
+}
