@@ -1,0 +1,4 @@
+use super::{Bench, BenchError, BenchOptions, Progress};
+pub fn run(_: BenchOptions, _: Progress) -> Result<Bench, BenchError> {
+    unimplemented!()
+}

@@ -1,0 +1,462 @@
+//! The cheapest precision of every operation that keeps the posterior within a bound of the f64
+//! oracle: all combinations are timed in turns on sampled frames.
+
+use super::bench::oracle::{PosteriorErrors, posterior_errors};
+use super::bench::runs::{self, Runs, Variant};
+use super::bench::sample::{Sample, count};
+use super::bench::spread::Spread;
+use super::bench::{BENCH_FORMAT, BenchError, BenchOptions, Progress, table};
+use super::machine;
+use crate::dataset::Dataset;
+use crate::eval::report::MachineReport;
+use crate::model::posterior::ComponentPosterior;
+use crate::train::config::{
+    ConfigError, Operations, Overrides, Precision, ReassignPolicy, TrainConfig, UpdateWidth, Width,
+};
+use crate::train::engine::Engine;
+use crate::train::init::InitialDraw;
+use serde::Serialize;
+use std::sync::Arc;
+
+/// What is searched, and how thoroughly.
+#[derive(Clone, Debug)]
+pub struct SearchPlan {
+    /// Components.
+    pub components: usize,
+    /// Sampled frames at most.
+    pub frames: usize,
+    /// Runs of every combination.
+    pub repeats: usize,
+    /// Largest [`PosteriorErrors::p99`] that is accepted.
+    pub bound: f64,
+    /// What was asked for.
+    pub options: BenchOptions,
+}
+
+impl SearchPlan {
+    /// At the paper's N, or a fifth of it. The bound must be positive.
+    pub fn new(options: BenchOptions, bound: f64) -> Result<Self, ConfigError> {
+        if !(bound.is_finite() && bound > 0.0) {
+            return Err(ConfigError {
+                setting: "--bound",
+                expected: "a positive relative error, such as 1e-4".to_owned(),
+                found: bound.to_string(),
+            });
+        }
+        let (components, frames, repeats) =
+            if options.quick { (20_000, 6, 9) } else { (100_000, 12, 15) };
+        Ok(Self {
+            components,
+            frames: options.max_frames.unwrap_or(frames),
+            repeats: options.repeats.unwrap_or(repeats),
+            bound,
+            options,
+        })
+    }
+
+    fn config(&self, change: Overrides) -> Result<TrainConfig, ConfigError> {
+        let base = Overrides {
+            components: Some(self.components),
+            seed: Some(self.options.seed),
+            reassign: Some(ReassignPolicy::Off),
+            ..Overrides::default()
+        };
+        TrainConfig::paper().with(&change.or(base))
+    }
+}
+
+/// One combination of widths.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Combination {
+    /// Name of the precision; `custom` for all but the named ones.
+    pub precision: Precision,
+    /// Widths.
+    pub operations: Operations,
+    /// Median milliseconds per frame.
+    pub ms: f64,
+    /// First and third quartile over the runs.
+    pub ms_quartiles: [f64; 2],
+    /// Distance to the oracle.
+    pub error: PosteriorErrors,
+    /// Whether the distance is within the bound.
+    pub within_bound: bool,
+}
+
+impl Combination {
+    fn spread(&self) -> Spread {
+        Spread { median: self.ms, quartiles: self.ms_quartiles }
+    }
+}
+
+/// What a narrower width of one operation is worth.
+#[derive(Clone, Debug, Serialize)]
+pub struct OperationRow {
+    /// Operation.
+    pub operation: &'static str,
+    /// Its width.
+    pub width: &'static str,
+    /// Error with this width alone narrower than f64.
+    pub error_alone: f64,
+    /// Fastest combination within the bound that has it; `None` if none is.
+    pub best_ms: Option<f64>,
+    /// What follows.
+    pub verdict: Verdict,
+}
+
+/// What the search says of one width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Part of the result, and measurably faster than the widest.
+    Chosen,
+    /// Part of the result, but no faster than the widest within the spread of the runs.
+    ChosenGainsNothing,
+    /// No faster than the widest within the spread of the runs.
+    GainsNothing,
+    /// Faster than the widest, but another width is chosen.
+    NotChosen,
+    /// No combination with it keeps the bound.
+    OutsideBound,
+}
+
+impl Verdict {
+    fn sentence(self) -> &'static str {
+        match self {
+            Self::Chosen => "chosen",
+            Self::ChosenGainsNothing => "chosen; gains nothing measurable",
+            Self::GainsNothing => "gains nothing measurable",
+            Self::NotChosen => "not chosen",
+            Self::OutsideBound => "outside the bound",
+        }
+    }
+}
+
+/// The result, ready to be printed and written.
+pub struct Search {
+    /// For people.
+    pub text: String,
+    /// For machines.
+    pub json: serde_json::Value,
+    /// Settings that `train --config` takes.
+    pub ron: String,
+    /// The widths chosen.
+    pub operations: Operations,
+}
+
+#[derive(Serialize)]
+struct SearchReport<'a> {
+    format: &'static str,
+    bench: &'static str,
+    dataset: &'a str,
+    machine: MachineReport,
+    options: BenchOptions,
+    bound: f64,
+    notes: &'a [String],
+    rows: &'a [OperationRow],
+    chosen: Combination,
+    combinations: &'a [Combination],
+    named: &'a [Combination],
+}
+
+/// Searches all combinations.
+pub fn run(
+    plan: &SearchPlan,
+    dataset: Arc<Dataset>,
+    progress: Progress,
+) -> Result<Search, BenchError> {
+    let sample = Sample::load(dataset, plan.frames, 1)?;
+    let draw = settled_draw(plan, &sample)?;
+    let all = combinations();
+    let mut configs = Vec::with_capacity(all.len() + NAMED.len());
+    for &operations in &all {
+        let change = Overrides { operations: Some(operations), ..Overrides::default() };
+        configs.push(plan.config(change)?);
+    }
+    for precision in NAMED {
+        let change = Overrides { precision: Some(precision), ..Overrides::default() };
+        configs.push(plan.config(change)?);
+    }
+    let threads = rayon::current_num_threads();
+    let variants: Vec<Variant> = configs
+        .into_iter()
+        .map(|config| Variant { config, threads, draw: &draw, frames: &sample.frames })
+        .collect();
+    let (mut done, steps) = (0, plan.repeats.max(1) * variants.len());
+    let timed = runs::in_turns(&variants, plan.repeats, &mut || {
+        done += 1;
+        progress(done, steps);
+    })?;
+    // The first of the named ones is f64 throughout.
+    let truth = posteriors(&timed[all.len()].engine);
+    let measured: Vec<Combination> = variants
+        .iter()
+        .zip(&timed)
+        .map(|(variant, runs)| combination(&variant.config, runs, &truth, plan.bound))
+        .collect();
+    let (combinations, named) = measured.split_at(all.len());
+    report(plan, &sample, combinations, named)
+}
+
+/// Named precisions for comparison; the first is the oracle.
+const NAMED: [Precision; 3] = [Precision::F64, Precision::Mixed, Precision::F32];
+
+/// Means as reassignment leaves them: every component near points.
+fn settled_draw(plan: &SearchPlan, sample: &Sample) -> Result<InitialDraw, BenchError> {
+    let change = Overrides {
+        reassign: Some(ReassignPolicy::Forwarded),
+        reassign_fraction: Some(0.25),
+        ..Overrides::default()
+    };
+    let config = plan.config(change)?;
+    let mut engine = Engine::new(&config, &InitialDraw::random(plan.components, config.seed))?;
+    for frame in &sample.frames {
+        engine.train(frame)?;
+    }
+    let state = engine.state();
+    Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
+}
+
+const WIDTHS: [Width; 2] = [Width::F64, Width::F32];
+const UPDATES: [UpdateWidth; 3] = [UpdateWidth::Fixed128, UpdateWidth::Fixed64, UpdateWidth::F32];
+
+fn combinations() -> Vec<Operations> {
+    let mut all = Vec::new();
+    for distance in WIDTHS {
+        for log_score in WIDTHS {
+            for normaliser in WIDTHS {
+                for moments in WIDTHS {
+                    let with =
+                        |update| Operations { distance, log_score, normaliser, moments, update };
+                    all.extend(UPDATES.map(with));
+                }
+            }
+        }
+    }
+    all
+}
+
+fn posteriors(engine: &Engine) -> Vec<ComponentPosterior> {
+    (0..engine.components()).map(|k| engine.posterior(k)).collect()
+}
+
+fn combination(
+    config: &TrainConfig,
+    runs: &Runs,
+    truth: &[ComponentPosterior],
+    bound: f64,
+) -> Combination {
+    let ms = runs.spread(|ms| ms.train);
+    let error = posterior_errors(&posteriors(&runs.engine), truth);
+    Combination {
+        precision: config.precision,
+        operations: config.operations,
+        ms: ms.median,
+        ms_quartiles: ms.quartiles,
+        error,
+        within_bound: error.p99() <= bound,
+    }
+}
+
+/// Of all combinations that cannot be told from the fastest one within the bound, that of least
+/// error. All in f64 always keeps the bound, so there is one.
+fn choose(combinations: &[Combination]) -> Option<Combination> {
+    let within = || combinations.iter().filter(|c| c.within_bound);
+    let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
+    let alike = within().filter(|c| c.ms <= fastest.ms_quartiles[1]);
+    alike.min_by(|a, b| a.error.p99().total_cmp(&b.error.p99())).copied()
+}
+
+/// Reads the width of one operation.
+type WidthOf = fn(&Operations) -> &'static str;
+
+fn width_name(width: Width) -> &'static str {
+    match width {
+        Width::F32 => "f32",
+        Width::F64 => "f64",
+    }
+}
+
+fn update_name(width: UpdateWidth) -> &'static str {
+    match width {
+        UpdateWidth::F32 => "f32",
+        UpdateWidth::Fixed64 => "fixed64",
+        UpdateWidth::Fixed128 => "fixed128",
+    }
+}
+
+/// Every operation and how to read its width; the widths from wide to narrow.
+const OPERATIONS: [(&str, WidthOf, &[&str]); 5] = [
+    ("distance", |o| width_name(o.distance), &["f64", "f32"]),
+    ("log-score", |o| width_name(o.log_score), &["f64", "f32"]),
+    ("normaliser", |o| width_name(o.normaliser), &["f64", "f32"]),
+    ("moments", |o| width_name(o.moments), &["f64", "f32"]),
+    ("update", |o| update_name(o.update), &["fixed128", "fixed64", "f32"]),
+];
+
+fn operation_rows(combinations: &[Combination], chosen: &Operations) -> Vec<OperationRow> {
+    let mut rows = Vec::new();
+    for (operation, width_of, widths) in OPERATIONS {
+        let best = |width: &str| {
+            let having = combinations.iter().filter(|c| c.within_bound);
+            let having = having.filter(|c| width_of(&c.operations) == width);
+            having.min_by(|a, b| a.ms.total_cmp(&b.ms))
+        };
+        let widest = best(widths[0]);
+        for &width in widths {
+            let found = best(width);
+            let is_faster =
+                found.zip(widest).is_some_and(|(f, w)| f.ms_quartiles[1] < w.ms_quartiles[0]);
+            let is_chosen = width_of(chosen) == width;
+            let verdict = match (found, is_chosen, is_faster || width == widths[0]) {
+                (None, _, _) => Verdict::OutsideBound,
+                (_, true, true) => Verdict::Chosen,
+                (_, true, false) => Verdict::ChosenGainsNothing,
+                (_, false, true) => Verdict::NotChosen,
+                (_, false, false) => Verdict::GainsNothing,
+            };
+            let error_alone =
+                alone(combinations, operation, width).map_or(f64::NAN, |c| c.error.p99());
+            let best_ms = found.map(|c| c.ms);
+            rows.push(OperationRow { operation, width, error_alone, best_ms, verdict });
+        }
+    }
+    rows
+}
+
+/// The combination in which every other operation is the widest.
+fn alone<'a>(
+    combinations: &'a [Combination],
+    operation: &str,
+    width: &str,
+) -> Option<&'a Combination> {
+    combinations.iter().find(|c| {
+        OPERATIONS.iter().all(|(name, width_of, widths)| {
+            width_of(&c.operations) == if *name == operation { width } else { widths[0] }
+        })
+    })
+}
+
+fn report(
+    plan: &SearchPlan,
+    sample: &Sample,
+    combinations: &[Combination],
+    named: &[Combination],
+) -> Result<Search, BenchError> {
+    let dataset = &sample.dataset.name;
+    let chosen = choose(combinations).ok_or_else(|| BenchError::Bound {
+        bound: plan.bound,
+        best: combinations.iter().map(|c| c.error.p99()).fold(f64::INFINITY, f64::min),
+    })?;
+    let rows = operation_rows(combinations, &chosen.operations);
+    let notes = notes(plan, sample, combinations, &chosen);
+    let machine = machine::describe(None);
+    let place = format!("{dataset}, {} threads, {}", machine.threads, machine.cpu);
+    let tables = [operations_table(&rows), summary_table(named, &chosen)];
+    let text = [place].into_iter().chain(tables).chain(notes.iter().cloned());
+    let text = text.collect::<Vec<_>>().join("\n\n");
+    let report = SearchReport {
+        format: BENCH_FORMAT,
+        bench: "precision-search",
+        dataset,
+        machine,
+        options: plan.options,
+        bound: plan.bound,
+        notes: &notes,
+        rows: &rows,
+        chosen,
+        combinations,
+        named,
+    };
+    let json = serde_json::to_value(&report)?;
+    Ok(Search { text, json, ron: settings(plan, dataset, &chosen)?, operations: chosen.operations })
+}
+
+fn operations_table(rows: &[OperationRow]) -> String {
+    let cells = |row: &OperationRow| {
+        [
+            row.operation.to_owned(),
+            row.width.to_owned(),
+            table::error(row.error_alone),
+            row.best_ms.map_or_else(|| "-".to_owned(), |ms| format!("{ms:.2}")),
+            row.verdict.sentence().to_owned(),
+        ]
+    };
+    let header = ["operation", "width", "error alone", "best ms/frame with it", "verdict"];
+    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+}
+
+fn summary_table(named: &[Combination], chosen: &Combination) -> String {
+    let names = ["f64 (oracle)", "mixed", "f32", "chosen"];
+    let cells = |(name, c): (&str, &Combination)| {
+        [
+            name.to_owned(),
+            c.spread().to_string(),
+            table::error(c.error.mean_p99),
+            table::error(c.error.mean_max),
+            table::error(c.error.covariance_p99),
+            table::error(c.error.covariance_max),
+        ]
+    };
+    let rows = names.into_iter().zip(named.iter().chain([chosen])).map(cells);
+    let header = [
+        "precision",
+        "ms/frame [quartiles]",
+        "mean 99 %",
+        "mean max",
+        "covariance 99 %",
+        "covariance max",
+    ];
+    table::text(header, &rows.collect::<Vec<_>>())
+}
+
+fn notes(
+    plan: &SearchPlan,
+    sample: &Sample,
+    combinations: &[Combination],
+    chosen: &Combination,
+) -> Vec<String> {
+    let n_frames = sample.frames.len();
+    let widest = combinations.iter().find(|c| c.operations == Operations::F64);
+    let gain = widest.map_or(1.0, |widest| widest.ms / chosen.ms);
+    let measurable = widest.is_some_and(|w| chosen.ms_quartiles[1] < w.ms_quartiles[0]);
+    let result = if measurable {
+        format!("The chosen widths take {gain:.2} times less time than f64 on the same f32 points.")
+    } else {
+        "No width is measurably faster than f64 on the same f32 points: the search gains nothing here."
+            .to_owned()
+    };
+    vec![
+        format!(
+            "Bound {:e} on the relative error that 99 % of the evidence stays below, of means and of covariances, against f64 on {n_frames} frames of {} points, N = {}, C = 4, no reassignment, means settled by forwarded reassignment. {} combinations, {} runs in turns.",
+            plan.bound,
+            count(&sample.frames) / n_frames,
+            plan.components,
+            combinations.len(),
+            plan.repeats
+        ),
+        result,
+    ]
+}
+
+/// A named precision where the widths are one's, else the operations.
+fn settings(plan: &SearchPlan, dataset: &str, chosen: &Combination) -> Result<String, BenchError> {
+    let named = match chosen.operations {
+        Operations::F64 => Some(Precision::F64),
+        Operations::MIXED => Some(Precision::Mixed),
+        Operations::F32 => Some(Precision::F32),
+        _ => None,
+    };
+    let pretty = ron::ser::PrettyConfig::new();
+    let body = match named {
+        Some(precision) => format!("(precision: {})", ron::ser::to_string(&precision)?),
+        None => {
+            format!("(operations: {})", ron::ser::to_string_pretty(&chosen.operations, pretty)?)
+        }
+    };
+    Ok(format!(
+        "// Found by `precision-search {dataset} --bound {:e}`: {:.2} ms a frame, error {:.1e}.\n{body}\n",
+        plan.bound,
+        chosen.ms,
+        chosen.error.p99()
+    ))
+}
