@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Responsibilities of one point that are not zero.
-type Shares = BTreeMap<u32, f64>;
+pub(super) type Shares = BTreeMap<u32, f64>;
 
 /// What the dense f64 engine makes of some frames.
 pub struct Oracle<'a> {
@@ -142,7 +142,7 @@ fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
 }
 
 /// Half the sum of absolute differences.
-fn total_variation(a: &Shares, b: &Shares) -> f64 {
+pub(super) fn total_variation(a: &Shares, b: &Shares) -> f64 {
     let here = a.iter().map(|(id, r)| (r - b.get(id).unwrap_or(&0.0)).abs());
     let only_there = b.iter().filter(|(id, _)| !a.contains_key(id)).map(|(_, r)| r.abs());
     0.5 * (here.sum::<f64>() + only_there.sum::<f64>())
