@@ -49,19 +49,19 @@ pub struct ParetoPlan {
 const ORACLE_FRAMES: usize = 2;
 
 impl ParetoPlan {
-    /// Around the paper's N, or a fifth of it.
+    /// Around the paper's N, or half of it.
     pub fn new(options: BenchOptions) -> Self {
         use ReassignPolicy::{Forwarded, Off, Padded, Truncated};
         let quick = options.quick;
         let base = Overrides {
-            components: Some(if quick { 20_000 } else { 100_000 }),
+            components: Some(if quick { 50_000 } else { 100_000 }),
             reassign: Some(Forwarded),
             seed: Some(options.seed),
             ..Overrides::default()
         };
         let components: &[usize] =
-            if quick { &[1000, 5000, 50_000] } else { &[1000, 10_000, 30_000, 300_000] };
-        let (frames, views, repeats) = if quick { (10, 3, 3) } else { (60, 12, 5) };
+            if quick { &[1000, 10_000, 100_000] } else { &[1000, 10_000, 30_000, 300_000] };
+        let (frames, views, repeats) = if quick { (12, 4, 3) } else { (60, 12, 5) };
         Self {
             base,
             components: components.to_vec(),
@@ -73,7 +73,7 @@ impl ParetoPlan {
             frames: options.max_frames.unwrap_or(frames),
             views,
             repeats: options.repeats.unwrap_or(repeats),
-            oracle_pairs: if quick { 5_000_000 } else { 50_000_000 },
+            oracle_pairs: if quick { 10_000_000 } else { 50_000_000 },
             options,
         }
     }
@@ -107,7 +107,15 @@ impl ParetoPlan {
             add("precision", named(&precision), change, all_threads)?;
         }
         for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
-            add("threads", format!("{threads} thread(s)"), none(), threads)?;
+            add(
+                "threads",
+                match threads {
+                    1 => "1 thread".to_owned(),
+                    n => format!("{n} threads"),
+                },
+                none(),
+                threads,
+            )?;
         }
         for &policy in &self.policies {
             let change = Overrides { reassign: Some(policy), ..none() };
