@@ -85,6 +85,11 @@ pub struct Combination {
 }
 
 impl Combination {
+    /// Whether three quarters of the runs are faster than three quarters of another's.
+    fn is_faster_than(&self, other: &Self) -> bool {
+        self.ms_quartiles[1] < other.ms_quartiles[0]
+    }
+
     fn spread(&self) -> Spread {
         Spread { median: self.ms, quartiles: self.ms_quartiles }
     }
@@ -201,11 +206,42 @@ fn combination(
     }
 }
 
-/// Of all combinations that cannot be told from the fastest one within the bound, that of least
-/// error. All in f64 always keeps the bound, so there is one.
+/// Of all combinations within the bound that cannot be told from the fastest one, the spreads of
+/// their runs overlapping, that of least error; the widest of equals. `None` if none keeps the
+/// bound.
 fn choose(combinations: &[Combination]) -> Option<Combination> {
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
-    let alike = within().filter(|c| c.ms <= fastest.ms_quartiles[1]);
+    let alike = within().filter(|c| !fastest.is_faster_than(c));
     alike.min_by(|a, b| a.error.p99().total_cmp(&b.error.p99())).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn timed(update: UpdateWidth, ms: f64, error: f64) -> Combination {
+        Combination {
+            precision: Precision::Custom,
+            operations: Operations { update, ..Operations::F64 },
+            ms,
+            ms_quartiles: [ms - 1.0, ms + 1.0],
+            error: PosteriorErrors { covariance_p99: error, ..PosteriorErrors::default() },
+            within_bound: error <= 1e-4,
+        }
+    }
+
+    #[test]
+    fn what_is_no_faster_is_not_bought_with_error() {
+        use UpdateWidth::{F32, Fixed64, Fixed128};
+        let chosen = |all: &[Combination]| choose(all).map(|c| c.operations.update);
+        let slow = timed(Fixed128, 20.0, 0.0);
+        assert_eq!(chosen(&[slow, timed(Fixed64, 10.0, 1e-6)]), Some(Fixed64));
+        let alike = [timed(Fixed64, 10.5, 1e-6), timed(F32, 10.0, 1e-5)];
+        assert_eq!(chosen(&alike), Some(Fixed64), "half a millisecond is within the spread");
+        let equal = [timed(Fixed128, 10.5, 1e-6), timed(F32, 10.0, 1e-6)];
+        assert_eq!(chosen(&equal), Some(Fixed128), "the widest of equals");
+        assert_eq!(chosen(&[slow, timed(F32, 10.0, 1e-3)]), Some(Fixed128), "the bound holds");
+        assert_eq!(chosen(&[timed(F32, 10.0, 1e-3)]), None);
+    }
 }

@@ -256,6 +256,7 @@ fn precision_name(precision: Precision) -> &'static str {
 fn notes() -> Vec<String> {
     vec![
         "Largest errors against rational arithmetic on the same f32 points and means: total variation of responsibilities, relative errors of counts, posterior means and covariances; the splat's centre in half-widths of the scene.".to_owned(),
+        "Splats are f32 in world units: a scene shifted by 1e6 is drawn in steps of 0.06, whatever the precision of the engine.".to_owned(),
         "Points that are no finite numbers must not count. definite: every posterior covariance has a Cholesky factor.".to_owned(),
     ]
 }
