@@ -4,6 +4,7 @@
 mod common;
 mod cli {
     mod bad_input;
+    mod bench;
     mod commands;
     mod determinism;
     mod headless;

@@ -1,5 +1,7 @@
 //! Arguments of every command.
 
+use super::bench::BenchArgs;
+use super::precision_search::PrecisionSearchArgs;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
@@ -53,6 +55,10 @@ pub enum Command {
     Synth(SynthArgs),
     /// Say what a dataset or a model holds, and every defect found
     Info(InfoArgs),
+    /// Measure speed against error; writes a table, JSON, CSV and a plot
+    Bench(BenchArgs),
+    /// Find the cheapest precision of every operation within an error bound
+    PrecisionSearch(PrecisionSearchArgs),
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -340,7 +346,8 @@ where
     PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
 }
 
-fn parse_count(text: &str) -> Result<usize, String> {
+/// A whole number, 1 or more.
+pub fn parse_count(text: &str) -> Result<usize, String> {
     let count = text.parse().ok().filter(|&n| n > 0);
     count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
 }

@@ -1,6 +1,7 @@
 //! The command line: parses, calls the library, prints. It holds no algorithm.
 
 mod args;
+mod bench;
 mod demo;
 mod eval;
 mod export;
@@ -9,6 +10,7 @@ mod info;
 mod interrupt;
 mod model;
 mod output;
+mod precision_search;
 mod progress;
 mod render;
 mod synth;
@@ -48,6 +50,8 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Synth(args)) => synth::run(&args),
         Some(Command::Info(args)) => info::run(&args),
+        Some(Command::Bench(args)) => bench::run(&args),
+        Some(Command::PrecisionSearch(args)) => precision_search::run(&args),
     }
 }
 

@@ -32,6 +32,12 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Writes a text file, whole or not at all.
+pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
+    write_atomic(path, |out| out.write_all(text.as_bytes()))?;
+    Ok(())
+}
+
 /// Writes an 8-bit PNG, whole or not at all.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
     let (width, height) = (image.width as u32, image.height as u32);

@@ -18,6 +18,17 @@ pub fn bar(n: usize, what: &'static str) -> ProgressBar {
     bar
 }
 
+/// Shows a bar while `work` tells the steps it has done and those there are.
+pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
+    let bar = bar(0, what);
+    let result = work(&mut |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    result
+}
+
 /// Prints a warning without tearing the bar.
 pub fn warn(bar: &ProgressBar, message: &str) {
     bar.suspend(|| eprintln!("warning: {message}"));

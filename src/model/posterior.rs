@@ -5,7 +5,7 @@ use super::splats::{CovarianceForm, Splat, decompose};
 use super::statistics::Moments;
 use crate::math::points::Normalization;
 use crate::math::sym3::Sym3;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Posterior parameters of one component, normalised coordinates.
@@ -55,7 +55,7 @@ impl ComponentPosterior {
             nu_space: hyper.nu0 + n,
             kappa_color,
             mean_space,
-            inverse_scale,
+            inverse_scale: definite(inverse_scale, 1.0 / hyper.u0_space),
             mean_color: moments.color / kappa_color,
         }
     }
@@ -64,6 +64,23 @@ impl ComponentPosterior {
     pub fn expected_covariance(&self) -> Sym3 {
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
+}
+
+/// Share of the largest eigenvalue below which f64 does not tell one from zero.
+const RESOLUTION: f64 = 16.0 * f64::EPSILON;
+
+/// The matrix itself where it is positive definite. `U⁻¹` is the prior's plus terms that are not
+/// negative, but the rounding of f32 sums outweighs the prior where a component has few points; then
+/// eigenvalues below the prior's are raised to it.
+fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
+    if inverse_scale.cholesky().is_some() {
+        return inverse_scale;
+    }
+    let eigen = inverse_scale.eigen();
+    let floor = prior.max(RESOLUTION * eigen.values.x);
+    let raised = eigen.values.max(DVec3::splat(floor));
+    let rebuilt = eigen.vectors * DMat3::from_diagonal(raised) * eigen.vectors.transpose();
+    Sym3::from_mat3(rebuilt)
 }
 
 /// How a posterior becomes splats (`export.md` 0).
@@ -150,6 +167,22 @@ mod tests {
         let n = Normalization::from_range(DVec3::splat(-1.0), DVec3::ONE);
         assert_eq!(Conversion::right().splat(&p, &n), Splat::default());
         assert_eq!(Conversion::legacy().splat(&p, &n).opacity, 0.95);
+    }
+
+    #[test]
+    fn rounding_of_the_sums_leaves_the_covariance_definite() {
+        // One point 0.02 from the mean: the sums of f32 disagree by far more than the prior 4e-15.
+        let hyper = Hyper::paper(100_000, 1e5);
+        let d = DVec3::new(0.0201, -0.013, 0.0173);
+        let rounded = |v: f64| f64::from(v as f32);
+        let second = Sym3::from_array(Sym3::outer(d).to_array().map(rounded));
+        let moments = Moments { count: 1.0, first: d.map(rounded), second, ..Default::default() };
+        let scatter = moments.second.add_scaled(-1.0, Sym3::outer(moments.first));
+        assert!(scatter.eigen().values.z < -1.0 / hyper.u0_space, "the case is hard");
+        let p = ComponentPosterior::new(&hyper, DVec3::ZERO, &moments);
+        assert!(p.expected_covariance().cholesky().is_some());
+        let eigenvalues = p.inverse_scale.eigen().values;
+        assert!(eigenvalues.z > 0.99 / hyper.u0_space, "{eigenvalues}");
     }
 
     #[test]

@@ -1,8 +1,10 @@
 //! The one training loop. The window and the command line both drive [`session::Session`]: frames
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
 
+pub mod bench;
 pub mod demo;
 pub mod machine;
 pub mod plan;
+pub mod precision_search;
 pub mod prefetch;
 pub mod session;

@@ -1,0 +1,172 @@
+//! Benches: speed against error, each as a table, JSON, CSV and a plot.
+
+pub mod ablation;
+pub mod oracle;
+pub mod pareto;
+pub mod sample;
+pub mod scaling;
+pub mod spread;
+pub mod stability;
+
+mod axis;
+mod labels;
+mod plot;
+pub(super) mod runs;
+pub(super) mod table;
+
+use super::machine;
+use super::session::SessionError;
+use crate::dataset::synthetic::ParamsError;
+use crate::eval::report::MachineReport;
+use crate::eval::views::EvalError;
+use crate::math::image::RgbImage;
+use crate::pipeline::prefetch::SpawnError;
+use crate::train::candidates::IndexError;
+use crate::train::config::ConfigError;
+use plot::PlotError;
+use serde::Serialize;
+
+/// Version tag of every bench's JSON.
+pub const BENCH_FORMAT: &str = "vbgs-bench/1";
+
+/// What a user may ask of every bench.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct BenchOptions {
+    /// Less of everything: done within a minute on two cores.
+    pub quick: bool,
+    /// Frames at most.
+    pub max_frames: Option<usize>,
+    /// Runs of every configuration.
+    pub repeats: Option<usize>,
+    /// Seed of every random stream.
+    pub seed: u64,
+}
+
+/// Why a bench gives no result.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The dataset cannot be trained on.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// The decoding thread did not start.
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// The synthetic scene.
+    #[error(transparent)]
+    Scene(#[from] ParamsError),
+    /// A setting.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The candidate index.
+    #[error(transparent)]
+    Index(#[from] IndexError),
+    /// The views.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
+    /// The plot.
+    #[error(transparent)]
+    Plot(#[from] PlotError),
+    /// The table as CSV.
+    #[error("writing the rows as CSV failed: {0}")]
+    Csv(#[from] csv::Error),
+    /// The result as JSON.
+    #[error("writing the result as JSON failed: {0}")]
+    Json(#[from] serde_json::Error),
+    /// The pool of threads.
+    #[error("starting {threads} threads failed: {reason}; close other programs and try again")]
+    Threads {
+        /// Threads asked for.
+        threads: usize,
+        /// What the system said.
+        reason: String,
+    },
+    /// The settings as RON.
+    #[error("writing the settings as RON failed: {0}")]
+    Ron(#[from] ron::Error),
+    /// No combination of widths is good enough.
+    #[error(
+        "--bound: expected a bound that f64 operations on f32 points keep, at least {best:.1e}, found {bound:e}; choose a larger one"
+    )]
+    Bound {
+        /// What was asked for.
+        bound: f64,
+        /// Least error of any combination.
+        best: f64,
+    },
+    /// Nothing to train on.
+    #[error(
+        "{dataset}: expected at least one usable frame, found none; the first problem: {first}"
+    )]
+    NoFrame {
+        /// Name of the dataset.
+        dataset: String,
+        /// Message of the first frame that failed.
+        first: String,
+    },
+}
+
+/// Told after every step: steps done, steps in all.
+pub type Progress<'a> = &'a mut dyn FnMut(usize, usize);
+
+/// The result of a bench, ready to be printed and written.
+pub struct Bench {
+    /// Stem of its files.
+    pub name: &'static str,
+    /// For people: notes and the table.
+    pub text: String,
+    /// For machines.
+    pub json: serde_json::Value,
+    /// The rows.
+    pub csv: String,
+    /// The plot.
+    pub plot: RgbImage,
+}
+
+/// The JSON of a bench.
+#[derive(Serialize)]
+struct BenchReport<'a, R, S> {
+    format: &'static str,
+    bench: &'static str,
+    dataset: &'a str,
+    machine: MachineReport,
+    options: BenchOptions,
+    notes: &'a [String],
+    rows: &'a [R],
+    summary: S,
+}
+
+/// What a bench found, before it is put into forms.
+struct Findings<'a, R, S> {
+    name: &'static str,
+    dataset: &'a str,
+    options: BenchOptions,
+    /// What the numbers mean and where they were scaled.
+    notes: Vec<String>,
+    rows: Vec<R>,
+    /// What follows from the rows.
+    summary: S,
+    /// The rows for people.
+    table: String,
+    plot: RgbImage,
+}
+
+impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
+    fn into_bench(self) -> Result<Bench, BenchError> {
+        let machine = machine::describe(None);
+        let place = format!("{}, {} threads, {}", self.dataset, machine.threads, machine.cpu);
+        let said = [place, self.table].into_iter().chain(self.notes.iter().cloned());
+        let text = said.collect::<Vec<_>>().join("\n");
+        let report = BenchReport {
+            format: BENCH_FORMAT,
+            bench: self.name,
+            dataset: self.dataset,
+            machine,
+            options: self.options,
+            notes: &self.notes,
+            rows: &self.rows,
+            summary: self.summary,
+        };
+        let json = serde_json::to_value(report)?;
+        Ok(Bench { name: self.name, text, json, csv: table::csv(&self.rows)?, plot: self.plot })
+    }
+}
