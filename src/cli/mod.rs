@@ -1,12 +1,14 @@
 //! The command line: parses, calls the library, prints. It holds no algorithm.
 
 mod args;
+mod checkpoint_info;
 mod demo;
 mod eval;
 mod export;
 mod failure;
 mod info;
 mod interrupt;
+mod merge;
 mod model;
 mod output;
 mod progress;
@@ -47,6 +49,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Render(args)) => render::run(&args),
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Synth(args)) => synth::run(&args),
+        Some(Command::Merge(args)) => merge::run(&args),
         Some(Command::Info(args)) => info::run(&args),
     }
 }

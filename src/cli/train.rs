@@ -3,15 +3,19 @@
 use super::args::{ComparisonArgs, ConversionName, GroundTruthName, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
+use super::model::conversion_comments;
 use super::{output, progress};
 use anyhow::Context;
+use indicatif::ProgressBar;
 use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::EvalReport;
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
+use vbgs_studio::export::checkpoint;
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::RenderOptions;
@@ -19,24 +23,44 @@ use vbgs_studio::train::config::{Overrides, Preset, TrainConfig};
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
-    let config = train_config(args)?;
+    let start = match &args.resume {
+        None => Start::New(Box::new(train_config(args)?)),
+        Some(path) => {
+            let asked = asked(args)?;
+            Start::Saved(Box::new(saved_run(path, &asked)?), asked)
+        }
+    };
     let interrupt = Interrupt::listen()?;
-    let dataset = Arc::new(dataset::open(&args.dataset, &args.depth.load_options())?);
+    let load = match &start {
+        Start::New(_) => args.depth.load_options(),
+        Start::Saved(run, _) => run.config.load,
+    };
+    let dataset = Arc::new(dataset::open(&args.dataset, &load)?);
     if let Some(split) = &args.eval {
         dataset.split_named(split)?;
     }
     announce(&dataset);
-    let mut session = Session::new(dataset, config, selection(args))?;
+    let mut session = match start {
+        Start::New(config) => Session::new(dataset, *config, selection(args))?,
+        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
+    };
     output::create_folder(&args.out)?;
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
-    let end = train(&mut session, &interrupt);
-    if session.frames().is_empty() && end.is_err() {
+    let checkpoint = args.out.join(CHECKPOINT);
+    let end = train(&mut session, &interrupt, |session, bar| {
+        let due = args.autosave_frames.is_some_and(|n| session.visited().is_multiple_of(n));
+        if due && let Err(error) = autosave(session, &checkpoint) {
+            // The run is worth more than one of its copies.
+            progress::warn(bar, &error.to_string());
+        }
+    });
+    if session.engine().frames() == 0 && end.is_err() {
         return end.map(drop);
     }
-    // Whatever happens next, the scene is safe.
-    let has_scene = save_scene(&session, &args.out)?;
+    // Whatever happens next, the model is safe.
+    let files = save_model(&session, &args.out)?;
     let (eval, failure) = match (&args.eval, &end) {
         (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison) {
             Ok(report) => (vec![report], None),
@@ -44,7 +68,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         },
         _ => (Vec::new(), None),
     };
-    save_report(&session, args, has_scene, eval)?;
+    save_report(&session, args, files, eval)?;
     let finished = end? && !interrupt.is_asked();
     match failure {
         Some(failure) => Err(failure),
@@ -53,9 +77,36 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
 }
 
-/// Trains until the frames end (true) or Ctrl-C (false).
-pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failure> {
+/// Where training starts from.
+enum Start {
+    New(Box<TrainConfig>),
+    Saved(Box<SavedRun>, Asked),
+}
+
+/// The run to go on with, whose settings agree with those asked for.
+fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
+    let run = SavedRun::read(path)?;
+    run.check(asked)?;
+    if let Some(warning) = run.numerics_differ() {
+        eprintln!("warning: {warning}");
+    }
+    let trained = run.content.cursor.visited.len();
+    let most = asked.max_frames.or(run.config.selection.max_frames);
+    if most.is_some_and(|most| most <= trained) {
+        eprintln!("note: {trained} frames are trained already; --max-frames N trains up to N");
+    }
+    Ok(run)
+}
+
+/// Trains until the frames end (true) or Ctrl-C (false); `learnt` is called after every frame.
+pub fn train(
+    session: &mut Session,
+    interrupt: &Interrupt,
+    learnt: impl Fn(&Session, &ProgressBar),
+) -> Result<bool, Failure> {
     let bar = progress::bar(session.plan().frames.len(), "frame");
+    bar.set_position(session.visited() as u64);
+    bar.reset_eta();
     loop {
         if interrupt.is_asked() {
             bar.abandon();
@@ -68,6 +119,7 @@ pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failu
                     "{:.1} ms/frame, {} of {} components used,",
                     frame.ms.stages.train, frame.used, frame.components
                 ));
+                learnt(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
             Step::Finished => break,
@@ -77,23 +129,34 @@ pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failu
     Ok(true)
 }
 
-/// Writes `scene.ply` unless nothing was learnt; whether it did.
-fn save_scene(session: &Session, out: &Path) -> Result<bool, Failure> {
-    if session.engine().used() == 0 {
-        return Ok(false);
+/// Name of the checkpoint in the output folder.
+const CHECKPOINT: &str = "checkpoint.vbgs";
+
+fn autosave(session: &Session, path: &Path) -> anyhow::Result<()> {
+    checkpoint::write_keeping_old(path, &session.checkpoint()?)?;
+    Ok(())
+}
+
+/// Writes `checkpoint.vbgs` and `scene.ply`, the latter unless nothing was learnt; their names.
+fn save_model(session: &Session, out: &Path) -> Result<&'static str, Failure> {
+    if session.engine().frames() > 0 {
+        checkpoint::write(&out.join(CHECKPOINT), &session.checkpoint()?)?;
     }
-    let comments = conversion_comments(session);
+    if session.engine().used() == 0 {
+        return Ok("");
+    }
+    let comments = conversion_comments(&session.config().train);
     let options =
         WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
     write(&out.join("scene.ply"), &session.splats(), &options)?;
-    Ok(true)
+    Ok("scene.ply, checkpoint.vbgs and ")
 }
 
 /// Writes `report.json` and prints the result.
 fn save_report(
     session: &Session,
     args: &TrainArgs,
-    has_scene: bool,
+    models: &str,
     eval: Vec<EvalReport>,
 ) -> Result<(), Failure> {
     let report = session.report(None, eval);
@@ -113,17 +176,8 @@ fn save_report(
         summary.components
     ));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
-    let files = if has_scene { "scene.ply and report.json" } else { "report.json" };
-    output::line(format!("wrote {files} to {}", args.out.display()));
+    output::line(format!("wrote {models}report.json to {}", args.out.display()));
     Ok(())
-}
-
-/// Comment lines of the PLY that name a conversion other than the plain one.
-fn conversion_comments(session: &Session) -> Vec<String> {
-    match session.config().train.conversion.form {
-        CovarianceForm::LegacyCholesky => vec!["vbgs legacy-cov".to_owned()],
-        CovarianceForm::Eigen => Vec::new(),
-    }
 }
 
 fn evaluate(
@@ -163,18 +217,39 @@ pub fn announce(dataset: &Dataset) {
 }
 
 fn selection(args: &TrainArgs) -> Selection {
+    let everything = Selection::everything();
     Selection {
         split: args.split.clone(),
-        order: args.order,
-        stride: args.stride,
+        order: args.order.unwrap_or(everything.order),
+        stride: args.stride.unwrap_or(everything.stride),
+        shard: args.shard,
         max_frames: args.max_frames,
     }
 }
 
+/// What the command line says beside `--resume`.
+fn asked(args: &TrainArgs) -> Result<Asked, Failure> {
+    Ok(Asked {
+        preset: args.preset,
+        train: overrides(args)?,
+        split: args.split.clone(),
+        order: args.order,
+        stride: args.stride,
+        shard: args.shard,
+        load: args.depth.load_options(),
+        max_frames: args.max_frames,
+    })
+}
+
 fn train_config(args: &TrainArgs) -> Result<TrainConfig, Failure> {
     let preset = match args.preset {
-        Preset::Paper => TrainConfig::paper(),
+        None | Some(Preset::Paper) => TrainConfig::paper(),
     };
+    Ok(preset.with(&overrides(args)?)?)
+}
+
+/// Settings from the command line, then from the file it names.
+fn overrides(args: &TrainArgs) -> Result<Overrides, Failure> {
     let file = args.config.as_deref().map(read_config).transpose()?.unwrap_or_default();
     let line = Overrides {
         seed: args.seed,
@@ -194,7 +269,7 @@ fn train_config(args: &TrainArgs) -> Result<TrainConfig, Failure> {
         }),
         scale_factor: args.scale_factor,
     };
-    Ok(preset.with(&line.or(file))?)
+    Ok(line.or(file))
 }
 
 fn read_config(path: &Path) -> Result<Overrides, Failure> {

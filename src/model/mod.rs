@@ -13,3 +13,4 @@ pub mod prior;
 pub mod splats;
 pub mod state;
 pub mod statistics;
+pub mod totals;

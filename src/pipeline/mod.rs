@@ -1,6 +1,7 @@
 //! The one training loop. The window and the command line both drive [`session::Session`]: frames
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
 
+pub mod checkpoint;
 pub mod demo;
 pub mod machine;
 pub mod plan;
