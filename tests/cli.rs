@@ -4,6 +4,7 @@
 mod common;
 mod cli {
     mod bad_input;
+    mod checkpoint;
     mod commands;
     mod determinism;
     mod headless;

@@ -26,7 +26,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let start = match &args.resume {
         None => Start::New(Box::new(train_config(args)?)),
         Some(path) => {
-            let asked = asked(args)?;
+            let asked = Box::new(asked(args)?);
             Start::Saved(Box::new(saved_run(path, &asked)?), asked)
         }
     };
@@ -80,7 +80,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
 /// Where training starts from.
 enum Start {
     New(Box<TrainConfig>),
-    Saved(Box<SavedRun>, Asked),
+    Saved(Box<SavedRun>, Box<Asked>),
 }
 
 /// The run to go on with, whose settings agree with those asked for.
