@@ -52,7 +52,9 @@ fn time(name: &str, means: Means, totals: Totals) {
     };
     let folder = tempfile::tempdir().expect("a folder for temporary files");
     let path = folder.path().join("checkpoint.vbgs");
-    let save = times_ms(REPETITIONS, || drop(write(&path, &checkpoint).expect("room on the disk")));
+    let save = times_ms(REPETITIONS, || {
+        write(&path, &checkpoint).expect("room on the disk");
+    });
     let encode = times_ms(REPETITIONS, || drop(std::hint::black_box(to_bytes(&checkpoint))));
     let load = times_ms(REPETITIONS, || drop(read(&path).expect("the file just written")));
     let bytes = path.metadata().expect("the file just written").len();

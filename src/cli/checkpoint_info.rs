@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::path::PathBuf;
 use vbgs_studio::dataset;
 use vbgs_studio::pipeline::checkpoint::{Fingerprint, SavedRun};
-use vbgs_studio::pipeline::session::RunConfig;
+use vbgs_studio::pipeline::run::RunConfig;
 
 #[derive(Serialize)]
 struct CheckpointInfo {

@@ -13,6 +13,7 @@ mod model;
 mod output;
 mod progress;
 mod render;
+mod settings;
 mod synth;
 mod train;
 #[cfg(feature = "gui")]

@@ -1,25 +1,22 @@
 //! `train`: headless training with files at the end.
 
-use super::args::{ComparisonArgs, ConversionName, GroundTruthName, TrainArgs};
+use super::args::{ComparisonArgs, GroundTruthName, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
+use super::settings::{asked, selection, train_config};
 use super::{output, progress};
-use anyhow::Context;
 use indicatif::ProgressBar;
 use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::EvalReport;
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
-use vbgs_studio::export::checkpoint;
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::RenderOptions;
-use vbgs_studio::train::config::{Overrides, Preset, TrainConfig};
+use vbgs_studio::train::config::TrainConfig;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
@@ -51,7 +48,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let checkpoint = args.out.join(CHECKPOINT);
     let end = train(&mut session, &interrupt, |session, bar| {
         let due = args.autosave_frames.is_some_and(|n| session.visited().is_multiple_of(n));
-        if due && let Err(error) = autosave(session, &checkpoint) {
+        if due && let Err(error) = session.save_keeping_old(&checkpoint) {
             // The run is worth more than one of its copies.
             progress::warn(bar, &error.to_string());
         }
@@ -132,19 +129,12 @@ pub fn train(
 /// Name of the checkpoint in the output folder.
 const CHECKPOINT: &str = "checkpoint.vbgs";
 
-fn autosave(session: &Session, path: &Path) -> anyhow::Result<()> {
-    checkpoint::write_keeping_old(path, &session.checkpoint()?)?;
-    Ok(())
-}
-
-/// Writes `checkpoint.vbgs` and `scene.ply`, the latter unless nothing was learnt; their names.
+/// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
 fn save_model(session: &Session, out: &Path) -> Result<&'static str, Failure> {
-    if session.engine().frames() > 0 {
-        checkpoint::write(&out.join(CHECKPOINT), &session.checkpoint()?)?;
-    }
     if session.engine().used() == 0 {
         return Ok("");
     }
+    session.save(&out.join(CHECKPOINT))?;
     let comments = conversion_comments(&session.config().train);
     let options =
         WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
@@ -214,71 +204,4 @@ pub fn eval_options(comparison: &ComparisonArgs) -> EvalOptions {
 pub fn announce(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-}
-
-fn selection(args: &TrainArgs) -> Selection {
-    let everything = Selection::everything();
-    Selection {
-        split: args.split.clone(),
-        order: args.order.unwrap_or(everything.order),
-        stride: args.stride.unwrap_or(everything.stride),
-        shard: args.shard,
-        max_frames: args.max_frames,
-    }
-}
-
-/// What the command line says beside `--resume`.
-fn asked(args: &TrainArgs) -> Result<Asked, Failure> {
-    Ok(Asked {
-        preset: args.preset,
-        train: overrides(args)?,
-        split: args.split.clone(),
-        order: args.order,
-        stride: args.stride,
-        shard: args.shard,
-        load: args.depth.load_options(),
-        max_frames: args.max_frames,
-    })
-}
-
-fn train_config(args: &TrainArgs) -> Result<TrainConfig, Failure> {
-    let preset = match args.preset {
-        None | Some(Preset::Paper) => TrainConfig::paper(),
-    };
-    Ok(preset.with(&overrides(args)?)?)
-}
-
-/// Settings from the command line, then from the file it names.
-fn overrides(args: &TrainArgs) -> Result<Overrides, Failure> {
-    let file = args.config.as_deref().map(read_config).transpose()?.unwrap_or_default();
-    let line = Overrides {
-        seed: args.seed,
-        components: args.components,
-        candidates: args.candidates,
-        batch: args.batch,
-        statistics: args.statistics,
-        index: args.index,
-        init: args.init,
-        reassign: args.reassign,
-        reassign_fraction: args.reassign_fraction,
-        precision: args.precision,
-        operations: None,
-        covariance_form: args.conversion.map(|conversion| match conversion {
-            ConversionName::Right => CovarianceForm::Eigen,
-            ConversionName::LegacyCov => CovarianceForm::LegacyCholesky,
-        }),
-        scale_factor: args.scale_factor,
-    };
-    Ok(line.or(file))
-}
-
-fn read_config(path: &Path) -> Result<Overrides, Failure> {
-    let text = std::fs::read_to_string(path).with_context(|| {
-        format!("{}: expected a RON file with settings, which could not be read", path.display())
-    })?;
-    let options =
-        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    Ok(options.from_str(&text).with_context(|| {
-        format!("{}: expected settings such as (components: 50000, candidates: 4)", path.display())
-    })?)
 }

@@ -6,4 +6,5 @@ pub mod demo;
 pub mod machine;
 pub mod plan;
 pub mod prefetch;
+pub mod run;
 pub mod session;

@@ -3,22 +3,21 @@
 use super::machine;
 use super::plan::{Plan, Selection};
 use super::prefetch::{Prefetch, Prepared, PreparedPoints, SpawnError};
+use super::run::{RunConfig, initial_draw};
 use crate::dataset::error::DatasetError;
-use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+use crate::dataset::points::UnprojectSettings;
 use crate::dataset::range::{self, RangeError};
-use crate::dataset::{Dataset, Layout, LoadOptions};
+use crate::dataset::{Dataset, Layout};
 use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
 use crate::math::orbit::mean_up;
-use crate::math::points::{Normalization, Points};
+use crate::math::points::Normalization;
 use crate::model::splats::Splat;
 use crate::train::candidates::IndexError;
-use crate::train::config::{Init, Preset, TrainConfig};
+use crate::train::config::TrainConfig;
 use crate::train::engine::Engine;
-use crate::train::init::InitialDraw;
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -52,28 +51,6 @@ pub enum SessionError {
         /// Message of the first one.
         first: String,
     },
-}
-
-/// Every setting that shaped a run, for the report.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RunConfig {
-    /// Settings of the trainer.
-    #[serde(flatten)]
-    pub train: TrainConfig,
-    /// Frames and their order.
-    #[serde(flatten)]
-    pub selection: Selection,
-    /// How depth files are read.
-    #[serde(flatten)]
-    pub load: LoadOptions,
-    /// How pixels become rays.
-    pub camera_convention: CameraConvention,
-    /// Whether mixed pixels are dropped.
-    pub edge_filter: EdgeFilter,
-    /// Low and high corner of the normalised range, world units.
-    pub position_range: [[f64; 3]; 2],
-    /// Where that range is from.
-    pub position_range_source: String,
 }
 
 /// What one step did.
@@ -126,15 +103,7 @@ impl Session {
     ) -> Result<Self, SessionError> {
         let plan = Plan::new(&dataset, &selection, train.seed)?;
         let range = range::estimate(&dataset, plan.split)?;
-        let config = RunConfig {
-            load: dataset.options,
-            camera_convention: camera_convention(train.preset, dataset.layout),
-            edge_filter: EdgeFilter::DropMixed,
-            position_range: [range.lo().to_array(), range.hi().to_array()],
-            position_range_source: range.source.clone(),
-            train,
-            selection,
-        };
+        let config = RunConfig::new(&dataset, train, selection, &range);
         let normalization = range.normalization();
         let draw = initial_draw(&dataset, &config, normalization)?;
         let engine = Engine::new(&config.train, &draw)?;
@@ -321,30 +290,12 @@ impl Session {
     }
 }
 
-/// The published loader's rays are part of the `paper` preset, where that loader applies.
-fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
-    match (preset, layout) {
-        (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
-        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) => CameraConvention::Exact,
-    }
-}
-
 /// As reports and `info` spell it.
 pub fn layout_name(layout: Layout) -> &'static str {
     match layout {
         Layout::Blender => "blender",
         Layout::SevenScenes => "seven-scenes",
         Layout::Synthetic => "synthetic",
-    }
-}
-
-impl RunConfig {
-    fn unprojection(&self, normalization: Normalization) -> UnprojectSettings {
-        UnprojectSettings {
-            convention: self.camera_convention,
-            filter: self.edge_filter,
-            normalization,
-        }
     }
 }
 
@@ -361,30 +312,4 @@ impl Past {
             wall_s: 0.0,
         }
     }
-}
-
-/// Initial means. Where they come from data it is the first usable frame of all shards, so that
-/// these start alike.
-fn initial_draw(
-    dataset: &Dataset,
-    config: &RunConfig,
-    normalization: Normalization,
-) -> Result<InitialDraw, DatasetError> {
-    let train = &config.train;
-    if train.init == Init::Random {
-        return Ok(InitialDraw::random(train.components, train.seed));
-    }
-    let everything = Selection { shard: None, max_frames: None, ..config.selection.clone() };
-    let plan = Plan::new(dataset, &everything, train.seed)?;
-    let settings = config.unprojection(normalization);
-    let mut points = Points::new();
-    for &index in &plan.frames {
-        let loaded = dataset.load(plan.split, index);
-        let counts =
-            loaded.and_then(|frame| Unprojector::new().unproject(&frame, &settings, &mut points));
-        if counts.is_ok() && !points.is_empty() {
-            break;
-        }
-    }
-    Ok(InitialDraw::from_points(&points, train.components, train.seed))
 }

@@ -1,6 +1,7 @@
 //! Between rows of sums as the model keeps them and the columns of the file.
 
-use super::container::{Section, Stored};
+use super::container::Section;
+use super::element::Stored;
 use super::tag;
 use crate::model::state::{Carry, Means, Totals};
 use crate::model::statistics::N_SUMS;

@@ -1,6 +1,7 @@
 //! Header, table of sections and checksums: the frame around a checkpoint's content.
 
 use super::super::error::{reserved, shorten};
+use super::element::{Element, Stored};
 use super::error::{Defect, tag_text};
 use super::tag;
 use bytemuck::{Pod, Zeroable};
@@ -15,60 +16,6 @@ pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
 const MAX_SECTIONS: usize = 64;
 const ALIGNMENT: u64 = 64;
 const CRC_BYTES: usize = 4;
-
-/// Type of a section's elements; the discriminant is its code in the file. The last two are this
-/// program's additions to the codes of `export.md` 4.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Element {
-    /// JSON.
-    Bytes = 0,
-    /// Double precision.
-    F64 = 1,
-    /// Single precision.
-    F32 = 2,
-    /// Unsigned 32-bit.
-    U32 = 3,
-    /// Unsigned 64-bit.
-    U64 = 4,
-    /// Signed 64-bit.
-    I64 = 5,
-    /// Signed 128-bit: the low 64 bits, then the high ones.
-    I128 = 6,
-    /// Signed 32-bit.
-    I32 = 7,
-}
-
-/// Rust types that are elements.
-pub(super) trait Stored: Pod {
-    const ELEMENT: Element;
-}
-
-macro_rules! stored {
-    ($($type:ty => $element:ident),*) => {
-        $(impl Stored for $type {
-            const ELEMENT: Element = Element::$element;
-        })*
-    };
-}
-
-stored!(u8 => Bytes, f64 => F64, f32 => F32, u32 => U32, u64 => U64, i64 => I64, i128 => I128, i32 => I32);
-
-impl Element {
-    pub(super) fn of_code(code: u32) -> Option<Self> {
-        use Element::{Bytes, F32, F64, I32, I64, I128, U32, U64};
-        [Bytes, F64, F32, U32, U64, I64, I128, I32].into_iter().find(|e| *e as u32 == code)
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::Bytes => 1,
-            Self::F32 | Self::U32 | Self::I32 => 4,
-            Self::F64 | Self::U64 | Self::I64 => 8,
-            Self::I128 => 16,
-        }
-    }
-}
 
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]

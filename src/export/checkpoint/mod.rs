@@ -55,11 +55,12 @@
 mod check;
 mod columns;
 mod container;
+mod element;
 mod error;
 mod read;
 mod write;
 
-pub use container::{Element, VERSION};
+pub use container::VERSION;
 pub use error::{CheckpointError, Defect};
 pub use read::{is_checkpoint, parse, read};
 pub use write::{to_bytes, write, write_keeping_old};

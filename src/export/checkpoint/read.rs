@@ -3,7 +3,8 @@
 use super::super::error::{Fault, reserved};
 use super::check;
 use super::columns::{self, N_FIRST, N_SECOND};
-use super::container::{Container, Element, MAGIC, Stored, is_text_damaged};
+use super::container::{Container, MAGIC, is_text_damaged};
+use super::element::{Element, Stored};
 use super::error::{CheckpointError, Defect, tag_text};
 use super::{Checkpoint, Cursor, Loaded, tag};
 use crate::export::{DEFAULT_MAX_SPLATS, read_file};

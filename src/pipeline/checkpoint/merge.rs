@@ -6,7 +6,8 @@ use crate::export::checkpoint::{Checkpoint, Cursor};
 use crate::model::state::{Means, ModelState};
 use crate::model::totals;
 use crate::pipeline::plan::Selection;
-use crate::pipeline::session::{RunConfig, SessionError};
+use crate::pipeline::run::RunConfig;
+use crate::pipeline::session::SessionError;
 use serde_json::Value;
 use std::collections::BTreeSet;
 

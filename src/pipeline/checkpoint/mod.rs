@@ -11,7 +11,8 @@ pub use fingerprint::Fingerprint;
 pub use merge::merge;
 
 use super::machine;
-use super::session::{RunConfig, SessionError};
+use super::run::RunConfig;
+use super::session::SessionError;
 use crate::dataset::error::DatasetError;
 use crate::export::checkpoint::{self, Checkpoint, CheckpointError, Loaded};
 use crate::model::splats::Splat;

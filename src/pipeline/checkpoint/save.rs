@@ -1,13 +1,13 @@
 //! From a session to a checkpoint.
 
-use super::{Fingerprint, Meta, canonical};
-use crate::export::checkpoint::{Checkpoint, Cursor};
+use super::{Fingerprint, Meta, RunError, canonical};
+use crate::eval::report::{FrameReport, SkippedFrame};
+use crate::export::checkpoint::{self, Checkpoint, Cursor};
 use crate::pipeline::machine;
 use crate::pipeline::session::{Session, SessionError};
 use serde::{Deserialize, Serialize};
+use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
-
-use crate::eval::report::{FrameReport, SkippedFrame};
 
 /// Content of the `HIST` section.
 #[derive(Serialize, Deserialize)]
@@ -17,6 +17,16 @@ pub(super) struct History {
 }
 
 impl Session {
+    /// Writes a checkpoint, whole or not at all; returns its size.
+    pub fn save(&self, path: &Path) -> Result<u64, RunError> {
+        Ok(checkpoint::write(path, &self.checkpoint()?)?)
+    }
+
+    /// Like [`Session::save`]; an older file of that name stays as `<name>.bak`.
+    pub fn save_keeping_old(&self, path: &Path) -> Result<u64, RunError> {
+        Ok(checkpoint::write_keeping_old(path, &self.checkpoint()?)?)
+    }
+
     /// Everything a later session needs to go on as if this one had not stopped. Copies the model.
     pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
         let (past, plan) = (self.past(), self.plan());
