@@ -47,13 +47,13 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
     let checkpoint = args.out.join(CHECKPOINT);
     let end = train(&mut session, &interrupt, |session, bar| {
-        let due = args.autosave_frames.is_some_and(|n| session.visited().is_multiple_of(n));
+        let due = args.autosave_frames.is_some_and(|n| learnt(session).is_multiple_of(n));
         if due && let Err(error) = session.save_keeping_old(&checkpoint) {
             // The run is worth more than one of its copies.
             progress::warn(bar, &error.to_string());
         }
     });
-    if session.engine().frames() == 0 && end.is_err() {
+    if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
     // Whatever happens next, the model is safe.
@@ -72,6 +72,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
+}
+
+/// Frames learnt over the whole run.
+fn learnt(session: &Session) -> usize {
+    session.engine().frames() as usize
 }
 
 /// Where training starts from.
@@ -95,11 +100,11 @@ fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
     Ok(run)
 }
 
-/// Trains until the frames end (true) or Ctrl-C (false); `learnt` is called after every frame.
+/// Trains until the frames end (true) or Ctrl-C (false); `after` is called after every frame.
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
-    learnt: impl Fn(&Session, &ProgressBar),
+    after: impl Fn(&Session, &ProgressBar),
 ) -> Result<bool, Failure> {
     let bar = progress::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
@@ -116,7 +121,7 @@ pub fn train(
                     "{:.1} ms/frame, {} of {} components used,",
                     frame.ms.stages.train, frame.used, frame.components
                 ));
-                learnt(session, &bar);
+                after(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
             Step::Finished => break,

@@ -5,6 +5,7 @@ use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::export::checkpoint::CheckpointError;
 use vbgs_studio::model::prior::Hyper;
 use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::model::state::Totals;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::train::config::{Batch, Candidates, IndexKind, Init, Preset, StatisticsForm};
@@ -113,6 +114,8 @@ fn sections_that_do_not_belong_together_are_refused() {
     refused(&|c| c.config = c.config.replace("3000", "0"), "expected 1 to 20000000, found 0");
     refused(&|c| c.config = c.config.replace("3000", "2999"), "expected the prior");
     refused(&|c| c.hyper = Hyper::paper(3000, 1.0), "expected the prior");
+    let f32s = |c: &mut Checkpoint| c.model.totals = Totals::F32(vec![[0.0; 13]; 3000]);
+    refused(&f32s, "expected totals of the form");
     refused(&|c| c.meta = "[]".into(), "section `META`");
     refused(&|c| c.history = Some("{}".into()), "section `HIST`");
     let missing = SavedRun::read(Path::new("none.vbgs")).unwrap_err();
@@ -136,4 +139,19 @@ fn settings_that_an_older_file_lacks_are_the_papers() {
     config.as_object_mut().unwrap().remove("low_elbo_floor").unwrap();
     run.content.config = config.to_string();
     assert_eq!(reread(&run).config, run.config);
+}
+
+/// Written by version 1.0 and never again: every later version must open it.
+#[test]
+fn the_run_of_version_1_0_still_opens() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/run_1_0.vbgs");
+    let run = SavedRun::read(&path).unwrap();
+    assert_eq!(run.version, (1, 0));
+    let config = &run.config;
+    assert_eq!((config.train.components, config.train.seed), (12, 7));
+    assert_eq!(config.train.reassign, ReassignPolicy::Forwarded);
+    assert_eq!((config.selection.stride, config.selection.max_frames), (2, Some(3)));
+    assert_eq!(run.content.cursor.visited, [0, 2, 4]);
+    assert_eq!(run.engine().unwrap().used(), 12);
+    assert_eq!(run.splats().unwrap().iter().filter(|s| s.is_drawable()).count(), 12);
 }

@@ -46,7 +46,8 @@
 //!         totals: Totals::Fixed128(vec![[1 << 80, 0, 0, 0, 9, 0, 0, 9, 0, 9, 0, 0, 0]]),
 //!     },
 //! };
-//! let path = tempfile::tempdir()?.keep().join("checkpoint.vbgs");
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("checkpoint.vbgs");
 //! write(&path, &checkpoint)?;
 //! assert_eq!(read(&path)?.checkpoint, checkpoint);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

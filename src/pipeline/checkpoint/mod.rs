@@ -16,8 +16,10 @@ use super::session::SessionError;
 use crate::dataset::error::DatasetError;
 use crate::export::checkpoint::{self, Checkpoint, CheckpointError, Loaded};
 use crate::model::splats::Splat;
+use crate::model::state::Totals;
 use crate::model::totals::AddError;
 use crate::train::candidates::IndexError;
+use crate::train::config::UpdateWidth;
 use crate::train::engine::Engine;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -47,6 +49,17 @@ pub enum RunError {
     Prior {
         /// The file.
         path: PathBuf,
+    },
+    /// The stored totals are not of the form that the stored settings ask for.
+    #[error(
+        "{}: expected totals of the form {expected:?}, as its settings say, found another; use the \
+         program that wrote it", path.display()
+    )]
+    Form {
+        /// The file.
+        path: PathBuf,
+        /// The form of the settings.
+        expected: UpdateWidth,
     },
     /// A setting contradicts the one the run was begun with.
     #[error(
@@ -177,6 +190,10 @@ impl SavedRun {
         if config.train.hyper() != content.hyper {
             return Err(RunError::Prior { path: path.to_owned() });
         }
+        let expected = config.train.operations.update;
+        if !fits(expected, &content.model.totals) {
+            return Err(RunError::Form { path: path.to_owned(), expected });
+        }
         Ok(Self { path: path.to_owned(), version, bytes, config, meta, content })
     }
 
@@ -206,6 +223,15 @@ impl SavedRun {
                 self.content.numerics
             )
         })
+    }
+}
+
+/// Whether an engine that keeps totals in one form can go on with these; 128 bits hold them all.
+fn fits(update: UpdateWidth, totals: &Totals) -> bool {
+    match totals {
+        Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
+        Totals::Fixed128(_) => true,
+        Totals::F32(_) => update == UpdateWidth::F32,
     }
 }
 
