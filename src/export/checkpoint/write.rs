@@ -15,10 +15,10 @@ pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointErro
     Ok(write_atomic(path, |out| write_to(out, checkpoint))?)
 }
 
-/// Like [`write`]; an older file of that name stays as `<name>.bak`.
+/// Like [`write()`]; an older file of that name stays as `<name>.bak`.
 ///
 /// # Errors
-/// As [`write`]; the older file is untouched then.
+/// As [`write()`]; the older file is untouched then.
 pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
     back_up(path)?;
     write(path, checkpoint)
