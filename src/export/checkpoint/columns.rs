@@ -29,10 +29,12 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
     match totals {
         Totals::Fixed64 { rows, carries } => {
             let mut sections = split(rows);
-            if !carries.is_empty() {
-                let ids = carries.iter().map(|carry| carry.id).collect();
-                let limbs = carries.iter().flat_map(|carry| carry.limbs).collect();
-                sections.push(Section::owned::<u32>(tag::CARRY_IDS, ids));
+            // A carry may have come and gone: equal sums have equal bytes.
+            let carries = carries.iter().filter(|carry| carry.limbs != [0; N_SUMS]);
+            let ids: Vec<u32> = carries.clone().map(|carry| carry.id).collect();
+            if !ids.is_empty() {
+                let limbs = carries.flat_map(|carry| carry.limbs).collect();
+                sections.push(Section::owned(tag::CARRY_IDS, ids));
                 sections.push(Section::owned::<i32>(tag::CARRY_LIMBS, limbs));
             }
             sections

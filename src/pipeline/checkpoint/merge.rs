@@ -3,8 +3,8 @@
 use super::save::now_unix_s;
 use super::{Meta, RunError, SavedRun, canonical};
 use crate::export::checkpoint::{Checkpoint, Cursor};
+use crate::model::merging;
 use crate::model::state::{Means, ModelState};
-use crate::model::totals;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::session::SessionError;
@@ -34,7 +34,7 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
 }
 
 fn add(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
-    let totals = totals::add(&a.content.model.totals, &b.content.model.totals)
+    let totals = merging::add(&a.content.model.totals, &b.content.model.totals)
         .map_err(|source| RunError::Add { paths: [a.path.clone(), b.path.clone()], source })?;
     let config = whole(&a.config);
     let (ours, theirs) = (a.content.cursor, b.content.cursor);

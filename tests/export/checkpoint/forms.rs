@@ -3,7 +3,7 @@
 use super::{N, fixed64, means_f32, raw, sample, samples};
 use std::path::Path;
 use vbgs_studio::export::checkpoint::{VERSION, parse, read, to_bytes, write};
-use vbgs_studio::model::state::ModelState;
+use vbgs_studio::model::state::{Carry, ModelState, Totals};
 
 #[test]
 fn every_form_comes_back_and_is_written_alike_again() {
@@ -32,6 +32,14 @@ fn a_mixed_component_takes_136_bytes() {
 }
 
 #[test]
+fn a_carry_that_came_and_went_leaves_no_trace() {
+    let bytes = to_bytes(&sample(means_f32(), fixed64()));
+    let Totals::Fixed64 { rows, mut carries } = fixed64() else { unreachable!() };
+    carries.insert(1, Carry { id: 7, limbs: [0; 13] });
+    assert!(to_bytes(&sample(means_f32(), Totals::Fixed64 { rows, carries })) == bytes);
+}
+
+#[test]
 fn the_file_is_laid_out_as_the_format_says() {
     let checkpoint = sample(means_f32(), fixed64());
     let bytes = to_bytes(&checkpoint);
@@ -49,7 +57,7 @@ fn the_file_is_laid_out_as_the_format_says() {
     let content = |tag: &str| &sections.iter().find(|s| s.tag == tag.as_bytes()).unwrap().content;
     assert_eq!(content("CURS")[..24], [3u64, 1234, 4].map(u64::to_le_bytes).concat());
     let ModelState { totals, .. } = &checkpoint.model;
-    let vbgs_studio::model::state::Totals::Fixed64 { rows, .. } = totals else { unreachable!() };
+    let Totals::Fixed64 { rows, .. } = totals else { unreachable!() };
     let row = rows[17];
     let at = |tag, element: usize| {
         let bytes = &content(tag)[8 * element..8 * element + 8];
