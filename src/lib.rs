@@ -13,9 +13,9 @@
 //! | [`dataset`] | one file per layout, frames, unprojection, the synthetic scene |
 //! | [`train`] | candidates, E-step, statistics, reassignment: one frame at a time |
 //! | [`render`] | splats to pixels: CPU (`render::cpu`) and GPU (`render::gpu`, feature `gui`) |
-//! | [`export`] | PLY and GLB, written and read |
+//! | [`export`] | PLY, GLB and checkpoints, written and read |
 //! | [`eval`] | PSNR, SSIM, depth error; the report's types |
-//! | [`pipeline`] | the one training loop: prefetch, train, publish |
+//! | [`pipeline`] | the one training loop: prefetch, train, publish; runs saved, continued, merged |
 //! | `app` (feature `gui`) | the window |
 //! | `cli` (in the binary) | the command line |
 //!

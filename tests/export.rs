@@ -1,10 +1,12 @@
-//! PLY and GLB: golden files, round trips, files of other programs, damaged files.
+//! PLY, GLB and checkpoints: golden files, round trips, files of other programs, damaged files.
 #![allow(clippy::unwrap_used)]
 
 #[path = "export/allocations.rs"]
 mod allocations;
 #[path = "export/atomic.rs"]
 mod atomic;
+#[path = "export/checkpoint/mod.rs"]
+mod checkpoint;
 mod common;
 #[path = "export/glb.rs"]
 mod glb;

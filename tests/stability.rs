@@ -72,7 +72,6 @@ fn f32_stays_definite_and_finite() {
 }
 
 #[test]
-#[ignore = "the engine does not drop points that are no numbers yet; the loader does"]
 fn points_that_are_no_numbers_do_not_count() {
     for precision in [Precision::F64, Precision::Mixed, Precision::F32] {
         for row in rows(precision, |case| !sound(case)) {

@@ -68,6 +68,18 @@ fn click(window: &mut Window, label: &str) {
     window.run_steps(2);
 }
 
+/// Asks for a file by a dialog that a shortcut opens.
+fn write_to(window: &mut Window, key: Key, button: &str, file: &Path) {
+    window.key_press_modifiers(Modifiers::COMMAND, key);
+    window.run_steps(2);
+    window.get_by_role(Role::TextInput).focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(Event::Text(file.display().to_string()));
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, button).click();
+}
+
 /// A dataset small enough to train in a moment.
 fn dataset(folder: &Path, n_train: usize) -> PathBuf {
     let path = folder.join("room");
@@ -160,14 +172,7 @@ fn export_writes_the_newest_state_and_the_file_opens_again() {
     train(&mut window);
 
     let file = folder.path().join("scene.glb");
-    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
-    window.run_steps(2);
-    window.get_by_role(Role::TextInput).focus();
-    window.run_steps(2);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.event(Event::Text(file.display().to_string()));
-    window.run_steps(2);
-    window.get_by_role_and_label(Role::Button, "Export").click();
+    write_to(&mut window, Key::E, "Export", &file);
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
     let used = window.state().snapshot().used;
     assert_eq!(export::read(&file).unwrap().splats.len(), used);
@@ -176,6 +181,43 @@ fn export_writes_the_newest_state_and_the_file_opens_again() {
     let Some(mut viewer) = self::window(Some(Subject::Path(file)), Painting::Auto) else { return };
     wait(&mut viewer, "the model", is(RunState::Finished));
     assert_eq!(viewer.state().snapshot().source, Source::Model);
+    wait(&mut viewer, "splats", |s| s.n_drawn() == used);
+}
+
+#[test]
+fn a_saved_run_opens_where_it_stopped_and_goes_on() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 4);
+    let Some(mut window) = window(Some(Subject::Path(path.clone())), Painting::Auto) else {
+        return;
+    };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Step");
+    wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
+    let file = folder.path().join("run.vbgs");
+    write_to(&mut window, Key::S, "Save", &file);
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let used = window.state().snapshot().used;
+    drop(window);
+
+    let open = |file: &Path| self::window(Some(Subject::Path(file.to_owned())), Painting::Auto);
+    let Some(mut again) = open(&file) else { return };
+    wait(&mut again, "the run", is(RunState::Paused));
+    let snapshot = again.state().snapshot();
+    assert_eq!((snapshot.source, snapshot.frames_done, snapshot.used), (Source::Dataset, 1, used));
+    wait(&mut again, "splats", |s| s.n_drawn() == used);
+    again.key_press(Key::Space);
+    wait(&mut again, "the end", is(RunState::Finished));
+    assert_eq!(again.state().snapshot().frames_done, 4);
+    drop(again);
+
+    std::fs::rename(&path, folder.path().join("elsewhere")).unwrap();
+    let Some(mut viewer) = open(&file) else { return };
+    wait(&mut viewer, "the model", is(RunState::Finished));
+    assert_eq!(viewer.state().snapshot().source, Source::Model);
+    let told = viewer.state().snapshot().notices.iter().any(|n| n.text.contains("cannot go on"));
+    assert!(told, "why it cannot be trained");
     wait(&mut viewer, "splats", |s| s.n_drawn() == used);
 }
 

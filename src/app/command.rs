@@ -19,6 +19,8 @@ pub enum Command {
     Step,
     /// Start over with the same dataset.
     Reset,
+    /// Write the run to a file it can go on from.
+    Save,
     /// Write the scene to a file.
     Export,
     /// Frame the whole scene.
@@ -31,13 +33,14 @@ pub enum Command {
 
 impl Command {
     /// Every command, in the order help shows them.
-    pub const ALL: [Command; 10] = [
+    pub const ALL: [Command; 11] = [
         Command::Open,
         Command::OpenDemo,
         Command::Train,
         Command::Pause,
         Command::Step,
         Command::Reset,
+        Command::Save,
         Command::Export,
         Command::FrameScene,
         Command::Home,
@@ -53,6 +56,7 @@ impl Command {
             Command::Pause => "Pause",
             Command::Step => "Step",
             Command::Reset => "Reset",
+            Command::Save => "Save…",
             Command::Export => "Export…",
             Command::FrameScene => "Frame scene",
             Command::Home => "Home view",
@@ -63,12 +67,13 @@ impl Command {
     /// One sentence on what it does.
     pub fn tooltip(self) -> &'static str {
         match self {
-            Command::Open => "Open a dataset folder, a .ply or a .glb",
+            Command::Open => "Open a dataset folder, a checkpoint, a .ply or a .glb",
             Command::OpenDemo => "Train the built-in synthetic scene",
             Command::Train => "Train frame by frame until the frames end",
             Command::Pause => "Stop after the current frame",
             Command::Step => "Train exactly one frame",
-            Command::Reset => "Forget the scene and start over with the same dataset",
+            Command::Reset => "Forget the scene and start over with what was opened",
+            Command::Save => "Write a checkpoint that training can go on from",
             Command::Export => "Write the scene as .ply or .glb",
             Command::FrameScene => "Move the camera so that the whole scene is seen",
             Command::Home => "Go back to the view the scene was opened with",
@@ -87,6 +92,7 @@ impl Command {
             Command::Train | Command::Pause => plain(Key::Space),
             Command::Step => plain(Key::Period),
             Command::Reset => control(Key::R),
+            Command::Save => control(Key::S),
             Command::Export => control(Key::E),
             Command::FrameScene => plain(Key::F),
             Command::Home => plain(Key::H),
@@ -103,7 +109,9 @@ impl Command {
             Command::Train => dataset && matches!(state, Ready | Paused),
             Command::Pause => state == Training,
             Command::Step => dataset && matches!(state, Ready | Paused),
-            Command::Reset => dataset && matches!(state, Training | Paused | Finished | Failed),
+            Command::Reset | Command::Save => {
+                dataset && matches!(state, Training | Paused | Finished | Failed)
+            }
             Command::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
             Command::FrameScene | Command::Home => source != Source::Nothing,
             Command::Help => true,

@@ -1,4 +1,4 @@
-//! Windows that ask: what to open, where to export, whether to discard, and the list of shortcuts.
+//! Windows that ask: what to open, where to save and export, whether to discard, and the list of shortcuts.
 //! Every file can be named by a path field too, since native dialogs need a desktop portal.
 
 use super::command::Command;
@@ -30,6 +30,7 @@ impl Picker {
 #[derive(Clone, Copy)]
 enum Purpose {
     Open,
+    Save,
     Export,
 }
 
@@ -38,13 +39,15 @@ impl Purpose {
     fn label(self) -> &'static str {
         match self {
             Purpose::Open => "Open",
+            Purpose::Save => "Save",
             Purpose::Export => "Export",
         }
     }
 
     fn hint(self) -> &'static str {
         match self {
-            Purpose::Open => "A dataset folder, a .ply or a .glb",
+            Purpose::Open => "A dataset folder, a checkpoint, a .ply or a .glb",
+            Purpose::Save => "A file name ending in .vbgs",
             Purpose::Export => "A file name ending in .ply or .glb",
         }
     }
@@ -63,6 +66,11 @@ impl PathDialog {
     /// What to open.
     pub fn open() -> Self {
         Self::new(Purpose::Open, "")
+    }
+
+    /// Where to save a checkpoint.
+    pub fn save() -> Self {
+        Self::new(Purpose::Save, "checkpoint.vbgs")
     }
 
     /// Where to export.
@@ -115,10 +123,16 @@ impl PathDialog {
                     });
                     self.browse(ui, waker, "Browse files…", || {
                         rfd::FileDialog::new()
-                            .add_filter("models", &["ply", "glb", "gltf"])
+                            .add_filter("models", &["vbgs", "ply", "glb", "gltf"])
                             .pick_file()
                     });
                 }
+                Purpose::Save => self.browse(ui, waker, "Browse…", || {
+                    rfd::FileDialog::new()
+                        .add_filter("checkpoints", &["vbgs"])
+                        .set_file_name("checkpoint.vbgs")
+                        .save_file()
+                }),
                 Purpose::Export => self.browse(ui, waker, "Browse…", || {
                     rfd::FileDialog::new()
                         .add_filter("splats", &["ply", "glb"])
@@ -162,7 +176,9 @@ impl PathDialog {
 pub enum Decision {
     /// Forget the scene.
     Discard,
-    /// Export it first.
+    /// Save the run first.
+    Save,
+    /// Export the scene first.
     Export,
     /// Do nothing.
     Cancel,
@@ -173,10 +189,11 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     let mut decision = None;
     let response = Modal::new(Id::unique("discard")).show(ui.ctx(), |ui| {
         ui.heading("Discard the trained scene?");
-        ui.label(format!("{n_frames} trained frames have not been exported."));
+        ui.label(format!("{n_frames} trained frames are neither saved nor exported."));
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             for (label, choice) in [
+                ("Save first…", Decision::Save),
                 ("Export first…", Decision::Export),
                 ("Discard", Decision::Discard),
                 ("Cancel", Decision::Cancel),

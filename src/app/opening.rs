@@ -1,12 +1,14 @@
-//! Opening a subject: the demo, a dataset folder or a model file.
+//! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
 
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use crate::dataset::error::DatasetError;
 use crate::dataset::{self, Dataset, LoadOptions};
+use crate::export::checkpoint::is_checkpoint;
 use crate::export::{self, ExportError};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splats::{Framing, Splat, framing};
+use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{Session, SessionError, layout_name};
@@ -50,12 +52,16 @@ pub enum OpenError {
     /// A model file.
     #[error(transparent)]
     Model(#[from] ExportError),
+    /// A checkpoint.
+    #[error(transparent)]
+    Run(#[from] RunError),
 }
 
 /// Opens a subject; `serial` numbers what is opened.
 pub fn open(subject: &Subject, serial: u64) -> std::result::Result<Result, OpenError> {
     match subject {
         Subject::Demo => Ok(session(demo::session()?, serial, true)),
+        Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         Subject::Path(path) if path.is_file() => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
@@ -84,7 +90,10 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
         serial,
         is_demo,
     };
-    let splats = vec![Splat::default(); session.engine().components()];
+    let splats = match session.engine().used() {
+        0 => vec![Splat::default(); session.engine().components()],
+        _ => session.splats(),
+    };
     Result { splats, facts, notices, content: Content::Session(Box::new(session)) }
 }
 
@@ -127,10 +136,56 @@ fn home_of(session: &Session) -> HomeView {
 /// Field of view of models that bring no camera, radians.
 const MODEL_FOV: f64 = 1.0;
 
+/// The run where its dataset still is, else its scene to look at.
+fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
+    let run = SavedRun::read(path)?;
+    let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
+    match continued(&run) {
+        Ok(continued) => {
+            let mut opened = session(continued, serial, false);
+            opened.notices.extend(warning);
+            Ok(opened)
+        }
+        Err(error) => {
+            let all = run.splats().map_err(RunError::from)?;
+            let splats = all.into_iter().filter(Splat::is_drawable).collect();
+            let text = format!("{error}; the scene is shown, but training cannot go on");
+            Ok(view(path, splats, run.up(), run.bytes, vec![(NoticeKind::Warning, text)], serial))
+        }
+    }
+}
+
+fn continued(run: &SavedRun) -> std::result::Result<Session, OpenError> {
+    let dataset = match &run.meta.dataset {
+        Some(folder) => Arc::new(dataset::open(folder, &run.config.load)?),
+        None => demo::dataset()?,
+    };
+    Ok(run.clone().resume(dataset, &Asked::default(), false)?)
+}
+
 fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
     let model = export::read(path)?;
-    let framing = framing(&model.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     let up = model.up().unwrap_or(DVec3::Z);
+    let mut notices: Vec<_> =
+        model.notes.iter().map(|n| (NoticeKind::Info, n.to_string())).collect();
+    if model.skipped > 0 {
+        let (n, path) = (model.skipped, path.display());
+        let text = format!("{n} rows of {path} are not finite and were left out");
+        notices.push((NoticeKind::Warning, text));
+    }
+    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+}
+
+/// Splats to look at.
+fn view(
+    path: &Path,
+    splats: Vec<Splat>,
+    up: DVec3,
+    bytes: u64,
+    notices: Vec<(NoticeKind, String)>,
+    serial: u64,
+) -> Result {
+    let framing = framing(&splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     let orbit = Orbit {
         target: framing.centre,
         up,
@@ -141,27 +196,16 @@ fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
     let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let camera = Camera { intrinsics, pose: orbit.pose() };
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    let mut notices: Vec<_> =
-        model.notes.iter().map(|n| (NoticeKind::Info, n.to_string())).collect();
-    if model.skipped > 0 {
-        let text = format!("{} rows of {name} are not finite and were left out", model.skipped);
-        notices.push((NoticeKind::Warning, text));
-    }
     let facts = Opened {
         name,
         facts: vec![
             ("Model".to_owned(), path.display().to_string()),
-            ("Splats".to_owned(), model.splats.len().to_string()),
-            ("Size".to_owned(), format!("{:.1} MB", model.bytes as f64 * 1e-6)),
+            ("Splats".to_owned(), splats.len().to_string()),
+            ("Size".to_owned(), format!("{:.1} MB", bytes as f64 * 1e-6)),
         ],
         home: HomeView { camera, up, target: framing.centre, radius: framing.radius },
         serial,
         is_demo: false,
     };
-    Ok(Result {
-        splats: model.splats.clone(),
-        facts,
-        notices,
-        content: Content::Model(model.splats),
-    })
+    Result { splats: splats.clone(), facts, notices, content: Content::Model(splats) }
 }

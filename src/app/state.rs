@@ -126,7 +126,7 @@ pub struct Snapshot {
     pub frames_per_s: f64,
     /// Bytes of the model.
     pub model_bytes: usize,
-    /// Frames trained since the scene was last exported.
+    /// Frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
     /// What the user should read, newest last.
     pub notices: Arc<Vec<Notice>>,

@@ -45,6 +45,7 @@ pub struct Studio {
     adapter: String,
     tab: Tab,
     open_dialog: PathDialog,
+    save_dialog: PathDialog,
     export_dialog: PathDialog,
     help_is_open: bool,
     discarding: Option<Discarding>,
@@ -81,6 +82,7 @@ impl Studio {
             adapter,
             tab: Tab::default(),
             open_dialog: PathDialog::open(),
+            save_dialog: PathDialog::save(),
             export_dialog: PathDialog::export(),
             help_is_open: false,
             discarding: None,
@@ -112,6 +114,7 @@ impl Studio {
             Command::Pause => self.worker.send(Order::Pause),
             Command::Step => self.worker.send(Order::Step),
             Command::Reset => self.discard_then(Order::Reset, snapshot),
+            Command::Save => self.save_dialog.show(),
             Command::Export => self.export_dialog.show(),
             Command::FrameScene => self.view.frame_scene(),
             Command::Home => {
@@ -179,6 +182,9 @@ impl Studio {
         if let Some(path) = self.open_dialog.ui(ui, &self.waker) {
             self.discard_then(Order::Open(Subject::Path(path)), snapshot);
         }
+        if let Some(path) = self.save_dialog.ui(ui, &self.waker) {
+            self.worker.send(Order::Save(path));
+        }
         if let Some(path) = self.export_dialog.ui(ui, &self.waker) {
             self.worker.send(Order::Export(path));
         }
@@ -190,6 +196,7 @@ impl Studio {
                 self.discarding = None;
                 match decision {
                     Decision::Discard => self.discard(what, ui),
+                    Decision::Save => self.save_dialog.show(),
                     Decision::Export => self.export_dialog.show(),
                     Decision::Cancel => {}
                 }
@@ -231,7 +238,7 @@ impl Studio {
         ui.vertical_centered(|ui| {
             ui.add_space(ui.available_height() * 0.35);
             ui.label(RichText::new("Drop a dataset folder here").size(22.0));
-            ui.label("or a .ply or .glb to look at");
+            ui.label("a checkpoint to go on with, or a .ply or .glb to look at");
             ui.add_space(12.0);
             if ui.button(Command::Open.label()).clicked() {
                 self.obey(Command::Open, snapshot);

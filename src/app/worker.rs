@@ -31,7 +31,9 @@ pub enum Order {
     Step,
     /// Start over with the same subject.
     Reset,
-    /// Write the newest state to a file.
+    /// Write a checkpoint of the newest state.
+    Save(PathBuf),
+    /// Write the newest scene to a file.
     Export(PathBuf),
     /// Show a failure that happened elsewhere in the window.
     Report(String),
@@ -211,6 +213,7 @@ impl Trainer {
                     self.open(subject);
                 }
             }
+            Order::Save(path) => self.save(&path),
             Order::Export(path) => self.export(&path),
             Order::Report(message) => self.notify(NoticeKind::Error, message),
         }
@@ -258,8 +261,15 @@ impl Trainer {
             Content::Session(session) => {
                 self.snapshot.source = Source::Dataset;
                 self.snapshot.n_frames = session.plan().frames.len();
-                let is_demo = self.subject == Some(Subject::Demo);
-                self.snapshot.state = if is_demo { RunState::Training } else { RunState::Ready };
+                self.snapshot.frames_done = session.engine().frames() as usize;
+                self.snapshot.state = match session.visited() {
+                    0 if self.subject == Some(Subject::Demo) => RunState::Training,
+                    0 => RunState::Ready,
+                    n if n < self.snapshot.n_frames => RunState::Paused,
+                    _ => RunState::Finished,
+                };
+                let recent = session.frames().len().saturating_sub(HISTORY);
+                self.recent.extend(session.frames()[recent..].iter().cloned());
             }
             Content::Model(splats) => {
                 self.snapshot.source = Source::Model;
@@ -336,6 +346,23 @@ impl Trainer {
             Some(Content::Session(session)) => session.splats(),
             Some(Content::Model(splats)) => splats.clone(),
             None => Vec::new(),
+        }
+    }
+
+    fn save(&mut self, path: &Path) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        match session.save(path) {
+            Ok(bytes) => {
+                self.snapshot.unsaved_frames = 0;
+                let text = format!(
+                    "Saved {} frames ({:.1} MB) to {}",
+                    self.snapshot.frames_done,
+                    bytes as f64 * 1e-6,
+                    path.display()
+                );
+                self.notify(NoticeKind::Info, text);
+            }
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
         }
     }
 

@@ -8,7 +8,7 @@ use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
 use vbgs_studio::dataset::LoadOptions;
-use vbgs_studio::pipeline::plan::Order;
+use vbgs_studio::pipeline::plan::{Order, Shard};
 use vbgs_studio::train::config::{
     Batch, Candidates, IndexKind, Init, Precision, Preset, ReassignPolicy, StatisticsForm,
 };
@@ -20,7 +20,7 @@ use vbgs_studio::train::config::{
 #[derive(Parser)]
 #[command(version)]
 pub struct Arguments {
-    /// Dataset folder, `.ply` or `.glb` to open in the window
+    /// Dataset folder, checkpoint, `.ply` or `.glb` to open in the window
     pub path: Option<PathBuf>,
     /// Threads that train and render [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
@@ -43,7 +43,7 @@ impl Arguments {
 
 #[derive(Subcommand)]
 pub enum Command {
-    /// Train headless; writes scene.ply and report.json
+    /// Train headless; writes scene.ply, checkpoint.vbgs and report.json
     Train(TrainArgs),
     /// Measure a model against the photographs of a dataset
     Eval(EvalArgs),
@@ -53,6 +53,8 @@ pub enum Command {
     Export(ExportArgs),
     /// Write a synthetic posed RGB-D dataset with ground truth
     Synth(SynthArgs),
+    /// Add the statistics of models trained on different frames from the same start
+    Merge(MergeArgs),
     /// Say what a dataset or a model holds, and every defect found
     Info(InfoArgs),
     /// Measure speed against error; writes a table, JSON, CSV and a plot
@@ -110,7 +112,7 @@ pub struct ComparisonArgs {
 pub struct TrainArgs {
     /// Dataset folder
     pub dataset: PathBuf,
-    /// Folder for scene.ply and report.json
+    /// Folder for scene.ply, checkpoint.vbgs and report.json
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Split to train on [default: the one with depth]
@@ -121,21 +123,33 @@ pub struct TrainArgs {
     pub eval: Option<String>,
     #[command(flatten)]
     pub comparison: ComparisonArgs,
-    /// Set of defaults
-    #[arg(long, default_value = "paper", value_parser = choice::<Preset>())]
-    pub preset: Preset,
+    /// Go on with the run that wrote this checkpoint; its settings hold
+    #[arg(long, value_name = "CHECKPOINT")]
+    pub resume: Option<PathBuf>,
+    /// Go on even if the dataset is not the one the checkpoint was trained on
+    #[arg(long, requires = "resume")]
+    pub force: bool,
+    /// Save the checkpoint every N frames too, keeping the one before as checkpoint.vbgs.bak
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
+    pub autosave_frames: Option<usize>,
+    /// Set of defaults [default: paper]
+    #[arg(long, value_parser = choice::<Preset>())]
+    pub preset: Option<Preset>,
     /// Seed of every random stream [default: 0]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Frames at most
+    /// Frames at most; with --resume those already trained count
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
-    /// Every N-th frame
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_count, allow_negative_numbers = true)]
-    pub stride: usize,
-    /// Order of the frames
-    #[arg(long, default_value = "sequential", value_parser = choice::<Order>())]
-    pub order: Order,
+    /// Every N-th frame [default: 1]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
+    pub stride: Option<usize>,
+    /// Order of the frames [default: sequential]
+    #[arg(long, value_parser = choice::<Order>())]
+    pub order: Option<Order>,
+    /// Every N-th of these frames from the K-th on, for a model to be merged with the other shards'
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<Shard>,
     /// Print the report as JSON on stdout
     #[arg(long)]
     pub json: bool,
@@ -182,7 +196,7 @@ pub struct TrainArgs {
 
 #[derive(Args)]
 pub struct EvalArgs {
-    /// Model: .ply or .glb
+    /// Model: checkpoint, .ply or .glb
     pub model: PathBuf,
     /// Dataset folder
     pub dataset: PathBuf,
@@ -206,7 +220,7 @@ pub struct EvalArgs {
 
 #[derive(Args)]
 pub struct RenderArgs {
-    /// Model: .ply or .glb
+    /// Model: checkpoint, .ply or .glb
     pub model: PathBuf,
     /// PNG file to write; a folder with --turntable
     #[arg(short, long, value_name = "IMG.png")]
@@ -270,7 +284,7 @@ pub enum AxesName {
 
 #[derive(Args)]
 pub struct ExportArgs {
-    /// Model: .ply or .glb
+    /// Model: checkpoint, .ply or .glb
     pub model: PathBuf,
     /// File to write
     #[arg(short, long)]
@@ -328,8 +342,18 @@ pub struct SynthArgs {
 }
 
 #[derive(Args)]
+pub struct MergeArgs {
+    /// Checkpoints of two runs or more
+    #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
+    pub checkpoints: Vec<PathBuf>,
+    /// Checkpoint to write
+    #[arg(short, long, value_name = "CHECKPOINT")]
+    pub output: PathBuf,
+}
+
+#[derive(Args)]
 pub struct InfoArgs {
-    /// Dataset folder, .ply or .glb
+    /// Dataset folder, checkpoint, .ply or .glb
     pub path: PathBuf,
     /// Print JSON on stdout
     #[arg(long)]

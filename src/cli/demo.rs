@@ -18,7 +18,7 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     output::line(format!("{reason}: training the demo headless into {FOLDER}/"));
     let interrupt = Interrupt::listen()?;
     let mut session = demo::session()?;
-    let finished = train::train(&mut session, &interrupt)?;
+    let finished = train::train(&mut session, &interrupt, |_, _| ())?;
     let out = Path::new(FOLDER);
     output::create_folder(out)?;
     let splats = session.splats();

@@ -15,17 +15,14 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         None => Format::from_path(&args.output)?,
     };
     let model = model::load(&args.model)?;
-    let up = model.up().unwrap_or(DVec3::Z);
-    // Foreign comments speak of the foreign file: its axes, its exporter.
-    let ours = model.comments.into_iter().filter(|line| line.starts_with("vbgs "));
-    let comments: Vec<String> = ours.collect();
+    let up = model.up.unwrap_or(DVec3::Z);
     let options = WriteOptions {
         axes: match args.axes {
             AxesName::AsIs => Axes::AsIs,
             AxesName::Viewer => Axes::Viewer,
         },
         sh3_padding: args.sh3_padding,
-        comments: &comments,
+        comments: &model.comments,
         up,
         ..WriteOptions::new(format)
     };

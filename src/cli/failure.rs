@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::write::WriteError;
+use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::train::config::ConfigError;
 
 /// Why a command did not do its work.
@@ -49,6 +50,7 @@ fn is_usage(error: &anyhow::Error) -> bool {
     error.is::<ConfigError>()
         || matches!(error.downcast_ref(), Some(DatasetError::Option { .. }))
         || matches!(error.downcast_ref(), Some(WriteError::Params(_)))
+        || matches!(error.downcast_ref(), Some(RunError::Conflict { .. }))
 }
 
 /// An error with those of its causes that its own text does not already tell.

@@ -2,9 +2,10 @@
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::output;
+use super::{checkpoint_info, output};
 use serde::Serialize;
 use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{self, Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::model::splats::bounds;
@@ -50,6 +51,9 @@ struct ModelInfo {
 /// Looks as asked: folders are datasets, files are models.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     if args.path.is_file() {
+        if is_checkpoint(&args.path) {
+            return checkpoint_info::run(args);
+        }
         let info = model_info(args, &export::read(&args.path)?);
         return if args.json { output::json(&info) } else { print_model(&info) };
     }

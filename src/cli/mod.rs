@@ -2,17 +2,20 @@
 
 mod args;
 mod bench;
+mod checkpoint_info;
 mod demo;
 mod eval;
 mod export;
 mod failure;
 mod info;
 mod interrupt;
+mod merge;
 mod model;
 mod output;
 mod precision_search;
 mod progress;
 mod render;
+mod settings;
 mod synth;
 mod train;
 #[cfg(feature = "gui")]
@@ -49,6 +52,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Render(args)) => render::run(&args),
         Some(Command::Export(args)) => export::run(&args),
         Some(Command::Synth(args)) => synth::run(&args),
+        Some(Command::Merge(args)) => merge::run(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),
         Some(Command::PrecisionSearch(args)) => precision_search::run(&args),

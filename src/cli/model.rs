@@ -1,11 +1,30 @@
 //! Loading a MODEL argument.
 
 use super::failure::Failure;
+use glam::DVec3;
 use std::path::Path;
-use vbgs_studio::export::{self, Imported};
+use vbgs_studio::export;
+use vbgs_studio::export::checkpoint::is_checkpoint;
+use vbgs_studio::model::splats::{CovarianceForm, Splat};
+use vbgs_studio::pipeline::checkpoint::SavedRun;
+use vbgs_studio::train::config::TrainConfig;
 
-/// Reads a model and says on stderr what was ignored or guessed.
-pub fn load(path: &Path) -> Result<Imported, Failure> {
+/// What commands need of a model, whatever file it came from.
+pub struct Model {
+    pub splats: Vec<Splat>,
+    /// Direction that points up, where the file says so.
+    pub up: Option<DVec3>,
+    /// What this program said about the conversion to splats.
+    pub comments: Vec<String>,
+}
+
+/// Reads a model, recognised by its content, and says on stderr what was ignored or guessed.
+pub fn load(path: &Path) -> Result<Model, Failure> {
+    if is_checkpoint(path) {
+        let run = SavedRun::read(path)?;
+        let comments = conversion_comments(&run.config.train);
+        return Ok(Model { splats: run.splats()?, up: Some(run.up()), comments });
+    }
     let model = export::read(path)?;
     for note in &model.notes {
         eprintln!("note: {}: {note}", path.display());
@@ -17,5 +36,16 @@ pub fn load(path: &Path) -> Result<Imported, Failure> {
             model.skipped
         );
     }
-    Ok(model)
+    let up = model.up();
+    // Foreign comments speak of the foreign file: its axes, its exporter.
+    let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
+    Ok(Model { splats: model.splats, up, comments })
+}
+
+/// Comment lines of files that name a conversion other than the plain one.
+pub fn conversion_comments(config: &TrainConfig) -> Vec<String> {
+    match config.conversion.form {
+        CovarianceForm::LegacyCholesky => vec!["vbgs legacy-cov".to_owned()],
+        CovarianceForm::Eigen => Vec::new(),
+    }
 }

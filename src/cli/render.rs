@@ -34,7 +34,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     if let Some(dataset) = &args.dataset {
         return render_view(&model.splats, dataset, args);
     }
-    let up = args.up.map(axis).or(model.up()).unwrap_or(DVec3::Z);
+    let up = args.up.map(axis).or(model.up).unwrap_or(DVec3::Z);
     let start = orbit(&model.splats, up, args)?;
     let intrinsics =
         Intrinsics::from_horizontal_fov(args.size[0], args.size[1], args.fov.to_radians());

@@ -1,42 +1,63 @@
 //! `train`: headless training with files at the end.
 
-use super::args::{ComparisonArgs, ConversionName, GroundTruthName, TrainArgs};
+use super::args::{ComparisonArgs, GroundTruthName, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
+use super::model::conversion_comments;
+use super::settings::{asked, selection, train_config};
 use super::{output, progress};
-use anyhow::Context;
+use indicatif::ProgressBar;
 use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::EvalReport;
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::splats::CovarianceForm;
-use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::RenderOptions;
-use vbgs_studio::train::config::{Overrides, Preset, TrainConfig};
+use vbgs_studio::train::config::TrainConfig;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
-    let config = train_config(args)?;
+    let start = match &args.resume {
+        None => Start::New(Box::new(train_config(args)?)),
+        Some(path) => {
+            let asked = Box::new(asked(args)?);
+            Start::Saved(Box::new(saved_run(path, &asked)?), asked)
+        }
+    };
     let interrupt = Interrupt::listen()?;
-    let dataset = Arc::new(dataset::open(&args.dataset, &args.depth.load_options())?);
+    let load = match &start {
+        Start::New(_) => args.depth.load_options(),
+        Start::Saved(run, _) => run.config.load,
+    };
+    let dataset = Arc::new(dataset::open(&args.dataset, &load)?);
     if let Some(split) = &args.eval {
         dataset.split_named(split)?;
     }
     announce(&dataset);
-    let mut session = Session::new(dataset, config, selection(args))?;
+    let mut session = match start {
+        Start::New(config) => Session::new(dataset, *config, selection(args))?,
+        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
+    };
     output::create_folder(&args.out)?;
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
-    let end = train(&mut session, &interrupt);
-    if session.frames().is_empty() && end.is_err() {
+    let checkpoint = args.out.join(CHECKPOINT);
+    let end = train(&mut session, &interrupt, |session, bar| {
+        let due = args.autosave_frames.is_some_and(|n| learnt(session).is_multiple_of(n));
+        if due && let Err(error) = session.save_keeping_old(&checkpoint) {
+            // The run is worth more than one of its copies.
+            progress::warn(bar, &error.to_string());
+        }
+    });
+    if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
-    // Whatever happens next, the scene is safe.
-    let has_scene = save_scene(&session, &args.out)?;
+    // Whatever happens next, the model is safe.
+    let files = save_model(&session, &args.out)?;
     let (eval, failure) = match (&args.eval, &end) {
         (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison) {
             Ok(report) => (vec![report], None),
@@ -44,7 +65,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         },
         _ => (Vec::new(), None),
     };
-    save_report(&session, args, has_scene, eval)?;
+    save_report(&session, args, files, eval)?;
     let finished = end? && !interrupt.is_asked();
     match failure {
         Some(failure) => Err(failure),
@@ -53,9 +74,41 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
 }
 
-/// Trains until the frames end (true) or Ctrl-C (false).
-pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failure> {
+/// Frames learnt over the whole run.
+fn learnt(session: &Session) -> usize {
+    session.engine().frames() as usize
+}
+
+/// Where training starts from.
+enum Start {
+    New(Box<TrainConfig>),
+    Saved(Box<SavedRun>, Box<Asked>),
+}
+
+/// The run to go on with, whose settings agree with those asked for.
+fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
+    let run = SavedRun::read(path)?;
+    run.check(asked)?;
+    if let Some(warning) = run.numerics_differ() {
+        eprintln!("warning: {warning}");
+    }
+    let trained = run.content.cursor.visited.len();
+    let most = asked.max_frames.or(run.config.selection.max_frames);
+    if most.is_some_and(|most| most <= trained) {
+        eprintln!("note: {trained} frames are trained already; --max-frames N trains up to N");
+    }
+    Ok(run)
+}
+
+/// Trains until the frames end (true) or Ctrl-C (false); `after` is called after every frame.
+pub fn train(
+    session: &mut Session,
+    interrupt: &Interrupt,
+    after: impl Fn(&Session, &ProgressBar),
+) -> Result<bool, Failure> {
     let bar = progress::bar(session.plan().frames.len(), "frame");
+    bar.set_position(session.visited() as u64);
+    bar.reset_eta();
     loop {
         if interrupt.is_asked() {
             bar.abandon();
@@ -68,6 +121,7 @@ pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failu
                     "{:.1} ms/frame, {} of {} components used,",
                     frame.ms.stages.train, frame.used, frame.components
                 ));
+                after(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
             Step::Finished => break,
@@ -77,23 +131,27 @@ pub fn train(session: &mut Session, interrupt: &Interrupt) -> Result<bool, Failu
     Ok(true)
 }
 
-/// Writes `scene.ply` unless nothing was learnt; whether it did.
-fn save_scene(session: &Session, out: &Path) -> Result<bool, Failure> {
+/// Name of the checkpoint in the output folder.
+const CHECKPOINT: &str = "checkpoint.vbgs";
+
+/// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
+fn save_model(session: &Session, out: &Path) -> Result<&'static str, Failure> {
     if session.engine().used() == 0 {
-        return Ok(false);
+        return Ok("");
     }
-    let comments = conversion_comments(session);
+    session.save(&out.join(CHECKPOINT))?;
+    let comments = conversion_comments(&session.config().train);
     let options =
         WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
     write(&out.join("scene.ply"), &session.splats(), &options)?;
-    Ok(true)
+    Ok("scene.ply, checkpoint.vbgs and ")
 }
 
 /// Writes `report.json` and prints the result.
 fn save_report(
     session: &Session,
     args: &TrainArgs,
-    has_scene: bool,
+    models: &str,
     eval: Vec<EvalReport>,
 ) -> Result<(), Failure> {
     let report = session.report(None, eval);
@@ -113,17 +171,8 @@ fn save_report(
         summary.components
     ));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
-    let files = if has_scene { "scene.ply and report.json" } else { "report.json" };
-    output::line(format!("wrote {files} to {}", args.out.display()));
+    output::line(format!("wrote {models}report.json to {}", args.out.display()));
     Ok(())
-}
-
-/// Comment lines of the PLY that name a conversion other than the plain one.
-fn conversion_comments(session: &Session) -> Vec<String> {
-    match session.config().train.conversion.form {
-        CovarianceForm::LegacyCholesky => vec!["vbgs legacy-cov".to_owned()],
-        CovarianceForm::Eigen => Vec::new(),
-    }
 }
 
 fn evaluate(
@@ -160,50 +209,4 @@ pub fn eval_options(comparison: &ComparisonArgs) -> EvalOptions {
 pub fn announce(dataset: &Dataset) {
     dataset.notes.iter().for_each(|note| eprintln!("note: {note}"));
     dataset.warnings.iter().for_each(|warning| eprintln!("warning: {warning}"));
-}
-
-fn selection(args: &TrainArgs) -> Selection {
-    Selection {
-        split: args.split.clone(),
-        order: args.order,
-        stride: args.stride,
-        max_frames: args.max_frames,
-    }
-}
-
-fn train_config(args: &TrainArgs) -> Result<TrainConfig, Failure> {
-    let preset = match args.preset {
-        Preset::Paper => TrainConfig::paper(),
-    };
-    let file = args.config.as_deref().map(read_config).transpose()?.unwrap_or_default();
-    let line = Overrides {
-        seed: args.seed,
-        components: args.components,
-        candidates: args.candidates,
-        batch: args.batch,
-        statistics: args.statistics,
-        index: args.index,
-        init: args.init,
-        reassign: args.reassign,
-        reassign_fraction: args.reassign_fraction,
-        precision: args.precision,
-        operations: None,
-        covariance_form: args.conversion.map(|conversion| match conversion {
-            ConversionName::Right => CovarianceForm::Eigen,
-            ConversionName::LegacyCov => CovarianceForm::LegacyCholesky,
-        }),
-        scale_factor: args.scale_factor,
-    };
-    Ok(preset.with(&line.or(file))?)
-}
-
-fn read_config(path: &Path) -> Result<Overrides, Failure> {
-    let text = std::fs::read_to_string(path).with_context(|| {
-        format!("{}: expected a RON file with settings, which could not be read", path.display())
-    })?;
-    let options =
-        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    Ok(options.from_str(&text).with_context(|| {
-        format!("{}: expected settings such as (components: 50000, candidates: 4)", path.display())
-    })?)
 }

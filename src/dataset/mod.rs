@@ -63,6 +63,8 @@ pub struct Dataset {
     pub notes: Vec<String>,
     /// Range of positions where the layout defines one; see [`range::estimate`].
     pub known_range: Option<PositionRange>,
+    /// What was overridden when it was opened.
+    pub options: LoadOptions,
 }
 
 /// Frames that belong together: a training set, a validation set.
@@ -108,7 +110,7 @@ impl std::fmt::Display for Warning {
 }
 
 /// What a user may override when a dataset is opened.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct LoadOptions {
     /// World units per step of 16-bit depth, instead of what the dataset says.
     pub depth_scale: Option<f64>,
@@ -131,6 +133,7 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         warnings: parsed.warnings,
         notes: parsed.notes,
         known_range: parsed.known_range,
+        options: *options,
     };
     if dataset.splits.is_empty() {
         return Err(no_usable_frame(path, dataset.warnings));

@@ -64,6 +64,29 @@ fn write_inner(
     Ok(written)
 }
 
+/// Keeps the file at `path`, if there is one, as `<name>.bak` too, so that writing `path` anew leaves
+/// the older content. At no moment is either name without a complete file.
+///
+/// # Errors
+/// [`Fault::Io`] if the folder takes no second name or copy; both files are as they were then.
+pub fn back_up(path: &Path) -> Result<(), ExportError> {
+    let Some(name) = path.file_name().filter(|_| path.is_file()) else { return Ok(()) };
+    let beside = |suffix: &str| {
+        let mut name = name.to_owned();
+        name.push(suffix);
+        path.with_file_name(name)
+    };
+    let second = beside(&format!(".{}.tmp", std::process::id()));
+    // Some file systems have no links.
+    let linked = std::fs::hard_link(path, &second)
+        .or_else(|_| std::fs::copy(path, &second).map(drop))
+        .and_then(|()| std::fs::rename(&second, beside(".bak")));
+    linked.map_err(|source| {
+        let _ = std::fs::remove_file(&second);
+        Fault::Io { action: "keep the older file as .bak", source }.at(path)
+    })
+}
+
 fn create_temporary(folder: &Path, prefix: &OsString) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(prefix).suffix(".tmp");

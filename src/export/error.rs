@@ -40,6 +40,9 @@ pub enum Fault {
     /// Nothing at that path.
     #[error("expected a PLY, GLB or glTF file, found nothing at this path; check the spelling")]
     Missing,
+    /// Nothing at a checkpoint's path.
+    #[error("expected a checkpoint (.vbgs), found nothing at this path; check the spelling")]
+    NoCheckpoint,
     /// A folder stands where a file is meant.
     #[error("expected a file, found a folder; name a file in it")]
     IsFolder,

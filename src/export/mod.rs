@@ -1,5 +1,5 @@
-//! Models as files other programs open: PLY in the 3DGS layout, point-cloud PLY, and GLB with
-//! `KHR_gaussian_splatting`. The only place where file conventions (log scales, logits, quaternion
+//! Models as files: PLY in the 3DGS layout, point-cloud PLY and GLB with `KHR_gaussian_splatting` for
+//! other programs, and the native [`checkpoint`]. The only place where file conventions (log scales, logits, quaternion
 //! order, axes, linear colour) are converted; everywhere else a splat is a [`Splat`].
 //!
 //! ```
@@ -28,6 +28,7 @@
 //! ```
 
 pub mod atomic;
+pub mod checkpoint;
 pub mod error;
 pub mod format;
 pub mod imported;

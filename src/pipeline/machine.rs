@@ -15,6 +15,19 @@ fn cpu_name() -> String {
     name.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }
 
+/// What the last bits of results depend on besides the settings, as JSON: processor, mathematical
+/// functions of the system, instructions that round once where others round twice, and the build.
+pub fn numerics() -> String {
+    let numerics = serde_json::json!({
+        "arch": std::env::consts::ARCH,
+        "os": std::env::consts::OS,
+        "fma": cfg!(target_feature = "fma"),
+        "avx2": cfg!(target_feature = "avx2"),
+        "profile": if cfg!(debug_assertions) { "debug" } else { "release" },
+    });
+    numerics.to_string()
+}
+
 /// Largest resident memory of this process so far, bytes; `None` where the system does not tell.
 pub fn peak_rss_bytes() -> Option<u64> {
     status_bytes("VmHWM:")

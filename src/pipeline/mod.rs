@@ -2,9 +2,11 @@
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
 
 pub mod bench;
+pub mod checkpoint;
 pub mod demo;
 pub mod machine;
 pub mod plan;
 pub mod precision_search;
 pub mod prefetch;
+pub mod run;
 pub mod session;

@@ -4,6 +4,8 @@ use crate::dataset::Dataset;
 use crate::dataset::error::DatasetError;
 use crate::math::rng::{Purpose, Rng};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::str::FromStr;
 use strum::{EnumString, VariantNames};
 
 /// Order of the frames.
@@ -17,8 +19,44 @@ pub enum Order {
     Shuffled,
 }
 
+/// One of several runs that share the frames: every `of`-th frame, from the `index`-th on. Written
+/// `K/N`, `K` from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub struct Shard {
+    index: usize,
+    of: usize,
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |part: &str| part.parse().ok().filter(|&n: &usize| n > 0);
+        let parts = text.split_once('/').and_then(|(k, n)| Some((number(k)?, number(n)?)));
+        match parts {
+            Some((index, of)) if index <= of => Ok(Self { index, of }),
+            _ => Err(format!("expected K/N with K from 1 to N, such as 2/3, found `{text}`")),
+        }
+    }
+}
+
+impl TryFrom<String> for Shard {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Shard> for String {
+    fn from(shard: Shard) -> Self {
+        format!("{}/{}", shard.index, shard.of)
+    }
+}
+
 /// What a user asked for.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Selection {
     /// Split to train on; `None` takes the one with depth.
     pub split: Option<String>,
@@ -26,6 +64,8 @@ pub struct Selection {
     pub order: Order,
     /// Every so-many-th frame, at least 1.
     pub stride: usize,
+    /// Share of these frames, taken after order and stride.
+    pub shard: Option<Shard>,
     /// Frames at most.
     pub max_frames: Option<usize>,
 }
@@ -33,7 +73,7 @@ pub struct Selection {
 impl Selection {
     /// All frames of the training split, in their order.
     pub fn everything() -> Self {
-        Self { split: None, order: Order::Sequential, stride: 1, max_frames: None }
+        Self { split: None, order: Order::Sequential, stride: 1, shard: None, max_frames: None }
     }
 }
 
@@ -65,7 +105,28 @@ impl Plan {
         if selection.order == Order::Shuffled {
             Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
         }
+        if let Some(Shard { index, of }) = selection.shard {
+            frames = frames.into_iter().skip(index - 1).step_by(of).collect();
+        }
         frames.truncate(selection.max_frames.unwrap_or(usize::MAX));
         Ok(Self { split, frames, held_out: hold_out.then_some(evaluation.why) })
+    }
+
+    /// The frames of a selection when `visited` were gone through already, in that order: these
+    /// first, then the others in theirs. `max_frames` counts both.
+    pub fn after(
+        dataset: &Dataset,
+        selection: &Selection,
+        seed: u64,
+        visited: &[u32],
+    ) -> Result<Self, DatasetError> {
+        let all = Selection { max_frames: None, ..selection.clone() };
+        let mut plan = Self::new(dataset, &all, seed)?;
+        let visited: Vec<usize> = visited.iter().map(|&frame| frame as usize).collect();
+        let known: BTreeSet<usize> = visited.iter().copied().collect();
+        plan.frames.retain(|frame| !known.contains(frame));
+        plan.frames.splice(0..0, visited.iter().copied());
+        plan.frames.truncate(selection.max_frames.unwrap_or(usize::MAX).max(visited.len()));
+        Ok(plan)
     }
 }

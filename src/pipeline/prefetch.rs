@@ -1,5 +1,6 @@
 //! Decoding and unprojection ahead of training, on their own thread, through a bounded queue.
 
+use super::plan::Plan;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::points::{PointCounts, UnprojectSettings, Unprojector};
@@ -47,19 +48,20 @@ pub struct Prefetch {
 pub struct SpawnError(#[from] std::io::Error);
 
 impl Prefetch {
-    /// Starts decoding the listed frames of a split, in order.
+    /// Starts decoding the frames of a plan, in order, from position `first`.
     pub fn start(
         dataset: Arc<Dataset>,
-        split: usize,
-        frames: Vec<usize>,
+        plan: &Plan,
+        first: usize,
         settings: UnprojectSettings,
     ) -> Result<Self, SpawnError> {
+        let (split, frames) = (plan.split, plan.frames.clone());
         let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
         let (recycle, recycled) = channel();
         let worker = Worker { dataset, split, settings, unprojector: Unprojector::new(), recycled };
         thread::Builder::new()
             .name("prefetch".into())
-            .spawn(move || worker.run(&frames, &sender))?;
+            .spawn(move || worker.run(&frames, first, &sender))?;
         Ok(Self { frames: receiver, recycle })
     }
 
@@ -84,8 +86,8 @@ struct Worker {
 }
 
 impl Worker {
-    fn run(mut self, frames: &[usize], sender: &SyncSender<Prepared>) {
-        for (position, &index) in frames.iter().enumerate() {
+    fn run(mut self, frames: &[usize], first: usize, sender: &SyncSender<Prepared>) {
+        for (position, &index) in frames.iter().enumerate().skip(first) {
             let name = self.dataset.splits[self.split].frames[index].name.clone();
             // A decoder that panics on a damaged file costs that frame, not the scene.
             let result =

@@ -3,22 +3,21 @@
 use super::machine;
 use super::plan::{Plan, Selection};
 use super::prefetch::{Prefetch, Prepared, PreparedPoints, SpawnError};
+use super::run::{RunConfig, initial_draw};
 use crate::dataset::error::DatasetError;
-use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
-use crate::dataset::range::{self, PositionRange, RangeError};
+use crate::dataset::points::UnprojectSettings;
+use crate::dataset::range::{self, RangeError};
 use crate::dataset::{Dataset, Layout};
 use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
 use crate::math::orbit::mean_up;
-use crate::math::points::Points;
+use crate::math::points::Normalization;
 use crate::model::splats::Splat;
 use crate::train::candidates::IndexError;
-use crate::train::config::{Init, Preset, TrainConfig};
+use crate::train::config::TrainConfig;
 use crate::train::engine::Engine;
-use crate::train::init::InitialDraw;
 use glam::DVec3;
-use serde::Serialize;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -37,6 +36,9 @@ pub enum SessionError {
     /// The candidate index could not be built.
     #[error(transparent)]
     Index(#[from] IndexError),
+    /// Settings or reports could not be written as JSON.
+    #[error("writing the run's settings as JSON failed: {0}; report this as a defect")]
+    Json(#[from] serde_json::Error),
     /// Every frame was skipped.
     #[error(
         "{dataset}: expected at least one usable frame, found none ({skipped} skipped; the first: {first})"
@@ -51,25 +53,6 @@ pub enum SessionError {
     },
 }
 
-/// Every setting that shaped a run, for the report.
-#[derive(Clone, Debug, Serialize)]
-pub struct RunConfig {
-    /// Settings of the trainer.
-    #[serde(flatten)]
-    pub train: TrainConfig,
-    /// Frames and their order.
-    #[serde(flatten)]
-    pub selection: Selection,
-    /// How pixels become rays.
-    pub camera_convention: CameraConvention,
-    /// Whether mixed pixels are dropped.
-    pub edge_filter: EdgeFilter,
-    /// Low and high corner of the normalised range, world units.
-    pub position_range: [[f64; 3]; 2],
-    /// Where that range is from.
-    pub position_range_source: String,
-}
-
 /// What one step did.
 #[derive(Clone, Debug)]
 pub enum Step {
@@ -81,6 +64,20 @@ pub enum Step {
     Finished,
 }
 
+/// What a run has behind it when a session begins.
+pub(super) struct Past {
+    /// Positions of the plan gone through.
+    pub visited: usize,
+    /// Points learnt.
+    pub points: u64,
+    /// Reports of the frames learnt, as far as they are known.
+    pub frames: Vec<FrameReport>,
+    /// Frames that could not be used.
+    pub skipped: Vec<SkippedFrame>,
+    /// Seconds spent.
+    pub wall_s: f64,
+}
+
 /// A dataset, a configuration and a model that grows frame by frame.
 pub struct Session {
     dataset: Arc<Dataset>,
@@ -89,10 +86,11 @@ pub struct Session {
     settings: UnprojectSettings,
     engine: Engine,
     prefetch: Prefetch,
-    frames: Vec<FrameReport>,
-    skipped: Vec<SkippedFrame>,
+    /// Everything up to the last step.
+    past: Past,
     started: Instant,
-    wall_s: f64,
+    /// Seconds spent before `started`.
+    wall_before_s: f64,
 }
 
 impl Session {
@@ -105,29 +103,38 @@ impl Session {
     ) -> Result<Self, SessionError> {
         let plan = Plan::new(&dataset, &selection, train.seed)?;
         let range = range::estimate(&dataset, plan.split)?;
-        let settings = UnprojectSettings {
-            convention: camera_convention(train.preset, dataset.layout),
-            filter: EdgeFilter::DropMixed,
-            normalization: range.normalization(),
-        };
-        let draw = initial_draw(&dataset, &plan, &settings, &train);
-        let engine = Engine::new(&train, &draw)?;
-        let prefetch = Prefetch::start(dataset.clone(), plan.split, plan.frames.clone(), settings)?;
-        let split_name = &dataset.splits[plan.split].name;
-        let skipped = dataset.warnings.iter().filter(|w| w.split == *split_name);
-        let skipped = skipped.map(|w| SkippedFrame::from(&*w.error)).collect();
-        Ok(Self {
-            config: run_config(train, selection, &settings, &range),
+        let config = RunConfig::new(&dataset, train, selection, &range);
+        let normalization = range.normalization();
+        let draw = initial_draw(&dataset, &config, normalization)?;
+        let engine = Engine::new(&config.train, &draw)?;
+        let past = Past::none(&dataset, plan.split);
+        Self::begin(dataset, config, plan, normalization, engine, past)
+    }
+
+    /// Starts decoding behind what the run has behind it.
+    pub(super) fn begin(
+        dataset: Arc<Dataset>,
+        config: RunConfig,
+        plan: Plan,
+        normalization: Normalization,
+        engine: Engine,
+        past: Past,
+    ) -> Result<Self, SessionError> {
+        let settings = config.unprojection(normalization);
+        let prefetch = Prefetch::start(dataset.clone(), &plan, past.visited, settings)?;
+        let (started, wall_before_s) = (Instant::now(), past.wall_s);
+        let session = Self {
             dataset,
+            config,
             plan,
             settings,
             engine,
             prefetch,
-            frames: Vec::new(),
-            skipped,
-            started: Instant::now(),
-            wall_s: 0.0,
-        })
+            past,
+            started,
+            wall_before_s,
+        };
+        Ok(session)
     }
 
     /// Trains on the next frame, waiting for it to be decoded. On errors see [`Engine::train`].
@@ -135,26 +142,29 @@ impl Session {
         let Some(Prepared { position, name, result }) = self.prefetch.next() else {
             return self.finish();
         };
+        // Whatever becomes of it, no run that goes on from here may learn this frame again.
+        self.past.visited = position + 1;
         let step = match result {
             Ok(prepared) => Step::Trained(self.learn(position, name, prepared)?),
             Err(message) => {
                 let skipped = SkippedFrame { frame: name, message };
-                self.skipped.push(skipped.clone());
+                self.past.skipped.push(skipped.clone());
                 Step::Skipped(skipped)
             }
         };
-        self.wall_s = self.started.elapsed().as_secs_f64();
+        self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
         Ok(step)
     }
 
     fn finish(&self) -> Result<Step, SessionError> {
-        if !self.frames.is_empty() {
+        if self.engine.frames() > 0 {
             return Ok(Step::Finished);
         }
         Err(SessionError::NoUsableFrame {
             dataset: self.dataset.name.clone(),
-            skipped: self.skipped.len(),
+            skipped: self.past.skipped.len(),
             first: self
+                .past
                 .skipped
                 .first()
                 .map_or_else(|| "no frame is selected".into(), |s| s.message.clone()),
@@ -181,7 +191,8 @@ impl Session {
             elbo_mean: outcome.elbo_mean,
             ms: FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms },
         };
-        self.frames.push(report.clone());
+        self.past.points += outcome.points as u64;
+        self.past.frames.push(report.clone());
         Ok(report)
     }
 
@@ -205,6 +216,21 @@ impl Session {
         &self.engine
     }
 
+    /// World to model coordinates.
+    pub fn normalization(&self) -> &Normalization {
+        &self.settings.normalization
+    }
+
+    /// What lies behind the next step.
+    pub(super) fn past(&self) -> &Past {
+        &self.past
+    }
+
+    /// Positions of the plan gone through, by learning a frame or by skipping it.
+    pub fn visited(&self) -> usize {
+        self.past.visited
+    }
+
     /// Direction that points up in the world, as far as the cameras tell.
     pub fn up(&self) -> DVec3 {
         mean_up(self.dataset.splits[self.plan.split].frames.iter().map(|f| &f.camera.pose))
@@ -212,12 +238,12 @@ impl Session {
 
     /// Trained frames so far, in order.
     pub fn frames(&self) -> &[FrameReport] {
-        &self.frames
+        &self.past.frames
     }
 
     /// Unusable frames so far.
     pub fn skipped(&self) -> &[SkippedFrame] {
-        &self.skipped
+        &self.past.skipped
     }
 
     /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
@@ -250,25 +276,17 @@ impl Session {
             },
             config: self.config.clone(),
             machine: machine::describe(adapter),
-            frames: self.frames.clone(),
-            skipped: self.skipped.clone(),
+            frames: self.past.frames.clone(),
+            skipped: self.past.skipped.clone(),
             summary: Summary {
                 components: self.engine.components(),
                 used: self.engine.used(),
                 model_bytes: self.engine.model_bytes(),
                 peak_rss_bytes: machine::peak_rss_bytes(),
-                ..Summary::of_frames(&self.frames, self.wall_s)
+                ..Summary::of_frames(&self.past.frames, self.past.wall_s)
             },
             eval,
         }
-    }
-}
-
-/// The published loader's rays are part of the `paper` preset, where that loader applies.
-fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
-    match (preset, layout) {
-        (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
-        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) => CameraConvention::Exact,
     }
 }
 
@@ -281,40 +299,17 @@ pub fn layout_name(layout: Layout) -> &'static str {
     }
 }
 
-fn run_config(
-    train: TrainConfig,
-    selection: Selection,
-    settings: &UnprojectSettings,
-    range: &PositionRange,
-) -> RunConfig {
-    RunConfig {
-        train,
-        selection,
-        camera_convention: settings.convention,
-        edge_filter: settings.filter,
-        position_range: [range.lo().to_array(), range.hi().to_array()],
-        position_range_source: range.source.clone(),
-    }
-}
-
-/// Initial means; from the first usable frame where they come from data.
-fn initial_draw(
-    dataset: &Dataset,
-    plan: &Plan,
-    settings: &UnprojectSettings,
-    train: &TrainConfig,
-) -> InitialDraw {
-    if train.init == Init::Random {
-        return InitialDraw::random(train.components, train.seed);
-    }
-    let mut points = Points::new();
-    for &index in &plan.frames {
-        let loaded = dataset.load(plan.split, index);
-        let counts =
-            loaded.and_then(|frame| Unprojector::new().unproject(&frame, settings, &mut points));
-        if counts.is_ok() && !points.is_empty() {
-            break;
+impl Past {
+    /// Nothing but the frames that the dataset refused when it was opened.
+    pub fn none(dataset: &Dataset, split: usize) -> Self {
+        let name = &dataset.splits[split].name;
+        let refused = dataset.warnings.iter().filter(|w| w.split == *name);
+        Self {
+            visited: 0,
+            points: 0,
+            frames: Vec::new(),
+            skipped: refused.map(|w| SkippedFrame::from(&*w.error)).collect(),
+            wall_s: 0.0,
         }
     }
-    InitialDraw::from_points(&points, train.components, train.seed)
 }

@@ -13,7 +13,11 @@ fn train_writes_a_scene_and_a_report() {
         assert!(said.contains("wrote 8 frames"), "{said}");
         let train = format!("train {layout} --out {layout}-out --components 2000 --eval eval");
         let run = scratch.run(&train).succeeds();
-        assert!(run.stdout.contains("wrote scene.ply and report.json"), "{}", run.stdout);
+        assert!(
+            run.stdout.contains("wrote scene.ply, checkpoint.vbgs and report.json"),
+            "{}",
+            run.stdout
+        );
         assert!(run.stdout.contains("PSNR"), "{}", run.stdout);
         let notes = run.stderr.lines().all(|line| line.starts_with("note: "));
         assert!(notes, "nothing to warn about, and no bar without a terminal: {}", run.stderr);
@@ -40,7 +44,7 @@ fn a_second_run_replaces_the_first() {
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .collect();
     names.sort();
-    assert_eq!(names, ["report.json", "scene.ply"], "no temporary stays behind");
+    assert_eq!(names, ["checkpoint.vbgs", "report.json", "scene.ply"], "no temporary stays behind");
 }
 
 #[test]

@@ -27,6 +27,12 @@ fn ctrl_c_keeps_the_scene() {
             assert_eq!(report["frames"][n_frames - 1]["used"], used);
             assert_eq!(report["eval"], serde_json::json!([]), "no evaluation after Ctrl-C");
             scratch.run("eval out/scene.ply room").succeeds();
+            let info = scratch.run("info out/checkpoint.vbgs --json").succeeds().json();
+            assert_eq!((&info["frames"], &info["planned_frames"]), (&n_frames.into(), &100.into()));
+            let options = format!("--resume out/checkpoint.vbgs --max-frames {}", n_frames + 1);
+            scratch.run(&format!("train room --out on {options}")).succeeds();
+            let frames = scratch.json("on/report.json")["frames"].clone();
+            assert_eq!(frames.as_array().unwrap().len(), n_frames + 1);
             return;
         }
     }

@@ -15,6 +15,8 @@ config.conversion.form string
 config.conversion.keep_unused bool
 config.conversion.opacity number
 config.conversion.scale_factor number
+config.depth_range null
+config.depth_scale null
 config.edge_filter string
 config.init string
 config.low_elbo_floor number
@@ -27,6 +29,7 @@ config.preset string
 config.reassign string
 config.reassign_fraction number
 config.seed number
+config.shard null
 config.split null
 config.stride number
 dataset.frames number

@@ -6,7 +6,7 @@ use eframe::egui::{Button, ProgressBar, RichText, Ui};
 
 /// Buttons in the order they stand.
 const BUTTONS: [&[Command]; 3] = [
-    &[Command::Open, Command::OpenDemo, Command::Export],
+    &[Command::Open, Command::OpenDemo, Command::Save, Command::Export],
     &[Command::Train, Command::Step, Command::Reset],
     &[Command::FrameScene, Command::Home, Command::Help],
 ];

@@ -16,7 +16,7 @@ mod write_seven_scenes;
 
 use super::frame::{Depth, DepthCodes, DepthKind, Frame, HOLE16, sensor_noise};
 use super::range::PositionRange;
-use super::{Dataset, FrameEntry, FrameSource, Layout, Split};
+use super::{Dataset, FrameEntry, FrameSource, Layout, LoadOptions, Split};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::pose::Pose;
@@ -134,6 +134,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
         warnings: Vec::new(),
         notes: Vec::new(),
         known_range: position_range(),
+        options: LoadOptions::default(),
     })
 }
 

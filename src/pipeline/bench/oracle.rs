@@ -115,7 +115,7 @@ impl Seen {
         for frame in frames {
             engine.train(frame)?;
         }
-        let elbo = engine.elbo().to_vec();
+        let elbo = engine.elbo();
         let posteriors = (0..engine.components()).map(|k| engine.posterior(k)).collect();
         let mut responsibilities = Vec::new();
         // Tile by tile: a dense engine lists every component for every point.

@@ -2,6 +2,7 @@
 
 mod precision;
 mod settings;
+mod stored;
 
 pub use precision::{Operations, Precision, UpdateWidth, Width};
 pub use settings::{Batch, Candidates, IndexKind, Init, Preset, ReassignPolicy, StatisticsForm};
@@ -11,8 +12,10 @@ use crate::model::prior::Hyper;
 use crate::model::splats::CovarianceForm;
 use serde::{Deserialize, Serialize};
 
-/// A checked configuration. Built by [`TrainConfig::paper`] and [`TrainConfig::with`] only.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// A checked configuration. Built by [`TrainConfig::paper`] and [`TrainConfig::with`], or read from
+/// a file; settings that an older file lacks are the paper's.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(remote = "Self", default = "TrainConfig::paper")]
 pub struct TrainConfig {
     /// Origin of the defaults.
     pub preset: Preset,

@@ -205,7 +205,8 @@ impl<'a> Truth<'a> {
         let splats = engine.splats(config, &self.case.normalization);
         let drawn = splats.iter().filter(|s| s.opacity > 0.0);
         let drawn = drawn.flat_map(|s| bytemuck::cast::<_, [f32; 14]>(*s).map(f64::from));
-        let elbo = engine.elbo().iter().copied();
+        // Points left out have no score.
+        let elbo = engine.elbo().into_iter().filter(|e| !e.is_nan());
         posterior.chain(drawn).chain(elbo).filter(|v| !v.is_finite()).count()
     }
 }

@@ -1,0 +1,72 @@
+//! Size of checkpoints, and time to save and to load one, for every form of totals.
+//!
+//! `cargo bench --bench checkpoint` runs the table at 100,000 components, `-- N` at another size.
+
+#![allow(clippy::print_stdout)]
+
+mod common;
+
+use common::times_ms;
+use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, read, to_bytes, write};
+use vbgs_studio::math::points::Normalization;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::prior::Hyper;
+use vbgs_studio::model::state::{Means, ModelState, Totals};
+
+/// Files per row of the table.
+const REPETITIONS: usize = 15;
+
+fn main() {
+    // Cargo adds `--bench`.
+    let n = std::env::args().skip(1).find_map(|a| a.parse().ok()).unwrap_or(100_000);
+    println!("{n} components; milliseconds, best / median of {REPETITIONS}");
+    let row = |rng: &mut Rng| {
+        let noise: [f64; 13] = std::array::from_fn(|_| rng.range(-0.1, 0.1));
+        std::array::from_fn(|i| noise[i] + if [0, 4, 7, 9].contains(&i) { 1.0 } else { 0.0 })
+    };
+    let mut rng = Rng::new(0, Purpose::Synthetic, 0);
+    let rows: Vec<[f64; 13]> = (0..n).map(|_| row(&mut rng)).collect();
+    let means = || {
+        let points = rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32));
+        Means::F32 { space: points.clone().collect(), color: points.collect() }
+    };
+    let fixed64 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(40)) as i64)).collect();
+    let fixed128 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(80)) as i128)).collect();
+    let f32s = rows.iter().map(|row| row.map(|v| v as f32)).collect();
+    time("fixed64", means(), Totals::Fixed64 { rows: fixed64, carries: Vec::new() });
+    time("fixed128", means(), Totals::Fixed128(fixed128));
+    time("f32", means(), Totals::F32(f32s));
+}
+
+fn time(name: &str, means: Means, totals: Totals) {
+    let n = means.rows().len();
+    let checkpoint = Checkpoint {
+        config: "{}".into(),
+        meta: "{}".into(),
+        numerics: "{}".into(),
+        history: None,
+        cursor: Cursor { frames: 200, points: 1, visited: (0..200).collect() },
+        normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
+        hyper: Hyper::paper(n, n as f64),
+        model: ModelState { alpha_init: vec![1.0; n], means, totals },
+    };
+    let folder = tempfile::tempdir().expect("a folder for temporary files");
+    let path = folder.path().join("checkpoint.vbgs");
+    let save = times_ms(REPETITIONS, || {
+        write(&path, &checkpoint).expect("room on the disk");
+    });
+    let encode = times_ms(REPETITIONS, || drop(std::hint::black_box(to_bytes(&checkpoint))));
+    let load = times_ms(REPETITIONS, || drop(read(&path).expect("the file just written")));
+    let bytes = path.metadata().expect("the file just written").len();
+    let middle = REPETITIONS / 2;
+    println!(
+        "{name}: {:.1} bytes a component; save {:.1} / {:.1} (of it in memory {:.1} / {:.1}); load {:.1} / {:.1}",
+        bytes as f64 / n as f64,
+        save[0],
+        save[middle],
+        encode[0],
+        encode[middle],
+        load[0],
+        load[middle]
+    );
+}

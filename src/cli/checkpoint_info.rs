@@ -1,0 +1,102 @@
+//! `info` of a checkpoint.
+
+use super::args::InfoArgs;
+use super::failure::Failure;
+use super::output;
+use serde::Serialize;
+use std::path::PathBuf;
+use vbgs_studio::dataset;
+use vbgs_studio::pipeline::checkpoint::{Fingerprint, SavedRun};
+use vbgs_studio::pipeline::run::RunConfig;
+
+#[derive(Serialize)]
+struct CheckpointInfo {
+    path: String,
+    kind: &'static str,
+    version: String,
+    /// Program that wrote it.
+    program: String,
+    /// Frames learnt.
+    frames: u64,
+    /// Frames gone through but unusable.
+    skipped: u64,
+    /// Frames of the run.
+    planned_frames: usize,
+    points: u64,
+    components: usize,
+    used: usize,
+    bytes: u64,
+    bytes_per_component: f64,
+    dataset: Option<PathBuf>,
+    config: RunConfig,
+    defects: Vec<String>,
+}
+
+/// Reads all of it, and looks whether its dataset is still there.
+pub fn run(args: &InfoArgs) -> Result<(), Failure> {
+    let run = SavedRun::read(&args.path)?;
+    let used = run.engine()?.used();
+    let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
+    let SavedRun { version, bytes, config, meta, content, .. } = run;
+    let cursor = &content.cursor;
+    let components = config.train.components;
+    let info = CheckpointInfo {
+        path: args.path.display().to_string(),
+        kind: "checkpoint",
+        version: format!("{}.{}", version.0, version.1),
+        program: meta.program,
+        frames: cursor.frames,
+        skipped: cursor.visited.len() as u64 - cursor.frames,
+        planned_frames: meta.planned_frames,
+        points: cursor.points,
+        components,
+        used,
+        bytes,
+        bytes_per_component: bytes as f64 / components as f64,
+        dataset: meta.dataset,
+        config,
+        defects,
+    };
+    if args.json { output::json(&info) } else { print(&info) }
+}
+
+/// Why the run could not go on as it is.
+fn dataset_defect(run: &SavedRun) -> Option<String> {
+    let path = run.meta.dataset.as_ref()?;
+    let dataset = match dataset::open(path, &run.config.load) {
+        Ok(dataset) => dataset,
+        Err(error) => return Some(format!("its dataset cannot be opened: {error}")),
+    };
+    let split = match &run.config.selection.split {
+        Some(name) => dataset.split_named(name),
+        None => dataset.training_split(),
+    };
+    let difference = match split {
+        Ok(split) => run.meta.fingerprint.difference(&Fingerprint::of(&dataset, split))?,
+        Err(error) => error.to_string(),
+    };
+    Some(format!("its dataset {} has changed: {difference}", path.display()))
+}
+
+fn print(info: &CheckpointInfo) -> Result<(), Failure> {
+    let CheckpointInfo { config, .. } = info;
+    output::line(format!(
+        "{}: checkpoint, version {}, by {}, {:.1} MB ({:.0} bytes a component)",
+        info.path,
+        info.version,
+        info.program,
+        info.bytes as f64 * 1e-6,
+        info.bytes_per_component
+    ));
+    output::line(format!(
+        "  {} of {} frames learnt, {} skipped, {} points",
+        info.frames, info.planned_frames, info.skipped, info.points
+    ));
+    output::line(format!("  {} of {} components used", info.used, info.components));
+    let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
+    output::line(format!("  dataset: {dataset}"));
+    output::line(format!("  config: {}", serde_json::to_string(config)?));
+    info.defects.iter().for_each(|defect| output::line(format!("  defect: {defect}")));
+    output::line(format!("  {} defects found", info.defects.len()));
+    Ok(())
+}

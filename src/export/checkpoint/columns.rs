@@ -1,0 +1,87 @@
+//! Between rows of sums as the model keeps them and the columns of the file.
+
+use super::container::Section;
+use super::element::Stored;
+use super::tag;
+use crate::model::state::{Carry, Means, Totals};
+use crate::model::statistics::N_SUMS;
+use bytemuck::{Pod, pod_read_unaligned};
+
+/// First moments per component: space, then colour.
+pub(super) const N_FIRST: usize = 6;
+/// Second moments per component.
+pub(super) const N_SECOND: usize = 6;
+
+/// The sections of the initial means.
+pub(super) fn means(means: &Means) -> Section<'_> {
+    match means {
+        Means::F32 { space, color } => columns_of(space, color),
+        Means::F64 { space, color } => columns_of(space, color),
+    }
+}
+
+fn columns_of<'a, T: Stored>(space: &'a [[T; 3]], color: &'a [[T; 3]]) -> Section<'a> {
+    Section::new(tag::MEANS, space.as_flattened()).and(color.as_flattened())
+}
+
+/// The sections of the statistics.
+pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
+    match totals {
+        Totals::Fixed64 { rows, carries } => {
+            let mut sections = split(rows);
+            // A carry may have come and gone: equal sums have equal bytes.
+            let carries = carries.iter().filter(|carry| carry.limbs != [0; N_SUMS]);
+            let ids: Vec<u32> = carries.clone().map(|carry| carry.id).collect();
+            if !ids.is_empty() {
+                let limbs = carries.flat_map(|carry| carry.limbs).collect();
+                sections.push(Section::owned(tag::CARRY_IDS, ids));
+                sections.push(Section::owned::<i32>(tag::CARRY_LIMBS, limbs));
+            }
+            sections
+        }
+        Totals::Fixed128(rows) => split(rows),
+        Totals::F32(rows) => split(rows),
+    }
+}
+
+fn split<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
+    let mut counts = Vec::with_capacity(rows.len());
+    let mut first = Vec::with_capacity(rows.len() * N_FIRST);
+    let mut second = Vec::with_capacity(rows.len() * N_SECOND);
+    for &[n, ax, ay, az, xx, xy, xz, yy, yz, zz, r, g, b] in rows {
+        counts.push(n);
+        first.extend_from_slice(&[ax, ay, az, r, g, b]);
+        second.extend_from_slice(&[xx, xy, xz, yy, yz, zz]);
+    }
+    vec![
+        Section::owned(tag::COUNTS, counts),
+        Section::owned(tag::FIRST, first),
+        Section::owned(tag::SECOND, second),
+    ]
+}
+
+/// The rows that [`split`] took apart, into memory reserved for them.
+pub(super) fn join<T: Pod>(
+    [counts, first, second]: [&[u8]; 3],
+    mut rows: Vec<[T; N_SUMS]>,
+) -> Vec<[T; N_SUMS]> {
+    let size = size_of::<T>();
+    let counts = counts.chunks_exact(size);
+    let first = first.chunks_exact(N_FIRST * size);
+    let second = second.chunks_exact(N_SECOND * size);
+    rows.extend(counts.zip(first).zip(second).map(|((n, first), second)| {
+        let n = pod_read_unaligned(n);
+        let [ax, ay, az, r, g, b]: [T; N_FIRST] = pod_read_unaligned(first);
+        let [xx, xy, xz, yy, yz, zz]: [T; N_SECOND] = pod_read_unaligned(second);
+        [n, ax, ay, az, xx, xy, xz, yy, yz, zz, r, g, b]
+    }));
+    rows
+}
+
+/// Carries from their two sections, into memory reserved for them.
+pub(super) fn carries(ids: &[u8], limbs: &[u8], mut carries: Vec<Carry>) -> Vec<Carry> {
+    let limbs = limbs.chunks_exact(N_SUMS * size_of::<i32>()).map(pod_read_unaligned);
+    let ids = ids.chunks_exact(size_of::<u32>()).map(pod_read_unaligned);
+    carries.extend(ids.zip(limbs).map(|(id, limbs)| Carry { id, limbs }));
+    carries
+}

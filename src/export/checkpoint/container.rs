@@ -1,0 +1,261 @@
+//! Header, table of sections and checksums: the frame around a checkpoint's content.
+
+use super::super::error::{reserved, shorten};
+use super::element::{Element, Stored};
+use super::error::{Defect, tag_text};
+use super::tag;
+use bytemuck::{Pod, Zeroable};
+use std::borrow::Cow;
+use std::io::{self, Write};
+
+/// Version of the format this program writes, major and minor.
+pub const VERSION: (u16, u16) = (1, 0);
+
+/// The line ends and the high bit show damage by transfers in text mode.
+pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
+const MAX_SECTIONS: usize = 64;
+const ALIGNMENT: u64 = 64;
+const CRC_BYTES: usize = 4;
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Header {
+    magic: [u8; 8],
+    major: u16,
+    minor: u16,
+    n_sections: u32,
+    file_bytes: u64,
+}
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Entry {
+    tag: [u8; 4],
+    element: u32,
+    offset: u64,
+    length: u64,
+    crc: u32,
+    reserved: u32,
+}
+
+/// A section to be written.
+pub(super) struct Section<'a> {
+    tag: [u8; 4],
+    element: Element,
+    parts: Vec<Cow<'a, [u8]>>,
+}
+
+impl<'a> Section<'a> {
+    /// From one run of elements.
+    pub fn new<T: Stored>(tag: [u8; 4], elements: &'a [T]) -> Self {
+        Self {
+            tag,
+            element: T::ELEMENT,
+            parts: vec![Cow::Borrowed(bytemuck::cast_slice(elements))],
+        }
+    }
+
+    /// From elements made for the purpose.
+    pub fn owned<T: Stored>(tag: [u8; 4], elements: Vec<T>) -> Self {
+        let bytes = match bytemuck::try_cast_vec(elements) {
+            Ok(bytes) => bytes,
+            // Memory of another alignment cannot change hands.
+            Err((_, elements)) => bytemuck::cast_slice(&elements).to_vec(),
+        };
+        Self { tag, element: T::ELEMENT, parts: vec![Cow::Owned(bytes)] }
+    }
+
+    /// The same followed by more elements.
+    pub fn and<T: Stored>(mut self, elements: &'a [T]) -> Self {
+        debug_assert!(T::ELEMENT == self.element);
+        self.parts.push(Cow::Borrowed(bytemuck::cast_slice(elements)));
+        self
+    }
+
+    fn length(&self) -> u64 {
+        self.parts.iter().map(|part| part.len() as u64).sum()
+    }
+
+    fn crc(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        self.parts.iter().for_each(|part| hasher.update(part));
+        hasher.finalize()
+    }
+}
+
+/// Writes a whole file.
+pub(super) fn write(out: &mut dyn Write, sections: &[Section]) -> io::Result<()> {
+    let mut end = (size_of::<Header>() + size_of::<Entry>() * sections.len() + CRC_BYTES) as u64;
+    let entries: Vec<Entry> = sections
+        .iter()
+        .map(|section| {
+            let offset = end.next_multiple_of(ALIGNMENT);
+            end = offset + section.length();
+            Entry {
+                tag: section.tag,
+                element: section.element as u32,
+                offset,
+                length: section.length(),
+                crc: section.crc(),
+                reserved: 0,
+            }
+        })
+        .collect();
+    let header = Header {
+        magic: MAGIC,
+        major: VERSION.0,
+        minor: VERSION.1,
+        n_sections: sections.len() as u32,
+        file_bytes: end,
+    };
+    let mut head = bytemuck::bytes_of(&header).to_vec();
+    head.extend_from_slice(bytemuck::cast_slice(&entries));
+    head.extend_from_slice(&crc32fast::hash(&head).to_le_bytes());
+    out.write_all(&head)?;
+    let mut at = head.len() as u64;
+    for (section, entry) in sections.iter().zip(&entries) {
+        out.write_all(&[0; ALIGNMENT as usize][..(entry.offset - at) as usize])?;
+        section.parts.iter().try_for_each(|part| out.write_all(part))?;
+        at = entry.offset + entry.length;
+    }
+    Ok(())
+}
+
+/// A file whose frame is sound; its content is still to be decoded.
+pub(super) struct Container<'a> {
+    pub version: (u16, u16),
+    sections: Vec<(Entry, &'a [u8])>,
+}
+
+impl<'a> Container<'a> {
+    /// Checks everything but what the sections mean, in the order of `export.md` 4. Takes memory
+    /// for the table only, once the file is known to hold it.
+    pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
+        let found = bytes.len() as u64;
+        let head = size_of::<Header>();
+        if bytes.len() < head + CRC_BYTES {
+            return Err(too_short(bytes));
+        }
+        let header: Header = bytemuck::pod_read_unaligned(&bytes[..head]);
+        if header.magic != MAGIC {
+            return Err(wrong_magic(bytes));
+        }
+        if header.major != VERSION.0 {
+            return Err(Defect::Version { major: header.major, minor: header.minor });
+        }
+        let n = header.n_sections as usize;
+        if n > MAX_SECTIONS {
+            let expected = format!("at most {MAX_SECTIONS} sections");
+            return Err(Defect::malformed("header", expected, n.to_string()));
+        }
+        let table_end = head + n * size_of::<Entry>();
+        let Some(crc) = bytes.get(table_end..table_end + CRC_BYTES) else {
+            return Err(Defect::Truncated { expected: (table_end + CRC_BYTES) as u64, found });
+        };
+        if crc32fast::hash(&bytes[..table_end]).to_le_bytes() != crc {
+            return Err(Defect::Checksum { place: "header".into() });
+        }
+        if found < header.file_bytes {
+            return Err(Defect::Truncated { expected: header.file_bytes, found });
+        }
+        if found > header.file_bytes {
+            let expected = format!("{} bytes", header.file_bytes);
+            return Err(Defect::malformed("header", expected, found.to_string()));
+        }
+        let version = (header.major, header.minor);
+        let mut sections = reserved(n).map_err(Defect::Memory)?;
+        let mut end = table_end + CRC_BYTES;
+        for entry in bytes[head..table_end].chunks_exact(size_of::<Entry>()) {
+            let entry: Entry = bytemuck::pod_read_unaligned(entry);
+            let content = locate(bytes, &entry, end)?;
+            end = entry.offset as usize + content.len();
+            if crc32fast::hash(content) != entry.crc {
+                return Err(Defect::Checksum { place: tag_text(entry.tag) });
+            }
+            let known = tag::ALL.contains(&entry.tag);
+            if !known && !entry.tag[0].is_ascii_lowercase() {
+                return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
+            }
+            if sections.iter().any(|(other, _): &(Entry, &[u8])| other.tag == entry.tag) {
+                return Err(Defect::malformed(tag_text(entry.tag), "one such section", "two"));
+            }
+            sections.push((entry, content));
+        }
+        if end as u64 != header.file_bytes {
+            let trailing = format!("{} bytes more", header.file_bytes - end as u64);
+            return Err(Defect::malformed("header", "nothing after the last section", trailing));
+        }
+        Ok(Self { version, sections })
+    }
+
+    /// Bytes and code of a section's elements.
+    pub fn find(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
+        let found = self.sections.iter().find(|(entry, _)| entry.tag == tag);
+        found.map(|(entry, bytes)| (*bytes, entry.element))
+    }
+}
+
+/// Bytes of a section that must begin at or after `end`, with nothing but zeros between.
+fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], Defect> {
+    let refuse = |expected: &str, found: String| {
+        Err(Defect::malformed(format!("table entry `{}`", tag_text(entry.tag)), expected, found))
+    };
+    let range = usize::try_from(entry.offset).ok().zip(usize::try_from(entry.length).ok());
+    let range = range.and_then(|(start, length)| Some(start..start.checked_add(length)?));
+    let Some(range) = range.filter(|range| range.end <= bytes.len()) else {
+        let found = format!("{} bytes from {}", entry.length, entry.offset);
+        return refuse(&format!("a place within the file's {} bytes", bytes.len()), found);
+    };
+    if !entry.offset.is_multiple_of(ALIGNMENT) {
+        return refuse(&format!("an offset divisible by {ALIGNMENT}"), entry.offset.to_string());
+    }
+    if range.start < end {
+        return refuse(&format!("an offset of {end} or more"), entry.offset.to_string());
+    }
+    if range.start - end >= ALIGNMENT as usize || bytes[end..range.start].iter().any(|&b| b != 0) {
+        return refuse("zeros up to the next multiple of 64 before it", "something else".into());
+    }
+    let size = Element::of_code(entry.element).map_or(1, Element::size);
+    if !range.len().is_multiple_of(size) {
+        return refuse(
+            &format!("whole elements of {size} bytes"),
+            format!("{} bytes", range.len()),
+        );
+    }
+    if entry.reserved != 0 {
+        return refuse("0 in the reserved field", entry.reserved.to_string());
+    }
+    Ok(&bytes[range])
+}
+
+fn too_short(bytes: &[u8]) -> Defect {
+    let is_start = !bytes.is_empty() && bytes[..bytes.len().min(8)] == MAGIC[..bytes.len().min(8)];
+    if is_start {
+        let expected = (size_of::<Header>() + CRC_BYTES) as u64;
+        return Defect::Truncated { expected, found: bytes.len() as u64 };
+    }
+    wrong_magic(bytes)
+}
+
+fn wrong_magic(bytes: &[u8]) -> Defect {
+    if is_text_damaged(bytes) {
+        return Defect::TextMode;
+    }
+    let start = String::from_utf8_lossy(&bytes[..bytes.len().min(16)]);
+    let found = match bytes {
+        [] => "an empty file".to_owned(),
+        _ if bytes.starts_with(b"ply") => "a PLY file".to_owned(),
+        _ if bytes.starts_with(b"glTF") => "a GLB file".to_owned(),
+        _ => format!("a file starting \"{}\"", shorten(&start)),
+    };
+    Defect::NotACheckpoint { found }
+}
+
+/// Whether this was a checkpoint once: the name is there, the bytes around it are not. UTF-8
+/// decoding with replacement makes three bytes of the first one.
+pub(super) fn is_text_damaged(bytes: &[u8]) -> bool {
+    !bytes.starts_with(&MAGIC)
+        && [&b"\x89VBGS"[..], b"\tVBGS", b"\xEF\xBF\xBDVBGS", b"\xC2\x89VBGS"]
+            .iter()
+            .any(|start| bytes.starts_with(start) && bytes.len() >= start.len() + 3)
+}

@@ -1,0 +1,57 @@
+//! What sections are made of.
+
+use bytemuck::Pod;
+
+/// Type of a section's elements; the discriminant is its code in the file. The last two are this
+/// program's additions to the codes of `export.md` 4.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Element {
+    /// JSON.
+    Bytes = 0,
+    /// Double precision.
+    F64 = 1,
+    /// Single precision.
+    F32 = 2,
+    /// Unsigned 32-bit.
+    U32 = 3,
+    /// Unsigned 64-bit.
+    U64 = 4,
+    /// Signed 64-bit.
+    I64 = 5,
+    /// Signed 128-bit: the low 64 bits, then the high ones.
+    I128 = 6,
+    /// Signed 32-bit.
+    I32 = 7,
+}
+
+/// Rust types that are elements.
+pub(super) trait Stored: Pod {
+    const ELEMENT: Element;
+}
+
+macro_rules! stored {
+    ($($type:ty => $element:ident),*) => {
+        $(impl Stored for $type {
+            const ELEMENT: Element = Element::$element;
+        })*
+    };
+}
+
+stored!(u8 => Bytes, f64 => F64, f32 => F32, u32 => U32, u64 => U64, i64 => I64, i128 => I128, i32 => I32);
+
+impl Element {
+    pub(super) fn of_code(code: u32) -> Option<Self> {
+        use Element::{Bytes, F32, F64, I32, I64, I128, U32, U64};
+        [Bytes, F64, F32, U32, U64, I64, I128, I32].into_iter().find(|e| *e as u32 == code)
+    }
+
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::Bytes => 1,
+            Self::F32 | Self::U32 | Self::I32 => 4,
+            Self::F64 | Self::U64 | Self::I64 => 8,
+            Self::I128 => 16,
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! What can go wrong when a checkpoint is written or read.
+
+use super::super::error::{ExportError, Fault};
+use super::container::VERSION;
+use std::path::PathBuf;
+
+/// A checkpoint that could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// The file itself.
+    #[error(transparent)]
+    File(#[from] ExportError),
+    /// Its content.
+    #[error("{}: {defect}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and what to do about it.
+        defect: Defect,
+    },
+}
+
+/// Why bytes are no usable checkpoint.
+#[derive(Debug, thiserror::Error)]
+pub enum Defect {
+    /// Something else.
+    #[error("expected a checkpoint (.vbgs), found {found}; name a file that `train` wrote")]
+    NotACheckpoint {
+        /// The first bytes.
+        found: String,
+    },
+    /// Line ends or high bits were changed on the way.
+    #[error(
+        "expected a checkpoint, found one damaged by a transfer in text mode; copy it again in \
+         binary mode"
+    )]
+    TextMode,
+    /// Another major version.
+    #[error(
+        "written by version {major}.{minor} of the format, this program reads {}; use a newer \
+         program", VERSION.0
+    )]
+    Version {
+        /// Major version of the file.
+        major: u16,
+        /// Minor version of the file.
+        minor: u16,
+    },
+    /// The file ends too early.
+    #[error(
+        "expected {expected} bytes, found {found}: the file is cut short; use another copy, such \
+         as the .bak beside it"
+    )]
+    Truncated {
+        /// Bytes there must be at least.
+        expected: u64,
+        /// Bytes there are.
+        found: u64,
+    },
+    /// Bytes changed.
+    #[error(
+        "{place}: the checksum does not match, so bytes are damaged; use another copy, such as the \
+         .bak beside it"
+    )]
+    Checksum {
+        /// The header, or the tag of the section.
+        place: String,
+    },
+    /// A section without which the file cannot be understood.
+    #[error(
+        "section `{tag}` is needed and unknown to this program, which reads version {}.{} and found \
+         {}.{}; use a newer program", VERSION.0, VERSION.1, version.0, version.1
+    )]
+    UnknownSection {
+        /// Its tag.
+        tag: String,
+        /// Version of the file.
+        version: (u16, u16),
+    },
+    /// Header, table or a section is not as the format says.
+    #[error("{place}: expected {expected}, found {found}; use another copy, or train again")]
+    Malformed {
+        /// The header, a section, or a value in one.
+        place: String,
+        /// What the format asks for.
+        expected: String,
+        /// What the file holds.
+        found: String,
+    },
+    /// Memory ran out.
+    #[error("{0}")]
+    Memory(Fault),
+}
+
+impl Defect {
+    pub(super) fn malformed(
+        place: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> Self {
+        Self::Malformed { place: place.into(), expected: expected.into(), found: found.into() }
+    }
+}
+
+/// A tag as it may appear in a message.
+pub(super) fn tag_text(tag: [u8; 4]) -> String {
+    tag.escape_ascii().to_string()
+}

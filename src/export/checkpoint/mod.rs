@@ -1,0 +1,152 @@
+//! Native checkpoints, `*.vbgs` (`export.md` 4): everything a run needs to go on as if it had never
+//! stopped, saved at a frame boundary.
+//!
+//! Little-endian. A header of 24 bytes (magic, version, number of sections, length of the file), a
+//! table with one entry of 32 bytes per section (tag, element type, offset, length, CRC-32), the
+//! CRC-32 of all that, then the sections at multiples of 64 with zeros between them.
+//!
+//! | tag | elements | holds |
+//! |---|---|---|
+//! | `CONF` | bytes | JSON: every setting that shaped the run |
+//! | `META` | bytes | JSON: program, time, dataset and its fingerprint |
+//! | `NUMX` | bytes | JSON: what the last bits of results depend on besides the settings |
+//! | `CURS` | u64 | frames learnt, points learnt, then the frames gone through, in order |
+//! | `NORM` | f64 | offset and scale of positions |
+//! | `PRIR` | f64 | α₀; κ₀, κ_init, U₀ of space; ν₀; κ₀, κ_init, U₀ of colour |
+//! | `DIRI` | f64 | α_k of the initial model |
+//! | `MINI` | f32 or f64 | initial means in the E-step's precision: all of space, then all of colour |
+//! | `STAN` | i64, i128 or f32 | N_k |
+//! | `STA1` | as `STAN` | first moments, rows x y z of space about the initial mean, x y z of colour |
+//! | `STA2` | as `STAN` | second moments of space about the initial mean, rows xx xy xz yy yz zz |
+//! | `CARI` | u32 | components with carries, ascending; only if there are any |
+//! | `CARL` | i32 | their carries, in the order N, `STA1` of space, `STA2`, `STA1` of colour |
+//! | `HIST` | bytes | JSON: the frames' reports; optional |
+//!
+//! Integer statistics count quanta ([`crate::math::fixed`]). An `i128` is 16 bytes, low half first.
+//! What follows from these is not saved: the index, posteriors, and the state of random streams,
+//! which is their name ([`crate::math::rng`]).
+//!
+//! ```
+//! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, read, write};
+//! use vbgs_studio::math::points::Normalization;
+//! use vbgs_studio::model::prior::Hyper;
+//! use vbgs_studio::model::state::{Means, ModelState, Totals};
+//!
+//! let checkpoint = Checkpoint {
+//!     config: "{}".into(),
+//!     meta: "{}".into(),
+//!     numerics: "{}".into(),
+//!     history: None,
+//!     cursor: Cursor { frames: 1, points: 500, visited: vec![0] },
+//!     normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
+//!     hyper: Hyper::paper(1, 1.0),
+//!     model: ModelState {
+//!         alpha_init: vec![1.5],
+//!         means: Means::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
+//!         totals: Totals::Fixed128(vec![[1 << 80, 0, 0, 0, 9, 0, 0, 9, 0, 9, 0, 0, 0]]),
+//!     },
+//! };
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("checkpoint.vbgs");
+//! write(&path, &checkpoint)?;
+//! assert_eq!(read(&path)?.checkpoint, checkpoint);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod check;
+mod columns;
+mod container;
+mod element;
+mod error;
+mod read;
+mod write;
+
+pub use container::VERSION;
+pub use error::{CheckpointError, Defect};
+pub use read::{is_checkpoint, parse, read};
+pub use write::{to_bytes, write, write_keeping_old};
+
+use crate::math::points::Normalization;
+use crate::model::prior::Hyper;
+use crate::model::state::ModelState;
+
+// Columns are written and read as they lie in memory.
+const _: () = assert!(cfg!(target_endian = "little"), "checkpoints need a little-endian machine");
+
+/// What a checkpoint holds. The JSON texts are opaque here: `pipeline` writes and reads them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Checkpoint {
+    /// Every setting that shaped the run.
+    pub config: String,
+    /// Program, time and dataset.
+    pub meta: String,
+    /// What the last bits of results depend on besides the settings.
+    pub numerics: String,
+    /// Reports of the frames so far.
+    pub history: Option<String>,
+    /// How far the run is.
+    pub cursor: Cursor,
+    /// World to model coordinates.
+    pub normalization: Normalization,
+    /// Prior and initial hyper-parameters.
+    pub hyper: Hyper,
+    /// The model.
+    pub model: ModelState,
+}
+
+/// How far a run is.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Cursor {
+    /// Frames learnt.
+    pub frames: u64,
+    /// Points learnt.
+    pub points: u64,
+    /// Positions in their split of the frames gone through, learnt or skipped, in order; each once.
+    pub visited: Vec<u32>,
+}
+
+/// A checkpoint and the file it was read from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded {
+    /// The content.
+    pub checkpoint: Checkpoint,
+    /// Version of the format, major and minor.
+    pub version: (u16, u16),
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// Tags of the sections.
+mod tag {
+    pub const CONFIG: [u8; 4] = *b"CONF";
+    pub const META: [u8; 4] = *b"META";
+    pub const NUMERICS: [u8; 4] = *b"NUMX";
+    pub const CURSOR: [u8; 4] = *b"CURS";
+    pub const NORMALIZATION: [u8; 4] = *b"NORM";
+    pub const PRIOR: [u8; 4] = *b"PRIR";
+    pub const ALPHA: [u8; 4] = *b"DIRI";
+    pub const MEANS: [u8; 4] = *b"MINI";
+    pub const COUNTS: [u8; 4] = *b"STAN";
+    pub const FIRST: [u8; 4] = *b"STA1";
+    pub const SECOND: [u8; 4] = *b"STA2";
+    pub const CARRY_IDS: [u8; 4] = *b"CARI";
+    pub const CARRY_LIMBS: [u8; 4] = *b"CARL";
+    pub const HISTORY: [u8; 4] = *b"HIST";
+    /// Every tag above.
+    pub const ALL: [[u8; 4]; 14] = [
+        CONFIG,
+        META,
+        NUMERICS,
+        CURSOR,
+        NORMALIZATION,
+        PRIOR,
+        ALPHA,
+        MEANS,
+        COUNTS,
+        FIRST,
+        SECOND,
+        CARRY_IDS,
+        CARRY_LIMBS,
+        HISTORY,
+    ];
+}

@@ -1,0 +1,63 @@
+//! A checkpoint as sections.
+
+use super::super::atomic::{back_up, write_atomic};
+use super::container::{self, Section};
+use super::error::CheckpointError;
+use super::{Checkpoint, columns, tag};
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Writes a checkpoint, whole or not at all (see [`write_atomic`]); returns the number of bytes.
+///
+/// # Errors
+/// Whatever writing a file can meet.
+pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
+    Ok(write_atomic(path, |out| write_to(out, checkpoint))?)
+}
+
+/// Like [`write()`]; an older file of that name stays as `<name>.bak`.
+///
+/// # Errors
+/// As [`write()`]; the older file is untouched then.
+pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
+    back_up(path)?;
+    write(path, checkpoint)
+}
+
+/// The bytes of the file.
+pub fn to_bytes(checkpoint: &Checkpoint) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let written = write_to(&mut bytes, checkpoint);
+    debug_assert!(written.is_ok(), "memory takes all bytes");
+    bytes
+}
+
+fn write_to(out: &mut dyn Write, checkpoint: &Checkpoint) -> io::Result<()> {
+    let Checkpoint { config, meta, numerics, history, cursor, normalization, hyper, model } =
+        checkpoint;
+    let visited = cursor.visited.iter().map(|&frame| u64::from(frame));
+    let cursor = [cursor.frames, cursor.points].into_iter().chain(visited).collect();
+    let prior = [
+        hyper.alpha0,
+        hyper.kappa0_space,
+        hyper.kappa_init_space,
+        hyper.u0_space,
+        hyper.nu0,
+        hyper.kappa0_color,
+        hyper.kappa_init_color,
+        hyper.u0_color,
+    ];
+    let mut sections = vec![
+        Section::new(tag::CONFIG, config.as_bytes()),
+        Section::new(tag::META, meta.as_bytes()),
+        Section::new(tag::NUMERICS, numerics.as_bytes()),
+        Section::owned::<u64>(tag::CURSOR, cursor),
+        Section::new(tag::NORMALIZATION, &normalization.offset).and(&normalization.scale),
+        Section::new(tag::PRIOR, &prior),
+        Section::new(tag::ALPHA, &model.alpha_init),
+        columns::means(&model.means),
+    ];
+    sections.extend(columns::totals(&model.totals));
+    sections.extend(history.as_ref().map(|h| Section::new(tag::HISTORY, h.as_bytes())));
+    container::write(out, &sections)
+}

@@ -1,0 +1,71 @@
+//! Settings a user gives beside a checkpoint: they must be the ones the run was begun with.
+
+use super::{RunError, SavedRun};
+use crate::dataset::LoadOptions;
+use crate::pipeline::plan::{Order, Shard};
+use crate::train::config::{Overrides, Preset};
+use serde::Serialize;
+use serde_json::Value;
+
+/// What a user asks of a run that goes on; what is not asked for is as it was.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Asked {
+    /// Origin of the defaults.
+    pub preset: Option<Preset>,
+    /// Settings of the trainer.
+    #[serde(flatten)]
+    pub train: Overrides,
+    /// Split to train on.
+    pub split: Option<String>,
+    /// Order of the frames.
+    pub order: Option<Order>,
+    /// Every so-many-th frame.
+    pub stride: Option<usize>,
+    /// Share of the frames.
+    pub shard: Option<Shard>,
+    /// How depth files are read.
+    #[serde(flatten)]
+    pub load: LoadOptions,
+    /// Frames at most, those gone through included: the one setting that may change.
+    #[serde(skip)]
+    pub max_frames: Option<usize>,
+}
+
+impl SavedRun {
+    /// Refuses the first setting that contradicts the run's.
+    pub fn check(&self, asked: &Asked) -> Result<(), RunError> {
+        let (Ok(Value::Object(asked)), Ok(stored)) =
+            (serde_json::to_value(asked), serde_json::to_value(&self.config))
+        else {
+            return Ok(()); // settings are always JSON objects
+        };
+        for (name, value) in asked.iter().filter(|(_, value)| !value.is_null()) {
+            let before = match name.as_str() {
+                "covariance_form" => &stored["conversion"]["form"],
+                "scale_factor" => &stored["conversion"]["scale_factor"],
+                other => &stored[other],
+            };
+            if before != value {
+                return Err(RunError::Conflict {
+                    setting: option_name(name),
+                    path: self.path.clone(),
+                    stored: if before.is_null() { "no such option".into() } else { text(before) },
+                    asked: text(value),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// As the command line spells it.
+fn option_name(name: &str) -> String {
+    match name {
+        "covariance_form" => "--conversion".to_owned(),
+        other => format!("--{}", other.replace('_', "-")),
+    }
+}
+
+fn text(value: &Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}

@@ -1,0 +1,49 @@
+//! From a checkpoint back to a session.
+
+use super::save::History;
+use super::{Asked, Fingerprint, RunError, SavedRun, parse};
+use crate::dataset::Dataset;
+use crate::export::checkpoint::Checkpoint;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::session::{Past, Session};
+use crate::train::engine::Engine;
+use std::sync::Arc;
+
+impl SavedRun {
+    /// A session that goes on where the run stopped, on the dataset it was begun on.
+    ///
+    /// # Errors
+    /// [`RunError::Conflict`] for settings other than the run's, [`RunError::OtherDataset`] unless
+    /// `force`, and whatever starting a session can meet.
+    pub fn resume(
+        self,
+        dataset: Arc<Dataset>,
+        asked: &Asked,
+        force: bool,
+    ) -> Result<Session, RunError> {
+        self.check(asked)?;
+        let Self { path, mut config, meta, content, .. } = self;
+        let Checkpoint { history, cursor, normalization, model, .. } = content;
+        config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
+        let plan = Plan::after(&dataset, &config.selection, config.train.seed, &cursor.visited)?;
+        let found = Fingerprint::of(&dataset, plan.split);
+        if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
+            return Err(RunError::OtherDataset { path, difference });
+        }
+        let n_frames = dataset.splits[plan.split].frames.len();
+        let expected = cursor.visited.iter().max().map_or(0, |&last| last as usize + 1);
+        if expected > n_frames {
+            return Err(RunError::TooFewFrames { path, expected, found: n_frames });
+        }
+        let mut past = Past::none(&dataset, plan.split);
+        past.visited = cursor.visited.len();
+        past.points = cursor.points;
+        past.wall_s = meta.wall_s;
+        if let Some(history) = history {
+            let history: History = parse(&path, "HIST", &history)?;
+            (past.frames, past.skipped) = (history.frames, history.skipped);
+        }
+        let engine = Engine::restore(&config.train, model, cursor.frames)?;
+        Ok(Session::begin(dataset, config, plan, normalization, engine, past)?)
+    }
+}

@@ -1,0 +1,96 @@
+//! The settings of a run, and the model they start from.
+
+use super::plan::{Plan, Selection};
+use crate::dataset::error::DatasetError;
+use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+use crate::dataset::range::PositionRange;
+use crate::dataset::{Dataset, Layout, LoadOptions};
+use crate::math::points::{Normalization, Points};
+use crate::train::config::{Init, Preset, TrainConfig};
+use crate::train::init::InitialDraw;
+use serde::{Deserialize, Serialize};
+
+/// Every setting that shaped a run, for the report.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunConfig {
+    /// Settings of the trainer.
+    #[serde(flatten)]
+    pub train: TrainConfig,
+    /// Frames and their order.
+    #[serde(flatten)]
+    pub selection: Selection,
+    /// How depth files are read.
+    #[serde(flatten)]
+    pub load: LoadOptions,
+    /// How pixels become rays.
+    pub camera_convention: CameraConvention,
+    /// Whether mixed pixels are dropped.
+    pub edge_filter: EdgeFilter,
+    /// Low and high corner of the normalised range, world units.
+    pub position_range: [[f64; 3]; 2],
+    /// Where that range is from.
+    pub position_range_source: String,
+}
+
+impl RunConfig {
+    /// For a dataset whose positions lie in `range`.
+    pub fn new(
+        dataset: &Dataset,
+        train: TrainConfig,
+        selection: Selection,
+        range: &PositionRange,
+    ) -> Self {
+        Self {
+            load: dataset.options,
+            camera_convention: camera_convention(train.preset, dataset.layout),
+            edge_filter: EdgeFilter::DropMixed,
+            position_range: [range.lo().to_array(), range.hi().to_array()],
+            position_range_source: range.source.clone(),
+            train,
+            selection,
+        }
+    }
+
+    /// How frames become points.
+    pub fn unprojection(&self, normalization: Normalization) -> UnprojectSettings {
+        UnprojectSettings {
+            convention: self.camera_convention,
+            filter: self.edge_filter,
+            normalization,
+        }
+    }
+}
+
+/// The published loader's rays are part of the `paper` preset, where that loader applies.
+fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
+    match (preset, layout) {
+        (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
+        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) => CameraConvention::Exact,
+    }
+}
+
+/// Initial means. Where they come from data it is the first usable frame of all shards, so that
+/// these start alike.
+pub(super) fn initial_draw(
+    dataset: &Dataset,
+    config: &RunConfig,
+    normalization: Normalization,
+) -> Result<InitialDraw, DatasetError> {
+    let train = &config.train;
+    if train.init == Init::Random {
+        return Ok(InitialDraw::random(train.components, train.seed));
+    }
+    let everything = Selection { shard: None, max_frames: None, ..config.selection.clone() };
+    let plan = Plan::new(dataset, &everything, train.seed)?;
+    let settings = config.unprojection(normalization);
+    let mut points = Points::new();
+    for &index in &plan.frames {
+        let loaded = dataset.load(plan.split, index);
+        let counts =
+            loaded.and_then(|frame| Unprojector::new().unproject(&frame, &settings, &mut points));
+        if counts.is_ok() && !points.is_empty() {
+            break;
+        }
+    }
+    Ok(InitialDraw::from_points(&points, train.components, train.seed))
+}

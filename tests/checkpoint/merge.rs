@@ -1,0 +1,119 @@
+//! Merging models trained on different frames.
+
+use super::*;
+use vbgs_studio::model::state::Totals;
+use vbgs_studio::pipeline::checkpoint::{RunError, merge};
+use vbgs_studio::train::config::Init;
+
+fn message(runs: Vec<SavedRun>) -> String {
+    merge(runs).unwrap_err().to_string()
+}
+
+#[test]
+fn merged_shards_are_the_run_over_all_frames() {
+    for (init, precision) in [
+        (Init::Random, Precision::Mixed),
+        (Init::Random, Precision::F64),
+        (Init::Data, Precision::Mixed),
+    ] {
+        let overrides = Overrides { init: Some(init), ..Overrides::default() };
+        let config = config(ReassignPolicy::Off, precision).with(&overrides).unwrap();
+        let whole = trained(&config, Selection::everything());
+        let (expected, scene) = (whole.checkpoint().unwrap(), ply(&whole));
+        for n in [2, 3, 5] {
+            let mut runs: Vec<_> =
+                (1..=n).map(|k| saved(&trained(&config, shard(&format!("{k}/{n}"))))).collect();
+            runs.rotate_left(1);
+            // A tree of merges, not a line.
+            let rest = reread(&merge(runs.split_off(n / 2)).unwrap().unwrap());
+            runs.push(rest);
+            let merged = reread(&merge(runs).unwrap().unwrap());
+            assert!(merged.content.model == expected.model, "{n} shards");
+            assert_eq!(merged.content.cursor.frames, expected.cursor.frames);
+            assert_eq!(merged.content.cursor.points, expected.cursor.points);
+            assert_eq!(merged.config, *whole.config());
+            let resumed = merged.resume(room(), &Asked::default(), false).unwrap();
+            assert!(ply(&finished(resumed)) == scene, "{n} shards");
+        }
+    }
+}
+
+#[test]
+fn a_merged_run_goes_on_with_the_frames_that_are_missing() {
+    let whole = trained(&off(), Selection::everything());
+    let runs = ["3/3", "1/3"].map(|s| saved(&trained(&off(), shard(s)))).to_vec();
+    let merged = merge(runs).unwrap().unwrap();
+    let session = merged.resume(room(), &Asked::default(), false).unwrap();
+    let (visited, frames) = (session.visited(), session.plan().frames.clone());
+    assert_eq!(frames.len(), FRAMES);
+    assert_eq!(frames[visited..], (1..FRAMES).step_by(3).collect::<Vec<_>>());
+    assert!(ply(&finished(session)) == ply(&whole));
+}
+
+#[test]
+fn shards_share_all_frames() {
+    let config = off();
+    let plan = |text: &str| {
+        Session::new(room(), config.clone(), shard(text)).unwrap().plan().frames.clone()
+    };
+    assert_eq!(plan("1/1"), (0..FRAMES).collect::<Vec<_>>());
+    assert_eq!(plan("2/3"), (1..FRAMES).step_by(3).collect::<Vec<_>>());
+    let mut all: Vec<usize> = (1..=7).flat_map(|k| plan(&format!("{k}/7"))).collect();
+    all.sort_unstable();
+    assert_eq!(all, plan("1/1"));
+    let few = Selection { stride: 3, max_frames: Some(2), ..shard("2/2") };
+    let plan = Session::new(room(), config, few).unwrap().plan().frames.clone();
+    assert_eq!(plan, [3, 9], "shards are taken after the stride, and frames are counted last");
+    for text in ["0/2", "3/2", "1", "1/0", "-1/2", "a/b", "1/2/3", ""] {
+        let error = text.parse::<vbgs_studio::pipeline::plan::Shard>().unwrap_err();
+        assert!(error.contains("expected K/N") && error.contains(text), "{error}");
+    }
+}
+
+#[test]
+fn models_that_began_apart_are_refused() {
+    let base = saved(&trained(&off(), shard("1/2")));
+    let other = |config: &TrainConfig| saved(&trained(config, shard("2/2")));
+    let with = |overrides: Overrides| other(&off().with(&overrides).unwrap());
+    let seed = with(Overrides { seed: Some(9), ..Overrides::default() });
+    let said = message(vec![base.clone(), seed]);
+    assert!(said.contains("setting `seed`") && said.contains("0 and 9"), "{said}");
+    let precise = other(&config(ReassignPolicy::Off, Precision::F64));
+    let said = message(vec![base.clone(), precise]);
+    assert!(said.contains("expected the same setting `operations`"), "{said}");
+    let longer = Session::new(room_of(FRAMES + 1, 4), off(), shard("2/2")).unwrap();
+    let said = message(vec![base, saved(&longer)]);
+    assert!(said.contains("same dataset") && said.contains("number of frames"), "{said}");
+}
+
+#[test]
+fn reassignment_parts_the_models() {
+    let config = config(ReassignPolicy::Padded, Precision::Mixed);
+    let runs = ["1/2", "2/2"].map(|s| saved(&trained(&config, shard(s)))).to_vec();
+    let said = message(runs);
+    for part in ["the same initial means", "component", "--reassign off"] {
+        assert!(said.contains(part), "{part:?} is missing in: {said}");
+    }
+}
+
+#[test]
+fn no_frame_counts_twice() {
+    let [a, b] = ["1/2", "1/4"].map(|s| saved(&trained(&off(), shard(s))));
+    let said = message(vec![a.clone(), b]);
+    assert!(said.contains("expected no frame in both, found 10, the first 0"), "{said}");
+    let said = message(vec![a.clone(), a]);
+    assert!(said.contains("found 20"), "{said}");
+}
+
+#[test]
+fn single_precision_totals_do_not_add() {
+    let [mut a, mut b] = ["1/2", "2/2"].map(|s| saved(&trained(&off(), shard(s))));
+    for run in [&mut a, &mut b] {
+        let n = run.content.model.alpha_init.len();
+        run.content.model.totals = Totals::F32(vec![[1.0; 13]; n]);
+    }
+    let error = merge(vec![a, b]).unwrap_err();
+    assert!(matches!(error, RunError::Add { .. }));
+    assert!(error.to_string().contains("order of frames"), "{error}");
+    assert!(merge(Vec::new()).unwrap().is_none());
+}

@@ -1,0 +1,157 @@
+//! Checkpoints that cannot go on, and settings that contradict them.
+
+use super::*;
+use vbgs_studio::dataset::LoadOptions;
+use vbgs_studio::export::checkpoint::CheckpointError;
+use vbgs_studio::model::prior::Hyper;
+use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::model::state::Totals;
+use vbgs_studio::pipeline::checkpoint::RunError;
+use vbgs_studio::pipeline::plan::Order;
+use vbgs_studio::train::config::{Batch, Candidates, IndexKind, Init, Preset, StatisticsForm};
+
+fn half() -> SavedRun {
+    saved(&trained(&off(), first(3)))
+}
+
+#[test]
+fn settings_that_contradict_the_run_are_refused_by_name() {
+    let run = half();
+    let train = |train| Asked { train, ..Asked::default() };
+    let none = Overrides::default;
+    let cases = [
+        ("--components", train(Overrides { components: Some(5), ..none() })),
+        ("--seed", train(Overrides { seed: Some(5), ..none() })),
+        ("--candidates", train(Overrides { candidates: Some(Candidates::Dense), ..none() })),
+        ("--batch", train(Overrides { batch: Some(Batch::Points(5)), ..none() })),
+        ("--statistics", train(Overrides { statistics: Some(StatisticsForm::Unfused), ..none() })),
+        ("--index", train(Overrides { index: Some(IndexKind::KdTree), ..none() })),
+        ("--init", train(Overrides { init: Some(Init::Data), ..none() })),
+        ("--reassign", train(Overrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
+        ("--reassign-fraction", train(Overrides { reassign_fraction: Some(0.5), ..none() })),
+        ("--precision", train(Overrides { precision: Some(Precision::F64), ..none() })),
+        ("--scale-factor", train(Overrides { scale_factor: Some(1.5), ..none() })),
+        (
+            "--conversion",
+            train(Overrides { covariance_form: Some(CovarianceForm::LegacyCholesky), ..none() }),
+        ),
+        ("--split", Asked { split: Some("eval".into()), ..Asked::default() }),
+        ("--order", Asked { order: Some(Order::Shuffled), ..Asked::default() }),
+        ("--stride", Asked { stride: Some(2), ..Asked::default() }),
+        ("--shard", Asked { shard: "1/2".parse().ok(), ..Asked::default() }),
+        (
+            "--depth-range",
+            Asked {
+                load: LoadOptions { depth_range: Some([0.1, 2.0]), depth_scale: None },
+                ..Asked::default()
+            },
+        ),
+    ];
+    for (setting, asked) in cases {
+        let said = run.check(&asked).expect_err(setting).to_string();
+        let start = format!("{setting}: expected ");
+        assert!(said.starts_with(&start) && said.contains("as "), "{setting}: {said}");
+        assert!(run.clone().resume(room(), &asked, true).is_err());
+    }
+}
+
+#[test]
+fn settings_that_repeat_the_run_are_fine() {
+    let run = half();
+    let asked = Asked {
+        preset: Some(Preset::Paper),
+        train: Overrides {
+            components: Some(3000),
+            candidates: Some(Candidates::Nearest(4)),
+            reassign: Some(ReassignPolicy::Off),
+            precision: Some(Precision::Mixed),
+            covariance_form: Some(CovarianceForm::Eigen),
+            scale_factor: Some(1.0),
+            ..Overrides::default()
+        },
+        order: Some(Order::Sequential),
+        stride: Some(1),
+        max_frames: Some(4),
+        ..Asked::default()
+    };
+    assert_eq!(finished(run.resume(room(), &asked, false).unwrap()).frames().len(), 4);
+}
+
+#[test]
+fn another_dataset_needs_force() {
+    let refused = |dataset: Arc<Dataset>, part: &str| {
+        let error = half().resume(dataset.clone(), &up_to(5), false).err().unwrap();
+        assert!(matches!(error, RunError::OtherDataset { .. }));
+        let said = error.to_string();
+        assert!(said.contains(part) && said.contains("--force"), "{said}");
+        half().resume(dataset, &up_to(5), true)
+    };
+    let longer = refused(room_of(FRAMES + 2, 4), "number of frames (expected 40, found 42)");
+    assert_eq!(finished(longer.unwrap()).frames().len(), 5);
+    let mut turned = (*room()).clone();
+    turned.splits[0].frames.swap(5, 6);
+    assert!(refused(Arc::new(turned), "poses").is_ok());
+    let mut shorter = (*room()).clone();
+    shorter.splits[0].frames.truncate(2);
+    let error = refused(Arc::new(shorter), "number of frames").err().unwrap();
+    assert!(error.to_string().contains("expected 3 frames or more"), "{error}");
+}
+
+#[test]
+fn sections_that_do_not_belong_together_are_refused() {
+    let run = half();
+    let refused = |edit: &dyn Fn(&mut Checkpoint), part: &str| {
+        let mut content = run.content.clone();
+        edit(&mut content);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.vbgs");
+        write(&path, &content).unwrap();
+        let result = SavedRun::read(&path).and_then(|run| run.resume(room(), &up_to(4), false));
+        let said = result.err().expect(part).to_string();
+        assert!(said.contains("x.vbgs") && said.contains(part), "{part:?}: {said}");
+    };
+    refused(&|c| c.config = "{".into(), "section `CONF`");
+    refused(&|c| c.config = c.config.replace("3000", "0"), "expected 1 to 20000000, found 0");
+    refused(&|c| c.config = c.config.replace("3000", "2999"), "expected the prior");
+    refused(&|c| c.hyper = Hyper::paper(3000, 1.0), "expected the prior");
+    let f32s = |c: &mut Checkpoint| c.model.totals = Totals::F32(vec![[0.0; 13]; 3000]);
+    refused(&f32s, "expected totals of the form");
+    refused(&|c| c.meta = "[]".into(), "section `META`");
+    refused(&|c| c.history = Some("{}".into()), "section `HIST`");
+    let missing = SavedRun::read(Path::new("none.vbgs")).unwrap_err();
+    assert!(matches!(missing, RunError::File(CheckpointError::File(_))), "{missing}");
+}
+
+#[test]
+fn another_machine_is_a_warning() {
+    let mut run = half();
+    assert_eq!(run.numerics_differ(), None);
+    run.content.numerics = r#"{"arch":"abacus"}"#.into();
+    let said = run.numerics_differ().unwrap();
+    assert!(said.contains("abacus") && said.contains("last bits"), "{said}");
+    assert!(run.resume(room(), &Asked::default(), false).is_ok());
+}
+
+#[test]
+fn settings_that_an_older_file_lacks_are_the_papers() {
+    let mut run = half();
+    let mut config: serde_json::Value = serde_json::from_str(&run.content.config).unwrap();
+    config.as_object_mut().unwrap().remove("low_elbo_floor").unwrap();
+    run.content.config = config.to_string();
+    assert_eq!(reread(&run).config, run.config);
+}
+
+/// Written by version 1.0 and never again: every later version must open it.
+#[test]
+fn the_run_of_version_1_0_still_opens() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/run_1_0.vbgs");
+    let run = SavedRun::read(&path).unwrap();
+    assert_eq!(run.version, (1, 0));
+    let config = &run.config;
+    assert_eq!((config.train.components, config.train.seed), (12, 7));
+    assert_eq!(config.train.reassign, ReassignPolicy::Forwarded);
+    assert_eq!((config.selection.stride, config.selection.max_frames), (2, Some(3)));
+    assert_eq!(run.content.cursor.visited, [0, 2, 4]);
+    assert_eq!(run.engine().unwrap().used(), 12);
+    assert_eq!(run.splats().unwrap().iter().filter(|s| s.is_drawable()).count(), 12);
+}
