@@ -1,4 +1,6 @@
-//! Decoding and unprojection ahead of training, on their own thread, through a bounded queue.
+//! Decoding and unprojection of the frames to come: on their own thread through a bounded queue
+//! where a core is left for it, else some frames at once between trainings. On a machine whose cores
+//! all train, a decoding thread doubles the time of the trainings it runs beside (`engine.md` 10).
 
 use super::plan::Plan;
 use crate::dataset::Dataset;
@@ -6,13 +8,17 @@ use crate::dataset::error::FrameError;
 use crate::dataset::points::{PointCounts, UnprojectSettings, Unprojector};
 use crate::math::points::Points;
 use crate::train::timing::Stopwatch;
+use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread;
 
 /// Prepared frames that may wait: one being trained, one ready, one in the making.
 pub const QUEUE_LENGTH: usize = 2;
+/// Frames prepared at once between trainings, at most.
+const MAX_AT_ONCE: usize = 4;
 
 /// A frame ready to be trained on.
 pub struct Prepared {
@@ -36,10 +42,14 @@ pub struct PreparedPoints {
     pub prepare_ms: f64,
 }
 
-/// Handle of the decoding thread; dropping it stops the thread.
-pub struct Prefetch {
-    frames: Receiver<Prepared>,
-    recycle: std::sync::mpsc::Sender<Points<f32>>,
+/// The frames to come. Dropping it ends its thread, if it has one.
+pub struct Prefetch(Source);
+
+enum Source {
+    /// A thread that runs ahead.
+    Ahead { frames: Receiver<Prepared>, recycle: Sender<Points<f32>> },
+    /// Threads of the trainer, while it waits.
+    Between { frames: Frames, desks: Vec<Desk>, ready: VecDeque<Prepared> },
 }
 
 /// The decoding thread could not be started.
@@ -48,66 +58,114 @@ pub struct Prefetch {
 pub struct SpawnError(#[from] std::io::Error);
 
 impl Prefetch {
-    /// Starts decoding the frames of a plan, in order, from position `first`.
+    /// Prepares the frames of a plan, in order, from position `first`: ahead if this machine has a
+    /// core that the current thread pool leaves free.
     pub fn start(
         dataset: Arc<Dataset>,
         plan: &Plan,
         first: usize,
         settings: UnprojectSettings,
     ) -> Result<Self, SpawnError> {
-        let (split, frames) = (plan.split, plan.frames.clone());
+        let threads = rayon::current_num_threads();
+        let cores = thread::available_parallelism().map_or(1, usize::from);
+        let frames = Frames { dataset, plan: plan.clone(), next: first, settings };
+        if threads < cores { Self::ahead(frames) } else { Ok(Self::between(frames, threads)) }
+    }
+
+    fn ahead(mut frames: Frames) -> Result<Self, SpawnError> {
         let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
         let (recycle, recycled) = channel();
-        let worker = Worker { dataset, split, settings, unprojector: Unprojector::new(), recycled };
         thread::Builder::new()
             .name("prefetch".into())
-            .spawn(move || worker.run(&frames, first, &sender))?;
-        Ok(Self { frames: receiver, recycle })
+            .spawn(move || run_ahead(&mut frames, &sender, &recycled))?;
+        Ok(Self(Source::Ahead { frames: receiver, recycle }))
+    }
+
+    fn between(frames: Frames, threads: usize) -> Self {
+        let mut desks = Vec::new();
+        desks.resize_with(threads.clamp(1, MAX_AT_ONCE), Desk::default);
+        Self(Source::Between { frames, desks, ready: VecDeque::new() })
     }
 
     /// The next frame, waiting for it; `None` after the last.
-    pub fn next(&self) -> Option<Prepared> {
-        self.frames.recv().ok()
-    }
-
-    /// Gives a frame's memory back for another frame.
-    pub fn recycle(&self, points: Points<f32>) {
-        // The thread may have ended already: then the memory is simply freed.
-        let _ = self.recycle.send(points);
-    }
-}
-
-struct Worker {
-    dataset: Arc<Dataset>,
-    split: usize,
-    settings: UnprojectSettings,
-    unprojector: Unprojector,
-    recycled: Receiver<Points<f32>>,
-}
-
-impl Worker {
-    fn run(mut self, frames: &[usize], first: usize, sender: &SyncSender<Prepared>) {
-        for (position, &index) in frames.iter().enumerate().skip(first) {
-            let name = self.dataset.splits[self.split].frames[index].name.clone();
-            // A decoder that panics on a damaged file costs that frame, not the scene.
-            let result =
-                catch_unwind(AssertUnwindSafe(|| self.prepare(index))).unwrap_or_else(|_| {
-                    Err(format!("{name}: decoding this frame crashed; check or remove its files"))
-                });
-            if sender.send(Prepared { position, name, result }).is_err() {
-                return; // the handle was dropped
+    pub fn next(&mut self) -> Option<Prepared> {
+        match &mut self.0 {
+            Source::Ahead { frames, .. } => frames.recv().ok(),
+            Source::Between { frames, desks, ready } => {
+                if ready.is_empty() {
+                    let first = frames.next;
+                    frames.next = frames.plan.frames.len().min(first + desks.len());
+                    let positions = (first..frames.next).into_par_iter();
+                    let frames = &*frames;
+                    let prepared =
+                        positions.zip(&mut *desks).map(|(at, desk)| frames.prepare(at, desk));
+                    ready.extend(prepared.collect::<Vec<_>>());
+                }
+                ready.pop_front()
             }
         }
     }
 
-    fn prepare(&mut self, index: usize) -> Result<PreparedPoints, String> {
+    /// Gives a frame's memory back for another frame.
+    pub fn recycle(&mut self, points: Points<f32>) {
+        match &mut self.0 {
+            // The thread may have ended already: then the memory is simply freed.
+            Source::Ahead { recycle, .. } => drop(recycle.send(points)),
+            Source::Between { desks, .. } => {
+                if let Some(desk) = desks.iter_mut().find(|desk| desk.memory.is_none()) {
+                    desk.memory = Some(points);
+                }
+            }
+        }
+    }
+}
+
+fn run_ahead(frames: &mut Frames, sender: &SyncSender<Prepared>, recycled: &Receiver<Points<f32>>) {
+    let mut desk = Desk::default();
+    for position in frames.next..frames.plan.frames.len() {
+        desk.memory = recycled.try_recv().ok();
+        if sender.send(frames.prepare(position, &mut desk)).is_err() {
+            return; // the handle was dropped
+        }
+    }
+}
+
+/// What is to be prepared.
+struct Frames {
+    dataset: Arc<Dataset>,
+    plan: Plan,
+    /// Position in the plan.
+    next: usize,
+    settings: UnprojectSettings,
+}
+
+/// Memory of one preparation at a time.
+#[derive(Default)]
+struct Desk {
+    unprojector: Unprojector,
+    memory: Option<Points<f32>>,
+}
+
+impl Frames {
+    fn prepare(&self, position: usize, desk: &mut Desk) -> Prepared {
+        let index = self.plan.frames[position];
+        let name = self.dataset.splits[self.plan.split].frames[index].name.clone();
+        // A decoder that panics on a damaged file costs that frame, not the scene.
+        let result = catch_unwind(AssertUnwindSafe(|| self.points(index, desk)));
+        let result = result.unwrap_or_else(|_| {
+            Err(format!("{name}: decoding this frame crashed; check or remove its files"))
+        });
+        Prepared { position, name, result }
+    }
+
+    fn points(&self, index: usize, desk: &mut Desk) -> Result<PreparedPoints, String> {
         let message = |e: FrameError| e.to_string();
         let mut clock = Stopwatch::start();
-        let frame = self.dataset.load(self.split, index).map_err(message)?;
+        let frame = self.dataset.load(self.plan.split, index).map_err(message)?;
         let load_ms = clock.lap_ms();
-        let mut points = self.recycled.try_recv().unwrap_or_default();
+        let mut points = desk.memory.take().unwrap_or_default();
         let counts =
-            self.unprojector.unproject(&frame, &self.settings, &mut points).map_err(message)?;
+            desk.unprojector.unproject(&frame, &self.settings, &mut points).map_err(message)?;
         let prepare_ms = clock.lap_ms();
         if points.is_empty() {
             return Err(format!(

@@ -5,7 +5,7 @@ use crate::dataset::Dataset;
 use crate::dataset::points::UnprojectSettings;
 use crate::eval::views::{self, EvalOptions, GroundTruth};
 use crate::math::points::{Normalization, Points};
-use crate::pipeline::plan::Selection;
+use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::session::Session;
 use crate::render::RenderOptions;
@@ -45,7 +45,8 @@ impl Sample {
             normalization: Normalization::from_range(lo, hi),
         };
         drop(session);
-        let prefetch = Prefetch::start(dataset.clone(), split, chosen, settings)?;
+        let plan = Plan { split, frames: chosen, held_out: None };
+        let mut prefetch = Prefetch::start(dataset.clone(), &plan, 0, settings)?;
         let results = std::iter::from_fn(|| prefetch.next()).map(|frame| frame.result);
         let mut first_problem = None;
         let frames: Vec<_> = results
