@@ -25,4 +25,6 @@ gate env RUSTDOCFLAGS="-D warnings" \
 gate cargo build --locked --release --no-default-features
 gate cargo test --release
 gate cargo test --release -- --ignored
+# What machines without AVX2 run passes the same tests.
+gate env VBGS_SIMD=portable cargo test --release --lib --test inference --test engine
 printf '\n=== every gate passed in %d s\n' "$SECONDS"

@@ -47,7 +47,7 @@ fn frame(t: usize) -> Points<f32> {
     points
 }
 
-/// 100 frames after 100 others, on two threads that the loop runs inside of.
+/// 100 frames after 300 others, in which components still spread, on two threads that the loop runs inside of.
 #[test]
 fn a_warm_training_loop_allocates_nothing() {
     let frames: Vec<Points<f32>> = (0..10).map(frame).collect();
@@ -61,14 +61,14 @@ fn a_warm_training_loop_allocates_nothing() {
         let config = TrainConfig::paper().with(&overrides).unwrap();
         let mut engine = Engine::new(&config, &InitialDraw::random(20_000, 0)).unwrap();
         let allocations = pool.install(|| {
-            let mut train = || {
-                for frame in frames.iter().cycle().take(100) {
+            let mut train = |n| {
+                for frame in frames.iter().cycle().take(n) {
                     engine.train(frame).unwrap();
                 }
             };
-            train();
+            train(300);
             let before = ALLOCATIONS.load(Ordering::Relaxed);
-            train();
+            train(100);
             ALLOCATIONS.load(Ordering::Relaxed) - before
         });
         assert_eq!(allocations, 0, "{reassign:?}");

@@ -45,6 +45,13 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
+    let memory = session.memory();
+    let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
+    eprintln!(
+        "note: {} MB of memory at most for the model, {} MB for frames",
+        megabytes(memory.model),
+        megabytes(memory.frames)
+    );
     let checkpoint = args.out.join(CHECKPOINT);
     let end = train(&mut session, &interrupt, |session, bar| {
         let due = args.autosave_frames.is_some_and(|n| learnt(session).is_multiple_of(n));

@@ -52,6 +52,8 @@ pub struct MachineReport {
     pub threads: usize,
     /// Name of the processor.
     pub cpu: String,
+    /// Instructions the engine runs on.
+    pub simd: String,
     /// Name of the graphics adapter, if one drew.
     pub adapter: Option<String>,
 }

@@ -139,7 +139,7 @@ impl Total for i64 {
             *sums = added;
             return None;
         }
-        Some(add_with_carry(sums, terms))
+        Some(add_with_carry(sums, terms)).filter(|limbs| *limbs != [0; N_SUMS])
     }
 
     #[inline(always)]
@@ -222,6 +222,8 @@ impl Statistics {
                 carries: shards
                     .iter()
                     .flat_map(|s| s.carries.iter().map(|(&id, &limbs)| Carry { id, limbs }))
+                    // What came and went again is no part of the sum.
+                    .filter(|carry| carry.limbs != [0; N_SUMS])
                     .collect(),
             },
         }

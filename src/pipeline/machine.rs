@@ -1,11 +1,17 @@
 //! What the machine says about itself.
 
 use crate::eval::report::MachineReport;
+use crate::train::simd::Isa;
 use std::fs;
 
-/// Threads of the current pool, processor, and the graphics adapter that draws, if any.
+/// Threads of the current pool, processor, instructions used, and the graphics adapter that draws, if any.
 pub fn describe(adapter: Option<String>) -> MachineReport {
-    MachineReport { threads: rayon::current_num_threads(), cpu: cpu_name(), adapter }
+    MachineReport {
+        threads: rayon::current_num_threads(),
+        cpu: cpu_name(),
+        simd: Isa::best().name().to_owned(),
+        adapter,
+    }
 }
 
 /// Name of the processor as the system gives it, else its architecture.
@@ -38,9 +44,18 @@ pub fn rss_bytes() -> Option<u64> {
     status_bytes("VmRSS:")
 }
 
+/// Memory the system can give without swapping, bytes; `None` where it does not tell.
+pub fn available_bytes() -> Option<u64> {
+    file_bytes("/proc/meminfo", "MemAvailable:")
+}
+
 fn status_bytes(field: &str) -> Option<u64> {
-    let status = fs::read_to_string("/proc/self/status").ok()?;
-    let value = status.lines().find_map(|line| line.strip_prefix(field))?;
+    file_bytes("/proc/self/status", field)
+}
+
+fn file_bytes(path: &str, field: &str) -> Option<u64> {
+    let text = fs::read_to_string(path).ok()?;
+    let value = text.lines().find_map(|line| line.strip_prefix(field))?;
     let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kilobytes * 1024)
 }

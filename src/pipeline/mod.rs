@@ -5,6 +5,7 @@ pub mod bench;
 pub mod checkpoint;
 pub mod demo;
 pub mod machine;
+pub mod memory;
 pub mod plan;
 pub mod precision_search;
 pub mod prefetch;

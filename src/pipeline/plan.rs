@@ -112,6 +112,13 @@ impl Plan {
         Ok(Self { split, frames, held_out: hold_out.then_some(evaluation.why) })
     }
 
+    /// Pixels of the largest of the frames.
+    pub fn pixels(&self, dataset: &Dataset) -> usize {
+        let frames = self.frames.iter().map(|&i| &dataset.splits[self.split].frames[i]);
+        let sizes = frames.map(|f| f.camera.intrinsics.width * f.camera.intrinsics.height);
+        sizes.max().unwrap_or(0) as usize
+    }
+
     /// The frames of a selection when `visited` were gone through already, in that order: these
     /// first, then the others in theirs. `max_frames` counts both.
     pub fn after(

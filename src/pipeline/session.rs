@@ -1,6 +1,7 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
 use super::machine;
+use super::memory::{Estimate, MemoryError};
 use super::plan::{Plan, Selection};
 use super::prefetch::{Prefetch, Prepared, PreparedPoints, SpawnError};
 use super::run::{RunConfig, initial_draw};
@@ -33,6 +34,9 @@ pub enum SessionError {
     /// The decoding thread did not start.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
+    /// The machine has not enough memory.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     /// The candidate index could not be built.
     #[error(transparent)]
     Index(#[from] IndexError),
@@ -105,6 +109,8 @@ impl Session {
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, train, selection, &range);
         let normalization = range.normalization();
+        Estimate::new(&config.train, plan.pixels(&dataset), rayon::current_num_threads())
+            .check(config.train.components)?;
         let draw = initial_draw(&dataset, &config, normalization)?;
         let engine = Engine::new(&config.train, &draw)?;
         let past = Past::none(&dataset, plan.split);
@@ -224,6 +230,12 @@ impl Session {
     /// What lies behind the next step.
     pub(super) fn past(&self) -> &Past {
         &self.past
+    }
+
+    /// What the run takes of the machine's memory at most.
+    pub fn memory(&self) -> Estimate {
+        let pixels = self.plan.pixels(&self.dataset);
+        Estimate::new(&self.config.train, pixels, rayon::current_num_threads())
     }
 
     /// Positions of the plan gone through, by learning a frame or by skipping it.

@@ -46,12 +46,31 @@ pub(super) struct FusedTiles<'a> {
     pub clock: &'a mut StageClock,
 }
 
+/// Slots that a tile has room for from the start: four for each of its points.
+const USUAL_SLOTS: usize = 256;
+
 /// Memory of a thread, grow-only. What a tile leaves never changes what the next one finds.
 #[derive(Default)]
 pub(super) struct FusedMemory {
     search: Search,
     tile: TileMemory,
     sums: Vec<[f32; N_SUMS]>,
+}
+
+impl FusedMemory {
+    /// With room for what tiles usually need of a model with so many components.
+    pub fn new(components: usize) -> Self {
+        let mut memory = Self::default();
+        memory.tile.slots.begin(components);
+        memory.tile.components.reserve(USUAL_SLOTS);
+        memory.tile.owners.reserve(USUAL_SLOTS);
+        memory.tile.shared.reserve(USUAL_SLOTS);
+        memory.tile.shares.reserve(USUAL_SLOTS);
+        memory.tile.candidates.reserve(USUAL_SLOTS);
+        memory.tile.scores.reserve(USUAL_SLOTS);
+        memory.sums.reserve(USUAL_SLOTS);
+        memory
+    }
 }
 
 #[derive(Default)]

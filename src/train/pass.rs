@@ -75,15 +75,20 @@ impl Worker {
         [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
     }
 
-    fn clear_records(&mut self, shard: usize, [narrow, wide]: [usize; 2]) {
+    /// Leaves room for as many as `seen` and a quarter more; what grows, grows well beyond.
+    fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
         if self.narrow.len() <= shard {
             self.narrow.resize_with(shard + 1, Vec::new);
             self.wide.resize_with(shard + 1, Vec::new);
         }
-        self.narrow[shard].clear();
-        self.narrow[shard].reserve(narrow);
-        self.wide[shard].clear();
-        self.wide[shard].reserve(wide);
+        let room = |capacity: usize, seen: usize| {
+            if capacity < seen + seen / 4 + 16 { 3 * seen + 64 } else { 0 }
+        };
+        let (narrow, wide) = (&mut self.narrow[shard], &mut self.wide[shard]);
+        narrow.clear();
+        narrow.reserve(room(narrow.capacity(), seen[0]));
+        wide.clear();
+        wide.reserve(if seen[1] == 0 { 0 } else { room(wide.capacity(), seen[1]) });
     }
 }
 
@@ -279,12 +284,15 @@ impl Pass {
     /// takes which tiles changes from frame to frame.
     fn begin(&mut self, statistics: &Statistics) {
         let n_workers = rayon::current_num_threads().max(self.workers.len());
-        self.workers.resize_with(n_workers, RwLock::default);
+        self.workers.resize_with(n_workers, || {
+            let fused = FusedMemory::new(statistics.len());
+            RwLock::new(Worker { fused, ..Worker::default() })
+        });
         for shard in 0..statistics.shards() {
             let seen = self.read_workers().map(|w| w.records_of(shard)).fold([0; 2], add);
             for worker in &mut self.workers {
                 let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
-                worker.clear_records(shard, seen.map(|n| (2 * n + 32).next_power_of_two()));
+                worker.clear_records(shard, seen);
             }
         }
     }

@@ -30,6 +30,22 @@ fn any_number_of_threads_gives_the_same_bytes() {
     }
 }
 
+/// The instructions that a machine has change the time a frame takes and nothing else.
+#[test]
+fn any_instruction_set_gives_the_same_bytes() {
+    let scratch = room();
+    for reassign in ["off", "padded", "forwarded"] {
+        let options = format!("--reassign {reassign}");
+        let best = scene(&scratch, &options);
+        let train = format!("train room --out forced --components 5000 {options}");
+        let words: Vec<&str> = train.split_whitespace().collect();
+        let forced = scratch.command(&words).env("VBGS_SIMD", "portable").status().unwrap();
+        assert!(forced.success());
+        assert_eq!(scratch.json("forced/report.json")["machine"]["simd"], "portable");
+        assert!(scratch.bytes("forced/scene.ply") == best, "{options}");
+    }
+}
+
 #[test]
 fn without_reassignment_the_order_of_frames_does_not_matter() {
     let scratch = room();

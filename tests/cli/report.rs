@@ -9,6 +9,14 @@ use vbgs_studio::model::splats::Splat;
 /// what this version adds.
 const REPORT: &str = "
 config.camera_convention string
+config.batch string
+config.index string
+config.operations.distance string
+config.operations.log_score string
+config.operations.moments string
+config.operations.normaliser string
+config.operations.update string
+config.statistics string
 config.candidates number
 config.components number
 config.conversion.form string
@@ -69,6 +77,7 @@ frames[].reassigned number
 frames[].used number
 machine.adapter null
 machine.cpu string
+machine.simd string
 machine.threads number
 skipped[]
 summary.components number

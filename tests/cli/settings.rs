@@ -43,7 +43,7 @@ fn defaults_are_the_papers() {
     assert_eq!(config["components"], 100_000);
     assert_eq!(config["candidates"], 4);
     assert_eq!(config["init"], "random");
-    assert_eq!(config["reassign"], "truncated");
+    assert_eq!(config["reassign"], "padded");
     assert_eq!(config["reassign_fraction"], 0.05);
     assert_eq!(config["precision"], "mixed");
 }

@@ -10,8 +10,11 @@ use std::ops::Range;
 /// Longest list whose entries fit in the low bits of a key.
 const MAX_KERNEL_LIST: usize = 1024;
 
+/// Length that lists have room for from the start; few tiles need more.
+const USUAL_LEN: usize = 4096;
+
 /// Lists of grid entries, and memory to work on them.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(in crate::train) struct Lists {
     /// All that can matter to a group.
     raw: Columns,
@@ -42,6 +45,26 @@ pub(in crate::train) struct Nearest {
 /// Ranks by squared distance, then by id.
 fn key(distance2: f32, id: u32) -> u64 {
     u64::from(distance2.to_bits()) << 32 | u64::from(id)
+}
+
+impl Default for Lists {
+    fn default() -> Self {
+        let columns = || {
+            let mut columns = Columns::default();
+            columns.reserve(USUAL_LEN);
+            columns
+        };
+        Self {
+            raw: columns(),
+            near: columns(),
+            near_centre: [0.0; 3],
+            near_limit: 0.0,
+            distance2: vec![0.0; USUAL_LEN],
+            sorted: Vec::new(),
+            keys: Vec::with_capacity(USUAL_LEN),
+            wide: Vec::new(),
+        }
+    }
 }
 
 impl Lists {
