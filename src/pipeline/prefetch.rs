@@ -88,7 +88,7 @@ impl Prefetch {
     }
 
     /// The next frame, waiting for it; `None` after the last.
-    pub fn next(&mut self) -> Option<Prepared> {
+    pub fn next_frame(&mut self) -> Option<Prepared> {
         match &mut self.0 {
             Source::Ahead { frames, .. } => frames.recv().ok(),
             Source::Between { frames, desks, ready } => {

@@ -145,7 +145,7 @@ impl Session {
 
     /// Trains on the next frame, waiting for it to be decoded. On errors see [`Engine::train`].
     pub fn step(&mut self) -> Result<Step, SessionError> {
-        let Some(Prepared { position, name, result }) = self.prefetch.next() else {
+        let Some(Prepared { position, name, result }) = self.prefetch.next_frame() else {
             return self.finish();
         };
         // Whatever becomes of it, no run that goes on from here may learn this frame again.

@@ -275,10 +275,13 @@ impl<'a> Assign<'a> {
         color: [f32; 3],
     ) {
         let (ids, rank) = (self.inputs.grid.ids(), self.inputs.rank);
-        let reach2 = (q + self.inputs.max_weight) + self.hard_gap;
-        let among = if rank == 1 { Among::Raw } else { lists.covering(space, reach2) };
-        let is_near = |d2| rank == 1 || !self.is_out_of_reach(q, d2);
-        let found = lists.rank::<V>(among, space, ids, rank, is_near);
+        // Beyond this distance `is_out_of_reach`, whatever is rounded.
+        let reach2 = ((q + self.inputs.max_weight) + self.hard_gap) * (1.0 + 1e-5);
+        let (among, within2) = match rank {
+            1 => (Among::Raw, f32::INFINITY),
+            _ => (lists.covering(space, reach2), reach2),
+        };
+        let found = lists.rank::<V>(among, space, ids, rank, within2);
         let mut candidates = std::mem::take(&mut self.memory.candidates);
         candidates.clear();
         candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));

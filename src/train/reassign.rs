@@ -2,6 +2,10 @@
 
 use super::config::{ReassignPolicy, TrainConfig};
 use crate::math::rng::Rng;
+use rayon::prelude::*;
+
+/// Draws one task takes at least.
+const PART: usize = 1 << 10;
 
 /// Low bits of a score's order that a bin of the histogram spans: sign, exponent and four bits of
 /// the mantissa tell bins apart.
@@ -112,16 +116,17 @@ impl Chooser {
         let Self { lowest, draws, .. } = self;
         let of = |point: u32| q[point as usize];
         let best = lowest.iter().map(|&(_, p)| of(p)).fold(f64::INFINITY, f64::min);
-        draws.clear();
-        draws.extend(lowest.iter().map(|&(_, point)| {
+        draws.resize(lowest.len(), (0, 0));
+        let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
+        pairs.for_each(|(draw, &(_, point))| {
             let uniform = stream.uniform_at(point.into());
             let gap = of(point) - best;
             let time = -libm::log(uniform) / gap;
             let last = 1 << 63;
             // A time is not negative, so its bits are in its order.
             let order = if gap > 0.0 { time.to_bits() } else { last | uniform.to_bits() };
-            (order, point)
-        }));
+            *draw = (order, point);
+        });
         draws.select_nth_unstable(n);
         draws.truncate(n);
     }

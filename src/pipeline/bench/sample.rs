@@ -47,7 +47,7 @@ impl Sample {
         drop(session);
         let plan = Plan { split, frames: chosen, held_out: None };
         let mut prefetch = Prefetch::start(dataset.clone(), &plan, 0, settings)?;
-        let results = std::iter::from_fn(|| prefetch.next()).map(|frame| frame.result);
+        let results = std::iter::from_fn(|| prefetch.next_frame()).map(|frame| frame.result);
         let mut first_problem = None;
         let frames: Vec<_> = results
             .filter_map(|result| match result {

@@ -8,7 +8,7 @@ use crate::train::simd::{LANES, Vector};
 use std::ops::Range;
 
 /// Longest list whose entries fit in the low bits of a key.
-const MAX_KERNEL_LIST: usize = 1024;
+const MAX_KERNEL_LIST: usize = 1 << 13;
 
 /// Length that lists have room for from the start; few tiles need more.
 const USUAL_LEN: usize = 4096;
@@ -158,9 +158,9 @@ impl Lists {
         nearest
     }
 
-    /// The entries nearest to one point, by the order (squared distance, component), at most `rank`
-    /// and none that `is_near` denies by its squared distance; the predicate must be monotone. `ids`
-    /// are the components by entry.
+    /// The entries nearest to one point, by the order (squared distance, component): at most `rank`,
+    /// and where squares are finite none farther than the squared distance `within2`. `ids` are the
+    /// components by entry.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -168,7 +168,7 @@ impl Lists {
         position: [f32; 3],
         ids: &[u32],
         rank: usize,
-        is_near: impl Fn(f32) -> bool,
+        within2: f32,
     ) -> &[(u64, u32)] {
         let Self { raw, near, distance2, keys, .. } = self;
         let list = match among {
@@ -177,14 +177,26 @@ impl Lists {
         };
         let least = distances::<V>(list, position, distance2);
         let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
-        // Where nothing bounds them all are taken, so that a point that is no number has neighbours,
-        // too.
-        let is_unbounded = !limit.is_finite();
         keys.clear();
-        for (&d2, &entry) in distance2[..list.len].iter().zip(&list.tag[..list.len]) {
-            if (d2 <= limit || is_unbounded) && is_near(d2) {
-                keys.push((key(d2, ids[entry as usize]), entry));
+        let mut take = |place: usize| {
+            let entry = list.tag[place];
+            keys.push((key(distance2[place], ids[entry as usize]), entry));
+        };
+        if limit.is_finite() {
+            let limit = V::splat(limit.min(within2));
+            for (first, d2) in (0..).step_by(LANES).zip(distance2.chunks_exact(LANES)) {
+                if first >= list.len {
+                    break;
+                }
+                let mut inside = V::load(d2).at_most(limit);
+                while inside != 0 {
+                    take(first + inside.trailing_zeros() as usize);
+                    inside &= inside - 1;
+                }
             }
+        } else {
+            // Nothing bounds them, so that a point that is no number has neighbours, too.
+            (0..list.len).for_each(take);
         }
         if keys.len() > rank {
             keys.select_nth_unstable(rank - 1);

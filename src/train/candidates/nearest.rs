@@ -140,7 +140,7 @@ impl NarrowVisitor<'_> {
     #[inline(always)]
     fn rank<V: Vector>(&mut self, lists: &mut Lists, among: Among, points: &Columns, point: usize) {
         let (position, all) = (points.position(point), self.grid.ids());
-        let found = lists.rank::<V>(among, position, all, self.rank, |_| true);
+        let found = lists.rank::<V>(among, position, all, self.rank, f32::INFINITY);
         self.found.clear();
         self.found.extend_from_slice(found);
         self.found.sort_unstable();
