@@ -3,7 +3,7 @@
 //! A smooth surface of 193,600 points against 100,000 means, random (the paper's start) and on
 //! surfaces (the state after reassignment).
 
-#![allow(clippy::expect_used)]
+#![allow(clippy::print_stdout, clippy::expect_used)]
 
 #[path = "common/scenes.rs"]
 #[allow(dead_code)] // Lego is for other benches

@@ -48,7 +48,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let memory = session.memory();
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
-        "note: {} MB of memory at most for the model, {} MB for frames",
+        "note: takes up to {} MB of memory for the model and {} MB for frames",
         megabytes(memory.model),
         megabytes(memory.frames)
     );

@@ -17,8 +17,11 @@ const PIXEL_BYTES: usize = 24;
 const PAIR_BYTES: usize = 12;
 /// Points of a tile at most.
 const TILE_POINTS: usize = 64;
-/// Record of a component in a tile, for every point at worst; every thread has room for all.
-const RECORD_BYTES: usize = 60;
+/// Records of a component in a tile, for every point at worst; every thread has room for all, and
+/// what grows, grows to three times as many.
+const RECORD_BYTES: usize = 3 * 60;
+/// The program itself.
+const PROGRAM_BYTES: u64 = 30_000_000;
 /// Entry of the grid and its copy of colour and weight, cells, and the slots of a thread.
 const INDEX_BYTES: usize = 16 + 16 + 8;
 const SLOT_BYTES: usize = 8;
@@ -30,7 +33,7 @@ const TREE_BYTES: usize = 32 + 24;
 pub struct Estimate {
     /// Grows with the number of components.
     pub model: u64,
-    /// Grows with the size of a frame.
+    /// The rest; grows with the size of a frame.
     pub frames: u64,
 }
 
@@ -85,7 +88,7 @@ impl Estimate {
         let pairs = (pairs as u64).saturating_mul((per_point * PAIR_BYTES) as u64);
         Self {
             model: (config.components as u64).saturating_mul(per_component as u64),
-            frames: ((of_points + records) as u64).saturating_add(pairs),
+            frames: (PROGRAM_BYTES + (of_points + records) as u64).saturating_add(pairs),
         }
     }
 
