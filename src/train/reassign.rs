@@ -7,9 +7,11 @@ use rayon::prelude::*;
 /// Draws one task takes at least.
 const PART: usize = 1 << 10;
 
-/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and four bits of
-/// the mantissa tell bins apart.
-const BIN_SHIFT: u32 = 48;
+/// Parts of a frame that are looked through at once.
+const PARTS: usize = 8;
+/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of the
+/// mantissa tell bins apart.
+const BIN_SHIFT: u32 = 50;
 const N_BINS: usize = 1 << (64 - BIN_SHIFT);
 
 /// How many components may move and among how many points destinations are drawn.
@@ -41,12 +43,19 @@ impl Quota {
 /// Chooses destinations, in memory kept from frame to frame.
 #[derive(Default)]
 pub struct Chooser {
-    histogram: Vec<u32>,
+    parts: [Part; PARTS],
     /// Order of the score, reversed so that the lowest ELBO comes first, and the point.
     lowest: Vec<(u64, u32)>,
     /// Order of the draw, and the point.
     draws: Vec<(u64, u32)>,
     points: Vec<u32>,
+}
+
+/// What one part of a frame holds.
+#[derive(Default)]
+struct Part {
+    histogram: Vec<u32>,
+    lowest: Vec<(u64, u32)>,
 }
 
 impl Chooser {
@@ -55,8 +64,9 @@ impl Chooser {
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
+        let part = || Part { histogram: vec![0; N_BINS], lowest: Vec::with_capacity(2 * low_elbo) };
         Self {
-            histogram: vec![0; N_BINS],
+            parts: std::array::from_fn(|_| part()),
             lowest: Vec::with_capacity(2 * low_elbo),
             draws: Vec::with_capacity(low_elbo),
             points: Vec::with_capacity(moves),
@@ -86,23 +96,23 @@ impl Chooser {
     }
 
     fn find_lowest(&mut self, q: &[f64], n: usize) {
-        let Self { histogram, lowest, .. } = self;
-        lowest.clear();
-        let numbers = || q.iter().zip(0u32..).filter(|(q, _)| !q.is_nan());
+        let Self { parts, lowest, .. } = self;
+        let size = q.len().div_ceil(PARTS).max(1);
         let mut last_bin = N_BINS - 1;
         if n < q.len() {
-            histogram.clear();
-            histogram.resize(N_BINS, 0);
-            numbers().for_each(|(&q, _)| histogram[bin(q)] += 1);
+            parts.par_iter_mut().enumerate().for_each(|(i, part)| part.count(part_of(q, i, size)));
             let mut found = 0;
-            let reached = histogram.iter().position(|&count| {
-                found += count as usize;
+            let reached = (0..N_BINS).find(|&bin| {
+                found += parts.iter().map(|part| part.histogram[bin] as usize).sum::<usize>();
                 found >= n
             });
             last_bin = reached.unwrap_or(last_bin);
         }
-        let candidates = numbers().map(|(&q, point)| (!ordered(q), point));
-        lowest.extend(candidates.filter(|&(order, _)| (order >> BIN_SHIFT) as usize <= last_bin));
+        parts.par_iter_mut().enumerate().for_each(|(i, part)| {
+            part.collect(part_of(q, i, size), (i * size) as u32, last_bin);
+        });
+        lowest.clear();
+        parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
         if n < lowest.len() {
             lowest.select_nth_unstable(n);
             lowest.truncate(n);
@@ -132,8 +142,30 @@ impl Chooser {
     }
 }
 
-fn bin(q: f64) -> usize {
-    (!ordered(q) >> BIN_SHIFT) as usize
+fn part_of(q: &[f64], part: usize, size: usize) -> &[f64] {
+    let start = (part * size).min(q.len());
+    &q[start..(start + size).min(q.len())]
+}
+
+impl Part {
+    fn count(&mut self, q: &[f64]) {
+        self.histogram.clear();
+        self.histogram.resize(N_BINS, 0);
+        for &q in q.iter().filter(|q| !q.is_nan()) {
+            self.histogram[(!ordered(q) >> BIN_SHIFT) as usize] += 1;
+        }
+    }
+
+    /// Takes the points, counted from `first`, down to a bin.
+    fn collect(&mut self, q: &[f64], first: u32, last_bin: usize) {
+        self.lowest.clear();
+        for (&q, point) in q.iter().zip(first..) {
+            let order = !ordered(q);
+            if (order >> BIN_SHIFT) as usize <= last_bin && !q.is_nan() {
+                self.lowest.push((order, point));
+            }
+        }
+    }
 }
 
 /// Bits in the order of the numbers.
