@@ -15,6 +15,7 @@ use std::hint::black_box;
 use std::num::NonZero;
 use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::math::simd::Isa;
 use vbgs_studio::model::prior::Hyper;
 use vbgs_studio::model::statistics::{N_SUMS, Record};
 use vbgs_studio::model::totals::{Statistics, UpdateWidth};
@@ -24,7 +25,6 @@ use vbgs_studio::train::engine::Engine;
 use vbgs_studio::train::estep::Scoring;
 use vbgs_studio::train::init::InitialDraw;
 use vbgs_studio::train::reassign::{Chooser, Quota};
-use vbgs_studio::train::simd::Isa;
 
 const COMPONENTS: usize = 100_000;
 

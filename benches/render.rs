@@ -14,8 +14,8 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splats::Splat;
-use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::CpuRenderer;
+use vbgs_studio::render::{Method, RenderOptions};
 
 /// Images per row of the table; the best and the median are printed.
 const REPETITIONS: usize = 25;
@@ -48,7 +48,7 @@ fn render_row(width: u32, height: u32, n_splats: usize, sigma: f64) {
             .expect("the view is not vertical"),
     };
     let mut renderer = CpuRenderer::new();
-    let options = RenderOptions::evaluation([1.0; 3]);
+    let options = RenderOptions::evaluation(Method::PROJECTED, [1.0; 3]);
     let (best, median) = time(|| {
         renderer.render(&splats, &camera, &options);
     });

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use std::num::NonZero;
 use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::math::simd::Isa;
 use vbgs_studio::train::candidates::{Grid, KdTree, Search, nearest_in_tile, nearest_in_tile_wide};
-use vbgs_studio::train::simd::Isa;
 
 type Mean = [f32; 3];
 /// Makes the mean of an id.

@@ -14,7 +14,7 @@ use vbgs_studio::math::points::Normalization;
 use vbgs_studio::model::posterior::Conversion;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::{Method, RenderOptions};
 use vbgs_studio::train::config::TrainConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
@@ -25,7 +25,7 @@ fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let splats = session.engine().splats(&config, &normalization);
     let options = EvalOptions {
         ground_truth: GroundTruth::Composited,
-        render: RenderOptions::evaluation([0.0; 3]),
+        render: RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
     };
     let dataset = session.dataset();
     let split = dataset.split_named("eval").unwrap();

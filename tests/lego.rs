@@ -24,8 +24,8 @@ use vbgs_studio::model::posterior::Conversion;
 use vbgs_studio::model::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::CpuRenderer;
+use vbgs_studio::render::{Method, RenderOptions};
 use vbgs_studio::train::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
 
 /// Distance from a published figure that differing initial draws may cause, dB.
@@ -106,7 +106,7 @@ fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
 
 /// Mean PSNR over the views against either ground truth, dB.
 fn measure(splats: &[Splat], views: &[View]) -> [f64; 2] {
-    let options = RenderOptions::evaluation([0.0; 3]);
+    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
     let mut renderer = CpuRenderer::new();
     let mut sums = [0.0; 2];
     for view in views {
@@ -258,7 +258,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     let drawn = splats.iter().filter(|s| s.is_drawable());
     assert!(drawn.zip(&back).all(|(ours, theirs)| ours.mean == theirs.mean));
 
-    let options = RenderOptions::evaluation([0.0; 3]);
+    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
     for view in &views(&dataset)[..3] {
         let picture =
             |splats: &[Splat]| CpuRenderer::new().render(splats, &view.camera, &options).color;

@@ -17,7 +17,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splats::Splat;
 use vbgs_studio::render::cpu::oracle::{Oracle, Sample, SplatF64};
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
-use vbgs_studio::render::{ALPHA_CUT, RenderOptions, Support, TRANSMITTANCE_STOP};
+use vbgs_studio::render::{ALPHA_CUT, Method, RenderOptions, Support, TRANSMITTANCE_STOP};
 
 // ---------------------------------------------------------------------------------------------
 // Golden pixels
@@ -103,7 +103,7 @@ impl GoldenScene {
         Self {
             splats: array(&case["splats"]).iter().map(golden_splat).collect(),
             camera: Camera { intrinsics, pose: Pose::from_opengl(pose).unwrap() },
-            options: RenderOptions { support, ..RenderOptions::evaluation(background) },
+            options: RenderOptions::evaluation(Method::Projected(support), background),
         }
     }
 
@@ -245,7 +245,7 @@ fn camera() -> Camera {
 }
 
 fn options() -> RenderOptions {
-    RenderOptions::evaluation([0.1, 0.5, 0.9])
+    RenderOptions::evaluation(Method::PROJECTED, [0.1, 0.5, 0.9])
 }
 
 fn render(splats: &[Splat]) -> Rendered {
@@ -256,7 +256,7 @@ fn render(splats: &[Splat]) -> Rendered {
 fn whole_images_agree_with_the_oracle() {
     for (seed, scene) in SCENES.iter().enumerate() {
         for support in [Support::Alpha, Support::Tile3Sigma] {
-            let options = RenderOptions { support, ..options() };
+            let options = RenderOptions { method: Method::Projected(support), ..options() };
             let splats = scene.splats(seed as u64);
             let wide: Vec<SplatF64> = splats.iter().map(SplatF64::from).collect();
             let oracle = Oracle::new(&wide, &camera(), &options);
@@ -342,8 +342,11 @@ fn equal_depths_keep_the_order_of_the_input() {
     let camera = Camera { intrinsics: camera().intrinsics, pose: Pose::IDENTITY };
     let (red, blue) = (facing([1.0, 0.0, 0.0]), facing([0.0, 0.0, 1.0]));
     for (splats, front) in [([red, blue], 0), ([blue, red], 2)] {
-        let image =
-            CpuRenderer::new().render(&splats, &camera, &RenderOptions::evaluation([0.0; 3]));
+        let image = CpuRenderer::new().render(
+            &splats,
+            &camera,
+            &RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
+        );
         let (i, j) = (camera.intrinsics.cx as usize, camera.intrinsics.cy as usize);
         let pixel = image.color.at(i, j);
         assert!(pixel[front] > 0.8 && pixel[2 - front] < 0.2, "{pixel:?}");
@@ -474,7 +477,7 @@ proptest! {
         if inside {
             camera.pose = Pose::look_at(DVec3::new(0.1, 0.2, 0.0), DVec3::X, DVec3::Z).unwrap();
         }
-        let options = RenderOptions { near, support, ..options() };
+        let options = RenderOptions { near, method: Method::Projected(support), ..options() };
         let image = CpuRenderer::new().render(&hostile, &camera, &options);
         prop_assert!(image.color.data.as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
         prop_assert!(image.coverage.data.iter().all(|v| (0.0..=0.9999).contains(v)));

@@ -7,7 +7,7 @@ use super::state::{Opened, RunState, Snapshot};
 use super::viewport::GpuPainter;
 use super::worker::Waker;
 use crate::model::splats::{Splat, framing};
-use crate::render::RenderOptions;
+use crate::render::{Method, RenderOptions};
 use eframe::egui::{PointerButton, Rect, Response, Sense, Ui};
 use std::time::{Duration, Instant};
 
@@ -122,7 +122,7 @@ impl SceneView {
         if size[0] == 0 || size[1] == 0 {
             return None;
         }
-        let options = RenderOptions::viewport(BACKGROUND, camera.radius());
+        let options = RenderOptions::viewport(Method::PROJECTED, BACKGROUND, camera.radius());
         let view = View { camera: camera.camera(size), options };
         match &mut self.painter {
             Painter::Gpu(painter) => {

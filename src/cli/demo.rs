@@ -6,8 +6,8 @@ use super::{output, train};
 use std::path::Path;
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::pipeline::demo;
-use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::CpuRenderer;
+use vbgs_studio::render::{Method, RenderOptions};
 
 /// Folder the demo's files go to.
 const FOLDER: &str = "vbgs-demo";
@@ -29,7 +29,11 @@ pub fn run(reason: &str) -> Result<(), Failure> {
         &WriteOptions { metric: true, ..WriteOptions::new(Format::Glb) },
     )?;
     let camera = session.dataset().splits[session.plan().split].frames[0].camera;
-    let preview = CpuRenderer::new().render(&splats, &camera, &RenderOptions::evaluation([0.0; 3]));
+    let preview = CpuRenderer::new().render(
+        &splats,
+        &camera,
+        &RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
+    );
     output::write_png(&out.join("preview.png"), &preview.color)?;
     output::write_json(&out.join("report.json"), &session.report(None, Vec::new()))?;
     output::line(format!("wrote scene.ply, scene.glb, report.json and preview.png to {FOLDER}/"));

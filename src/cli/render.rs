@@ -10,8 +10,8 @@ use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::orbit::Orbit;
 use vbgs_studio::model::splats::{Splat, framing};
-use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::CpuRenderer;
+use vbgs_studio::render::{Method, RenderOptions};
 
 /// Elevation of views that do not say otherwise, degrees.
 const DEFAULT_ELEVATION: f64 = 25.0;
@@ -39,7 +39,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let intrinsics =
         Intrinsics::from_horizontal_fov(args.size[0], args.size[1], args.fov.to_radians());
     let radius = framing(&model.splats).map_or(1.0, |f| f.radius);
-    let options = RenderOptions::viewport(args.background, radius);
+    let options = RenderOptions::viewport(Method::PROJECTED, args.background, radius);
     let mut renderer = CpuRenderer::new();
     let mut draw = |orbit: &Orbit, path: &Path| {
         let camera = Camera { intrinsics, pose: orbit.pose() };
@@ -78,7 +78,7 @@ fn render_view(splats: &[Splat], path: &Path, args: &RenderArgs) -> Result<(), F
             args.view
         )));
     };
-    let options = RenderOptions::evaluation(args.background);
+    let options = RenderOptions::evaluation(Method::PROJECTED, args.background);
     let image = CpuRenderer::new().render(splats, &entry.camera, &options).color;
     output::write_png(&args.output, &image)?;
     output::line(format!("wrote {} ({} of `{}`)", args.output.display(), entry.name, split.name));

@@ -15,7 +15,7 @@ use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::{Method, RenderOptions};
 use vbgs_studio::train::config::TrainConfig;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
@@ -208,7 +208,7 @@ pub fn eval_options(comparison: &ComparisonArgs) -> EvalOptions {
             GroundTruthName::Composited => GroundTruth::Composited,
             GroundTruthName::Rgb => GroundTruth::Rgb,
         },
-        render: RenderOptions::evaluation(comparison.background),
+        render: RenderOptions::evaluation(Method::PROJECTED, comparison.background),
     }
 }
 

@@ -11,5 +11,6 @@ pub mod points;
 pub mod pose;
 pub mod real;
 pub mod rng;
+pub mod simd;
 pub mod special;
 pub mod sym3;

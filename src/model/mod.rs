@@ -5,6 +5,7 @@
 //! ([`mixture::InitialModel`]). The *posterior* is the prior plus all statistics so far; it is what
 //! is rendered and never feeds back ([`posterior`]).
 
+pub mod appearance;
 pub mod dirichlet;
 pub mod merging;
 pub mod mixture;

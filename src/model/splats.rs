@@ -4,12 +4,13 @@ use crate::math::sym3::{Sym3, rotation_quaternion};
 use glam::{DMat3, DQuat, DVec3};
 
 /// One Gaussian splat in world units.
-#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Splat {
     /// Centre, world units.
     pub mean: [f32; 3],
-    /// Peak opacity in `[0, 1]`; 0 marks an empty slot that no renderer draws.
+    /// Peak opacity: in `[0, 1]`, or up to 3 for a flat top (`rendering.md` (h)). 0 marks an empty
+    /// slot that no renderer draws.
     pub opacity: f32,
     /// sRGB-encoded colour in `[0, 1]`.
     pub color: [f32; 3],
@@ -30,21 +31,47 @@ pub enum CovarianceForm {
     LegacyCholesky,
 }
 
+/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it still
+/// fit an f32.
+pub const MAX_LENGTH: f32 = 1e9;
+/// How far the square of a rotation's norm may be from 1: rows of half floats pass.
+const UNIT_TOLERANCE: f32 = 4e-3;
+
 /// Jitter the reference adds before its Cholesky factorisation.
 const LEGACY_JITTER: f64 = 1e-10;
 /// Tries of the reference, the jitter ten times larger each time.
 const LEGACY_TRIES: i32 = 5;
 
+impl Default for Splat {
+    /// An empty slot: a ball of no opacity.
+    fn default() -> Self {
+        Self {
+            mean: [0.0; 3],
+            opacity: 0.0,
+            color: [0.0; 3],
+            scale: [1.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        }
+    }
+}
+
 impl Splat {
-    /// Whether every field is finite and the splat can be drawn at all.
+    /// Whether the slot holds a splat and that can be drawn.
     pub fn is_drawable(&self) -> bool {
-        let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
-        self.opacity > 0.0
-            && self.opacity.is_finite()
-            && finite(&self.mean)
-            && finite(&self.color)
-            && finite(&self.scale)
-            && finite(&self.rotation)
+        self.opacity > 0.0 && self.is_valid()
+    }
+
+    /// Whether every field is something a renderer can work with: finite, a unit rotation, no
+    /// negative scale and one that is more than zero, nothing beyond [`MAX_LENGTH`].
+    pub fn is_valid(&self) -> bool {
+        let largest = self.scale.iter().fold(0.0f32, |a, &s| a.max(s));
+        let norm2: f32 = self.rotation.iter().map(|q| q * q).sum();
+        self.opacity.is_finite()
+            && self.mean.iter().all(|x| x.abs() <= MAX_LENGTH)
+            && self.color.iter().all(|c| c.is_finite())
+            && self.scale.iter().all(|s| (0.0..=MAX_LENGTH).contains(s))
+            && largest > 0.0
+            && (norm2 - 1.0).abs() <= UNIT_TOLERANCE
     }
 
     /// Covariance `Q diag(s²) Qᵀ` in f64, world units².

@@ -1,7 +1,7 @@
 //! What the machine says about itself.
 
 use crate::eval::report::MachineReport;
-use crate::train::simd::Isa;
+use crate::math::simd::Isa;
 use std::fs;
 
 /// Threads of the current pool, processor, instructions used, and the graphics adapter that draws, if any.

@@ -1,12 +1,19 @@
-//! Splats to pixels: what every renderer agrees on (`rendering.md` (a) and (b)).
+//! Splats to pixels: what every renderer agrees on (`rendering.md` (a) to (c)).
 //!
 //! Colours are sRGB-encoded and blended as encoded; alpha is premultiplied, so an image is
 //! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes are OpenCV's and
 //! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
 
+mod options;
+pub mod paint;
+
 pub mod cpu;
 #[cfg(feature = "gui")]
 pub mod gpu;
+
+pub use options::{
+    Antialias, Exact, Lens, Look, Method, Paint, RenderOptions, Renderer, Response, Support,
+};
 
 /// Near plane of the evaluation in world units: a splat whose centre has `z ≤ 0.2` is dropped, as
 /// in the reference renderer (`rendering.md` (a)).
@@ -39,38 +46,11 @@ pub const TILE: usize = 16;
 /// Scales are raised to this share of `max(1, largest scale)` (`rendering.md` (a)).
 pub const SCALE_FLOOR: f64 = 1e-6;
 
-/// Which pixels a splat may touch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Support {
-    /// Every pixel where its alpha passes [`ALPHA_CUT`]; nothing visible is lost.
-    Alpha,
-    /// The 16×16 tiles of a square of three standard deviations, as the reference renderer does:
-    /// opaque splats lose their rim there. For comparisons of bits only.
-    Tile3Sigma,
-}
+/// Variance in px² that the exact renderer's footprint stands for (`rendering.md` (c)).
+pub const FOOTPRINT_PX2: f64 = 0.3;
 
-/// What a view needs besides splats and camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RenderOptions {
-    /// sRGB-encoded colour behind the splats.
-    pub background: [f32; 3],
-    /// Splats whose centre has a view depth `z ≤ near` are dropped; world units. Negative values
-    /// count as 0.
-    pub near: f64,
-    /// Which pixels a splat may touch.
-    pub support: Support,
-}
+/// Variance in world units² that the published exact renderer adds (`rendering.md` (c)).
+pub const REFERENCE_VARIANCE: f64 = 1e-7;
 
-impl RenderOptions {
-    /// The settings of measured images: near plane 0.2, full support.
-    pub fn evaluation(background: [f32; 3]) -> Self {
-        Self { background, near: EVALUATION_NEAR, support: Support::Alpha }
-    }
-
-    /// The settings of a view people move in: the near plane shrinks with small scenes, whose
-    /// radius is in world units.
-    pub fn viewport(background: [f32; 3], scene_radius: f64) -> Self {
-        let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
-        Self { near, ..Self::evaluation(background) }
-    }
-}
+/// A pixel's change of colour by a splat's gradient is held within this (`rendering.md` (h)).
+pub const GRADIENT_LIMIT: f64 = 0.5;

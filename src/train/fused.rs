@@ -7,10 +7,10 @@
 
 use super::candidates::{Among, CHUNK, Columns, Grid, Lists, Nearest, Search, VisitChunk};
 use super::estep::{Scoring, squared_distance};
-use super::simd::{Kernel, Vector};
 use super::slots::Slots;
 use super::timing::{Lap, StageClock};
 use crate::math::points::Points;
+use crate::math::simd::{Kernel, Vector};
 use crate::model::statistics::{N_SUMS, Record, add_point};
 use std::ops::Range;
 

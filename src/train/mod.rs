@@ -15,7 +15,6 @@ pub mod pass;
 mod plain;
 pub mod reassign;
 pub mod scalar;
-pub mod simd;
 mod slots;
 pub mod timing;
 pub mod trainer;

@@ -8,7 +8,7 @@ use crate::math::points::{Normalization, Points};
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::session::Session;
-use crate::render::RenderOptions;
+use crate::render::{Method, RenderOptions};
 use crate::train::config::{Overrides, TrainConfig};
 use crate::train::engine::Engine;
 use glam::DVec3;
@@ -73,7 +73,7 @@ impl Sample {
         let splats = engine.splats(config, &self.normalization);
         let options = EvalOptions {
             ground_truth: GroundTruth::Rgb,
-            render: RenderOptions::evaluation([0.0; 3]),
+            render: RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
         };
         let (split, views) = &self.views;
         let (report, _) = views::evaluate(&splats, &self.dataset, *split, views, &options, |_| ())?;

@@ -14,6 +14,7 @@ mod sort;
 use super::{RenderOptions, TILE};
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
+use crate::model::appearance::SplatView;
 use crate::model::splats::Splat;
 use buckets::Buckets;
 use prepare::{Record, View};
@@ -62,7 +63,7 @@ impl CpuRenderer {
     /// use glam::DVec3;
     /// use vbgs_studio::math::{camera::{Camera, Intrinsics}, pose::Pose};
     /// use vbgs_studio::model::splats::Splat;
-    /// use vbgs_studio::render::{RenderOptions, cpu::CpuRenderer};
+    /// use vbgs_studio::render::{Method, RenderOptions, cpu::CpuRenderer};
     ///
     /// let camera = Camera {
     ///     intrinsics: Intrinsics::from_horizontal_fov(65, 65, 0.8),
@@ -75,18 +76,20 @@ impl CpuRenderer {
     ///     scale: [0.1; 3],
     ///     rotation: [1.0, 0.0, 0.0, 0.0],
     /// };
-    /// let image = CpuRenderer::new().render(&[red], &camera, &RenderOptions::evaluation([1.0; 3]));
+    /// let options = RenderOptions::evaluation(Method::PROJECTED, [1.0; 3]);
+    /// let image = CpuRenderer::new().render(&[red], &camera, &options);
     /// assert!((image.coverage.at(32, 32) - 0.8).abs() < 1e-6);
     /// assert!((image.color.at(32, 32)[1] - 0.2).abs() < 1e-6);
     /// assert!((image.depth.at(32, 32) - 4.0).abs() < 1e-5);
     /// assert_eq!(*image.color.at(0, 0), [1.0; 3]);
     /// ```
-    pub fn render(
+    pub fn render<'a>(
         &mut self,
-        splats: &[Splat],
+        splats: impl Into<SplatView<'a>>,
         camera: &Camera,
         options: &RenderOptions,
     ) -> Rendered {
+        let splats: SplatView<'a> = splats.into();
         let view = View::new(camera, options);
         let (width, height) = (view.width, view.height);
         let mut image = Rendered {
@@ -98,7 +101,7 @@ impl CpuRenderer {
         if width == 0 || height == 0 {
             return image;
         }
-        image.n_invalid = self.prepare(splats, &view);
+        image.n_invalid = self.prepare(splats.splats(), &view);
         self.sorter.sort(&mut self.visible);
         let records = &self.records;
         let sorted = self.visible.iter().map(|visible| visible.record);

@@ -6,8 +6,8 @@ use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::model::splats::Splat;
 use crate::render::{
-    ALPHA_CAP, ALPHA_CUT, FRUSTUM_MARGIN, LOW_PASS_PX2, RenderOptions, SCALE_FLOOR, Support, TILE,
-    TRANSMITTANCE_STOP,
+    ALPHA_CAP, ALPHA_CUT, FRUSTUM_MARGIN, LOW_PASS_PX2, Method, RenderOptions, SCALE_FLOOR,
+    Support, TILE, TRANSMITTANCE_STOP,
 };
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
@@ -189,7 +189,7 @@ fn project(splat: &SplatF64, camera: &Camera, options: &RenderOptions) -> Option
         conic: DMat2::from_cols(DVec2::new(yy, -xy), DVec2::new(-xy, xx)) * det.recip(),
         opacity: splat.opacity,
         color: splat.color.max(DVec3::ZERO),
-        tiles: (options.support == Support::Tile3Sigma)
+        tiles: (options.method == Method::Projected(Support::Tile3Sigma))
             .then(|| tiles_of_three_sigma(centre, 0.5 * (xx + yy), det)),
     })
 }

@@ -5,7 +5,7 @@ use super::lanes::EXP2_MIN;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splats::Splat;
 use crate::render::{
-    ALPHA_CUT, FRUSTUM_MARGIN, LOW_PASS_PX2, RenderOptions, SCALE_FLOOR, Support, TILE,
+    ALPHA_CUT, FRUSTUM_MARGIN, LOW_PASS_PX2, Method, RenderOptions, SCALE_FLOOR, Support, TILE,
 };
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use std::f64::consts::LOG2_E;
@@ -121,7 +121,10 @@ impl View {
             tangent_lo: -principal / focal - margin,
             tangent_hi: (size - principal) / focal + margin,
             near: options.near.max(0.0) as f32,
-            support: options.support,
+            support: match options.method {
+                Method::Projected(support) => support,
+                Method::Exact(_) => Support::Alpha,
+            },
         }
     }
 

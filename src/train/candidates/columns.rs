@@ -1,6 +1,6 @@
 //! Positions side by side, as the search reads them.
 
-use crate::train::simd::LANES;
+use crate::math::simd::LANES;
 use std::ops::Range;
 
 /// Elements handled by one step of the search: two vectors.

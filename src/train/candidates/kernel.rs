@@ -4,7 +4,7 @@
 //! passes through a closure: one that is not inlined would be compiled for the baseline.
 
 use super::columns::{Columns, STEP};
-use crate::train::simd::{LANES, Vector};
+use crate::math::simd::{LANES, Vector};
 use std::ops::Range;
 
 #[inline(always)]

@@ -3,8 +3,8 @@
 use super::columns::{Columns, STEP};
 use super::kernel::{Neighbours, distances, neighbours, ranked, select};
 use super::search::{CHUNK, Extent, RELATIVE_MARGIN};
+use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
-use crate::train::simd::{LANES, Vector};
 use std::ops::Range;
 
 /// Longest list whose entries fit in the low bits of a key.

@@ -7,7 +7,7 @@ use super::lists::{Among, Lists};
 use super::search::{Search, VisitChunk};
 use crate::math::points::Points;
 use crate::math::real::Real;
-use crate::train::simd::{Isa, Kernel, LANES, Vector};
+use crate::math::simd::{Isa, Kernel, LANES, Vector};
 use std::num::NonZero;
 use std::ops::Range;
 

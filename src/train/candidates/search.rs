@@ -8,7 +8,7 @@ use super::columns::Columns;
 use super::grid::Grid;
 use super::kernel::{bounding_box, reach2};
 use super::lists::Lists;
-use crate::train::simd::Vector;
+use crate::math::simd::Vector;
 use std::ops::Range;
 
 /// Points that share a list of candidates.

@@ -1,0 +1,187 @@
+//! What a view needs besides splats and camera.
+
+use super::{EVALUATION_NEAR, VIEWPORT_NEAR_SHARE};
+use serde::{Deserialize, Serialize};
+use strum::{Display, EnumString, VariantNames};
+
+/// The two renderers, as the command line and reports spell them.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Renderer {
+    /// The covariance projected to the image (EWA), as every viewer of splats does.
+    Projected,
+    /// The response along each pixel's true ray.
+    Exact,
+}
+
+/// Which pixels a projected splat may touch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Support {
+    /// Every pixel where its alpha passes [`super::ALPHA_CUT`]; nothing visible is lost.
+    Alpha,
+    /// The 16×16 tiles of a square of three standard deviations, as the reference renderer does:
+    /// opaque splats lose their rim there. For comparisons of bits only.
+    Tile3Sigma,
+}
+
+/// Where on a pixel's line the exact renderer looks for the largest response.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Response {
+    /// From the camera on: what is behind stays behind.
+    Ray,
+    /// Everywhere, as the published renderer does: a long splat that reaches behind the camera
+    /// paints a mirrored ghost in front.
+    Line,
+}
+
+/// What the exact renderer does about splats thinner than a pixel (`rendering.md` (c)).
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Antialias {
+    /// Adds 0.3 px² at the splat's distance to every variance, as the projected renderer does in
+    /// the image.
+    Footprint,
+    /// Nothing: thin splats flicker.
+    None,
+    /// Adds 1e-7 world units² and fades the splat by the volume it gained, as the published
+    /// renderer does.
+    Reference,
+}
+
+/// How pixels map to rays.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Lens {
+    /// Straight lines stay straight.
+    Pinhole,
+    /// Equidistant fisheye: distance from the principal point is the angle to the axis, so `fx` and
+    /// `fy` are pixels per radian. Only the exact renderer can draw it.
+    Fisheye,
+}
+
+/// Settings of the exact renderer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Exact {
+    /// Ray or line.
+    pub response: Response,
+    /// What becomes of splats thinner than a pixel.
+    pub antialias: Antialias,
+    /// How pixels map to rays.
+    pub lens: Lens,
+}
+
+/// A renderer with its settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// `rendering.md` (b).
+    Projected(Support),
+    /// `rendering.md` (c).
+    Exact(Exact),
+}
+
+impl Method {
+    /// The projected renderer, nothing visible lost.
+    pub const PROJECTED: Self = Self::Projected(Support::Alpha);
+
+    /// The exact renderer through a pinhole, antialiased.
+    pub const EXACT: Self = Self::Exact(Exact {
+        response: Response::Ray,
+        antialias: Antialias::Footprint,
+        lens: Lens::Pinhole,
+    });
+
+    /// The renderer without its settings.
+    pub fn renderer(self) -> Renderer {
+        match self {
+            Self::Projected(_) => Renderer::Projected,
+            Self::Exact(_) => Renderer::Exact,
+        }
+    }
+
+    /// How pixels map to rays.
+    pub fn lens(self) -> Lens {
+        match self {
+            Self::Projected(_) => Lens::Pinhole,
+            Self::Exact(exact) => exact.lens,
+        }
+    }
+}
+
+impl From<Renderer> for Method {
+    /// With the settings that measured images have.
+    fn from(renderer: Renderer) -> Self {
+        match renderer {
+            Renderer::Projected => Self::PROJECTED,
+            Renderer::Exact => Self::EXACT,
+        }
+    }
+}
+
+/// What colour a splat gets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Paint {
+    /// Its own, with gradient and view dependence where the scene has them.
+    Stored,
+    /// Its distance from the camera between two ends (world units) on the ramp of
+    /// [`super::paint::ramp`].
+    Depth([f32; 2]),
+    /// The direction of its shortest axis in the world, turned towards the camera: `½ + ½·n`.
+    Normal,
+}
+
+/// What a viewer may change about every splat.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Factor on the standard deviations, more than 0.
+    pub scale: f32,
+    /// Splats with a smaller peak opacity are not drawn.
+    pub opacity_cut: f32,
+    /// What colour a splat gets.
+    pub paint: Paint,
+}
+
+impl Look {
+    /// Splats as they are.
+    pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
+}
+
+/// What a view needs besides splats and camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// sRGB-encoded colour behind the splats.
+    pub background: [f32; 3],
+    /// Splats whose centre has a view depth `z ≤ near` are dropped (fisheye: a distance `≤ near`);
+    /// world units. Negative values count as 0.
+    pub near: f64,
+    /// Which renderer, and how.
+    pub method: Method,
+    /// What to change about every splat.
+    pub look: Look,
+}
+
+impl RenderOptions {
+    /// The settings of measured images: near plane 0.2, splats as they are.
+    pub fn evaluation(method: Method, background: [f32; 3]) -> Self {
+        Self { background, near: EVALUATION_NEAR, method, look: Look::PLAIN }
+    }
+
+    /// The settings of a view people move in: the near plane shrinks with small scenes, whose
+    /// radius is in world units.
+    pub fn viewport(method: Method, background: [f32; 3], scene_radius: f64) -> Self {
+        let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
+        Self { near, ..Self::evaluation(method, background) }
+    }
+}

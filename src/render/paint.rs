@@ -1,0 +1,39 @@
+//! Colours that are not the splat's own.
+
+/// Polynomial of the viridis map in each channel, constant first (least squares over its 256
+/// entries; largest error 0.01). Even steps of the value are even steps to the eye, and to the
+/// colour-blind eye too. `shaders/paint.wgsl` has the same numbers.
+pub const RAMP: [[f32; 3]; 7] = [
+    [0.277_727_3, 0.005_407_345, 0.334_099_8],
+    [0.105_093_04, 1.404_613_5, 1.384_590_2],
+    [-0.330_861_83, 0.214_847_56, 0.095_095_16],
+    [-4.634_230_5, -5.799_101, -19.332_44],
+    [6.228_27, 14.179_934, 56.690_552],
+    [4.776_385, -13.745_145, -65.353_03],
+    [-5.435_456, 4.645_852_6, 26.312_435],
+];
+
+/// Colour of a share from 0 (dark violet) to 1 (yellow); others are clamped, NaN is dark.
+pub fn ramp(share: f32) -> [f32; 3] {
+    let t = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
+    std::array::from_fn(|channel| {
+        let sum = RAMP.iter().rev().fold(0.0, |sum, row| sum * t + row[channel]);
+        sum.clamp(0.0, 1.0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ramp;
+
+    #[test]
+    fn the_ramp_runs_from_violet_to_yellow_and_never_gets_darker() {
+        let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 0.02);
+        assert!(near(ramp(0.0), [0.267, 0.005, 0.329]) && near(ramp(1.0), [0.993, 0.906, 0.144]));
+        assert!(near(ramp(0.5), [0.128, 0.567, 0.551]));
+        assert_eq!((ramp(-3.0), ramp(f32::NAN), ramp(7.0)), (ramp(0.0), ramp(0.0), ramp(1.0)));
+        let luma = |c: [f32; 3]| 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2];
+        let steps: Vec<f32> = (0..=64).map(|i| luma(ramp(i as f32 / 64.0))).collect();
+        assert!(steps.windows(2).all(|pair| pair[1] > pair[0] - 1e-3));
+    }
+}
