@@ -7,8 +7,13 @@ use glam::{DMat3, DVec2};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Pixels that the ellipsoid of the alpha cut covers; tight through a pinhole.
-pub(super) fn pinhole(view: &View, placed: &Placed, response: Response) -> Option<Rect> {
-    let scaled = placed.axes * DMat3::from_diagonal(placed.scale * placed.extent());
+pub(super) fn pinhole(
+    view: &View,
+    placed: &Placed,
+    extent_squared: f64,
+    response: Response,
+) -> Option<Rect> {
+    let scaled = placed.axes * DMat3::from_diagonal(placed.scale * extent_squared.sqrt());
     // k²·S: dot products of the rows.
     let [x, y, z] = [scaled.row(0), scaled.row(1), scaled.row(2)];
     let (xx, yy, zz) = (x.length_squared(), y.length_squared(), z.length_squared());
@@ -46,9 +51,14 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
 }
 
 /// Pixels of the box around the cone that holds the ellipsoid of the alpha cut.
-pub(super) fn fisheye(view: &View, placed: &Placed, response: Response) -> Option<Rect> {
+pub(super) fn fisheye(
+    view: &View,
+    placed: &Placed,
+    extent_squared: f64,
+    response: Response,
+) -> Option<Rect> {
     let (m, k) = (placed.m, &view.intrinsics);
-    let sine = placed.extent() * placed.scale.max_element() / m.length();
+    let sine = extent_squared.sqrt() * placed.scale.max_element() / m.length();
     // The line through a pixel also sees what lies opposite.
     if sine >= 1.0 || response == Response::Line {
         return view.clip(DVec2::ZERO, DVec2::INFINITY);

@@ -28,20 +28,22 @@ impl Conic {
     /// With whitening `M = diag(1/s)·(RQ)ᵀ`, `g₀ = M·x₀` and `A = M·steps`:
     /// `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` of `B = [A₁×g₀, A₂×g₀]`, and `l = 2Aᵀg₀/|g₀|²`.
     pub(super) fn new(placed: &Placed, tangent: &Tangent) -> Self {
-        let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) / placed.scale;
+        let sharpness = placed.scale.recip();
+        let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
         let g0 = white(tangent.x0);
         let a = tangent.steps.map(white);
         let b = a.map(|a| a.cross(g0));
         let (gg, bb) = (g0.length_squared(), b[0].length_squared());
+        let (per_g, per_b) = (gg.sqrt().recip(), bb.sqrt().recip());
         // |B₁×B₂|² = |g₀|²·(g₀·(A₁×A₂))², and that triple product is det M times the steps' own.
         let steps = tangent.x0.dot(tangent.steps[0].cross(tangent.steps[1]));
-        let volume = steps / placed.scale.element_product();
+        let volume = steps * sharpness.element_product();
         let z = tangent.reach;
         Self {
-            p_x: z * (bb / gg).sqrt(),
-            p_y: z * b[0].dot(b[1]) / (bb * gg).sqrt(),
-            q_y: z * volume / bb.sqrt(),
-            half_l: DVec2::new(a[0].dot(g0), a[1].dot(g0)) / gg,
+            p_x: z * bb * per_b * per_g,
+            p_y: z * b[0].dot(b[1]) * per_b * per_g,
+            q_y: z * volume * per_b,
+            half_l: DVec2::new(a[0].dot(g0), a[1].dot(g0)) * (per_g * per_g),
             w: (z * z * gg).recip(),
         }
     }

@@ -14,22 +14,36 @@ use glam::{DVec2, DVec3};
 pub(super) fn pinhole(view: &View, placed: Placed, exact: Exact) -> Option<Drawn> {
     let k = &view.intrinsics;
     let placed = placed.antialiased(exact, k)?;
+    let extent_squared = placed.extent_squared();
+    let rect = bounds::pinhole(view, &placed, extent_squared, exact.response)?;
     let tangent = pinhole_tangent(&placed, k);
     let conic = Conic::new(&placed, &tangent);
-    let centre = DVec2::new(k.fx * tangent.x0.x + k.cx, k.fy * tangent.x0.y + k.cy);
-    let rect = bounds::pinhole(view, &placed, exact.response)?;
-    let (reach, key) = (tangent.reach, placed.m.length());
-    Some(Drawn { centre, conic, reach, key, opacity: placed.opacity, rect })
+    Some(Drawn {
+        centre: DVec2::new(k.fx * tangent.x0.x + k.cx, k.fy * tangent.x0.y + k.cy),
+        conic,
+        reach: tangent.reach,
+        key: placed.m.length(),
+        opacity: placed.opacity,
+        extent_squared,
+        rect,
+    })
 }
 
 /// The splat through a fisheye, with its frame.
 pub(super) fn fisheye(view: &View, placed: Placed, exact: Exact) -> Option<(Drawn, Frame)> {
     let placed = placed.antialiased(exact, &view.intrinsics)?;
-    let rect = bounds::fisheye(view, &placed, exact.response)?;
+    let extent_squared = placed.extent_squared();
+    let rect = bounds::fisheye(view, &placed, extent_squared, exact.response)?;
     let tangent = fisheye_tangent(&placed);
-    let conic = Conic::new(&placed, &tangent);
-    let (centre, reach) = (DVec2::ZERO, tangent.reach);
-    let drawn = Drawn { centre, conic, reach, key: reach, opacity: placed.opacity, rect };
+    let drawn = Drawn {
+        centre: DVec2::ZERO,
+        conic: Conic::new(&placed, &tangent),
+        reach: tangent.reach,
+        key: tangent.reach,
+        opacity: placed.opacity,
+        extent_squared,
+        rect,
+    };
     let rows = [tangent.steps[0], tangent.steps[1], tangent.x0];
     Some((drawn, Frame { rows: rows.map(|row| row.as_vec3().to_array()) }))
 }

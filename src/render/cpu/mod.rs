@@ -28,7 +28,7 @@ use buckets::Buckets;
 use prepare::ChunkCount;
 use raster::{DrawRow, RowCanvas, Sheet};
 use rayon::prelude::*;
-use record::Records;
+use record::{Listing, Records};
 use sort::{DepthSorter, Keyed};
 use view::View;
 
@@ -42,8 +42,8 @@ pub struct Rendered {
     /// Depth in world units, averaged with the blending weights: view depth `z` (projected) or
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
-    /// Splats dropped because they are not valid ([`crate::model::splats::Splat::is_valid`]). Empty
-    /// slots and splats out of sight do not count.
+    /// Splats dropped because they or their appearance are not valid
+    /// ([`crate::model::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
     pub n_invalid: usize,
 }
 
@@ -70,6 +70,7 @@ impl Stage {
 #[derive(Default)]
 pub struct CpuRenderer {
     records: Records,
+    listings: Vec<Listing>,
     counts: Vec<ChunkCount>,
     visible: Vec<Keyed>,
     sorter: DepthSorter,
@@ -85,8 +86,9 @@ impl CpuRenderer {
         Self::default()
     }
 
-    /// Renders one image on the current rayon pool. Never fails: splats that cannot be drawn are
-    /// skipped, an image without pixels is returned as such.
+    /// Renders one image on the current rayon pool, up to 65,535 pixels a side (beyond that there is
+    /// only background). Never fails: splats that cannot be drawn are skipped, an image without
+    /// pixels is returned as such.
     ///
     /// ```
     /// use glam::DVec3;
@@ -146,9 +148,9 @@ impl CpuRenderer {
         observer(Stage::Prepare);
         self.sorter.sort(&mut self.visible);
         observer(Stage::Sort);
-        let records = &self.records.records;
+        let listings = &self.listings;
         let sorted = self.visible.iter().map(|visible| visible.record);
-        self.rows.fill(height.div_ceil(TILE), sorted, |i| records[i as usize].rect.tile_rows());
+        self.rows.fill(height.div_ceil(TILE), sorted, |i| listings[i as usize].tile_rows());
         observer(Stage::Bin);
         self.rasterise(camera, options, &mut image);
         observer(Stage::Raster);
@@ -157,17 +159,14 @@ impl CpuRenderer {
 
     /// Fills `records` and `visible`; the number of broken splats.
     fn prepare(&mut self, splats: SplatView<'_>, view: &View) -> usize {
-        prepare::prepare(splats, view, &mut self.records, &mut self.counts);
+        prepare::prepare(splats, view, &mut self.records, &mut self.listings, &mut self.counts);
         self.visible.clear();
         for (chunk, count) in self.counts.iter().enumerate() {
             let first = chunk * prepare::CHUNK;
-            let records = &self.records.records[first..first + count.n_visible];
-            self.visible.extend(
-                records
-                    .iter()
-                    .zip(first as u32..)
-                    .map(|(record, i)| Keyed { key: record.key.to_bits(), record: i }),
-            );
+            let listings = self.listings[first..].iter().take(count.n_visible);
+            let keyed =
+                |(listing, record): (&Listing, u32)| Keyed { key: listing.key.to_bits(), record };
+            self.visible.extend(listings.zip(first as u32..).map(keyed));
         }
         self.counts.iter().map(|count| count.n_invalid).sum()
     }

@@ -3,13 +3,13 @@
 
 use super::conic::Conic;
 use super::lanes::EXP2_MIN;
-use super::record::{Frame, Gradient, Record, Records, Rect};
+use super::record::{Frame, Gradient, Listing, Record, Records, Rect};
 use super::shade::{self, Shade};
 use super::view::{Placed, View};
 use super::{exact, projected};
 use crate::model::appearance::{Appearance, SplatView};
 use crate::model::splats::Splat;
-use crate::render::{ALPHA_CUT, Lens, Method, Paint};
+use crate::render::{Lens, Method, Paint};
 use glam::DVec2;
 use rayon::prelude::*;
 use std::f64::consts::LOG2_E;
@@ -31,8 +31,11 @@ pub(super) struct Drawn {
     pub conic: Conic,
     /// See [`Record`].
     pub reach: f64,
+    /// See [`Listing`].
     pub key: f64,
     pub opacity: f64,
+    /// `k²` of the alpha cut.
+    pub extent_squared: f64,
     pub rect: Rect,
 }
 
@@ -46,11 +49,13 @@ pub(super) fn prepare(
     splats: SplatView<'_>,
     view: &View,
     out: &mut Records,
+    listings: &mut Vec<Listing>,
     counts: &mut Vec<ChunkCount>,
 ) {
     let n = splats.splats().len();
     let n_chunks = n.div_ceil(CHUNK);
     grow(&mut out.records, n);
+    grow(listings, n);
     grow(&mut out.gradients, if has_gradients(splats, view) { n } else { 0 });
     grow(&mut out.frames, if view.method.lens() == Lens::Fisheye { n } else { 0 });
     let mut gradients = out.gradients.chunks_mut(CHUNK);
@@ -60,12 +65,13 @@ pub(super) fn prepare(
     let tasks: Vec<Chunk<'_>> = splats
         .splats()
         .chunks(CHUNK)
-        .zip(out.records.chunks_mut(CHUNK))
+        .zip(out.records.chunks_mut(CHUNK).zip(listings.chunks_mut(CHUNK)))
         .enumerate()
-        .map(|(chunk, (splats_of, records))| Chunk {
+        .map(|(chunk, (splats_of, (records, listings)))| Chunk {
             splats: splats_of,
             appearance: splats.appearance().get(chunk * CHUNK..).unwrap_or(&[]),
             records,
+            listings,
             gradients: gradients.next().unwrap_or(&mut []),
             frames: frames.next().unwrap_or(&mut []),
         })
@@ -91,6 +97,7 @@ struct Chunk<'a> {
     /// Starts with those of `splats`, or is empty.
     appearance: &'a [Appearance],
     records: &'a mut [Record],
+    listings: &'a mut [Listing],
     gradients: &'a mut [Gradient],
     frames: &'a mut [Frame],
 }
@@ -103,7 +110,8 @@ impl Chunk<'_> {
             if splat.opacity <= 0.0 {
                 continue;
             }
-            if !splat.is_valid() {
+            let appearance = self.appearance.get(i);
+            if !splat.is_valid() || appearance.is_some_and(|a| !a.is_valid()) {
                 count.n_invalid += 1;
                 continue;
             }
@@ -146,17 +154,16 @@ impl Chunk<'_> {
                 })
             }
         };
-        let record = drawn.and_then(|drawn| drawn.record(color));
-        if let Some(record) = record {
-            self.records[to] = record;
-        }
-        record.is_some()
+        let Some((record, key)) = drawn.and_then(|drawn| drawn.record(color)) else { return false };
+        self.listings[to] = Listing::new(key, &record.rect);
+        self.records[to] = record;
+        true
     }
 }
 
 impl Drawn {
-    /// `None` if f32 cannot hold it.
-    fn record(&self, color: [f32; 3]) -> Option<Record> {
+    /// The record and its key; `None` if f32 cannot hold them.
+    fn record(&self, color: [f32; 3]) -> Option<(Record, f32)> {
         // exp(−½ D²) = 2^−(½ log₂e · D²).
         let unit = (0.5 * LOG2_E).sqrt();
         let Conic { p_x, p_y, q_y, half_l, w } = self.conic;
@@ -168,17 +175,17 @@ impl Drawn {
             q_y: (unit * q_y) as f32,
             half_l: half_l.as_vec2().to_array(),
             w: (w / (unit * unit)) as f32,
-            cut: ((ALPHA_CUT / self.opacity).log2() as f32).max(EXP2_MIN),
+            cut: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
             opacity: self.opacity as f32,
             color,
             reach: self.reach as f32,
-            key: self.key as f32,
             rect: self.rect,
         };
-        let Record { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, key, .. } = record;
+        let Record { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
+        let key = self.key as f32;
         [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]
             .iter()
             .all(|value| value.is_finite())
-            .then_some(record)
+            .then_some((record, key))
     }
 }

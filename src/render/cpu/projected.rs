@@ -25,12 +25,14 @@ pub(super) fn draw(view: &View, placed: &Placed, support: Support) -> Option<Dra
     let k = &view.intrinsics;
     let centre = DVec2::new(k.fx * tangent.x + k.cx, k.fy * tangent.y + k.cy);
     let covariance = Covariance2::new(view, placed, tangent);
+    let extent_squared = placed.extent_squared();
     let rect = match support {
-        Support::Alpha => covariance.rect_of_alpha(view, centre, placed.extent()),
+        Support::Alpha => covariance.rect_of_alpha(view, centre, extent_squared),
         Support::Tile3Sigma => covariance.rect_of_tiles(view, centre),
     }?;
     let conic = covariance.conic();
-    Some(Drawn { centre, conic, reach: m.z, key: m.z, opacity: placed.opacity, rect })
+    let opacity = placed.opacity;
+    Some(Drawn { centre, conic, reach: m.z, key: m.z, opacity, extent_squared, rect })
 }
 
 /// The gradient linearised at the centre: the point of largest response is `τ·x` with
@@ -64,18 +66,19 @@ impl Covariance2 {
 
     /// `D² = (√(yy/det)·δx − xy/√(yy·det)·δy)² + δy²/yy`.
     fn conic(self) -> Conic {
+        let per_root = (self.yy * self.det).sqrt().recip();
         Conic {
-            p_x: (self.yy / self.det).sqrt(),
-            p_y: -self.xy / (self.yy * self.det).sqrt(),
+            p_x: self.yy * per_root,
+            p_y: -self.xy * per_root,
             q_y: self.yy.sqrt().recip(),
             half_l: DVec2::ZERO,
             w: 0.0,
         }
     }
 
-    /// Pixels whose centres lie in the box of the ellipse of `radius` standard deviations.
-    fn rect_of_alpha(self, view: &View, centre: DVec2, radius: f64) -> Option<Rect> {
-        let half = radius * DVec2::new(self.xx.sqrt(), self.yy.sqrt());
+    /// Pixels whose centres lie in the box of the ellipse of the alpha cut.
+    fn rect_of_alpha(self, view: &View, centre: DVec2, extent_squared: f64) -> Option<Rect> {
+        let half = DVec2::new((extent_squared * self.xx).sqrt(), (extent_squared * self.yy).sqrt());
         view.pixels(centre - half, centre + half)
     }
 

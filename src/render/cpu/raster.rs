@@ -16,6 +16,9 @@ const BATCH: usize = 4096;
 #[derive(Default)]
 pub(super) struct RowCanvas {
     tiles: Vec<Tile>,
+    /// Of one batch, side by side: a row's tiles read each record several times, and the view's
+    /// records lie far apart.
+    batch: Records,
     by_tile: Buckets,
 }
 
@@ -65,15 +68,17 @@ impl DrawRow<'_> {
             if canvas.tiles.iter().all(Tile::is_finished) {
                 break;
             }
-            canvas.by_tile.fill(canvas.tiles.len(), batch.iter().copied(), |i| {
-                sheet.records.records[i as usize].rect.tile_columns()
+            canvas.batch.gather(sheet.records, batch);
+            let records = &canvas.batch;
+            canvas.by_tile.fill(canvas.tiles.len(), 0..batch.len() as u32, |i| {
+                records.records[i as usize].rect.tile_columns()
             });
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let list = canvas.by_tile.get(index);
                 if sheet.records.gradients.is_empty() {
-                    tile.blend_all::<V, FORM, false>(list, sheet.records, least_front);
+                    tile.blend_all::<V, FORM, false>(list, records, least_front);
                 } else {
-                    tile.blend_all::<V, FORM, true>(list, sheet.records, least_front);
+                    tile.blend_all::<V, FORM, true>(list, records, least_front);
                 }
             }
         }

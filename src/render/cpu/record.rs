@@ -18,8 +18,9 @@
 use crate::render::TILE;
 use std::ops::Range;
 
-/// A splat in the image.
+/// A splat in the image: one line of the cache, since rows fetch records from all over the list.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
 pub(super) struct Record {
     /// Projected centre in pixels; not used by a fisheye.
     pub u: f32,
@@ -38,8 +39,6 @@ pub(super) struct Record {
     pub color: [f32; 3],
     /// Depth of the centre along the ray `(x, y, 1)` (pinhole) or a unit ray (fisheye).
     pub reach: f32,
-    /// View depth (projected) or distance (exact); positive, so its bits order like its value.
-    pub key: f32,
     pub rect: Rect,
 }
 
@@ -61,29 +60,59 @@ pub(super) struct Frame {
 /// Pixels `x0..x1` × `y0..y1`; not empty in a visible record.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Rect {
-    pub x0: u32,
-    pub x1: u32,
-    pub y0: u32,
-    pub y1: u32,
+    pub x0: u16,
+    pub x1: u16,
+    pub y0: u16,
+    pub y1: u16,
 }
 
 impl Rect {
-    /// Rows of tiles it touches.
-    pub(super) fn tile_rows(&self) -> Range<usize> {
-        self.y0 as usize / TILE..(self.y1 as usize).div_ceil(TILE)
-    }
-
     /// Columns of tiles it touches.
     pub(super) fn tile_columns(&self) -> Range<usize> {
         self.x0 as usize / TILE..(self.x1 as usize).div_ceil(TILE)
     }
 }
 
-/// The records of one view, in the order of the splats. `gradients` and `frames` have as many
-/// entries where the view needs them, else none.
+/// What sorting and listing by row need of a record, by itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Listing {
+    /// View depth (projected) or distance (exact); positive, so its bits order like its value.
+    pub key: f32,
+    y0: u16,
+    y1: u16,
+}
+
+impl Listing {
+    pub(super) fn new(key: f32, rect: &Rect) -> Self {
+        Self { key, y0: rect.y0, y1: rect.y1 }
+    }
+
+    /// Rows of tiles that the record touches.
+    pub(super) fn tile_rows(&self) -> Range<usize> {
+        self.y0 as usize / TILE..(self.y1 as usize).div_ceil(TILE)
+    }
+}
+
+/// The records of one view. `gradients` and `frames` have as many entries where the view needs
+/// them, else none.
 #[derive(Default)]
 pub(super) struct Records {
     pub records: Vec<Record>,
     pub gradients: Vec<Gradient>,
     pub frames: Vec<Frame>,
+}
+
+impl Records {
+    /// Becomes the listed entries of `all`, in that order.
+    pub(super) fn gather(&mut self, all: &Self, list: &[u32]) {
+        fn pick<T: Copy>(to: &mut Vec<T>, from: &[T], list: &[u32]) {
+            to.clear();
+            if !from.is_empty() {
+                to.extend(list.iter().map(|&i| from[i as usize]));
+            }
+        }
+        pick(&mut self.records, &all.records, list);
+        pick(&mut self.gradients, &all.gradients, list);
+        pick(&mut self.frames, &all.frames, list);
+    }
 }

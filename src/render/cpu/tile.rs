@@ -32,8 +32,8 @@ type Plane = [[f32; LANES]; TILE * GROUPS];
 
 /// Planes of a tile; they stay in L1 while it is drawn.
 pub(super) struct Tile {
-    left: f32,
-    top: f32,
+    left: usize,
+    top: usize,
     /// Negative once the pixel is finished, and where there is none.
     transmittance: Plane,
     color: [Plane; 3],
@@ -68,8 +68,8 @@ impl Tile {
             std::array::from_fn(|lane| if inside(lane) { 1.0 } else { -1.0 })
         });
         Self {
-            left: left as f32,
-            top: top as f32,
+            left,
+            top,
             transmittance,
             color: [empty; 3],
             depth: empty,
@@ -83,8 +83,8 @@ impl Tile {
         let mut rays = Box::new([[[0.0; LANES]; TILE * GROUPS]; 3]);
         for group in 0..TILE * GROUPS {
             for lane in 0..LANES {
-                let column = self.left as usize + group % GROUPS * LANES + lane;
-                let row = self.top as usize + group / GROUPS;
+                let column = self.left + group % GROUPS * LANES + lane;
+                let row = self.top + group / GROUPS;
                 let ray = k.fisheye_ray(column, row);
                 if ray.is_none() {
                     self.transmittance[group][lane] = -1.0;
@@ -141,13 +141,13 @@ impl Tile {
         let rows = span(splat.rect.y0, splat.rect.y1, self.top);
         let columns = span(splat.rect.x0, splat.rect.x1, self.left);
         let groups = columns.start / LANES..columns.end.div_ceil(LANES);
-        let x0 = self.left + 0.5 - splat.u;
+        let x0 = self.left as f32 + 0.5 - splat.u;
         let x = LANE_COLUMNS.map(|columns| V::load(&columns) + V::splat(x0));
         for row in rows {
             if self.open_rows & (1 << row) == 0 {
                 continue;
             }
-            let y = V::splat(self.top + row as f32 + 0.5 - splat.v);
+            let y = V::splat((self.top + row) as f32 + 0.5 - splat.v);
             let mut stopped = false;
             for half in groups.clone() {
                 let group = row * GROUPS + half;
@@ -175,6 +175,7 @@ impl Tile {
         gradient: Option<&Gradient>,
         response: &Response<V>,
     ) -> bool {
+        let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
         let t = V::load(&self.transmittance[group]);
         let visible = V::splat(splat.cut).mask_at_most(response.exponent);
         let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(t));
@@ -217,8 +218,7 @@ impl Tile {
 
 /// The part of `lo..hi` inside a tile that begins at `first`, from there.
 #[inline(always)]
-fn span(lo: u32, hi: u32, first: f32) -> std::ops::Range<usize> {
-    let first = first as usize;
+fn span(lo: u16, hi: u16, first: usize) -> std::ops::Range<usize> {
     let end = first + TILE;
     ((lo as usize).max(first) - first)..((hi as usize).min(end) - first)
 }

@@ -8,14 +8,14 @@ use crate::render::{
     ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
     REFERENCE_VARIANCE, RenderOptions, SCALE_FLOOR,
 };
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// A view, ready for splats.
 pub(super) struct View {
     pub width: usize,
     pub height: usize,
-    /// Axes of the camera in the world.
     pub world_from_camera: DMat3,
+    pub camera_from_world: DMat3,
     pub centre: DVec3,
     pub intrinsics: Intrinsics,
     /// Range of `x/z` and `y/z` inside which the Jacobian follows the splat.
@@ -48,6 +48,7 @@ impl View {
             width: k.width as usize,
             height: k.height as usize,
             world_from_camera: camera.pose.rotation(),
+            camera_from_world: camera.pose.rotation().transpose(),
             centre: camera.pose.centre(),
             intrinsics: k,
             tangent_lo: -principal / focal - margin,
@@ -62,7 +63,7 @@ impl View {
     pub(super) fn place(&self, splat: &Splat) -> Option<Placed> {
         // The camera is subtracted in f64: far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
-        let m = self.world_from_camera.transpose_mul_vec3(mean - self.centre);
+        let m = self.camera_from_world * (mean - self.centre);
         let depth = match self.method.lens() {
             Lens::Pinhole => m.z,
             Lens::Fisheye => m.length(),
@@ -72,9 +73,7 @@ impl View {
         if depth as f32 <= self.near || faint {
             return None;
         }
-        let [w, x, y, z] = splat.rotation.map(f64::from);
-        let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-        let axes = self.world_from_camera.transpose() * rotation;
+        let axes = self.camera_from_world * axes_of(splat.rotation);
         let scale = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.look.scale);
         let scale = scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0)));
         Some(Placed { m, axes, scale, opacity })
@@ -82,7 +81,8 @@ impl View {
 
     /// Casts saturate: far outside is empty, infinite is the whole image.
     pub(super) fn clip(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
-        let limit = |value: f64, size: usize| (value as u32).min(size as u32);
+        let limit =
+            |value: f64, size: usize| (value as u16).min(size.min(usize::from(u16::MAX)) as u16);
         let rect = Rect {
             x0: limit(lo.x, self.width),
             x1: limit(hi.x, self.width),
@@ -98,10 +98,27 @@ impl View {
     }
 }
 
+/// World directions of the three scales, in columns, of a rotation `w x y z` of any length: what
+/// normalising would divide by enters once.
+fn axes_of(rotation: [f32; 4]) -> DMat3 {
+    let [w, x, y, z] = rotation.map(f64::from);
+    let double = 2.0 / (w * w + x * x + y * y + z * z);
+    let (dx, dy, dz) = (double * x, double * y, double * z);
+    let (xx, yy, zz) = (x * dx, y * dy, z * dz);
+    let (xy, xz, yz) = (x * dy, x * dz, y * dz);
+    let (wx, wy, wz) = (w * dx, w * dy, w * dz);
+    DMat3::from_cols(
+        DVec3::new(1.0 - yy - zz, xy + wz, xz - wy),
+        DVec3::new(xy - wz, 1.0 - xx - zz, yz + wx),
+        DVec3::new(xz + wy, yz - wx, 1.0 - xx - yy),
+    )
+}
+
 impl Placed {
-    /// Standard deviations at which the alpha cut lies; `o·exp(−k²/2)` is the cut.
-    pub(super) fn extent(&self) -> f64 {
-        (2.0 * (self.opacity / ALPHA_CUT).ln()).sqrt()
+    /// `k²`: the squared Mahalanobis distance at which the alpha cut lies, `o·exp(−k²/2)` being the
+    /// cut.
+    pub(super) fn extent_squared(&self) -> f64 {
+        2.0 * (self.opacity / ALPHA_CUT).ln()
     }
 
     /// Widened as the exact renderer's antialiasing says (`rendering.md` (c)); `None` if it fades
