@@ -1,0 +1,24 @@
+//! The exact renderer against maxima found by search (see `common/exactness.rs`).
+
+use crate::common::exactness::{Figures, Tolerance, check};
+use vbgs_studio::render::cpu::oracle::Oracle;
+
+#[test]
+fn the_oracle_is_exact() {
+    let tolerance = Tolerance { alpha: 1e-9, cut_band: 1e-9 };
+    let figures = check(
+        |case| {
+            let oracle = Oracle::of(&[case.splat], &case.camera, &case.options);
+            oracle.render().map(|sample| sample.rgba[3])
+        },
+        tolerance,
+    );
+    report("oracle", &figures);
+}
+
+fn report(name: &str, figures: &Figures) {
+    println!("{name}: {figures:?}");
+    assert_eq!(figures.n_splats, 1000);
+    assert!(figures.n_rays > 100_000 && figures.n_integrated > 50_000, "{figures:?}");
+    assert!(figures.n_on_cut * 1000 < figures.n_rays, "{figures:?}");
+}
