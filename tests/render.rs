@@ -16,15 +16,13 @@ mod render {
     mod native;
 }
 
+use common::agreement::{Agreement, samples};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::appearance::SplatView;
 use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::cpu::oracle::Oracle;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
-use vbgs_studio::render::{Method, RenderOptions, Support};
-
-/// What the CPU renderer draws.
-const CPU_METHODS: [Method; 2] =
-    [Method::Projected(Support::Alpha), Method::Projected(Support::Tile3Sigma)];
 
 /// One image by a renderer of its own.
 fn draw<'a>(
@@ -33,6 +31,18 @@ fn draw<'a>(
     options: &RenderOptions,
 ) -> Rendered {
     CpuRenderer::new().render(splats, camera, options)
+}
+
+/// Of `rendering.md` (g).
+const F32_TOLERANCE: f64 = 1e-4;
+
+/// How a whole image of the CPU renderer agrees with the oracle's.
+fn agreement(view: SplatView, camera: &Camera, options: &RenderOptions, label: &str) -> Agreement {
+    let oracle = Oracle::of(view, camera, options);
+    let found = samples(&draw(view, camera, options));
+    let agreement = Agreement::of(&found, &oracle, F32_TOLERANCE, label);
+    println!("{label}: {agreement:?}");
+    agreement
 }
 
 /// Every number of an image.

@@ -55,10 +55,12 @@ impl Agreement {
     }
 
     /// Panics unless at most 0.1 % of the pixels are over the tolerance without a reason, and at
-    /// most 1 % with one.
-    pub fn assert_close(&self, label: &str) {
-        assert!(self.n_loose * 1000 <= self.n_pixels, "{label}: {self:?}");
-        assert!(self.n_branched * 100 <= self.n_pixels, "{label}: {self:?}");
+    /// most the given share with one. Many have one where splats are opaque: two alphas at the cap
+    /// leave a transmittance of 1e-4, which is the stop.
+    pub fn assert_close(&self, share_on_thresholds: f64, label: &str) {
+        let n_pixels = self.n_pixels as f64;
+        assert!(self.n_loose as f64 <= 1e-3 * n_pixels, "{label}: {self:?}");
+        assert!(self.n_branched as f64 <= share_on_thresholds * n_pixels, "{label}: {self:?}");
     }
 }
 

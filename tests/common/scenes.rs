@@ -129,13 +129,15 @@ pub fn camera() -> Camera {
     Camera { intrinsics, pose: Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap() }
 }
 
-/// The same camera through the method's lens; the fisheye sees 190°.
+/// The same camera through the method's lens; the fisheye sees 190° from among the splats.
 pub fn camera_of(method: Method) -> Camera {
     let mut camera = camera();
     if method.lens() == Lens::Fisheye {
         let k = &mut camera.intrinsics;
         let shrink = f64::from(k.width) / 190f64.to_radians() / k.fx;
         (k.fx, k.fy) = (k.fx * shrink, k.fy * shrink);
+        let eye = DVec3::new(0.75, -1.0, 0.5);
+        camera.pose = Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
     }
     camera
 }

@@ -2,16 +2,14 @@
 
 use crate::common::agreement::{branches, largest_error, samples};
 use crate::common::render_cases::{GoldenView, golden_views};
-use crate::{CPU_METHODS, draw};
+use crate::draw;
 use std::collections::BTreeMap;
 use vbgs_studio::model::splats::Splat;
-use vbgs_studio::render::Method;
 use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 
-/// Tolerances of `rendering.md` (g); the exact form has more to round.
+/// Tolerances of `rendering.md` (g).
 const F64_TOLERANCE: f64 = 1e-9;
-const F32_PROJECTED: f64 = 2e-5;
-const F32_EXACT: f64 = 1e-4;
+const F32_TOLERANCE: f64 = 2e-5;
 /// Depth in f32, relative: the quotient by a coverage of 1/255 keeps five digits.
 const F32_DEPTH_TOLERANCE: f64 = 1e-4;
 
@@ -43,7 +41,7 @@ fn the_oracle_draws_golden_pixels() {
 fn the_cpu_renderer_draws_golden_pixels() {
     let Some(views) = golden_views() else { return };
     let (mut n_pixels, mut worst, mut on_threshold) = (0, BTreeMap::new(), Vec::new());
-    for view in views.iter().filter(|view| CPU_METHODS.contains(&view.options.method)) {
+    for view in &views {
         let oracle = Oracle::new(&view.splats, &view.camera, &view.options);
         let splats: Vec<Splat> = view.splats.iter().map(Splat::from).collect();
         let image = samples(&draw(&splats, &view.camera, &view.options));
@@ -51,13 +49,13 @@ fn the_cpu_renderer_draws_golden_pixels() {
             let (i, j) = (*i, *j);
             let found = image.at(i, j);
             n_pixels += 1;
-            if matches(found, expected, view.options.method) {
+            if matches(found, expected) {
                 note(&mut worst, view, largest_error(found, expected));
                 continue;
             }
             let either = branches(&oracle, i, j);
             assert!(
-                either.iter().any(|branch| matches(found, branch, view.options.method)),
+                either.iter().any(|branch| matches(found, branch)),
                 "{} {} ({i}, {j}): {found:?}, expected {expected:?} or one of {either:?}",
                 view.case,
                 view.variant
@@ -67,7 +65,7 @@ fn the_cpu_renderer_draws_golden_pixels() {
     }
     println!("golden, CPU: {n_pixels} pixels, worst {worst:?}, other branch: {on_threshold:?}");
     assert!(on_threshold.iter().all(|n| ["opacity_one_cap", "cutoff_boundary"].contains(n)));
-    assert_eq!(n_pixels, 2 * (105 - 7), "every pinhole pixel, both supports");
+    assert_eq!(n_pixels, N_PIXELS);
 }
 
 fn note(worst: &mut BTreeMap<&'static str, f64>, view: &GoldenView, error: f64) {
@@ -75,12 +73,8 @@ fn note(worst: &mut BTreeMap<&'static str, f64>, view: &GoldenView, error: f64) 
     *entry = entry.max(error);
 }
 
-fn matches(found: &Sample, expected: &Sample, method: Method) -> bool {
-    let close = match method {
-        Method::Projected(_) => F32_PROJECTED,
-        Method::Exact(_) => F32_EXACT,
-    };
+fn matches(found: &Sample, expected: &Sample) -> bool {
     let depth_error = (found.depth - expected.depth).abs();
-    largest_error(found, expected) <= close
+    largest_error(found, expected) <= F32_TOLERANCE
         && depth_error <= F32_DEPTH_TOLERANCE * expected.depth.abs()
 }

@@ -1,18 +1,14 @@
 //! Splats and cameras that make no sense.
 
-use crate::common::scenes::{SCENES, camera, camera_of, options};
-use crate::{CPU_METHODS, ball, bits, draw};
+use crate::common::scenes::{METHODS, SCENES, camera, camera_of, options};
+use crate::{ball, bits, draw};
 use glam::DVec3;
 use proptest::prelude::*;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splats::{MAX_LENGTH, Splat};
 use vbgs_studio::render::cpu::Rendered;
-use vbgs_studio::render::{Method, RenderOptions};
-
-fn render(splats: &[Splat]) -> Rendered {
-    draw(splats, &camera(), &options(Method::PROJECTED))
-}
+use vbgs_studio::render::{Method, RenderOptions, Response};
 
 fn is_empty(image: &Rendered, background: [f32; 3]) -> bool {
     let planes = image.coverage.data.iter().chain(&image.depth.data);
@@ -22,7 +18,7 @@ fn is_empty(image: &Rendered, background: [f32; 3]) -> bool {
 #[test]
 fn nothing_to_draw_is_background() {
     let behind = Splat { mean: [9.0, -9.0, 2.0], ..ball(0.9) };
-    for method in CPU_METHODS {
+    for method in METHODS {
         let (view, options) = (camera_of(method), options(method));
         for splats in [&[][..], &[Splat::default(); 3000], &[ball(0.003)], &[behind]] {
             let image = draw(splats, &view, &options);
@@ -56,7 +52,7 @@ fn broken_splats_are_counted_and_not_drawn() {
         Splat { rotation: [2.0, 0.0, 0.0, 0.0], ..sound },
         Splat { rotation: [f32::NAN, 0.0, 0.0, 1.0], ..sound },
     ];
-    for method in CPU_METHODS {
+    for method in METHODS {
         let (camera, options) = (camera_of(method), options(method));
         for splat in broken {
             let image = draw(&[splat], &camera, &options);
@@ -68,6 +64,12 @@ fn broken_splats_are_counted_and_not_drawn() {
 
 #[test]
 fn extreme_splats_draw_what_the_formulas_say() {
+    for method in [Method::PROJECTED, Method::EXACT] {
+        assert_extremes(|splats| draw(splats, &camera(), &options(method)));
+    }
+}
+
+fn assert_extremes(render: impl Fn(&[Splat]) -> Rendered) {
     // A splat much larger than the scene is a veil of its opacity; one of scale 0 is a point that
     // the low-pass turns into a blot of 0.3 px².
     let centre = |image: &Rendered| *image.coverage.at(58, 38);
@@ -140,7 +142,7 @@ proptest! {
     fn hostile_splats_neither_break_the_image_nor_touch_the_others(
         hostile in proptest::collection::vec(hostile_splat(), 0..40),
         near in prop_oneof![Just(0.2), Just(0.0), Just(-1.0), Just(1e-30)],
-        method in proptest::sample::select(CPU_METHODS.to_vec()),
+        method in proptest::sample::select(METHODS.to_vec()),
         inside in any::<bool>(),
     ) {
         let mut camera = camera_of(method);
@@ -151,7 +153,9 @@ proptest! {
         let image = draw(&hostile, &camera, &options);
         prop_assert!(image.color.data.as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
         prop_assert!(image.coverage.data.iter().all(|v| (0.0..=0.9999).contains(v)));
-        prop_assert!(image.depth.data.iter().all(|v| v.is_finite() && *v >= 0.0));
+        let looks_behind = matches!(method, Method::Exact(e) if e.response == Response::Line);
+        let in_front = |depth: f32| depth.is_finite() && (looks_behind || depth >= 0.0);
+        prop_assert!(image.depth.data.iter().all(|depth| in_front(*depth)));
         prop_assert_eq!(image.n_invalid, hostile.iter().filter(|s| is_broken(s)).count());
 
         let sound: Vec<Splat> = hostile.into_iter().filter(Splat::is_drawable).collect();
@@ -162,7 +166,7 @@ proptest! {
     fn hostile_cameras_end(
         values in proptest::array::uniform4(number()),
         size in 1u32..70,
-        method in proptest::sample::select(CPU_METHODS.to_vec()),
+        method in proptest::sample::select(METHODS.to_vec()),
     ) {
         let [fx, fy, cx, cy] = values.map(f64::from);
         let intrinsics = Intrinsics { width: size, height: 33, fx, fy, cx, cy };

@@ -1,32 +1,25 @@
 //! Whole images: the CPU renderer against the oracle, and what must not show in an image.
 
-use crate::common::agreement::{Agreement, samples};
-use crate::common::scenes::{SCENES, Scene, camera, camera_of, options};
-use crate::{CPU_METHODS, bits, draw};
+use crate::common::scenes::{METHODS, SCENES, Scene, camera, camera_of, options};
+use crate::{agreement, bits, draw};
 use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::appearance::SplatView;
 use vbgs_studio::model::splats::Splat;
-use vbgs_studio::render::cpu::oracle::Oracle;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
 use vbgs_studio::render::{Antialias, Method, RenderOptions};
-
-/// Of `rendering.md` (g).
-const F32_TOLERANCE: f64 = 1e-4;
 
 #[test]
 fn whole_images_agree_with_the_oracle() {
     for (seed, scene) in SCENES.iter().enumerate() {
-        for method in CPU_METHODS.into_iter().filter(|method| resolves(*method, scene)) {
+        for method in METHODS.into_iter().filter(|method| resolves(*method, scene)) {
             let label = format!("{} {method:?}", scene.name);
-            let (camera, options) = (camera_of(method), options(method));
             let splats = scene.splats(seed as u64);
-            let oracle = Oracle::of(&splats, &camera, &options);
-            let found = samples(&draw(&splats, &camera, &options));
-            let agreement = Agreement::of(&found, &oracle, F32_TOLERANCE, &label);
-            println!("{label}: {agreement:?}");
-            agreement.assert_close(&label);
+            let view = SplatView::from(&splats);
+            let agreement = agreement(view, &camera_of(method), &options(method), &label);
+            agreement.assert_close(0.01, &label);
             assert!(agreement.mean < 1e-5, "{label}: {agreement:?}");
             assert!(agreement.worst_depth < 1e-3, "{label}: {agreement:?}");
             let in_picture = agreement.n_covered * 20 > agreement.n_pixels;
@@ -48,7 +41,7 @@ fn resolves(method: Method, scene: &Scene) -> bool {
 fn thread_count_and_history_do_not_show() {
     let pool = |n| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
     let mut reused = CpuRenderer::new();
-    for method in CPU_METHODS {
+    for method in METHODS {
         let (camera, options) = (camera_of(method), options(method));
         for scene in SCENES {
             let splats = scene.splats(11);
@@ -95,7 +88,7 @@ fn equal_depths_keep_the_order_of_the_input() {
         rotation: [1.0, 0.0, 0.0, 0.0],
     };
     let (red, blue) = (facing([1.0, 0.0, 0.0]), facing([0.0, 0.0, 1.0]));
-    for method in CPU_METHODS {
+    for method in METHODS {
         let camera = Camera { intrinsics: camera_of(method).intrinsics, pose: Pose::IDENTITY };
         for (splats, front) in [([red, blue], 0), ([blue, red], 2)] {
             let image = draw(&splats, &camera, &RenderOptions::evaluation(method, [0.0; 3]));
@@ -114,7 +107,7 @@ fn a_scene_far_from_the_origin_looks_the_same() {
         SCENES[0].splats(2).into_iter().map(|s| Splat { mean: s.mean.map(dyadic), ..s }).collect();
     let far: Vec<Splat> =
         splats.iter().map(|s| Splat { mean: s.mean.map(|v| v + 4096.0), ..*s }).collect();
-    for method in CPU_METHODS {
+    for method in METHODS {
         let camera = camera_of(method);
         let eye = camera.pose.centre() + 4096.0;
         let pose = Pose::look_at(eye, DVec3::splat(4096.0), DVec3::Z).unwrap();

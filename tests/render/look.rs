@@ -1,7 +1,8 @@
-//! What a viewer may change about every splat, on the oracle.
+//! What a viewer may change about every splat: the oracle by its definition, the CPU renderer by the
+//! oracle.
 
-use crate::ball;
 use crate::common::scenes::{METHODS, SCENES, camera_of, options, random_appearance};
+use crate::{agreement, ball};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
@@ -28,6 +29,28 @@ fn scale_and_opacity_cut_are_what_they_say() {
         let cut = image(&splats, method, Look { opacity_cut: 0.3, ..Look::PLAIN });
         assert_eq!(cut, image(&solid, method, Look::PLAIN), "{method:?}");
         assert_ne!(cut, scaled);
+    }
+}
+
+#[test]
+fn whole_changed_images_agree_with_the_oracle() {
+    let looks = [
+        Look { scale: 1.7, ..Look::PLAIN },
+        Look { opacity_cut: 0.3, ..Look::PLAIN },
+        Look { paint: Paint::Depth([2.0, 5.0]), ..Look::PLAIN },
+        Look { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
+    ];
+    let splats = SCENES[1].splats(9);
+    let appearance = random_appearance(&splats, 9);
+    let view = SplatView::new(&splats, &appearance).unwrap();
+    for method in METHODS {
+        for look in looks {
+            let options = RenderOptions { look, ..options(method) };
+            let label = format!("{look:?} {method:?}");
+            let agreement = agreement(view, &camera_of(method), &options, &label);
+            agreement.assert_close(0.01, &label);
+            assert!(agreement.mean < 1e-5, "{label}: {agreement:?}");
+        }
     }
 }
 

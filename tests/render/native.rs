@@ -1,5 +1,7 @@
-//! Splats that carry more than one colour (`rendering.md` (h)), on the oracle.
+//! Splats that carry more than one colour (`rendering.md` (h)): the oracle by its definition, the CPU
+//! renderer by the oracle.
 
+use crate::agreement;
 use crate::common::ray::GaussianOnRay;
 use crate::common::scenes::{
     METHODS, NATIVE_SCENES, Scene, camera, camera_of, exact, options, random_appearance,
@@ -25,6 +27,22 @@ fn no_appearance_and_one_of_zeros_look_the_same() {
             .map(|view| Oracle::of(view, &camera, &options).render());
         assert_eq!(plain, zeros, "{method:?}");
         assert!(plain.data.iter().any(|sample| sample.rgba[3] > 0.5), "{method:?}");
+    }
+}
+
+#[test]
+fn whole_native_images_agree_with_the_oracle() {
+    for (seed, scene) in NATIVE_SCENES.iter().enumerate() {
+        let splats = scene.splats(20 + seed as u64);
+        let appearance = random_appearance(&splats, 20 + seed as u64);
+        let view = SplatView::new(&splats, &appearance).unwrap();
+        for method in METHODS {
+            let label = format!("native {} {method:?}", scene.name);
+            let agreement = agreement(view, &camera_of(method), &options(method), &label);
+            agreement.assert_close(0.05, &label);
+            assert!(agreement.mean < 1e-5, "{label}: {agreement:?}");
+            assert!(agreement.n_covered * 20 > agreement.n_pixels, "{label}: {agreement:?}");
+        }
     }
 }
 
