@@ -16,15 +16,16 @@ pub struct Scene {
 }
 
 /// Balls of the synthetic scene.
-const N_BALLS: usize = 24;
+const N_BALLS: usize = 12;
 /// Radius of the disc they lie on, world units.
 const DISC: f64 = 1.2;
-/// Standard deviation of a splat over the side of the square it has for itself.
-const SPREAD: f64 = 0.6;
+/// Standard deviation of a splat along its surface over the side of the square it has for itself;
+/// this and the next two as on Lego, trained with the `paper` preset.
+const SPREAD: f64 = 0.5;
 /// Standard deviation across the surface over that along it.
-const FLATNESS: f64 = 0.25;
+const FLATNESS: f64 = 0.6;
 /// Standard deviation of the logarithm of a splat's size.
-const UNEVENNESS: f64 = 0.35;
+const UNEVENNESS: f64 = 0.3;
 /// Opacity that training gives every splat.
 const OPACITY: f32 = 0.95;
 
