@@ -1,6 +1,9 @@
 //! Every bench in a tiny setting: its rows, its files' contents and its plot.
 #![allow(clippy::unwrap_used)]
 
+#[cfg(feature = "gui")]
+mod common;
+
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -8,6 +11,7 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
 use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
+use vbgs_studio::pipeline::bench::render::{self, Device, RenderPlan, Scene};
 use vbgs_studio::pipeline::bench::scaling::{self, ScalingPlan};
 use vbgs_studio::pipeline::bench::{Bench, BenchOptions, stability};
 use vbgs_studio::pipeline::precision_search::{self, SearchPlan};
@@ -178,6 +182,66 @@ fn stability_lists_every_case_in_every_precision() {
     let bench = counted(|progress| stability::run(OPTIONS, progress)).unwrap();
     check_forms(&bench, &["case", "precision", "mean_error", "covariance_error", "non_finite"]);
     assert_eq!(rows(&bench).len(), 3 * stability::all(OPTIONS.seed).len());
+}
+
+#[test]
+fn render_times_both_renderers_at_every_size() {
+    let scene = Scene::synthetic();
+    let plan = RenderPlan {
+        splats: vec![100, 3000],
+        sizes: vec![[64, 48], [160, 120]],
+        device: Device::Cpu,
+        ..RenderPlan::new(OPTIONS, &scene)
+    };
+    let bench = counted(|progress| render::run(&plan, &scene, progress)).unwrap();
+    check_forms(&bench, &["path", "renderer", "splats", "width", "ms", "draw_ms", "skipped"]);
+    let rows = rows(&bench);
+    assert_eq!(rows.len(), 8);
+    rows.iter().for_each(check_times);
+    for row in &rows {
+        assert_eq!((&row["path"], &row["frames"]), (&"cpu".into(), &2.into()), "{row}");
+        assert!(row["skipped"].is_null(), "{row}");
+    }
+    let ratios = bench.json["summary"]["ratios"].as_array().unwrap();
+    assert_eq!(ratios.len(), 4);
+    assert!(ratios.iter().all(|r| number(r, "exact_over_projected") > 0.0));
+    assert!(bench.json["machine"]["adapter"].is_null());
+}
+
+/// On any adapter, a software one too.
+#[cfg(feature = "gui")]
+#[test]
+fn render_times_a_gpu_and_says_what_does_not_fit_it() {
+    use common::adapter::{turn, vulkan};
+    let _turn = turn();
+    let Some(adapter) = vulkan() else { return };
+    let name = adapter.get_info().name;
+    // A texture has at most 32,768 pixels a side on any adapter there is.
+    let (fits, too_wide) = ([64, 48], [65_536, 1]);
+    let scene = Scene::synthetic();
+    let plan = RenderPlan {
+        splats: vec![100, 3000],
+        sizes: vec![fits, too_wide],
+        device: Device::Gpu,
+        adapter: Some(name.clone()),
+        ..RenderPlan::new(OPTIONS, &scene)
+    };
+    let bench = counted(|progress| render::run(&plan, &scene, progress)).unwrap();
+    let rows = rows(&bench);
+    assert!(!rows.is_empty());
+    for row in &rows {
+        assert_ne!(row["path"], "cpu");
+        if row["width"] == fits[0] {
+            check_times(row);
+            assert!(row["skipped"].is_null() && number(row, "sort_ms") >= 0.0, "{row}");
+        } else {
+            assert!(row["ms"].is_null() && row["frames"] == 0, "{row}");
+            assert!(row["skipped"].as_str().unwrap().contains("65536x1"), "{row}");
+        }
+    }
+    assert!(bench.text.contains("skipped, "), "{}", bench.text);
+    let named = bench.json["machine"]["adapter"].as_str().unwrap().contains(&name);
+    assert!(named, "{}", bench.json["machine"]);
 }
 
 #[test]

@@ -2,12 +2,12 @@
 
 use super::args::EvalArgs;
 use super::failure::Failure;
-use super::train::{announce, eval_options};
-use super::{model, output, progress};
+use super::train::announce;
+use super::{model, output, quality};
 use serde::Serialize;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
-use vbgs_studio::eval::views;
+use vbgs_studio::render::Lens;
 
 #[derive(Serialize)]
 struct EvalOutput {
@@ -17,28 +17,26 @@ struct EvalOutput {
 
 /// Measures as asked.
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
+    let methods = args.renderer.methods(Lens::Pinhole)?;
     let model = model::load(&args.model)?;
     let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
     announce(&dataset);
     let (split, frames) = choose_views(&dataset, args)?;
-    let bar = progress::bar(frames.len(), "view");
-    let options = eval_options(&args.comparison);
-    let (report, views) =
-        views::evaluate(&model.splats, &dataset, split, &frames, &options, |done| {
-            bar.set_position(done as u64)
-        })?;
-    bar.finish_and_clear();
-    output::skipped_views(&dataset, &report);
+    let views = (split, &frames[..]);
+    let found = quality::measure(&model.splats, &dataset, views, &args.comparison, &methods)?;
     if args.json {
-        return output::json(&EvalOutput { eval: vec![report], views });
+        let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
+        return output::json(&EvalOutput { eval, views: views.concat() });
     }
-    for view in &views {
-        output::line(format!(
-            "{:>5} {:24} PSNR {:6.2} dB  SSIM {:.4}",
-            view.index, view.frame, view.psnr, view.ssim
-        ));
+    for (report, views) in &found {
+        for view in views {
+            output::line(format!(
+                "{:>5} {:24} {:9} PSNR {:6.2} dB  SSIM {:.4}",
+                view.index, view.frame, view.renderer, view.psnr, view.ssim
+            ));
+        }
+        output::line(output::quality(report));
     }
-    output::line(output::quality(&report));
     Ok(())
 }
 

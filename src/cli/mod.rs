@@ -14,6 +14,7 @@ mod model;
 mod output;
 mod precision_search;
 mod progress;
+mod quality;
 mod render;
 mod settings;
 mod synth;

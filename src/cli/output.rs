@@ -84,8 +84,12 @@ pub fn quality(eval: &EvalReport) -> String {
         }
         None => "nothing covered".to_owned(),
     };
+    let settings = match (eval.antialias, eval.response) {
+        (Some(antialias), Some(response)) => format!(" (antialias {antialias}, {response})"),
+        _ => String::new(),
+    };
     format!(
-        "{} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
+        "{}{settings} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,

@@ -1,29 +1,26 @@
-//! `render`: one view, or a turntable.
+//! `render`: one view, or a turntable, by every renderer asked for.
 
-use super::args::{AxisName, RenderArgs};
+use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
 use super::{model, output, progress};
 use anyhow::anyhow;
 use glam::DVec3;
-use std::path::Path;
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::orbit::Orbit;
-use vbgs_studio::model::splats::{Splat, framing};
+use vbgs_studio::model::splats::{Framing, Splat, framing};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{Lens, Look, Method, Paint, RenderOptions};
 
 /// Elevation of views that do not say otherwise, degrees.
 const DEFAULT_ELEVATION: f64 = 25.0;
 
 /// Renders as asked.
 pub fn run(args: &RenderArgs) -> Result<(), Failure> {
-    if !(args.fov > 1.0 && args.fov < 170.0) {
-        return Err(Failure::Usage(format!(
-            "--fov: expected more than 1 and less than 170 degrees, found {}",
-            args.fov
-        )));
-    }
+    let methods = args.renderer.methods(args.lens)?;
+    check_fov(args)?;
     if args.turntable.is_none() && !is_png(&args.output) {
         return Err(Failure::Usage(format!(
             "--output: expected a name ending in .png, found {}",
@@ -31,39 +28,56 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         )));
     }
     let model = model::load(&args.model)?;
+    let mut painter = Painter {
+        framing: framing(&model.splats),
+        splats: &model.splats,
+        paint: args.paint,
+        methods,
+        renderer: CpuRenderer::new(),
+    };
     if let Some(dataset) = &args.dataset {
-        return render_view(&model.splats, dataset, args);
+        return render_view(&mut painter, dataset, args);
     }
+    let framing = painter.framing.ok_or_else(|| {
+        anyhow!(
+            "{}: expected splats to look at, found none that can be drawn",
+            args.model.display()
+        )
+    })?;
     let up = args.up.map(axis).or(model.up).unwrap_or(DVec3::Z);
-    let start = orbit(&model.splats, up, args)?;
-    let intrinsics =
-        Intrinsics::from_horizontal_fov(args.size[0], args.size[1], args.fov.to_radians());
-    let radius = framing(&model.splats).map_or(1.0, |f| f.radius);
-    let options = RenderOptions::viewport(Method::PROJECTED, args.background, radius);
-    let mut renderer = CpuRenderer::new();
-    let mut draw = |orbit: &Orbit, path: &Path| {
-        let camera = Camera { intrinsics, pose: orbit.pose() };
-        output::write_png(path, &renderer.render(&model.splats, &camera, &options).color)
+    render_orbit(&mut painter, &orbit(&framing, up, args), framing.radius, args)
+}
+
+fn render_orbit(
+    painter: &mut Painter,
+    start: &Orbit,
+    radius: f64,
+    args: &RenderArgs,
+) -> Result<(), Failure> {
+    let intrinsics = intrinsics(args);
+    let options = |method| RenderOptions::viewport(method, args.background, radius);
+    let mut draw = |orbit: Orbit, path: &Path| {
+        painter.draw(&Camera { intrinsics, pose: orbit.pose() }, &options, path)
     };
     let Some(n) = args.turntable else {
-        draw(&start, &args.output)?;
-        output::line(format!("wrote {}", args.output.display()));
+        let names = draw(*start, &args.output)?;
+        output::line(format!("wrote {names}"));
         return Ok(());
     };
     output::create_folder(&args.output)?;
     let bar = progress::bar(n, "view");
     for i in 0..n {
-        let turned =
-            Orbit { azimuth: start.azimuth + i as f64 / n as f64 * std::f64::consts::TAU, ..start };
-        draw(&turned, &args.output.join(format!("{i:03}.png")))?;
+        let azimuth = start.azimuth + i as f64 / n as f64 * std::f64::consts::TAU;
+        draw(Orbit { azimuth, ..*start }, &args.output.join(format!("{i:03}.png")))?;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output::line(format!("wrote {n} views to {}", args.output.display()));
+    let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
+    output::line(format!("wrote {n} views{each} to {}", args.output.display()));
     Ok(())
 }
 
-fn render_view(splats: &[Splat], path: &Path, args: &RenderArgs) -> Result<(), Failure> {
+fn render_view(painter: &mut Painter, path: &Path, args: &RenderArgs) -> Result<(), Failure> {
     let dataset = dataset::open(path, &LoadOptions::default())?;
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
@@ -78,33 +92,104 @@ fn render_view(splats: &[Splat], path: &Path, args: &RenderArgs) -> Result<(), F
             args.view
         )));
     };
-    let options = RenderOptions::evaluation(Method::PROJECTED, args.background);
-    let image = CpuRenderer::new().render(splats, &entry.camera, &options).color;
-    output::write_png(&args.output, &image)?;
-    output::line(format!("wrote {} ({} of `{}`)", args.output.display(), entry.name, split.name));
+    let options = |method| RenderOptions::evaluation(method, args.background);
+    let names = painter.draw(&entry.camera, &options, &args.output)?;
+    output::line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
     Ok(())
 }
 
-fn orbit(splats: &[Splat], up: DVec3, args: &RenderArgs) -> Result<Orbit, Failure> {
-    let framing = framing(splats).ok_or_else(|| {
-        anyhow!(
-            "{}: expected splats to look at, found none that can be drawn",
-            args.model.display()
-        )
-    })?;
-    // The narrower of the two angles of view must hold the scene.
-    let tall = args.size[1] as f64 / args.size[0] as f64;
-    let half = (0.5 * args.fov.to_radians()).tan() * tall.min(1.0);
-    let fov = 2.0 * half.atan();
+/// Draws views of one model.
+struct Painter<'a> {
+    splats: &'a [Splat],
+    framing: Option<Framing>,
+    paint: PaintName,
+    methods: Vec<Method>,
+    renderer: CpuRenderer,
+}
+
+impl Painter<'_> {
+    /// Writes one picture per renderer; their names, for a sentence.
+    fn draw(
+        &mut self,
+        camera: &Camera,
+        options: &impl Fn(Method) -> RenderOptions,
+        path: &Path,
+    ) -> Result<String, Failure> {
+        let look = Look { paint: self.paint(camera), ..Look::PLAIN };
+        let mut names = Vec::with_capacity(self.methods.len());
+        for &method in &self.methods {
+            let options = RenderOptions { look, ..options(method) };
+            let image = self.renderer.render(self.splats, camera, &options).color;
+            let path = if self.methods.len() > 1 { named(path, method) } else { path.to_owned() };
+            output::write_png(&path, &image)?;
+            names.push(path.display().to_string());
+        }
+        Ok(names.join(" and "))
+    }
+
+    fn paint(&self, camera: &Camera) -> Paint {
+        match (self.paint, self.framing) {
+            (PaintName::Normal, _) => Paint::Normal,
+            (PaintName::Depth, Some(Framing { centre, radius })) => {
+                let distance = camera.pose.centre().distance(centre);
+                Paint::Depth([(distance - radius).max(0.0), distance + radius].map(|d| d as f32))
+            }
+            // Without splats there is no depth to show.
+            (PaintName::Colour | PaintName::Depth, _) => Paint::Stored,
+        }
+    }
+}
+
+/// `view.png` becomes `view-exact.png`.
+fn named(path: &Path, method: Method) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-{}.png", method.renderer()));
+    path.with_file_name(name)
+}
+
+fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
+    let (is_fine, most) = match args.lens {
+        Lens::Pinhole => (args.fov < 170.0, "less than 170"),
+        Lens::Fisheye => (args.fov <= 360.0, "at most 360"),
+    };
+    if args.fov > 1.0 && is_fine {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "--fov: expected more than 1 and {most} degrees for a {} lens, found {}",
+        args.lens, args.fov
+    )))
+}
+
+fn intrinsics(args: &RenderArgs) -> Intrinsics {
+    let ([width, height], fov) = (args.size, args.fov.to_radians());
+    match args.lens {
+        Lens::Pinhole => Intrinsics::from_horizontal_fov(width, height, fov),
+        Lens::Fisheye => Intrinsics::fisheye(width, height, fov),
+    }
+}
+
+fn orbit(framing: &Framing, up: DVec3, args: &RenderArgs) -> Orbit {
     let [azimuth, elevation, distance] =
-        args.orbit.unwrap_or([0.0, DEFAULT_ELEVATION, framing.distance(fov)]);
-    Ok(Orbit {
+        args.orbit.unwrap_or([0.0, DEFAULT_ELEVATION, framing.distance(narrower_fov(args))]);
+    Orbit {
         target: framing.centre,
         up,
         azimuth: azimuth.to_radians(),
         elevation: elevation.to_radians(),
         distance,
-    })
+    }
+}
+
+/// The narrower of the two angles of view, which must hold the scene; at most half a turn, beyond
+/// which no distance would be near enough.
+fn narrower_fov(args: &RenderArgs) -> f64 {
+    let (fov, tall) = (args.fov.to_radians(), args.size[1] as f64 / args.size[0] as f64);
+    let share = tall.min(1.0);
+    match args.lens {
+        Lens::Pinhole => 2.0 * ((0.5 * fov).tan() * share).atan(),
+        Lens::Fisheye => (fov * share).min(PI),
+    }
 }
 
 fn is_png(path: &Path) -> bool {

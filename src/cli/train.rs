@@ -1,25 +1,25 @@
 //! `train`: headless training with files at the end.
 
-use super::args::{ComparisonArgs, GroundTruthName, TrainArgs};
+use super::args::{ComparisonArgs, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
 use super::settings::{asked, selection, train_config};
-use super::{output, progress};
+use super::{output, progress, quality};
 use indicatif::ProgressBar;
 use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::EvalReport;
-use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{Lens, Method};
 use vbgs_studio::train::config::TrainConfig;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
+    let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = match &args.resume {
         None => Start::New(Box::new(train_config(args)?)),
         Some(path) => {
@@ -66,8 +66,8 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     // Whatever happens next, the model is safe.
     let files = save_model(&session, &args.out)?;
     let (eval, failure) = match (&args.eval, &end) {
-        (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison) {
-            Ok(report) => (vec![report], None),
+        (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison, &methods) {
+            Ok(reports) => (reports, None),
             Err(failure) => (Vec::new(), Some(failure)),
         },
         _ => (Vec::new(), None),
@@ -186,30 +186,14 @@ fn evaluate(
     session: &Session,
     split: &str,
     comparison: &ComparisonArgs,
-) -> Result<EvalReport, Failure> {
+    methods: &[Method],
+) -> Result<Vec<EvalReport>, Failure> {
     let dataset = session.dataset();
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
-    let bar = progress::bar(frames.len(), "view");
-    let options = eval_options(comparison);
-    let (report, _) =
-        views::evaluate(&session.splats(), dataset, split, &frames, &options, |done| {
-            bar.set_position(done as u64)
-        })?;
-    bar.finish_and_clear();
-    output::skipped_views(dataset, &report);
-    Ok(report)
-}
-
-/// Settings of an evaluation.
-pub fn eval_options(comparison: &ComparisonArgs) -> EvalOptions {
-    EvalOptions {
-        ground_truth: match comparison.ground_truth {
-            GroundTruthName::Composited => GroundTruth::Composited,
-            GroundTruthName::Rgb => GroundTruth::Rgb,
-        },
-        render: RenderOptions::evaluation(Method::PROJECTED, comparison.background),
-    }
+    let views = (split, &frames[..]);
+    let found = quality::measure(&session.splats(), dataset, views, comparison, methods)?;
+    Ok(found.into_iter().map(|(report, _)| report).collect())
 }
 
 /// Says on stderr what is special about a dataset.

@@ -95,14 +95,20 @@ impl Frame {
     /// Depth along the optical axis in world units, 0 at holes, for evaluation and plane fits;
     /// `None` in frames without depth. The trusted interval is not applied.
     pub fn depth_z(&self) -> Option<Image<f32>> {
+        self.depth_as(DepthKind::Z)
+    }
+
+    /// Depth measured as asked, whatever the file holds; otherwise as [`Self::depth_z`].
+    pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();
         let mut out = Image::filled(width, height, 0.0);
         for row in 0..height {
             for column in 0..width {
                 if let Some(value) = depth.value_at(column, row) {
-                    let per_z = ray_length_per_z(&self.camera.intrinsics, depth.kind, column, row);
-                    out.data[row * width + column] = (value / per_z) as f32;
+                    let per_z = |kind| length_per_z(&self.camera.intrinsics, kind, column, row);
+                    let length = value / per_z(depth.kind) * per_z(kind);
+                    out.data[row * width + column] = length as f32;
                 }
             }
         }
@@ -111,7 +117,7 @@ impl Frame {
 }
 
 /// How much longer a length of `kind` is than the depth z at a pixel (1 for z itself).
-fn ray_length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
+fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
     match kind {
         DepthKind::RayDistance => k.ray(column, row).length(),
         DepthKind::Z => 1.0,

@@ -1,6 +1,7 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
 
 use crate::dataset::error::FrameError;
+use crate::render::{Antialias, Renderer, Response};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
@@ -136,7 +137,11 @@ pub struct EvalReport {
     /// Split evaluated.
     pub split: String,
     /// Renderer.
-    pub renderer: String,
+    pub renderer: Renderer,
+    /// What the exact renderer did about splats thinner than a pixel; `None` for the other.
+    pub antialias: Option<Antialias>,
+    /// Where the exact renderer looked for the largest response; `None` for the other.
+    pub response: Option<Response>,
     /// What the render was compared with: `composited` or `rgb`.
     pub ground_truth: String,
     /// Background of the render, sRGB-encoded.
@@ -155,7 +160,8 @@ pub struct EvalReport {
     pub coverage_mean: f64,
     /// Mean SSIM, `valid` padding.
     pub ssim_mean: f64,
-    /// Mean absolute depth error where both have depth, world units; `None` without true depth.
+    /// Mean absolute depth error where both have depth, world units: of depth z for the projected
+    /// renderer, of distance along the ray for the exact one; `None` without true depth.
     pub depth_mae_mean: Option<f64>,
 }
 
@@ -167,7 +173,7 @@ pub struct ViewReport {
     /// Name of the view within its split.
     pub frame: String,
     /// Renderer.
-    pub renderer: String,
+    pub renderer: Renderer,
     /// PSNR over the whole frame, dB.
     pub psnr: f64,
     /// PSNR over covered pixels, dB; `None` if nothing is covered.
@@ -176,7 +182,7 @@ pub struct ViewReport {
     pub coverage: f64,
     /// SSIM, `valid` padding.
     pub ssim: f64,
-    /// Mean absolute depth error, world units.
+    /// Mean absolute depth error, world units, as in [`EvalReport::depth_mae_mean`].
     pub depth_mae: Option<f64>,
 }
 

@@ -3,15 +3,12 @@
 use super::metrics::{self, MetricError, SsimPadding};
 use super::report::{EvalReport, SkippedFrame, ViewReport};
 use crate::dataset::Dataset;
-use crate::dataset::frame::Frame;
+use crate::dataset::frame::{DepthKind, Frame};
 use crate::math::image::{Image, RgbImage};
 use crate::model::splats::Splat;
-use crate::render::RenderOptions;
 use crate::render::cpu::{CpuRenderer, Rendered};
+use crate::render::{Method, RenderOptions, Renderer};
 use serde::{Deserialize, Serialize};
-
-/// Name of the one renderer there is, as reports spell it.
-pub const PROJECTED: &str = "projected";
 
 /// A pixel counts as covered from this accumulated opacity on.
 pub const COVERED: f32 = 0.5;
@@ -145,7 +142,8 @@ fn score(
         0 => None,
         _ => Some(metrics::psnr_masked(&rendered.color, &truth, &covered)?),
     };
-    let depth_mae = match frame.depth_z() {
+    let method = options.render.method;
+    let depth_mae = match frame.depth_as(depth_kind(method)) {
         Some(depth) if n_covered > 0 => {
             let error = metrics::depth_error(&rendered.depth, &rendered.coverage, &depth)?;
             error.mae.is_finite().then_some(error.mae)
@@ -155,7 +153,7 @@ fn score(
     Ok(ViewReport {
         index,
         frame: frame.name.clone(),
-        renderer: PROJECTED.to_owned(),
+        renderer: method.renderer(),
         psnr: metrics::psnr(&rendered.color, &truth)?,
         psnr_covered,
         coverage: n_covered as f64 / covered.data.len().max(1) as f64,
@@ -164,19 +162,33 @@ fn score(
     })
 }
 
+/// What a renderer's depth plane measures: the truth is converted to it, not the render.
+fn depth_kind(method: Method) -> DepthKind {
+    match method.renderer() {
+        Renderer::Projected => DepthKind::Z,
+        Renderer::Exact => DepthKind::RayDistance,
+    }
+}
+
 fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> EvalReport {
     let mean = |values: Vec<f64>| metrics::mean_std(&values).0;
     let psnr: Vec<f64> = scores.iter().map(|s| s.psnr).collect();
     let depth: Vec<f64> = scores.iter().filter_map(|s| s.depth_mae).collect();
     let covered: Vec<f64> = scores.iter().filter_map(|s| s.psnr_covered).collect();
     let (psnr_mean, psnr_std) = metrics::mean_std(&psnr);
+    let exact = match options.render.method {
+        Method::Projected(_) => None,
+        Method::Exact(exact) => Some(exact),
+    };
     let ground_truth = match options.ground_truth {
         GroundTruth::Composited => "composited",
         GroundTruth::Rgb => "rgb",
     };
     EvalReport {
         split,
-        renderer: PROJECTED.to_owned(),
+        renderer: options.render.method.renderer(),
+        antialias: exact.map(|e| e.antialias),
+        response: exact.map(|e| e.response),
         ground_truth: ground_truth.to_owned(),
         background: options.render.background,
         views: scores.len(),
@@ -187,5 +199,57 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         coverage_mean: mean(scores.iter().map(|s| s.coverage).collect()),
         ssim_mean: mean(scores.iter().map(|s| s.ssim).collect()),
         depth_mae_mean: (!depth.is_empty()).then(|| mean(depth)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::frame::{Depth, DepthCodes};
+    use crate::math::camera::{Camera, Intrinsics};
+    use crate::math::pose::Pose;
+
+    /// A wall two units ahead, as every renderer would draw it.
+    #[test]
+    fn depth_is_compared_as_the_renderer_measures_it() {
+        let (width, height) = (32, 24);
+        let camera = Camera {
+            intrinsics: Intrinsics::from_horizontal_fov(width as u32, height as u32, 1.5),
+            pose: Pose::IDENTITY,
+        };
+        let codes = DepthCodes::Linear16 { codes: Image::filled(width, height, 2000), unit: 1e-3 };
+        let frame = Frame {
+            name: "wall".to_owned(),
+            camera,
+            color: Image::filled(width, height, [0, 0, 0, 255]),
+            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0] }),
+        };
+        let along_ray = |i: usize| 2.0 * camera.intrinsics.ray(i % width, i / width).length();
+        let planes = [
+            (Method::PROJECTED, Image::filled(width, height, 2.0)),
+            (
+                Method::EXACT,
+                Image::from_vec(
+                    width,
+                    height,
+                    (0..width * height).map(|i| along_ray(i) as f32).collect(),
+                ),
+            ),
+        ];
+        let error = |method, depth: &Image<f32>| {
+            let rendered = Rendered {
+                color: Image::filled(width, height, [0.0; 3]),
+                coverage: Image::filled(width, height, 1.0),
+                depth: depth.clone(),
+                n_invalid: 0,
+            };
+            let render = RenderOptions::evaluation(method, [0.0; 3]);
+            let options = EvalOptions { ground_truth: GroundTruth::Rgb, render };
+            score(0, &frame, &rendered, &options).unwrap().depth_mae.unwrap()
+        };
+        for (method, depth) in &planes {
+            assert!(error(*method, depth) < 1e-6, "{method:?}");
+        }
+        assert!(error(Method::EXACT, &planes[0].1) > 0.1, "z is no distance along the ray");
     }
 }

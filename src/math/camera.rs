@@ -35,6 +35,13 @@ impl Intrinsics {
         }
     }
 
+    /// Those of an equidistant fisheye, whose focal lengths are pixels per radian: square pixels and
+    /// a centred principal point from the horizontal field of view (radians, up to 2π).
+    pub fn fisheye(width: u32, height: u32, fov_x: f64) -> Self {
+        let focal = width as f64 / fov_x;
+        Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
+    }
+
     /// Horizontal field of view in radians.
     pub fn fov_x(&self) -> f64 {
         2.0 * (0.5 * self.width as f64 / self.fx).atan()
@@ -118,6 +125,13 @@ mod tests {
         let half_turn = k.fisheye_ray(157, 100).unwrap();
         assert!((half_turn - DVec3::X).length() < 1e-3);
         assert!(k.fisheye_ray(314, 100).is_some() && k.fisheye_ray(315, 100).is_none());
+    }
+
+    #[test]
+    fn a_fisheye_spreads_its_field_of_view_evenly() {
+        let k = Intrinsics::fisheye(200, 100, 4.0);
+        assert_eq!((k.width, k.height, k.cx, k.cy), (200, 100, 100.0, 50.0));
+        assert_eq!((k.fx, k.fy), (50.0, 50.0), "pixels per radian");
     }
 
     #[test]

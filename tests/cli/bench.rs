@@ -21,6 +21,22 @@ fn a_bench_writes_three_files_and_prints_its_table() {
 }
 
 #[test]
+fn frames_of_a_model_are_timed() {
+    let scratch = Scratch::with_scene();
+    let options = "--splats 50,5000 --size 64x48 --repeats 2 --device cpu --out found";
+    let run = scratch.run(&format!("bench render out/scene.ply {options}")).succeeds();
+    assert!(run.stdout.starts_with("out/scene.ply, "), "{}", run.stdout);
+    assert!(run.stdout.contains("wrote render.json, render.csv and render.png"), "{}", run.stdout);
+    let rows = scratch.json("found/render.json")["rows"].clone();
+    let found: Vec<_> = rows.as_array().unwrap().iter().collect();
+    let found: Vec<_> = found.iter().map(|row| (&row["splats"], &row["renderer"])).collect();
+    let [few, many] = [50, 5000].map(serde_json::Value::from);
+    let [projected, exact] = ["projected", "exact"].map(serde_json::Value::from);
+    let expected = [(&few, &projected), (&few, &exact), (&many, &projected), (&many, &exact)];
+    assert_eq!(found, expected);
+}
+
+#[test]
 fn the_precision_found_is_what_train_uses() {
     let scratch = Scratch::with_room();
     let options = "--quick --components 300 --max-frames 2 --repeats 1 --out found";
@@ -38,5 +54,23 @@ fn wrong_usage_is_said_before_any_work() {
     scratch.run("precision-search room --bound 0").fails(2, &parts);
     let parts = ["none", "expected"];
     scratch.run("bench ablation none").fails(1, &parts);
+    for (options, parts) in [
+        ("none.ply", &["none.ply", "found nothing"][..]),
+        ("--splats 0", &["--splats", "1 to 20000000"]),
+        ("--splats 10,30000000", &["'30000000'", "--splats"]),
+        ("--size 64", &["--size", "WIDTHxHEIGHT"]),
+        ("--size 1x1,2x2,3x3,4x4,5x5", &["--size", "4 sizes at most", "found 5"]),
+        ("--device tpu", &["'tpu'", "--device"]),
+    ] {
+        let code = if options.starts_with("--") { 2 } else { 1 };
+        scratch.run(&format!("bench render {options}")).fails(code, parts);
+    }
+    if cfg!(feature = "gui") {
+        let parts = ["--adapter", "--device gpu or all"];
+        scratch.run("bench render --device cpu --adapter arc").fails(2, &parts);
+    } else {
+        scratch.run("bench render --device gpu").fails(2, &["'gpu'", "--device"]);
+        scratch.run("bench render --adapter arc").fails(2, &["--adapter"]);
+    }
     assert!(!scratch.path("vbgs-bench").exists(), "nothing is made before the dataset is there");
 }

@@ -83,6 +83,11 @@ fn eval_measures_every_view() {
     let run = scratch.run("eval out/scene.ply room").succeeds();
     assert_eq!(run.stdout.lines().count(), 4, "{}", run.stdout);
     assert!(run.stderr.contains("note: evaluating on all frames of the split `eval`"));
+    let run = scratch.run("eval out/scene.ply room --renderer both").succeeds();
+    let with = |name: &str| run.stdout.lines().filter(|line| line.contains(name)).count();
+    assert_eq!((with("projected"), with("exact")), (4, 4), "{}", run.stdout);
+    assert!(run.stdout.contains("exact (antialias footprint, ray) on 3 views"), "{}", run.stdout);
+    assert_eq!(run.stderr.matches("note: evaluating on").count(), 1, "{}", run.stderr);
     let json = scratch.run("eval out/scene.ply room --split train --json").succeeds().json();
     let views = json["views"].as_array().unwrap();
     assert_eq!((json["eval"][0]["views"].as_u64(), views.len()), (Some(8), 8));

@@ -23,7 +23,13 @@ fn views_of_a_scene() {
         ("--size 80x60", (80, 60)),
         ("--size 64x64 --orbit 30,20,4", (64, 64)),
         ("--size 64x64 --orbit -30,-20,4 --up -y --fov 90", (64, 64)),
+        ("--size 64x48 --renderer exact --antialias none --response line --fov 150", (64, 48)),
+        ("--size 64x64 --renderer exact --lens fisheye --fov 360", (64, 64)),
+        ("--size 64x48 --renderer exact --lens fisheye --fov 180 --orbit 0,0,2", (64, 48)),
+        ("--size 64x48 --paint depth", (64, 48)),
+        ("--size 64x48 --paint normal", (64, 48)),
         ("--dataset room", (64, 48)),
+        ("--dataset room --renderer exact --paint depth", (64, 48)),
         ("--dataset room --view 2", (64, 48)),
         ("--dataset room --split train --view 7", (64, 48)),
     ] {
@@ -43,6 +49,24 @@ fn a_turntable_goes_around() {
     assert!(views[1..].iter().all(|view| *view != views[0]));
     scratch.run("render out/scene.ply -o still.png --size 64x48").succeeds();
     assert_eq!(picture(&scratch, "still.png", (64, 48)), views[0], "the turn starts at the still");
+}
+
+#[test]
+fn both_renderers_write_a_picture_each() {
+    let scratch = Scratch::with_scene();
+    let options = "--renderer both --size 64x48";
+    let said = scratch.run(&format!("render out/scene.ply -o a.png {options}")).succeeds().stdout;
+    assert_eq!(said.trim(), "wrote a-projected.png and a-exact.png");
+    scratch.run("render out/scene.ply -o b.png --size 64x48").succeeds();
+    let projected = picture(&scratch, "a-projected.png", (64, 48));
+    assert_eq!(projected, picture(&scratch, "b.png", (64, 48)), "the default is projected");
+    picture(&scratch, "a-exact.png", (64, 48));
+    assert!(!scratch.path("a.png").exists());
+    scratch.run(&format!("render out/scene.ply -o turn --turntable 2 {options}")).succeeds();
+    for name in ["000-projected", "000-exact", "001-projected", "001-exact"] {
+        picture(&scratch, &format!("turn/{name}.png"), (64, 48));
+    }
+    assert_eq!(std::fs::read_dir(scratch.path("turn")).unwrap().count(), 4);
 }
 
 /// A dataset view looks like its photograph.

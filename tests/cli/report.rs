@@ -46,6 +46,7 @@ dataset.layout string
 dataset.path string
 dataset.split string
 dataset.width number
+eval[].antialias null
 eval[].background[] number
 eval[].coverage_mean number
 eval[].depth_mae_mean number
@@ -54,6 +55,7 @@ eval[].psnr_covered_mean number
 eval[].psnr_mean number
 eval[].psnr_std number
 eval[].renderer string
+eval[].response null
 eval[].skipped[]
 eval[].split string
 eval[].ssim_mean number
@@ -155,6 +157,37 @@ fn the_report_has_its_fields() {
     let (a, b) = (&report["eval"][0]["psnr_mean"], &eval["eval"][0]["psnr_mean"]);
     // The file holds logarithms and logits.
     assert!((number(a) - number(b)).abs() < 1e-3, "in the run {a} dB, from the file {b} dB");
+}
+
+/// One entry per renderer, with the settings that the exact one has.
+#[test]
+fn the_report_names_every_renderer() {
+    let scratch = Scratch::with_room();
+    let train = "train room --out out --components 2000 --eval eval --renderer both --json";
+    let report = scratch.run(train).succeeds().json();
+    let eval = scratch
+        .run("eval out/scene.ply room --renderer both --antialias none --response line --json")
+        .succeeds()
+        .json();
+    for (entries, settings) in
+        [(&report["eval"], ["footprint", "ray"]), (&eval["eval"], ["none", "line"])]
+    {
+        let entries = entries.as_array().unwrap();
+        let names: Vec<&Value> = entries.iter().map(|e| &e["renderer"]).collect();
+        assert_eq!(names, ["projected", "exact"]);
+        assert!(entries[0]["antialias"].is_null() && entries[0]["response"].is_null());
+        assert_eq!([&entries[1]["antialias"], &entries[1]["response"]], settings);
+        assert!(entries.iter().all(|e| number(&e["depth_mae_mean"]) < 5.0), "{entries:?}");
+    }
+    let views = eval["views"].as_array().unwrap();
+    let of = |renderer: &str| -> Vec<u64> {
+        let mine = views.iter().filter(|v| v["renderer"] == renderer);
+        mine.map(|v| v["index"].as_u64().unwrap()).collect()
+    };
+    assert_eq!((of("projected"), of("exact")), (vec![0, 1, 2], vec![0, 1, 2]));
+    let exact = scratch.run("eval out/scene.ply room --renderer exact --json").succeeds().json();
+    assert_eq!(exact["eval"][0]["renderer"], "exact");
+    assert_eq!((exact["eval"].as_array().unwrap().len(), views.len()), (1, 6));
 }
 
 #[test]

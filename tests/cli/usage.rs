@@ -24,6 +24,8 @@ fn settings_out_of_range() {
         ("--depth-range 3 1", &["depth range", "near < far", "found 3 to 1"]),
         ("--reassign never", &["'never'", "--reassign"]),
         ("--background blue", &["--background", "black, white or #rrggbb"]),
+        ("--renderer fast", &["'fast'", "--renderer"]),
+        ("--antialias none", &["--antialias", "add --renderer exact or both"]),
         ("--no-such-option", &["--no-such-option"]),
     ] {
         scratch.run(&format!("train room --out out {option}")).fails(2, parts);
@@ -41,6 +43,22 @@ fn arguments_of_the_other_commands() {
         ("render out/scene.ply -o a.png --size 0x9", &["--size", "each from 1 to 16384"]),
         ("render out/scene.ply -o a.png --fov 200", &["--fov", "less than 170", "found 200"]),
         ("render out/scene.ply -o a.png --fov -1", &["--fov", "more than 1", "found -1"]),
+        (
+            "render out/scene.ply -o a.png --renderer exact --lens fisheye --fov 361",
+            &["--fov", "at most 360", "fisheye", "found 361"],
+        ),
+        ("render out/scene.ply -o a.png --lens fisheye", &["--lens", "add --renderer exact"]),
+        (
+            "render out/scene.ply -o a.png --lens fisheye --renderer both",
+            &["--lens", "the projected renderer has no fisheye"],
+        ),
+        (
+            "render out/scene.ply -o a.png --lens fisheye --renderer exact --dataset room",
+            &["cannot be used with", "--lens"],
+        ),
+        ("render out/scene.ply -o a.png --lens wide", &["'wide'", "--lens"]),
+        ("eval out/scene.ply room --response line", &["--response", "exact or both"]),
+        ("eval out/scene.ply room --renderer exact --antialias much", &["'much'", "--antialias"]),
         ("render out/scene.ply -o a.png --orbit 1,2", &["--orbit", "such as 30,20,4"]),
         ("render out/scene.ply -o a.png --orbit 1,2,-3", &["--orbit", "a positive distance"]),
         ("render out/scene.ply -o a --turntable 0", &["--turntable", "1 or more"]),

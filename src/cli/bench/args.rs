@@ -1,9 +1,10 @@
 //! Arguments of `bench`.
 
-use crate::cli::args::{DepthArgs, parse_count};
+use crate::cli::args::{DepthArgs, choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 use vbgs_studio::pipeline::bench::BenchOptions;
+use vbgs_studio::pipeline::bench::render::Device;
 
 #[derive(Args)]
 pub struct BenchArgs {
@@ -21,6 +22,37 @@ pub enum BenchName {
     Scaling(CommonArgs),
     /// Hard cases against exact arithmetic
     Stability(CommonArgs),
+    /// Time per frame by stage against splats and resolution, by both renderers
+    Render(RenderBenchArgs),
+}
+
+#[derive(Args)]
+pub struct RenderBenchArgs {
+    /// Model to draw, thinned or repeated to every number of splats [default: a synthetic scene]
+    pub model: Option<PathBuf>,
+    /// Numbers of splats [default: 10000 to 4000000, and the model's own]
+    #[arg(long, value_name = "N,…", value_delimiter = ',', value_parser = parse_splats)]
+    pub splats: Option<Vec<usize>>,
+    /// Widths and heights of the images, four at most [default: 400x400,800x600,1280x720]
+    #[arg(long, value_name = "WxH,…", value_delimiter = ',', value_parser = parse_size)]
+    pub size: Option<Vec<[u32; 2]>>,
+    /// Who draws; `all` takes a GPU only if it is not software
+    #[arg(long, value_parser = choice::<Device>(), default_value = "all")]
+    pub device: Device,
+    /// Graphics adapter by its number or a part of its name, which may be software
+    #[cfg(feature = "gui")]
+    #[arg(long, value_name = "NAME")]
+    pub adapter: Option<String>,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// As many splats as a model may have components.
+const MAX_SPLATS: usize = 20_000_000;
+
+fn parse_splats(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|n| (1..=MAX_SPLATS).contains(n));
+    count.ok_or_else(|| format!("expected whole numbers, 1 to {MAX_SPLATS}, such as 10000,100000"))
 }
 
 #[derive(Args)]

@@ -1,18 +1,23 @@
-//! `bench`: tables, files and plots of speed against error.
+//! `bench`: tables, files and plots of speed against error and size.
 
 mod args;
 
 use super::args::DepthArgs;
 use super::failure::Failure;
 use super::train::announce;
-use super::{output, progress};
+use super::{model, output, progress};
+use anyhow::anyhow;
 pub use args::{BenchArgs, CommonArgs};
-use args::{BenchName, DatasetBenchArgs};
+use args::{BenchName, DatasetBenchArgs, RenderBenchArgs};
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
 use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
+#[cfg(feature = "gui")]
+use vbgs_studio::pipeline::bench::render::Device;
+use vbgs_studio::pipeline::bench::render::{self, RenderPlan, Scene};
 use vbgs_studio::pipeline::bench::scaling::{self, ScalingPlan};
 use vbgs_studio::pipeline::bench::{Bench, BenchError, Progress, stability};
 use vbgs_studio::pipeline::demo;
@@ -34,7 +39,52 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         BenchName::Stability(args) => {
             measure(args, |progress| stability::run(args.options(None), progress))
         }
+        BenchName::Render(args) => {
+            let (scene, plan) = render_plan(args)?;
+            measure(&args.common, |progress| render::run(&plan, &scene, progress))
+        }
     }
+}
+
+/// Sizes side by side in the plot.
+const MAX_SIZES: usize = 4;
+
+fn render_plan(args: &RenderBenchArgs) -> Result<(Scene, RenderPlan), Failure> {
+    let n_sizes = args.size.as_ref().map_or(0, Vec::len);
+    if n_sizes > MAX_SIZES {
+        return Err(Failure::Usage(format!(
+            "--size: expected {MAX_SIZES} sizes at most, found {n_sizes}"
+        )));
+    }
+    #[cfg(feature = "gui")]
+    if let (Device::Cpu, Some(adapter)) = (args.device, &args.adapter) {
+        return Err(Failure::Usage(format!(
+            "--adapter: expected --device gpu or all beside it, found --device cpu; leave `{adapter}` out"
+        )));
+    }
+    let scene = match &args.model {
+        None => Scene::synthetic(),
+        Some(path) => scene_of(path)?,
+    };
+    let plan = RenderPlan::new(args.common.options(None), &scene);
+    let plan = RenderPlan {
+        splats: args.splats.clone().unwrap_or(plan.splats),
+        sizes: args.size.clone().unwrap_or(plan.sizes),
+        device: args.device,
+        #[cfg(feature = "gui")]
+        adapter: args.adapter.clone(),
+        ..plan
+    };
+    Ok((scene, plan))
+}
+
+fn scene_of(path: &Path) -> Result<Scene, Failure> {
+    let model = model::load(path)?;
+    let scene =
+        Scene::model(path.display().to_string(), model.up.unwrap_or(DVec3::Z), model.splats);
+    Ok(scene.ok_or_else(|| {
+        anyhow!("{}: expected splats to draw, found none that can be drawn", path.display())
+    })?)
 }
 
 fn on_dataset(

@@ -135,6 +135,7 @@ pub fn run(
     Findings {
         name: "ablation",
         dataset: &sample.dataset.name,
+        adapter: None,
         options: plan.options,
         notes: notes(plan, &sample, &thinned),
         table: text(&found),

@@ -3,6 +3,7 @@
 pub mod ablation;
 pub mod oracle;
 pub mod pareto;
+pub mod render;
 pub mod sample;
 pub mod scaling;
 pub mod spread;
@@ -21,6 +22,8 @@ use crate::eval::report::MachineReport;
 use crate::eval::views::EvalError;
 use crate::math::image::RgbImage;
 use crate::pipeline::prefetch::SpawnError;
+#[cfg(feature = "gui")]
+use crate::render::gpu::headless::HeadlessError;
 use crate::train::candidates::IndexError;
 use crate::train::config::ConfigError;
 use plot::PlotError;
@@ -80,6 +83,10 @@ pub enum BenchError {
         /// What the system said.
         reason: String,
     },
+    /// The graphics adapter.
+    #[cfg(feature = "gui")]
+    #[error(transparent)]
+    Gpu(#[from] HeadlessError),
     /// The settings as RON.
     #[error("writing the settings as RON failed: {0}")]
     Ron(#[from] ron::Error),
@@ -139,6 +146,8 @@ struct BenchReport<'a, R, S> {
 struct Findings<'a, R, S> {
     name: &'static str,
     dataset: &'a str,
+    /// The graphics adapter that drew, if one did.
+    adapter: Option<String>,
     options: BenchOptions,
     /// What the numbers mean and where they were scaled.
     notes: Vec<String>,
@@ -152,8 +161,10 @@ struct Findings<'a, R, S> {
 
 impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
     fn into_bench(self) -> Result<Bench, BenchError> {
-        let machine = machine::describe(None);
-        let place = format!("{}, {} threads, {}", self.dataset, machine.threads, machine.cpu);
+        let machine = machine::describe(self.adapter);
+        let MachineReport { threads, cpu, simd, adapter } = &machine;
+        let adapter = adapter.as_ref().map_or_else(String::new, |name| format!("; {name}"));
+        let place = format!("{}, {threads} threads, {cpu}, {simd}{adapter}", self.dataset);
         let said = [place, self.table].into_iter().chain(self.notes.iter().cloned());
         let text = said.collect::<Vec<_>>().join("\n");
         let report = BenchReport {

@@ -236,6 +236,7 @@ pub fn run(
     Findings {
         name: "pareto",
         dataset: &sample.dataset.name,
+        adapter: None,
         options: plan.options,
         notes: notes(plan, &sample, &rows[0]),
         table: text(&rows),

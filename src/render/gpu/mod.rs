@@ -14,6 +14,7 @@
 pub mod composite;
 pub mod context;
 pub mod faults;
+pub mod headless;
 pub mod layout;
 pub mod projected;
 pub mod readback;

@@ -191,8 +191,8 @@ fn capacity_for(n_splats: usize, before: usize, limits: &wgpu::Limits) -> Result
     Ok((before + before / 2).clamp(n_splats.max(1), max_splats))
 }
 
-/// Error scopes of native wgpu resolve at once; a backend that does not counts as no error.
-fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
+/// Futures of native wgpu resolve at once; `None` from a backend whose do not.
+pub(super) fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
     match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),
         Poll::Pending => None,

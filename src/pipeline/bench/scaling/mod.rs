@@ -188,6 +188,7 @@ pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> 
     Findings {
         name: "scaling",
         dataset: "synthetic room",
+        adapter: None,
         options: plan.options,
         notes: notes(plan, &summary),
         table: text(&rows),

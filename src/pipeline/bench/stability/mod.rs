@@ -76,6 +76,7 @@ pub fn run(options: BenchOptions, progress: Progress) -> Result<Bench, BenchErro
     Findings {
         name: "stability",
         dataset: "constructed cases",
+        adapter: None,
         options,
         notes: notes(),
         table: text(&rows),

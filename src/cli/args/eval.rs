@@ -1,0 +1,51 @@
+//! Arguments of `eval`.
+
+use super::parse::parse_color;
+use super::{DepthArgs, RendererArgs, parse_count};
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum GroundTruthName {
+    /// Photograph composited over the background by its alpha
+    Composited,
+    /// RGB bytes with alpha dropped, as the paper does
+    Rgb,
+}
+
+/// What renders are compared with.
+#[derive(Args)]
+pub struct ComparisonArgs {
+    /// What a render is compared with
+    #[arg(long, value_enum, default_value = "composited")]
+    pub ground_truth: GroundTruthName,
+    /// Colour behind the splats: black, white or #rrggbb
+    #[arg(long, default_value = "black", value_parser = parse_color)]
+    pub background: [f32; 3],
+}
+
+#[derive(Args)]
+pub struct EvalArgs {
+    /// Model: checkpoint, .ply or .glb
+    pub model: PathBuf,
+    /// Dataset folder
+    pub dataset: PathBuf,
+    /// Split to measure on [default: val or eval, or every 8th frame]
+    #[arg(long)]
+    pub split: Option<String>,
+    #[command(flatten)]
+    pub comparison: ComparisonArgs,
+    #[command(flatten)]
+    pub renderer: RendererArgs,
+    /// Views at most
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
+    pub max_frames: Option<usize>,
+    /// Every N-th view
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = parse_count, allow_negative_numbers = true)]
+    pub stride: usize,
+    /// Print JSON on stdout
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub depth: DepthArgs,
+}

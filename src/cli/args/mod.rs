@@ -1,0 +1,183 @@
+//! Arguments of every command.
+
+mod eval;
+mod parse;
+mod render;
+mod renderer;
+mod train;
+
+pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
+pub use parse::{choice, parse_count, parse_size};
+pub use render::{AxisName, PaintName, RenderArgs};
+pub use renderer::RendererArgs;
+pub use train::{ConversionName, TrainArgs};
+
+use super::bench::BenchArgs;
+use super::precision_search::PrecisionSearchArgs;
+use clap::error::ErrorKind;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+use vbgs_studio::dataset::LoadOptions;
+
+/// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
+///
+/// Without a command, opens the window on PATH, or on a built-in demo that starts training at once.
+/// Without a display the demo is trained headless into `vbgs-demo/`.
+#[derive(Parser)]
+#[command(version)]
+pub struct Arguments {
+    /// Dataset folder, checkpoint, `.ply` or `.glb` to open in the window
+    pub path: Option<PathBuf>,
+    /// Threads that train and render [default: one per core]
+    #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
+    pub threads: Option<usize>,
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+impl Arguments {
+    /// The arguments of this process; ends it with a message where they make no sense.
+    pub fn from_command_line() -> Self {
+        let arguments = Self::parse();
+        if let (Some(path), Some(_)) = (&arguments.path, &arguments.command) {
+            let message = format!("`{}` stands before a command; put it after", path.display());
+            Self::command().error(ErrorKind::ArgumentConflict, message).exit();
+        }
+        arguments
+    }
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Train headless; writes scene.ply, checkpoint.vbgs and report.json
+    Train(TrainArgs),
+    /// Measure a model against the photographs of a dataset
+    Eval(EvalArgs),
+    /// Render one view or a turntable
+    Render(RenderArgs),
+    /// Convert a model to PLY, GLB or a point cloud
+    Export(ExportArgs),
+    /// Write a synthetic posed RGB-D dataset with ground truth
+    Synth(SynthArgs),
+    /// Add the statistics of models trained on different frames from the same start
+    Merge(MergeArgs),
+    /// Say what a dataset or a model holds, and every defect found
+    Info(InfoArgs),
+    /// Measure speed against error; writes a table, JSON, CSV and a plot
+    Bench(BenchArgs),
+    /// Find the cheapest precision of every operation within an error bound
+    PrecisionSearch(PrecisionSearchArgs),
+}
+
+/// How depth files are read.
+#[derive(Args)]
+pub struct DepthArgs {
+    /// World units per step of 16-bit depth, instead of what the dataset says
+    #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
+    pub depth_scale: Option<f64>,
+    /// Nearest and farthest depth to trust, world units
+    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
+    pub depth_range: Option<Vec<f64>>,
+}
+
+impl DepthArgs {
+    pub fn load_options(&self) -> LoadOptions {
+        let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
+        LoadOptions { depth_scale: self.depth_scale, depth_range }
+    }
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum FormatName {
+    Ply,
+    PointCloud,
+    Glb,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum AxesName {
+    /// The dataset's world
+    AsIs,
+    /// Turned to the y-down world of splat viewers (PLY)
+    Viewer,
+}
+
+#[derive(Args)]
+pub struct ExportArgs {
+    /// Model: checkpoint, .ply or .glb
+    pub model: PathBuf,
+    /// File to write
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// Format [default: by extension]
+    #[arg(long, value_enum)]
+    pub format: Option<FormatName>,
+    /// Axes of a PLY
+    #[arg(long, value_enum, default_value = "as-is")]
+    pub axes: AxesName,
+    /// Pad a splat PLY with 45 zero coefficients for readers that insist on them
+    #[arg(long)]
+    pub sh3_padding: bool,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum LayoutName {
+    Blender,
+    SevenScenes,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum DepthBitsName {
+    #[value(name = "8")]
+    Eight,
+    #[value(name = "16")]
+    Sixteen,
+}
+
+#[derive(Args)]
+pub struct SynthArgs {
+    /// New or empty folder
+    pub out: PathBuf,
+    /// Layout to write
+    #[arg(long, value_enum, default_value = "blender")]
+    pub layout: LayoutName,
+    /// Bits of the Blender layout's depth
+    #[arg(long, value_enum, default_value = "16")]
+    pub depth_bits: DepthBitsName,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = parse_size)]
+    pub size: [u32; 2],
+    /// Training frames
+    #[arg(long, value_name = "N", default_value_t = 96)]
+    pub frames: usize,
+    /// Evaluation frames
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    pub eval_frames: usize,
+    /// Seed of the scene
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Depth noise in units of a depth camera's
+    #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub depth_noise: f64,
+}
+
+#[derive(Args)]
+pub struct MergeArgs {
+    /// Checkpoints of two runs or more
+    #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
+    pub checkpoints: Vec<PathBuf>,
+    /// Checkpoint to write
+    #[arg(short, long, value_name = "CHECKPOINT")]
+    pub output: PathBuf,
+}
+
+#[derive(Args)]
+pub struct InfoArgs {
+    /// Dataset folder, checkpoint, .ply or .glb
+    pub path: PathBuf,
+    /// Print JSON on stdout
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub depth: DepthArgs,
+}

@@ -1,0 +1,38 @@
+//! Values on the command line.
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use std::str::FromStr;
+
+/// Parses a setting of the library by the names it has in files.
+pub fn choice<T>() -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err = strum::ParseError> + strum::VariantNames + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
+}
+
+/// A whole number, 1 or more.
+pub fn parse_count(text: &str) -> Result<usize, String> {
+    let count = text.parse().ok().filter(|&n| n > 0);
+    count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
+}
+
+pub fn parse_color(text: &str) -> Result<[f32; 3], String> {
+    match text {
+        "black" => return Ok([0.0; 3]),
+        "white" => return Ok([1.0; 3]),
+        _ => {}
+    }
+    let hex = text.strip_prefix('#').filter(|h| h.len() == 6 && h.is_ascii());
+    let byte = |i: usize| hex.and_then(|h| u8::from_str_radix(&h[2 * i..2 * i + 2], 16).ok());
+    match (byte(0), byte(1), byte(2)) {
+        (Some(r), Some(g), Some(b)) => Ok([r, g, b].map(|v| v as f32 / 255.0)),
+        _ => Err("expected black, white or #rrggbb".to_owned()),
+    }
+}
+
+pub fn parse_size(text: &str) -> Result<[u32; 2], String> {
+    let side = |s: &str| s.parse::<u32>().ok().filter(|n| (1..=16384).contains(n));
+    let parts = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
+    parts.ok_or_else(|| "expected WIDTHxHEIGHT, each from 1 to 16384, such as 1280x720".to_owned())
+}
