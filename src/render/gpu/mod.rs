@@ -4,20 +4,22 @@
 //!
 //! 1. [`scene::GpuScene::update`] uploads what the trainer changed, [`scene::GpuScene::set_order`]
 //!    the order that [`sort::back_to_front`] found on another thread;
-//! 2. [`projected::ProjectedRenderer::render`] draws the splats into an offscreen
+//! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
 //!    [`target::SplatTarget`];
 //! 3. [`composite::Compositor`] lays that over a background inside the window's own pass.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
+mod allocation;
 pub mod composite;
 pub mod context;
 pub mod faults;
 pub mod headless;
 pub mod layout;
-pub mod projected;
+mod quads;
 pub mod readback;
+pub mod renderer;
 mod scatter;
 pub mod scene;
 pub mod sort;
@@ -60,6 +62,14 @@ pub enum GpuError {
         n_splats: usize,
         /// Their size.
         mib: u64,
+    },
+    /// A setting for comparisons that the shaders do not have.
+    #[error(
+        "{found}: the GPU follows rays, up to where alpha ends; draw with the CPU renderer, which has this too"
+    )]
+    CpuOnly {
+        /// What was asked for.
+        found: &'static str,
     },
     /// An order names a splat that is not there: it belongs to another scene.
     #[error(
