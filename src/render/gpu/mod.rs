@@ -21,6 +21,7 @@ mod scatter;
 pub mod scene;
 pub mod sort;
 pub mod target;
+pub mod tiles;
 mod timer;
 
 /// Why the GPU could not do what was asked.
