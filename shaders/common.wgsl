@@ -5,10 +5,10 @@
 struct Splat {
     mean: vec3<f32>,            // world units
     opacity: f32,
-    color: vec3<f32>,           // sRGB-encoded, not negative
+    color: vec3<f32>,           // sRGB-encoded
     flags: u32,                 // bit 0: live
     rotation: vec4<f32>,        // unit quaternion x y z w
-    scale: vec3<f32>,           // standard deviations, world units, floored
+    scale: vec3<f32>,           // standard deviations, world units
     birth: u32,                 // frame; 0 when unknown
 }
 
@@ -20,21 +20,55 @@ struct SparseSplat {
     index: u32,
 }
 
-// One camera. World axes of an OpenCV camera (x right, y down, z forward); lengths in pixels.
+// What a splat carries beyond position, shape and one colour (`rendering.md` (h)); 80 bytes. Rows are
+// channels: `gradient[3 * channel + axis]`.
+struct Appearance {
+    gradient: array<f32, 9>,    // per world unit
+    directional: array<f32, 9>, // times the unit direction from the camera to the mean
+    padding: vec2<f32>,
+}
+
+// An appearance and the place it belongs to; 88 bytes.
+struct SparseAppearance {
+    appearance: Appearance,
+    index: u32,
+}
+
+// One camera and what is asked of the renderer. World axes of an OpenCV camera (x right, y down, z
+// forward); lengths in pixels.
 struct View {
     right: vec3<f32>,
     near: f32,                  // world units
     down: vec3<f32>,
     extent_cap: f32,            // largest support of a splat, in its standard deviations
     forward: vec3<f32>,
+    scale: f32,                 // factor on standard deviations
     centre: vec3<f32>,          // of the camera, world units
-    focal: vec2<f32>,
+    opacity_cut: f32,
+    centre_rest: vec3<f32>,     // what f32 left of the centre
+    renderer: u32,
+    focal: vec2<f32>,           // fisheye: px per radian
     principal: vec2<f32>,
     viewport: vec2<f32>,
     // Range of x/z and y/z that the Jacobian may see.
     tangent_min: vec2<f32>,
     tangent_max: vec2<f32>,
+    depth_range: vec2<f32>,     // ends of the depth paint, world units
+    antialias: u32,
+    lens: u32,
+    paint: u32,
 }
+
+const RENDERER_PROJECTED: u32 = 0u;
+const RENDERER_EXACT: u32 = 1u;
+const ANTIALIAS_FOOTPRINT: u32 = 0u;
+const ANTIALIAS_NONE: u32 = 1u;
+const ANTIALIAS_REFERENCE: u32 = 2u;
+const LENS_PINHOLE: u32 = 0u;
+const LENS_FISHEYE: u32 = 1u;
+const PAINT_STORED: u32 = 0u;
+const PAINT_DEPTH: u32 = 1u;
+const PAINT_NORMAL: u32 = 2u;
 
 struct Composite {
     background: vec3<f32>,      // sRGB-encoded

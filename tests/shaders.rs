@@ -5,7 +5,10 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 use std::path::Path;
-use vbgs_studio::render::gpu::layout::{Composite, GpuSplat, SparseSplat, View, shader};
+use vbgs_studio::render::gpu::layout::{
+    Composite, GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, View, shader,
+};
+use vbgs_studio::render::paint::RAMP;
 use wgpu::naga::{Module, TypeInner, front::wgsl, proc::Layouter, valid};
 
 fn validated(name: &str, source: &str) -> Module {
@@ -18,32 +21,59 @@ fn validated(name: &str, source: &str) -> Module {
     module
 }
 
+/// Files that others are built on; each is valid behind those before it.
+const SHARED: [&str; 3] = ["common.wgsl", "paint.wgsl", "record.wgsl"];
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(name))
+        .unwrap()
+}
+
 #[test]
 fn every_file_is_valid_and_used() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders");
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-    let common = read("common.wgsl");
-    validated("common.wgsl", &common);
+    let mut record = String::new();
+    for name in SHARED {
+        record += &read(name);
+        validated(name, &record);
+    }
+    assert_eq!(record, shader::RECORD);
     let used = [shader::PROJECTED, shader::COMPOSITE, shader::SCATTER];
     let mut n_files = 0;
-    for entry in std::fs::read_dir(&folder).unwrap() {
-        let name = entry.unwrap().file_name().into_string().unwrap();
-        if name == "common.wgsl" {
+    for entry in std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders")).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        if SHARED.contains(&name.as_str()) || entry.file_type().unwrap().is_dir() {
             continue;
         }
-        let source = common.clone() + &read(&name);
-        let module = validated(&name, &source);
-        assert!(!module.entry_points.is_empty(), "{name} has no entry point");
-        assert!(used.contains(&source.as_str()), "{name} is in no pipeline");
+        let text = read(&name);
+        let whole = used.iter().find(|whole| whole.ends_with(&text));
+        let whole = whole.unwrap_or_else(|| panic!("{name} is in no pipeline"));
+        let prefix = whole.strip_suffix(&text).unwrap();
+        assert!([&read("common.wgsl"), shader::RECORD].contains(&prefix), "{name}: built on what?");
+        assert!(!validated(&name, whole).entry_points.is_empty(), "{name} has no entry point");
         n_files += 1;
     }
     assert_eq!(n_files, used.len());
 }
 
+#[test]
+fn the_ramp_has_the_numbers_of_rust() {
+    let paint = read("paint.wgsl");
+    let rows: Vec<[f32; 3]> = paint
+        .split("    vec3<f32>(")
+        .skip(1)
+        .take(RAMP.len())
+        .map(|row| {
+            let numbers = row.split(')').next().unwrap().split(", ");
+            numbers.map(|v| v.parse().unwrap()).collect::<Vec<f32>>().try_into().unwrap()
+        })
+        .collect();
+    assert_eq!(rows, RAMP);
+}
+
 /// Size and field offsets of every struct in the shared file, by naga's rules.
 fn wgsl_layouts() -> BTreeMap<String, (usize, Vec<(String, usize)>)> {
-    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join("common.wgsl");
-    let module = validated("common.wgsl", &std::fs::read_to_string(source).unwrap());
+    let module = validated("common.wgsl", &read("common.wgsl"));
     let mut layouter = Layouter::default();
     layouter.update(module.to_ctx()).unwrap();
     let mut layouts = BTreeMap::new();
@@ -77,13 +107,23 @@ fn shared_structs_agree_with_rust() {
             down,
             extent_cap,
             forward,
+            scale,
             centre,
+            opacity_cut,
+            centre_rest,
+            renderer,
             focal,
             principal,
             viewport,
             tangent_min,
-            tangent_max
+            tangent_max,
+            depth_range,
+            antialias,
+            lens,
+            paint
         ),
+        rust_layout!("Appearance", GpuAppearance, gradient, directional, padding),
+        rust_layout!("SparseAppearance", SparseAppearance, appearance, index),
         rust_layout!("Composite", Composite, background),
     ];
     let theirs = wgsl_layouts();
@@ -93,4 +133,6 @@ fn shared_structs_agree_with_rust() {
         assert_eq!(theirs[name], (size, fields), "{name}");
     }
     assert_eq!(size_of::<GpuSplat>(), 64, "rendering.md (d)");
+    assert_eq!(size_of::<GpuAppearance>(), 80, "rendering.md (h)");
+    assert!(size_of::<View>() <= 256, "rendering.md (d)");
 }

@@ -1,7 +1,10 @@
 //! The structs that Rust and WGSL share; `tests/shaders.rs` compares sizes and offsets with naga's.
 
+use super::GpuError;
 use crate::math::camera::Camera;
+use crate::model::appearance::Appearance;
 use crate::model::splats::Splat;
+use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, SCALE_FLOOR};
 
 /// WGSL of each pipeline: the shared structs, then the file.
 pub mod shader {
@@ -9,6 +12,12 @@ pub mod shader {
     pub const PROJECTED: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/projected.wgsl")
+    );
+    /// `record.wgsl` with what it needs: the start of every file that turns splats into pixels.
+    pub const RECORD: &str = concat!(
+        include_str!("../../../shaders/common.wgsl"),
+        include_str!("../../../shaders/paint.wgsl"),
+        include_str!("../../../shaders/record.wgsl")
     );
     /// `composite.wgsl`.
     pub const COMPOSITE: &str = concat!(
@@ -24,9 +33,6 @@ pub mod shader {
 
 /// [`GpuSplat::flags`]: the slot holds a splat that can be drawn.
 pub const FLAG_LIVE: u32 = 1;
-
-/// Smallest standard deviation relative to `max(1, largest)` (`rendering.md` (a)).
-const SCALE_FLOOR: f32 = 1e-6;
 
 /// Splat record in GPU memory, 64 bytes (`rendering.md` (d)).
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -64,7 +70,7 @@ impl GpuSplat {
             color: splat.color.map(|c| c.max(0.0)),
             flags: FLAG_LIVE,
             rotation: [x, y, z, w],
-            scale: splat.scale.map(|s| s.max(SCALE_FLOOR * largest)),
+            scale: splat.scale.map(|s| s.max(SCALE_FLOOR as f32 * largest)),
             birth: 0,
         }
     }
@@ -82,13 +88,51 @@ pub struct SparseSplat {
     pub padding: [u32; 3],
 }
 
-/// Uniforms of the splat pass: one camera.
+/// Appearance in GPU memory, 80 bytes (`rendering.md` (h)).
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct GpuAppearance {
+    /// Colour gradient: row per channel, column per world axis; per world unit.
+    pub gradient: [[f32; 3]; 3],
+    /// Degree-1 colour, laid out alike.
+    pub directional: [[f32; 3]; 3],
+    /// Up to a multiple of 16.
+    pub padding: [f32; 2],
+}
+
+impl GpuAppearance {
+    /// One that is not finite becomes all zeros, a plain splat.
+    pub fn new(appearance: &Appearance) -> Self {
+        let Appearance { gradient, directional } = *appearance;
+        let finite =
+            [gradient, directional].as_flattened().as_flattened().iter().all(|v| v.is_finite());
+        if finite {
+            Self { gradient, directional, padding: [0.0; 2] }
+        } else {
+            bytemuck::Zeroable::zeroed()
+        }
+    }
+}
+
+/// An appearance and its index, for sparse updates.
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct SparseAppearance {
+    /// The new values.
+    pub appearance: GpuAppearance,
+    /// Where they go.
+    pub index: u32,
+    /// WGSL rounds the size up to 88.
+    pub padding: u32,
+}
+
+/// Uniforms of whatever draws splats: one camera, one set of options.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct View {
     /// The camera's x axis in the world.
     pub right: [f32; 3],
-    /// Splats at `z ≤ near` (world units) are not drawn.
+    /// Splats at `z ≤ near` (fisheye: at a distance `≤ near`) are not drawn; world units.
     pub near: f32,
     /// The camera's y axis in the world.
     pub down: [f32; 3],
@@ -96,13 +140,17 @@ pub struct View {
     pub extent_cap: f32,
     /// The camera's z axis in the world.
     pub forward: [f32; 3],
-    /// Alignment.
-    pub padding: u32,
+    /// Factor on the standard deviations.
+    pub scale: f32,
     /// The camera's centre, world units.
     pub centre: [f32; 3],
-    /// Alignment.
-    pub padding_centre: u32,
-    /// Focal lengths, px.
+    /// Splats of less opacity are not drawn.
+    pub opacity_cut: f32,
+    /// What rounding took from `centre`.
+    pub centre_rest: [f32; 3],
+    /// `RENDERER_*` of `common.wgsl`.
+    pub renderer: u32,
+    /// Focal lengths, px; px per radian through a fisheye.
     pub focal: [f32; 2],
     /// Principal point, px.
     pub principal: [f32; 2],
@@ -112,30 +160,55 @@ pub struct View {
     pub tangent_min: [f32; 2],
     /// Largest.
     pub tangent_max: [f32; 2],
-    /// WGSL rounds the size up to 112.
-    pub padding_end: [u32; 2],
+    /// Ends of the depth paint, world units.
+    pub depth_range: [f32; 2],
+    /// `ANTIALIAS_*`.
+    pub antialias: u32,
+    /// `LENS_*`.
+    pub lens: u32,
+    /// `PAINT_*`.
+    pub paint: u32,
+    /// WGSL rounds the size up to 144.
+    pub padding: u32,
 }
 
-/// How far past the image's edge the Jacobian follows a splat, in half image widths.
-const FRUSTUM_MARGIN: f64 = 0.3;
-
 impl View {
-    /// `near` in world units; `extent_cap` in standard deviations.
-    pub fn new(camera: &Camera, near: f32, extent_cap: f32) -> Self {
+    /// `extent_cap` in standard deviations. The shaders have the ray response only
+    /// ([`GpuError::LineResponse`]).
+    pub fn new(
+        camera: &Camera,
+        options: &RenderOptions,
+        extent_cap: f32,
+    ) -> Result<Self, GpuError> {
         let k = &camera.intrinsics;
         let axes = camera.pose.rotation();
+        let centre = camera.pose.centre();
         let pair = |x: f64, y: f64| [x as f32, y as f32];
         let size = [f64::from(k.width), f64::from(k.height)];
         let margin = [size[0] / (2.0 * k.fx), size[1] / (2.0 * k.fy)].map(|t| FRUSTUM_MARGIN * t);
-        Self {
+        let (renderer, antialias) = match options.method {
+            Method::Projected(_) => (0, 0),
+            Method::Exact(Exact { response: Response::Line, .. }) => {
+                return Err(GpuError::LineResponse);
+            }
+            Method::Exact(exact) => (1, exact.antialias as u32),
+        };
+        let (paint, depth_range) = match options.look.paint {
+            Paint::Stored => (0, [0.0, 1.0]),
+            Paint::Depth(ends) => (1, ends),
+            Paint::Normal => (2, [0.0, 1.0]),
+        };
+        Ok(Self {
             right: axes.x_axis.as_vec3().to_array(),
-            near,
+            near: options.near.max(0.0) as f32,
             down: axes.y_axis.as_vec3().to_array(),
-            extent_cap,
+            extent_cap: extent_cap.min(f32::MAX),
             forward: axes.z_axis.as_vec3().to_array(),
-            padding: 0,
-            centre: camera.pose.centre().as_vec3().to_array(),
-            padding_centre: 0,
+            scale: options.look.scale,
+            centre: centre.as_vec3().to_array(),
+            opacity_cut: options.look.opacity_cut,
+            centre_rest: (centre - centre.as_vec3().as_dvec3()).as_vec3().to_array(),
+            renderer,
             focal: pair(k.fx, k.fy),
             principal: pair(k.cx, k.cy),
             viewport: pair(size[0], size[1]),
@@ -144,8 +217,12 @@ impl View {
                 (size[0] - k.cx) / k.fx + margin[0],
                 (size[1] - k.cy) / k.fy + margin[1],
             ),
-            padding_end: [0; 2],
-        }
+            depth_range,
+            antialias,
+            lens: options.method.lens() as u32,
+            paint,
+            padding: 0,
+        })
     }
 }
 

@@ -61,6 +61,11 @@ pub enum GpuError {
         /// Their size.
         mib: u64,
     },
+    /// The shaders follow rays only.
+    #[error(
+        "response `line`: the GPU draws `ray` only; choose `ray` or draw with the CPU renderer, which has both"
+    )]
+    LineResponse,
     /// An order names a splat that is not there: it belongs to another scene.
     #[error(
         "draw order names splat {index}, the scene holds {n_splats}: sort the current splats again"

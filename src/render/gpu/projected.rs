@@ -6,6 +6,7 @@ use super::scene::GpuScene;
 use super::target::{self, SplatTarget};
 use super::timer::PassTimer;
 use crate::math::camera::Camera;
+use crate::render::{Method, RenderOptions};
 use std::time::Duration;
 
 /// What a picture depends on besides splats and camera.
@@ -58,7 +59,11 @@ impl ProjectedRenderer {
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
-        let view = View::new(camera, settings.near, settings.extent_cap.min(f32::MAX));
+        let options = RenderOptions {
+            near: f64::from(settings.near),
+            ..RenderOptions::evaluation(Method::PROJECTED, [0.0; 3])
+        };
+        let view = View::new(camera, &options, settings.extent_cap)?;
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
         let slot = self.timer.as_mut().and_then(PassTimer::begin);
         self.record(device, encoder, scene, slot);
