@@ -22,6 +22,16 @@ pub(super) struct Grid {
 
 impl Kernel {
     pub(super) fn new(device: &wgpu::Device, module: &wgpu::ShaderModule, entry: &str) -> Self {
+        Self::specialized(device, module, entry, &[])
+    }
+
+    /// With values for the shader's override constants.
+    pub(super) fn specialized(
+        device: &wgpu::Device,
+        module: &wgpu::ShaderModule,
+        entry: &str,
+        constants: &[(&str, f64)],
+    ) -> Self {
         Self(device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(entry),
             layout: None,
@@ -31,7 +41,7 @@ impl Kernel {
                 // Every kernel writes its workgroup memory before it reads it; drivers without a
                 // feature for this would let one lane clear all of it, in every workgroup.
                 zero_initialize_workgroup_memory: false,
-                ..Default::default()
+                constants,
             },
             cache: None,
         }))
@@ -89,17 +99,11 @@ pub(super) fn module(device: &wgpu::Device, label: &str, source: &str) -> wgpu::
 }
 
 /// A buffer that kernels read and write.
-pub(super) fn storage(
-    device: &wgpu::Device,
-    label: &str,
-    bytes: u64,
-    more: wgpu::BufferUsages,
-) -> wgpu::Buffer {
+pub(super) fn storage(device: &wgpu::Device, label: &str, bytes: u64) -> wgpu::Buffer {
     device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(label),
-        // A binding cannot be empty.
-        size: bytes.max(16),
-        usage: wgpu::BufferUsages::STORAGE | more,
+        size: bytes,
+        usage: wgpu::BufferUsages::STORAGE,
         mapped_at_creation: false,
     })
 }

@@ -70,13 +70,12 @@ impl RadixSort {
     pub fn new(device: &wgpu::Device) -> Self {
         let module = module(device, "radix sort", shader::SORT);
         let word = size_of::<u32>() as u64;
-        let none = wgpu::BufferUsages::empty();
         Self {
             histogram: Kernel::new(device, &module, "histogram"),
             spine: Kernel::new(device, &module, "spine"),
             scatter: Kernel::new(device, &module, "scatter"),
-            strips: storage(device, "digits", word * u64::from(N_STRIPS << DIGIT_BITS), none),
-            totals: storage(device, "digit totals", word << DIGIT_BITS, none),
+            strips: storage(device, "digits", word * u64::from(N_STRIPS << DIGIT_BITS)),
+            totals: storage(device, "digit totals", word << DIGIT_BITS),
         }
     }
 

@@ -4,6 +4,9 @@
 // `GROUP` in tiles/mod.rs.
 const GROUP: u32 = 256u;
 
+// Pixels a side; `render::TILE`.
+const TILE: u32 = 16u;
+
 // Slots of `counts`; `tiles/buffers.rs` mirrors them.
 const N_SPLATS: u32 = 0u;   // in the scene
 const N_VISIBLE: u32 = 1u;  // of those, with an entry at least
