@@ -5,5 +5,8 @@
 mod common;
 mod gpu_tiles {
     pub mod device;
+    mod limits;
+    mod pictures;
+    pub mod scenes;
     mod sorting;
 }

@@ -128,15 +128,15 @@ fn ranges(
     let n_tiles = arrayLength(&starts) - 1u;
     // One lane more than there are entries, for the tiles after the last.
     for (var i = group.x * GROUP + lane; i <= n_entries; i += n_groups.x * GROUP) {
-        var from = 0u;
+        var low = 0u;
         if i > 0u {
-            from = sorted_tiles[i - 1u] + 1u;
+            low = sorted_tiles[i - 1u] + 1u;
         }
-        var to = n_tiles;
+        var high = n_tiles;
         if i < n_entries {
-            to = sorted_tiles[i];
+            high = sorted_tiles[i];
         }
-        for (var tile = from; tile <= to; tile++) {
+        for (var tile = low; tile <= high; tile++) {
             starts[tile] = i;
         }
     }

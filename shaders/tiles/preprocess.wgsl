@@ -70,9 +70,9 @@ fn footprint_of(drawn: Drawn) -> Footprint {
     }
     for (var j = 0u; j < n_tiles; j++) {
         let tile = low + vec2<u32>(j % size.x, j / size.x);
-        let from = vec2<f32>(tile * TILE) + 0.5;
-        let to = min(from + f32(TILE - 1u), view.viewport - 0.5);
-        if touches(drawn.record.conic, drawn.record.reach, from, to) {
+        let first = vec2<f32>(tile * TILE) + 0.5;
+        let last = min(first + f32(TILE - 1u), view.viewport - 0.5);
+        if touches(drawn.record.conic, drawn.record.reach, first, last) {
             if j < 32u {
                 out.mask_low |= 1u << j;
             } else {

@@ -43,6 +43,20 @@ impl Chooser {
         Self { state: trying(Path::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
     }
 
+    /// Whether measurements decide.
+    pub(super) fn is_free(&self) -> bool {
+        !matches!(self.state, State::Fixed(_))
+    }
+
+    /// Tiles cannot draw this load; quads do until it changes.
+    pub(super) fn rule_out_tiles(&mut self) {
+        self.state = if self.is_free() {
+            State::Chosen(Path::Quads)
+        } else {
+            State::Fixed(Path::Quads)
+        };
+    }
+
     /// The path of the next image.
     pub(super) fn path(&self) -> Path {
         match &self.state {
@@ -55,7 +69,7 @@ impl Chooser {
     pub(super) fn note(&mut self, load: Load) {
         let is_new = differs(load.n_splats, self.load.n_splats, MANY_SPLATS)
             || differs(load.n_pixels, self.load.n_pixels, MANY_PIXELS);
-        if is_new && !matches!(self.state, State::Fixed(_)) {
+        if is_new && self.is_free() {
             self.state = trying(Path::Quads, None);
             self.load = load;
         }

@@ -63,6 +63,18 @@ const GROUP: u32 = 256;
 /// Pixels a side of a tile; `TILE` there.
 const TILE_PIXELS: u32 = crate::render::TILE as u32;
 
+/// One image.
+#[derive(Clone, Copy)]
+pub(super) struct TileFrame<'a> {
+    /// Camera and options, without a cap of the extent.
+    pub(super) view: &'a wgpu::Buffer,
+    pub(super) scene: &'a GpuScene,
+    /// Not empty.
+    pub(super) image: &'a SplatTarget,
+    /// A timer and its slot.
+    pub(super) timer: Option<(&'a StageTimer, usize)>,
+}
+
 /// Pipelines and memory of the tile path.
 #[derive(Debug)]
 pub(super) struct TilePath {
@@ -93,18 +105,15 @@ impl TilePath {
         })
     }
 
-    /// Records an image of the scene through the camera in `view`, which must have no cap of the
-    /// extent. Needs no order. `image` is not empty. `timer` is a timer and its slot.
+    /// Records an image. Needs no order.
     pub(super) fn record(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         encoder: &mut wgpu::CommandEncoder,
-        view: &wgpu::Buffer,
-        scene: &GpuScene,
-        image: &SplatTarget,
-        timer: Option<(&StageTimer, usize)>,
+        frame: TileFrame<'_>,
     ) -> Result<(), GpuError> {
+        let TileFrame { view, scene, image, timer } = frame;
         self.make_room(device, scene)?;
         let inputs = Inputs::new(view, scene, image);
         if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
@@ -132,11 +141,6 @@ impl TilePath {
     /// Why the farthest splats are left out of images, if they are and will be.
     pub(super) fn shortage(&self) -> Option<&GpuError> {
         self.demand.shortage()
-    }
-
-    /// Entries there is room for.
-    pub(super) fn entry_capacity(&self) -> u64 {
-        self.entries.capacity
     }
 
     fn make_room(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
