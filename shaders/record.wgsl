@@ -175,8 +175,8 @@ fn draw_projected(out: ptr<function, Drawn>) {
 }
 
 fn draw_exact(out: ptr<function, Drawn>) {
-    widen(&(*out).placed);
-    let placed = (*out).placed;
+    let placed = widened((*out).placed);
+    (*out).placed = placed;
     (*out).record.opacity = placed.opacity;
     (*out).record.reach = reach_of(placed.opacity);
     if view.lens == LENS_FISHEYE {
@@ -197,18 +197,18 @@ fn draw_exact(out: ptr<function, Drawn>) {
 }
 
 // Antialiasing of the exact renderer.
-fn widen(placed: ptr<function, Placed>) {
+fn widened(placed: Placed) -> Placed {
+    var out = placed;
     if view.antialias == ANTIALIAS_FOOTPRINT {
-        let d = (*placed).distance;
+        let d = placed.distance;
         let variance = FOOTPRINT * d * d / (view.focal.x * view.focal.y);
-        (*placed).scale = sqrt((*placed).scale * (*placed).scale + variance);
+        out.scale = sqrt(placed.scale * placed.scale + variance);
     } else if view.antialias == ANTIALIAS_REFERENCE {
-        let scale = (*placed).scale;
-        let wide = sqrt(scale * scale + REFERENCE_VARIANCE);
-        let gain = scale / wide;
-        (*placed).scale = wide;
-        (*placed).opacity *= gain.x * gain.y * gain.z;
+        out.scale = sqrt(placed.scale * placed.scale + REFERENCE_VARIANCE);
+        let gain = placed.scale / out.scale;
+        out.opacity *= gain.x * gain.y * gain.z;
     }
+    return out;
 }
 
 // The conic in the frame of a ray `ahead` to the mean, `span` long, and two directions across it.

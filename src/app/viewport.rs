@@ -11,7 +11,7 @@ use crate::render::gpu::GpuError;
 use crate::render::gpu::composite::Compositor;
 use crate::render::gpu::context::GpuCaps;
 use crate::render::gpu::faults::GpuFaults;
-use crate::render::gpu::projected::{ProjectedRenderer, RenderSettings};
+use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::sort::{SortScratch, back_to_front};
 use eframe::egui::{PaintCallbackInfo, Rect, Ui};
@@ -52,12 +52,12 @@ pub struct GpuPainter {
     queue: wgpu::Queue,
     faults: GpuFaults,
     scene: GpuScene,
-    renderer: ProjectedRenderer,
+    renderer: SplatRenderer,
     compositor: Arc<Mutex<Compositor>>,
     /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
     pending: Option<Vec<u32>>,
-    sorter: ViewThread<(Camera, f32), Vec<u32>>,
-    sorted_for: Option<Camera>,
+    sorter: ViewThread<(Camera, RenderOptions), Vec<u32>>,
+    sorted_for: Option<(Camera, RenderOptions)>,
     is_stale: bool,
     n_drawn: usize,
 }
@@ -70,13 +70,13 @@ impl GpuPainter {
         let faults = GpuFaults::default();
         faults.watch(&device);
         let mut scratch = SortScratch::default();
-        let sort = move |splats: &[Splat], (camera, near): (Camera, f32)| {
-            back_to_front(splats, &camera, near, &mut scratch).to_vec()
+        let sort = move |splats: &[Splat], (camera, options): (Camera, RenderOptions)| {
+            back_to_front(splats, &camera, &options, &mut scratch).to_vec()
         };
         let sorter = ViewThread::start("sorting", waker, sort)?;
         Ok(Self {
             scene: GpuScene::new(&device, &queue, &[])?,
-            renderer: ProjectedRenderer::new(&device, &queue)?,
+            renderer: SplatRenderer::new(&device, &queue)?,
             compositor: Arc::new(Mutex::new(Compositor::new(&device, state.target_format))),
             device,
             queue,
@@ -115,17 +115,16 @@ impl GpuPainter {
             return Err(PaintError::Fault(fault.message));
         }
         self.upload(splats)?;
-        self.sort(camera, options.near as f32);
+        self.sort(camera, *options);
         let mut encoder =
             self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let settings = RenderSettings { near: options.near as f32, extent_cap: f32::INFINITY };
         self.renderer.render(
             &self.device,
             &self.queue,
             &mut encoder,
             &self.scene,
             &camera,
-            settings,
+            options,
         )?;
         self.queue.submit([encoder.finish()]);
         let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
@@ -149,15 +148,15 @@ impl GpuPainter {
     }
 
     /// Takes a finished order and asks for the next one if the view or the splats changed.
-    fn sort(&mut self, camera: Camera, near: f32) {
+    fn sort(&mut self, camera: Camera, options: RenderOptions) {
         if let Some(order) = self.sorter.take()
             && self.scene.set_order(&self.queue, &order).is_err()
         {
             self.is_stale = true; // the scene shrank meanwhile: a new order is on its way
         }
-        if (self.is_stale || self.sorted_for != Some(camera)) && !self.sorter.is_busy() {
-            self.sorter.ask((camera, near), Announce::Wake);
-            self.sorted_for = Some(camera);
+        if (self.is_stale || self.sorted_for != Some((camera, options))) && !self.sorter.is_busy() {
+            self.sorter.ask((camera, options), Announce::Wake);
+            self.sorted_for = Some((camera, options));
             self.is_stale = false;
         }
     }

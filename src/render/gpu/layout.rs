@@ -4,20 +4,22 @@ use super::GpuError;
 use crate::math::camera::Camera;
 use crate::model::appearance::Appearance;
 use crate::model::splats::Splat;
-use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, SCALE_FLOOR};
+use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, Support};
 
 /// WGSL of each pipeline: the shared structs, then the file.
 pub mod shader {
-    /// `projected.wgsl`.
-    pub const PROJECTED: &str = concat!(
-        include_str!("../../../shaders/common.wgsl"),
-        include_str!("../../../shaders/projected.wgsl")
-    );
     /// `record.wgsl` with what it needs: the start of every file that turns splats into pixels.
     pub const RECORD: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/paint.wgsl"),
         include_str!("../../../shaders/record.wgsl")
+    );
+    /// `quads.wgsl`.
+    pub const QUADS: &str = concat!(
+        include_str!("../../../shaders/common.wgsl"),
+        include_str!("../../../shaders/paint.wgsl"),
+        include_str!("../../../shaders/record.wgsl"),
+        include_str!("../../../shaders/quads.wgsl")
     );
     /// `composite.wgsl`.
     pub const COMPOSITE: &str = concat!(
@@ -42,13 +44,13 @@ pub struct GpuSplat {
     pub mean: [f32; 3],
     /// Peak opacity.
     pub opacity: f32,
-    /// sRGB-encoded colour, not negative.
+    /// sRGB-encoded colour.
     pub color: [f32; 3],
     /// Bit 0 [`FLAG_LIVE`], bit 1 selected, bits 8–31 evidence.
     pub flags: u32,
     /// Unit quaternion `x y z w`.
     pub rotation: [f32; 4],
-    /// Standard deviations, world units, floored.
+    /// Standard deviations, world units.
     pub scale: [f32; 3],
     /// Frame of birth; 0 when unknown.
     pub birth: u32,
@@ -63,14 +65,13 @@ impl GpuSplat {
             return bytemuck::Zeroable::zeroed();
         }
         let [w, x, y, z] = splat.rotation.map(|q| (f64::from(q) / norm) as f32);
-        let largest = splat.scale.iter().fold(1.0f32, |a, &s| a.max(s));
         Self {
             mean: splat.mean,
             opacity: splat.opacity,
-            color: splat.color.map(|c| c.max(0.0)),
+            color: splat.color,
             flags: FLAG_LIVE,
             rotation: [x, y, z, w],
-            scale: splat.scale.map(|s| s.max(SCALE_FLOOR as f32 * largest)),
+            scale: splat.scale,
             birth: 0,
         }
     }
@@ -101,16 +102,12 @@ pub struct GpuAppearance {
 }
 
 impl GpuAppearance {
-    /// One that is not finite becomes all zeros, a plain splat.
-    pub fn new(appearance: &Appearance) -> Self {
+    /// `None` if it is not finite.
+    pub fn new(appearance: &Appearance) -> Option<Self> {
         let Appearance { gradient, directional } = *appearance;
-        let finite =
-            [gradient, directional].as_flattened().as_flattened().iter().all(|v| v.is_finite());
-        if finite {
-            Self { gradient, directional, padding: [0.0; 2] }
-        } else {
-            bytemuck::Zeroable::zeroed()
-        }
+        let all = [gradient, directional];
+        let finite = all.as_flattened().as_flattened().iter().all(|v| v.is_finite());
+        finite.then_some(Self { gradient, directional, padding: [0.0; 2] })
     }
 }
 
@@ -173,8 +170,7 @@ pub struct View {
 }
 
 impl View {
-    /// `extent_cap` in standard deviations. The shaders have the ray response only
-    /// ([`GpuError::LineResponse`]).
+    /// `extent_cap` in standard deviations. [`GpuError::CpuOnly`] for what the shaders do not have.
     pub fn new(
         camera: &Camera,
         options: &RenderOptions,
@@ -187,10 +183,13 @@ impl View {
         let size = [f64::from(k.width), f64::from(k.height)];
         let margin = [size[0] / (2.0 * k.fx), size[1] / (2.0 * k.fy)].map(|t| FRUSTUM_MARGIN * t);
         let (renderer, antialias) = match options.method {
-            Method::Projected(_) => (0, 0),
-            Method::Exact(Exact { response: Response::Line, .. }) => {
-                return Err(GpuError::LineResponse);
+            Method::Projected(Support::Tile3Sigma) => {
+                return Err(GpuError::CpuOnly { found: "support of three standard deviations" });
             }
+            Method::Exact(Exact { response: Response::Line, .. }) => {
+                return Err(GpuError::CpuOnly { found: "response `line`" });
+            }
+            Method::Projected(Support::Alpha) => (0, 0),
             Method::Exact(exact) => (1, exact.antialias as u32),
         };
         let (paint, depth_range) = match options.look.paint {

@@ -4,19 +4,21 @@
 //!
 //! 1. [`scene::GpuScene::update`] uploads what the trainer changed, [`scene::GpuScene::set_order`]
 //!    the order that [`sort::back_to_front`] found on another thread;
-//! 2. [`projected::ProjectedRenderer::render`] draws the splats into an offscreen
+//! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
 //!    [`target::SplatTarget`];
 //! 3. [`composite::Compositor`] lays that over a background inside the window's own pass.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
+mod allocation;
 pub mod composite;
 pub mod context;
 pub mod faults;
 pub mod layout;
-pub mod projected;
+mod quads;
 pub mod readback;
+pub mod renderer;
 mod scatter;
 pub mod scene;
 pub mod sort;
@@ -61,11 +63,14 @@ pub enum GpuError {
         /// Their size.
         mib: u64,
     },
-    /// The shaders follow rays only.
+    /// A setting for comparisons that the shaders do not have.
     #[error(
-        "response `line`: the GPU draws `ray` only; choose `ray` or draw with the CPU renderer, which has both"
+        "{found}: the GPU follows rays, up to where alpha ends; draw with the CPU renderer, which has this too"
     )]
-    LineResponse,
+    CpuOnly {
+        /// What was asked for.
+        found: &'static str,
+    },
     /// An order names a splat that is not there: it belongs to another scene.
     #[error(
         "draw order names splat {index}, the scene holds {n_splats}: sort the current splats again"

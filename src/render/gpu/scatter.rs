@@ -1,44 +1,64 @@
 //! Sparse uploads: one compact list of (record, index), spread by a compute pass.
 
-use super::layout::{SparseSplat, shader};
+use super::layout::{SparseAppearance, SparseSplat, shader};
+use std::marker::PhantomData;
 
 /// Threads of one workgroup; `GROUP` in `scatter.wgsl`.
 const GROUP: u32 = 64;
 
-/// The compute pass that spreads changed records over the splat buffer.
-#[derive(Debug)]
-pub(super) struct Scatter {
-    pipeline: wgpu::ComputePipeline,
+/// A record with its index, and what spreads it.
+pub(super) trait Sparse: bytemuck::NoUninit {
+    /// Entry point of `scatter.wgsl`.
+    const ENTRY_POINT: &'static str;
 }
 
-impl Scatter {
+impl Sparse for SparseSplat {
+    const ENTRY_POINT: &'static str = "scatter_splats";
+}
+
+impl Sparse for SparseAppearance {
+    const ENTRY_POINT: &'static str = "scatter_appearances";
+}
+
+/// The compute pass that spreads changed records over their buffer.
+#[derive(Debug)]
+pub(super) struct Scatter<T> {
+    pipeline: wgpu::ComputePipeline,
+    records: PhantomData<T>,
+}
+
+impl<T: Sparse> Scatter<T> {
     pub(super) fn new(device: &wgpu::Device) -> Self {
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("scatter"),
             source: wgpu::ShaderSource::Wgsl(shader::SCATTER.into()),
         });
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("scatter"),
+            label: Some(T::ENTRY_POINT),
             layout: None,
             module: &module,
-            entry_point: Some("scatter"),
+            entry_point: Some(T::ENTRY_POINT),
             compilation_options: Default::default(),
             cache: None,
         });
-        Self { pipeline }
+        Self { pipeline, records: PhantomData }
     }
 
-    /// Writes `changed` into `splats`, which must hold every index named. `changed` is not empty.
+    /// Writes `changed` into `target`, which must hold every index named. Returns the bytes
+    /// uploaded.
     pub(super) fn run(
         &self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        splats: &wgpu::Buffer,
-        changed: &[SparseSplat],
-    ) {
+        target: &wgpu::Buffer,
+        changed: &[T],
+    ) -> u64 {
+        if changed.is_empty() {
+            return 0;
+        }
         let bytes: &[u8] = bytemuck::cast_slice(changed);
         let list = device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("changed splats"),
+            label: Some("changed records"),
             size: bytes.len() as u64,
             usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
@@ -49,7 +69,7 @@ impl Scatter {
             layout: &self.pipeline.get_bind_group_layout(0),
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: list.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: splats.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: target.as_entire_binding() },
             ],
         });
         let widest = device.limits().max_compute_workgroups_per_dimension;
@@ -61,6 +81,7 @@ impl Scatter {
         pass.dispatch_workgroups(columns, rows, 1);
         drop(pass);
         queue.submit([encoder.finish()]);
+        bytes.len() as u64
     }
 }
 

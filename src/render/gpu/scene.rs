@@ -1,14 +1,14 @@
 //! The splats on the GPU and the order in which to draw them.
 
 use super::GpuError;
+use super::allocation::Allocation;
 use super::context::max_buffer_bytes;
-use super::layout::{GpuSplat, SparseSplat};
+use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat};
 use super::scatter::Scatter;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatView;
 use std::future::Future;
 use std::task::{Context, Poll, Waker};
 
-const SPLAT_BYTES: u64 = size_of::<GpuSplat>() as u64;
 const MIB: u64 = 1 << 20;
 /// Share of changed splats above which the whole scene is uploaded: a sparse record costs 80 bytes
 /// and a second pass over memory against 64 bytes streamed (`rendering.md` (d)).
@@ -17,90 +17,90 @@ const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 /// Splat records and draw order in GPU memory.
 #[derive(Debug)]
 pub struct GpuScene {
-    scatter: Scatter,
+    scatter: Scatter<SparseSplat>,
+    scatter_appearance: Scatter<SparseAppearance>,
     buffers: Buffers,
     n_splats: usize,
     n_order: usize,
+    /// By splat, whether it cannot be drawn although it has an opacity.
+    is_invalid: Vec<bool>,
+    n_invalid: usize,
 }
 
 #[derive(Debug)]
 struct Buffers {
     splats: wgpu::Buffer,
+    appearance: Option<wgpu::Buffer>,
     order: wgpu::Buffer,
     capacity: usize,
+    allocation: Allocation,
 }
 
 impl GpuScene {
     /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also the way back after a
     /// lost device: the splats on the CPU are all it needs.
-    pub fn new(
+    pub fn new<'a>(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
-        splats: &[Splat],
+        splats: impl Into<SplatView<'a>>,
     ) -> Result<Self, GpuError> {
+        let splats: SplatView<'a> = splats.into();
         let mut scene = Self {
             scatter: Scatter::new(device),
-            buffers: Buffers::new(device, capacity_for(splats.len(), 0, &device.limits())?)?,
+            scatter_appearance: Scatter::new(device),
+            buffers: Buffers::new(device, splats, 0)?,
             n_splats: 0,
             n_order: 0,
+            is_invalid: Vec::new(),
+            n_invalid: 0,
         };
         scene.upload_whole(queue, splats);
         Ok(scene)
     }
 
     /// Brings the GPU to `splats`, of which only `changed` (any order, repeats allowed) and those
-    /// past the previous length differ from the last call. Returns the bytes uploaded. On an error
-    /// the scene draws on as it was. The order stays valid unless there are fewer splats than
-    /// before, which empties it.
-    pub fn update(
+    /// past the previous length differ from the last call; gaining or losing their appearance
+    /// changes them all. Returns the bytes uploaded. On an error the scene draws on as it was,
+    /// unless it is a backend's late answer to the allocation before. The order stays valid unless
+    /// there are fewer splats than before, which empties it.
+    pub fn update<'a>(
         &mut self,
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         changed: &[u32],
-        splats: &[Splat],
+        splats: impl Into<SplatView<'a>>,
     ) -> Result<u64, GpuError> {
-        if splats.len() > self.buffers.capacity {
-            let capacity = capacity_for(splats.len(), self.buffers.capacity, &device.limits())?;
-            let grown = Buffers::new(device, capacity)?;
+        let splats: SplatView<'a> = splats.into();
+        self.buffers.allocation.check()?;
+        let n_splats = splats.splats().len();
+        if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
+            let grown = Buffers::new(device, splats, self.buffers.capacity)?;
             let mut encoder = device.create_command_encoder(&Default::default());
-            encoder.copy_buffer_to_buffer(
-                &self.buffers.order,
-                0,
-                &grown.order,
-                0,
-                self.buffers.order.size(),
-            );
+            let kept = self.buffers.order.size().min(grown.order.size());
+            encoder.copy_buffer_to_buffer(&self.buffers.order, 0, &grown.order, 0, kept);
             queue.submit([encoder.finish()]);
             self.buffers = grown;
             return Ok(self.upload_whole(queue, splats));
         }
-        let n_kept = self.n_splats.min(splats.len());
-        let n_dirty = changed.len() + splats.len() - n_kept;
-        if n_dirty as f64 > WHOLE_UPLOAD_SHARE * splats.len() as f64 {
+        let n_kept = self.n_splats.min(n_splats);
+        let n_dirty = changed.len() + n_splats - n_kept;
+        if n_dirty as f64 > WHOLE_UPLOAD_SHARE * n_splats as f64 {
             return Ok(self.upload_whole(queue, splats));
         }
-        let records: Vec<SparseSplat> = changed
+        let ids: Vec<usize> = changed
             .iter()
             .map(|&id| id as usize)
             .filter(|&id| id < n_kept)
-            .chain(n_kept..splats.len())
-            .map(|id| SparseSplat {
-                splat: GpuSplat::new(&splats[id]),
-                index: id as u32,
-                padding: [0; 3],
-            })
+            .chain(n_kept..n_splats)
             .collect();
-        self.set_length(splats.len());
-        if !records.is_empty() {
-            self.scatter.run(device, queue, &self.buffers.splats, &records);
-        }
-        Ok(size_of_val(records.as_slice()) as u64)
+        Ok(self.upload_some(device, queue, &ids, splats))
     }
 
     /// Uploads the order in which to draw, farthest first (see [`super::sort::back_to_front`]);
     /// splats that it leaves out are not drawn. An order of fewer or older splats is fine, one that
     /// names a splat which is not there is refused and the previous one kept.
     pub fn set_order(&mut self, queue: &wgpu::Queue, order: &[u32]) -> Result<(), GpuError> {
+        self.buffers.allocation.check()?;
         let stale = order.iter().find(|&&index| index as usize >= self.n_splats);
         // Repeated indices could make it longer than the scene.
         if let Some(&index) = stale.or_else(|| order.get(self.n_splats)) {
@@ -114,6 +114,12 @@ impl GpuScene {
     /// Splats uploaded.
     pub fn n_splats(&self) -> usize {
         self.n_splats
+    }
+
+    /// Splats with an opacity that cannot be drawn, because a field is not finite or out of its
+    /// range (`Splat::is_valid`).
+    pub fn n_invalid(&self) -> usize {
+        self.n_invalid
     }
 
     /// Splats in the order, which is what a render pass draws.
@@ -130,59 +136,151 @@ impl GpuScene {
         &self.buffers.splats
     }
 
+    /// `None` if the splats are plain.
+    pub(super) fn appearance_buffer(&self) -> Option<&wgpu::Buffer> {
+        self.buffers.appearance.as_ref()
+    }
+
     pub(super) fn order_buffer(&self) -> &wgpu::Buffer {
         &self.buffers.order
     }
 
-    fn upload_whole(&mut self, queue: &wgpu::Queue, splats: &[Splat]) -> u64 {
-        let records: Vec<GpuSplat> = splats.iter().map(GpuSplat::new).collect();
+    fn has_appearance(&self) -> bool {
+        self.buffers.appearance.is_some()
+    }
+
+    fn upload_whole(&mut self, queue: &wgpu::Queue, splats: SplatView<'_>) -> u64 {
+        self.set_length(splats.splats().len());
+        let records: Vec<GpuSplat> =
+            (0..self.n_splats).map(|id| self.note(id, record(splats, id))).collect();
         let bytes: &[u8] = bytemuck::cast_slice(&records);
         queue.write_buffer(&self.buffers.splats, 0, bytes);
-        self.set_length(splats.len());
-        bytes.len() as u64
+        let mut n_bytes = bytes.len() as u64;
+        if let Some(buffer) = &self.buffers.appearance {
+            let all: Vec<GpuAppearance> =
+                (0..self.n_splats).map(|id| appearance(splats, id)).collect();
+            let bytes: &[u8] = bytemuck::cast_slice(&all);
+            queue.write_buffer(buffer, 0, bytes);
+            n_bytes += bytes.len() as u64;
+        }
+        n_bytes
+    }
+
+    fn upload_some(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        ids: &[usize],
+        splats: SplatView<'_>,
+    ) -> u64 {
+        self.set_length(splats.splats().len());
+        let records: Vec<SparseSplat> = ids
+            .iter()
+            .map(|&id| SparseSplat {
+                splat: self.note(id, record(splats, id)),
+                index: id as u32,
+                padding: [0; 3],
+            })
+            .collect();
+        let n_bytes = self.scatter.run(device, queue, &self.buffers.splats, &records);
+        let Some(buffer) = &self.buffers.appearance else { return n_bytes };
+        let appearances: Vec<SparseAppearance> = ids
+            .iter()
+            .map(|&id| SparseAppearance {
+                appearance: appearance(splats, id),
+                index: id as u32,
+                padding: 0,
+            })
+            .collect();
+        n_bytes + self.scatter_appearance.run(device, queue, buffer, &appearances)
+    }
+
+    /// Counts a record that cannot be drawn; such a one becomes all zeros.
+    fn note(&mut self, id: usize, record: Option<GpuSplat>) -> GpuSplat {
+        self.n_invalid -= usize::from(self.is_invalid[id]);
+        self.is_invalid[id] = record.is_none();
+        self.n_invalid += usize::from(self.is_invalid[id]);
+        record.unwrap_or_else(bytemuck::Zeroable::zeroed)
     }
 
     fn set_length(&mut self, n_splats: usize) {
         if n_splats < self.n_splats {
             self.n_order = 0;
+            let gone = self.is_invalid[n_splats..].iter().filter(|invalid| **invalid).count();
+            self.n_invalid -= gone;
         }
+        self.is_invalid.resize(n_splats, false);
         self.n_splats = n_splats;
     }
 }
 
+/// All zeros for an empty slot, so that no shader meets a NaN; `None` for a splat that is broken.
+fn record(splats: SplatView<'_>, id: usize) -> Option<GpuSplat> {
+    let splat = &splats.splats()[id];
+    let is_sound = splats.appearance().get(id).is_none_or(|a| GpuAppearance::new(a).is_some());
+    let is_empty = splat.opacity <= 0.0;
+    (is_empty || (splat.is_valid() && is_sound)).then(|| GpuSplat::new(splat))
+}
+
+/// Zeros for one that is broken, whose splat is not drawn.
+fn appearance(splats: SplatView<'_>, id: usize) -> GpuAppearance {
+    GpuAppearance::new(&splats.appearance()[id]).unwrap_or_else(bytemuck::Zeroable::zeroed)
+}
+
+fn has_appearance(splats: SplatView<'_>) -> bool {
+    !splats.appearance().is_empty()
+}
+
 impl Buffers {
-    fn new(device: &wgpu::Device, capacity: usize) -> Result<Self, GpuError> {
-        let storage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+    /// For the splats; half as many slots again as `before` when that fits the adapter.
+    fn new(device: &wgpu::Device, splats: SplatView<'_>, before: usize) -> Result<Self, GpuError> {
+        let splat_bytes = size_of::<GpuSplat>() as u64;
+        let appearance_bytes =
+            if has_appearance(splats) { size_of::<GpuAppearance>() as u64 } else { 0 };
+        let largest = splat_bytes.max(appearance_bytes);
+        let n_splats = splats.splats().len();
+        let capacity = if n_splats > before {
+            capacity_for(n_splats, before, largest, &device.limits())?
+        } else {
+            capacity_for(before, 0, largest, &device.limits())?
+        };
         let create = |label, bytes_each, usage| {
             device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some(label),
                 size: capacity as u64 * bytes_each,
-                usage,
+                usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | usage,
                 mapped_at_creation: false,
             })
         };
-        let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-        let splats = create("splats", SPLAT_BYTES, storage);
-        let order =
-            create("order", size_of::<u32>() as u64, storage | wgpu::BufferUsages::COPY_SRC);
-        match ready(scope.pop()).flatten() {
-            Some(_) => Err(GpuError::OutOfMemory {
-                n_splats: capacity,
-                mib: (capacity as u64 * SPLAT_BYTES).div_ceil(MIB),
-            }),
-            None => Ok(Self { splats, order, capacity }),
-        }
+        let refused = GpuError::OutOfMemory {
+            n_splats: capacity,
+            mib: (capacity as u64 * (splat_bytes + appearance_bytes)).div_ceil(MIB),
+        };
+        let none = wgpu::BufferUsages::empty();
+        let ((splats, appearance, order), allocation) = Allocation::new(device, refused, || {
+            (
+                create("splats", splat_bytes, none),
+                (appearance_bytes > 0).then(|| create("appearance", appearance_bytes, none)),
+                create("order", size_of::<u32>() as u64, wgpu::BufferUsages::COPY_SRC),
+            )
+        })?;
+        Ok(Self { splats, appearance, order, capacity, allocation })
     }
 }
 
-/// Slots for `n_splats`: half as many again as `before` when that fits the adapter.
-fn capacity_for(n_splats: usize, before: usize, limits: &wgpu::Limits) -> Result<usize, GpuError> {
+/// Slots of `bytes_each` for `n_splats`: half as many again as `before` when that fits the adapter.
+fn capacity_for(
+    n_splats: usize,
+    before: usize,
+    bytes_each: u64,
+    limits: &wgpu::Limits,
+) -> Result<usize, GpuError> {
     let limit_bytes = max_buffer_bytes(limits);
-    let max_splats = (limit_bytes / SPLAT_BYTES) as usize;
+    let max_splats = (limit_bytes / bytes_each) as usize;
     if n_splats > max_splats {
         return Err(GpuError::TooManySplats {
             n_splats,
-            needed_mib: (n_splats as u64 * SPLAT_BYTES).div_ceil(MIB),
+            needed_mib: (n_splats as u64 * bytes_each).div_ceil(MIB),
             limit_mib: limit_bytes / MIB,
             max_splats,
         });
@@ -191,8 +289,8 @@ fn capacity_for(n_splats: usize, before: usize, limits: &wgpu::Limits) -> Result
     Ok((before + before / 2).clamp(n_splats.max(1), max_splats))
 }
 
-/// Error scopes of native wgpu resolve at once; a backend that does not counts as no error.
-fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
+/// Futures of native wgpu resolve at once; `None` from a backend whose do not.
+pub(super) fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
     match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),
         Poll::Pending => None,
@@ -207,13 +305,17 @@ mod tests {
     fn capacity_grows_by_half_up_to_the_limit() {
         let limits = wgpu::Limits {
             max_buffer_size: 1 << 30,
-            max_storage_buffer_binding_size: 1000 * SPLAT_BYTES,
+            max_storage_buffer_binding_size: 1000 * 64,
             ..Default::default()
         };
         for (n_splats, before, expected) in
             [(0, 0, 1), (10, 0, 10), (11, 10, 15), (40, 10, 40), (801, 800, 1000), (1000, 10, 1000)]
         {
-            assert_eq!(capacity_for(n_splats, before, &limits).unwrap(), expected, "{n_splats}");
+            assert_eq!(
+                capacity_for(n_splats, before, 64, &limits).unwrap(),
+                expected,
+                "{n_splats}"
+            );
         }
     }
 
@@ -224,7 +326,7 @@ mod tests {
             max_storage_buffer_binding_size: 128 * MIB,
             ..Default::default()
         };
-        let message = capacity_for(3_000_000, 0, &limits).unwrap_err().to_string();
+        let message = capacity_for(3_000_000, 0, 64, &limits).unwrap_err().to_string();
         assert_eq!(
             message,
             "3000000 splats need 184 MiB, this adapter binds at most 128 MiB: keep to 2097152 \

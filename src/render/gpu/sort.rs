@@ -2,6 +2,7 @@
 
 use crate::math::camera::Camera;
 use crate::model::splats::Splat;
+use crate::render::{Lens, RenderOptions, Renderer};
 use glam::DVec3;
 
 const DIGIT_BITS: u32 = 11;
@@ -18,21 +19,28 @@ pub struct SortScratch {
     order: Vec<u32>,
 }
 
-/// Indices of the drawable splats with view depth `z > near` (world units, ≥ 0), farthest first. Ties
-/// put the later splat first, since the earlier one is in front (`rendering.md` (b) 7). Indices are
-/// u32: at most 2³² splats.
+/// Indices of the splats that the options let through (drawable, not too near), farthest first: by
+/// view depth for the projected renderer, by distance for the exact one. Ties put the later splat
+/// first, since the earlier one is in front (`rendering.md` (b) 7). Indices are u32: at most 2³²
+/// splats.
 pub fn back_to_front<'a>(
     splats: &[Splat],
     camera: &Camera,
-    near: f32,
+    options: &RenderOptions,
     scratch: &'a mut SortScratch,
 ) -> &'a [u32] {
     let (forward, centre) = (camera.pose.forward(), camera.pose.centre());
+    let near = options.near.max(0.0) as f32;
+    let by_depth = options.method.renderer() == Renderer::Projected;
+    let near_by_depth = options.method.lens() == Lens::Pinhole;
     scratch.entries.clear();
     scratch.entries.extend(splats.iter().enumerate().rev().filter_map(|(index, splat)| {
-        let depth = (DVec3::from_array(splat.mean.map(f64::from)) - centre).dot(forward) as f32;
-        let visible = depth > near.max(0.0) && splat.is_drawable();
-        visible.then(|| u64::from(far_first_key(depth)) << 32 | index as u64)
+        let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - centre;
+        let depth = from_camera.dot(forward) as f32;
+        let distance = from_camera.length() as f32;
+        let ahead = if near_by_depth { depth } else { distance };
+        let key = far_first_key(if by_depth { depth } else { distance });
+        (ahead > near && splat.is_drawable()).then(|| u64::from(key) << 32 | index as u64)
     }));
     radix_sort(&mut scratch.entries, &mut scratch.swap);
     scratch.order.clear();
@@ -81,6 +89,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::math::rng::{Purpose, Rng};
+    use crate::render::{Antialias, Exact, Method, Response};
 
     fn camera() -> Camera {
         Camera {
@@ -89,9 +98,26 @@ mod tests {
         }
     }
 
-    fn depth(splat: &Splat, camera: &Camera) -> f32 {
+    const FISHEYE: Method = Method::Exact(Exact {
+        response: Response::Ray,
+        antialias: Antialias::Footprint,
+        lens: Lens::Fisheye,
+    });
+
+    fn options(method: Method, near: f64) -> RenderOptions {
+        RenderOptions { near, ..RenderOptions::evaluation(method, [0.0; 3]) }
+    }
+
+    /// What must be beyond the near plane, and what the order goes by.
+    fn keys(splat: &Splat, camera: &Camera, method: Method) -> (f32, f32) {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
-        from_camera.dot(camera.pose.forward()) as f32
+        let depth = from_camera.dot(camera.pose.forward()) as f32;
+        let distance = from_camera.length() as f32;
+        match method.renderer() {
+            Renderer::Projected => (depth, depth),
+            Renderer::Exact if method == FISHEYE => (distance, distance),
+            Renderer::Exact => (depth, distance),
+        }
     }
 
     #[test]
@@ -107,11 +133,15 @@ mod tests {
                     Splat { mean: [at(), at(), at()], opacity: 0.5, ..Splat::default() }
                 })
                 .collect();
-            let ours = back_to_front(&splats, &camera(), 0.2, &mut scratch).to_vec();
-            let key = |i: &u32| depth(&splats[*i as usize], &camera());
-            let mut stable: Vec<u32> = (0..n as u32).rev().filter(|i| key(i) > 0.2).collect();
-            stable.sort_by(|a, b| key(b).total_cmp(&key(a)));
-            assert_eq!(ours, stable, "{n} splats");
+            for method in [Method::PROJECTED, Method::EXACT, FISHEYE] {
+                let keys = |i: &u32| keys(&splats[*i as usize], &camera(), method);
+                let options = options(method, 0.2);
+                let ours = back_to_front(&splats, &camera(), &options, &mut scratch).to_vec();
+                let mut stable: Vec<u32> =
+                    (0..n as u32).rev().filter(|i| keys(i).0 > 0.2).collect();
+                stable.sort_by(|a, b| keys(b).1.total_cmp(&keys(a).1));
+                assert_eq!(ours, stable, "{n} splats, {method:?}");
+            }
         }
     }
 
@@ -131,7 +161,12 @@ mod tests {
             at(1.0),
         ];
         let mut scratch = SortScratch::default();
-        assert_eq!(back_to_front(&splats, &ahead, 0.2, &mut scratch), [7, 8, 0]);
-        assert_eq!(back_to_front(&splats, &ahead, -9.0, &mut scratch), [7, 8, 0, 1]);
+        let mut order = |method, near| {
+            back_to_front(&splats, &ahead, &options(method, near), &mut scratch).to_vec()
+        };
+        assert_eq!(order(Method::PROJECTED, 0.2), [7, 8, 0]);
+        assert_eq!(order(Method::PROJECTED, -9.0), [7, 8, 0, 1]);
+        assert_eq!(order(Method::EXACT, 0.2), [7, 8, 0]);
+        assert_eq!(order(FISHEYE, 0.2), [7, 2, 8, 0], "behind the plane is in sight");
     }
 }

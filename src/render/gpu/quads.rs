@@ -1,0 +1,97 @@
+//! One pass of instanced quads, back to front: both renderers and both lenses, by the uniforms.
+
+use super::layout::shader;
+use super::scene::GpuScene;
+use super::target;
+
+/// Pipelines that draw a scene into a pass with one attachment of the splat image's format.
+#[derive(Debug)]
+pub(super) struct QuadPath {
+    /// Splats of one colour; the scene has no appearance.
+    plain: wgpu::RenderPipeline,
+    shaded: wgpu::RenderPipeline,
+}
+
+impl QuadPath {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some("quads"),
+            source: wgpu::ShaderSource::Wgsl(shader::QUADS.into()),
+        });
+        Self {
+            plain: pipeline(device, &module, ["vertex", "fragment"]),
+            shaded: pipeline(device, &module, ["vertex_shaded", "fragment_shaded"]),
+        }
+    }
+
+    /// Draws what the scene's order holds through the camera in `view`; neither may be empty.
+    pub(super) fn draw(
+        &self,
+        device: &wgpu::Device,
+        pass: &mut wgpu::RenderPass<'_>,
+        view: &wgpu::Buffer,
+        scene: &GpuScene,
+    ) {
+        let buffers = [view, scene.splat_buffer(), scene.order_buffer()];
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+            .into_iter()
+            .chain(scene.appearance_buffer())
+            .zip(0..)
+            .map(|(buffer, binding)| wgpu::BindGroupEntry {
+                binding,
+                resource: buffer.as_entire_binding(),
+            })
+            .collect();
+        let pipeline = if scene.appearance_buffer().is_some() { &self.shaded } else { &self.plain };
+        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("splats"),
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &bindings, &[]);
+        pass.draw(0..4, 0..scene.n_drawn() as u32);
+    }
+}
+
+/// Back to front, premultiplied: source over destination.
+const OVER: wgpu::BlendComponent = wgpu::BlendComponent {
+    src_factor: wgpu::BlendFactor::One,
+    dst_factor: wgpu::BlendFactor::OneMinusSrcAlpha,
+    operation: wgpu::BlendOperation::Add,
+};
+
+fn pipeline(
+    device: &wgpu::Device,
+    module: &wgpu::ShaderModule,
+    [vertex, fragment]: [&str; 2],
+) -> wgpu::RenderPipeline {
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("quads"),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some(vertex),
+            compilation_options: Default::default(),
+            buffers: &[],
+        },
+        primitive: wgpu::PrimitiveState {
+            topology: wgpu::PrimitiveTopology::TriangleStrip,
+            ..Default::default()
+        },
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(wgpu::ColorTargetState {
+                format: target::FORMAT,
+                blend: Some(wgpu::BlendState { color: OVER, alpha: OVER }),
+                write_mask: wgpu::ColorWrites::ALL,
+            })],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
