@@ -86,7 +86,8 @@ fn measure(gpu: &Gpu, name: &str, splats: &[Splat]) -> Result<(), Box<dyn Error>
             for path in [Path::Quads, Path::Tiles] {
                 let (times, wall) = frames(gpu, path, &scene, &camera, &options)?;
                 let stage = |of: fn(&GpuTimes) -> f64| {
-                    median(times.iter().map(of).collect()).map_or("-".into(), |ms| format!("{ms:.3}"))
+                    median(times.iter().map(of).collect())
+                        .map_or("-".into(), |ms| format!("{ms:.3}"))
                 };
                 println!(
                     "{name}, {}, {width}x{height}, {}, {path}: {} {} {} {}, {wall:.3}",

@@ -90,6 +90,10 @@ fn scatter(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
+    let strip = strip_of(group.x, load_count(lane));
+    if strip.x >= strip.y && group.x > 0u {
+        return;
+    }
     var total = 0u;
     if lane < digit.n_values {
         total = totals[lane];
@@ -97,10 +101,6 @@ fn scatter(
     let up_to = inclusive_scan(lane, total);
     if digit.is_first != 0u && group.x == 0u && lane == GROUP - 1u {
         counts[digit.sink] = up_to;
-    }
-    let strip = strip_of(group.x, load_count(lane));
-    if strip.x >= strip.y {
-        return;
     }
     if lane < digit.n_values {
         places[lane] = up_to - total + strips[lane * N_STRIPS + group.x];

@@ -80,7 +80,12 @@ impl Gpu {
     }
 
     /// A scene with the order of one view.
-    pub fn scene(&self, splats: SplatView<'_>, camera: &Camera, options: &RenderOptions) -> GpuScene {
+    pub fn scene(
+        &self,
+        splats: SplatView<'_>,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> GpuScene {
         let mut scene = GpuScene::new(&self.device, &self.queue, splats).unwrap();
         let mut scratch = SortScratch::default();
         let order = back_to_front(splats.splats(), camera, options, &mut scratch);

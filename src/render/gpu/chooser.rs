@@ -28,7 +28,11 @@ pub(super) struct Chooser {
 enum State {
     /// Not by measurement.
     Fixed(Path),
-    Trying { path: Path, milliseconds: Vec<f64>, quads: Option<f64> },
+    Trying {
+        path: Path,
+        milliseconds: Vec<f64>,
+        quads: Option<f64>,
+    },
     Chosen(Path),
 }
 
@@ -50,11 +54,8 @@ impl Chooser {
 
     /// Tiles cannot draw this load; quads do until it changes.
     pub(super) fn rule_out_tiles(&mut self) {
-        self.state = if self.is_free() {
-            State::Chosen(Path::Quads)
-        } else {
-            State::Fixed(Path::Quads)
-        };
+        self.state =
+            if self.is_free() { State::Chosen(Path::Quads) } else { State::Fixed(Path::Quads) };
     }
 
     /// The path of the next image.

@@ -150,7 +150,8 @@ mod tests {
 
     #[test]
     fn stages_are_read_where_their_path_wrote_them() {
-        let ticks: Vec<u8> = [10u64, 14, 20, 26, 30, 40].iter().flat_map(|t| t.to_le_bytes()).collect();
+        let ticks: Vec<u8> =
+            [10u64, 14, 20, 26, 30, 40].iter().flat_map(|t| t.to_le_bytes()).collect();
         let tiles = times(Path::Tiles, &ticks, 0.5).unwrap();
         assert_eq!(tiles, GpuTimes { preprocess: Some(2.0), sort: Some(3.0), draw: 5.0 });
         assert_eq!(tiles.total(), 10.0);

@@ -120,9 +120,9 @@ impl TilePath {
             self.plan = None;
         }
         let Self { kernels, counts, splats, entries, .. } = self;
-        let plan = self
-            .plan
-            .get_or_insert_with(|| Plan::new(device, queue, kernels, inputs, counts, splats, entries));
+        let plan = self.plan.get_or_insert_with(|| {
+            Plan::new(device, queue, kernels, inputs, counts, splats, entries)
+        });
 
         let mut zeroed = [0; 4];
         zeroed[slot::N_SPLATS as usize] = scene.n_splats() as u32;

@@ -97,11 +97,7 @@ impl Plan {
         let by_depth = kernels.sort.plan(
             device,
             queue,
-            SortBuffers {
-                keys: splats.keys.each_ref(),
-                values: splats.order.each_ref(),
-                counts,
-            },
+            SortBuffers { keys: splats.keys.each_ref(), values: splats.order.each_ref(), counts },
             DEPTH_BITS,
             Keys::Indexed { source: slot::N_SPLATS, sink: slot::N_VISIBLE },
         );
@@ -122,8 +118,10 @@ impl Plan {
         let variant = usize::from(inputs.appearance.is_some());
         let appearance = inputs.appearance.as_ref().unwrap_or(&splats.no_appearance);
         let bind = |kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)]| {
-            let resources: Vec<_> =
-                buffers.iter().map(|(binding, buffer)| (*binding, buffer.as_entire_binding())).collect();
+            let resources: Vec<_> = buffers
+                .iter()
+                .map(|(binding, buffer)| (*binding, buffer.as_entire_binding()))
+                .collect();
             kernel.bind(device, &resources)
         };
         Self {
