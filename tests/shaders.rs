@@ -8,6 +8,7 @@ use std::path::Path;
 use vbgs_studio::render::gpu::layout::{
     Composite, GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, View, shader,
 };
+use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
 use wgpu::naga::{Module, TypeInner, back::spv, front::wgsl, proc::Layouter, valid};
 
@@ -138,4 +139,38 @@ fn shared_structs_agree_with_rust() {
     assert_eq!(size_of::<GpuSplat>(), 64, "rendering.md (d)");
     assert_eq!(size_of::<GpuAppearance>(), 80, "rendering.md (h)");
     assert!(size_of::<View>() <= 256, "rendering.md (d)");
+}
+
+/// Files of the tile path that others are built on.
+const SHARED_BY_TILES: [&str; 3] = ["stages.wgsl", "footprint.wgsl", "packed.wgsl"];
+
+#[test]
+fn every_file_of_the_tile_path_is_valid_and_used() {
+    let used = [tiles::SORT, tiles::PREPROCESS, tiles::BIN, tiles::RASTER];
+    let modules = used.map(|whole| validated("tiles", whole));
+    assert!(modules.iter().all(|module| !module.entry_points.is_empty()));
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders/tiles");
+    let mut n_files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let text = read(&format!("tiles/{name}"));
+        let n_uses = used.iter().filter(|whole| whole.contains(&text)).count();
+        assert!(n_uses == 1 || (n_uses > 1 && SHARED_BY_TILES.contains(&name.as_str())), "{name}");
+        n_files += 1;
+    }
+    assert_eq!(n_files, used.len() + SHARED_BY_TILES.len());
+
+    // What `tiles/buffers.rs` and `tiles/sort.rs` allot.
+    for (module, name, size) in [
+        (&modules[0], "Digit", 20),
+        (&modules[1], "Packed", 64),
+        (&modules[1], "PackedGradient", 48),
+        (&modules[1], "Footprint", 16),
+    ] {
+        let mut layouter = Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let of_name = |kind: &wgpu::naga::Type| kind.name.as_deref() == Some(name);
+        let (handle, _) = module.types.iter().find(|(_, kind)| of_name(kind)).unwrap();
+        assert_eq!(layouter[handle].to_stride(), size, "{name}");
+    }
 }

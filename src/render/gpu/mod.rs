@@ -5,13 +5,14 @@
 //! 1. [`scene::GpuScene::update`] uploads what the trainer changed, [`scene::GpuScene::set_order`]
 //!    the order that [`sort::back_to_front`] found on another thread;
 //! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
-//!    [`target::SplatTarget`];
+//!    [`target::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster;
 //! 3. [`composite::Compositor`] lays that over a background inside the window's own pass.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
 mod allocation;
+mod chooser;
 pub mod composite;
 pub mod context;
 pub mod faults;
@@ -20,10 +21,12 @@ pub mod layout;
 mod quads;
 pub mod readback;
 pub mod renderer;
+mod ring;
 mod scatter;
 pub mod scene;
 pub mod sort;
 pub mod target;
+pub mod tiles;
 mod timer;
 
 /// Why the GPU could not do what was asked.
@@ -62,6 +65,16 @@ pub enum GpuError {
         n_splats: usize,
         /// Their size.
         mib: u64,
+    },
+    /// An image needs more pairs of splat and tile than the GPU has room for.
+    #[error(
+        "{needed} pairs of splat and tile, this GPU has room for {capacity}: the farthest splats are left out; make the window smaller or come no closer"
+    )]
+    TooManyEntries {
+        /// Pairs of splat and tile in the image.
+        needed: u64,
+        /// Of these are drawn.
+        capacity: u64,
     },
     /// A setting for comparisons that the shaders do not have.
     #[error(

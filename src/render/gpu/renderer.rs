@@ -1,13 +1,26 @@
 //! The renderer that the window and the benches see: a scene and a camera to an image.
 
 use super::GpuError;
+use super::chooser::{Chooser, Load};
 use super::layout::View;
 use super::quads::QuadPath;
 use super::scene::GpuScene;
 use super::target::SplatTarget;
-use super::timer::PassTimer;
+use super::tiles::{TileFrame, TilePath};
+use super::timer::{Stage, StageTimer};
 use crate::math::camera::Camera;
 use crate::render::RenderOptions;
+use strum::Display;
+
+/// How splats become pixels. Both give the same image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+#[strum(serialize_all = "kebab-case")]
+pub enum Path {
+    /// Blended quads, in the order of the CPU.
+    Quads,
+    /// Sorted and blended by compute shaders.
+    Tiles,
+}
 
 /// Milliseconds on the GPU of the stages of one image; `None` where a path has no such stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,21 +33,39 @@ pub struct GpuTimes {
     pub draw: f64,
 }
 
+impl GpuTimes {
+    /// All stages.
+    pub fn total(&self) -> f64 {
+        self.preprocess.unwrap_or(0.0) + self.sort.unwrap_or(0.0) + self.draw
+    }
+}
+
 /// Draws scenes into an image of its own; several renderers may share a scene.
 #[derive(Debug)]
 pub struct SplatRenderer {
     quads: QuadPath,
+    /// Built when first drawn with.
+    tiles: Option<TilePath>,
+    chooser: Chooser,
     view: wgpu::Buffer,
     target: SplatTarget,
-    timer: Option<PassTimer>,
+    timer: Option<StageTimer>,
     extent_cap: f32,
 }
 
 impl SplatRenderer {
-    /// Builds the pipelines; the image starts empty.
+    /// Builds the pipelines; the image starts empty. Draws quads on a software adapter and on one
+    /// without timestamps; elsewhere the first images measure both paths and the faster one stays.
     pub fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, GpuError> {
+        let timer = StageTimer::new(device, queue);
+        let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         Ok(Self {
             quads: QuadPath::new(device),
+            tiles: None,
+            chooser: match timer {
+                Some(_) if !is_software => Chooser::measuring(),
+                _ => Chooser::fixed(Path::Quads),
+            },
             view: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("view"),
                 size: size_of::<View>() as u64,
@@ -42,21 +73,33 @@ impl SplatRenderer {
                 mapped_at_creation: false,
             }),
             target: SplatTarget::new(device, 0, 0)?,
-            timer: PassTimer::new(device, queue),
+            timer,
             extent_cap: f32::INFINITY,
         })
     }
 
-    /// Largest support of a splat in its standard deviations: 3 is faster while the camera moves,
-    /// infinity (what a renderer starts with) keeps everything that passes the alpha cut.
+    /// Largest support of a splat in its standard deviations where quads are drawn: 3 is faster while
+    /// the camera moves, infinity (what a renderer starts with) keeps everything that passes the
+    /// alpha cut.
     pub fn set_extent_cap(&mut self, extent_cap: f32) {
         self.extent_cap = extent_cap;
     }
 
-    /// Records the drawing of a scene into `encoder`, the image as large as the camera's. The scene's
-    /// order must be that of the same camera and options ([`super::sort::back_to_front`]); the
-    /// background belongs to [`super::composite::Compositor`]. One render per submission: the camera
-    /// reaches the GPU with the submission, not with the encoder.
+    /// Draws by this path from now on, for tests and benches.
+    pub fn set_path(&mut self, path: Path) {
+        self.chooser = Chooser::fixed(path);
+    }
+
+    /// The path of the next image.
+    pub fn path(&self) -> Path {
+        self.chooser.path()
+    }
+
+    /// Records the drawing of a scene into `encoder`, the image as large as the camera's. For quads
+    /// the scene's order must be that of the same camera and options
+    /// ([`super::sort::back_to_front`]); the background belongs to [`super::composite::Compositor`].
+    /// One render per submission: the camera reaches the GPU with the submission, not with the
+    /// encoder.
     pub fn render(
         &mut self,
         device: &wgpu::Device,
@@ -66,15 +109,29 @@ impl SplatRenderer {
         camera: &Camera,
         options: &RenderOptions,
     ) -> Result<(), GpuError> {
-        let view = View::new(camera, options, self.extent_cap)?;
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
+        let path = self.choose(scene, (width, height));
+        let extent_cap = match path {
+            Path::Quads => self.extent_cap,
+            Path::Tiles => f32::INFINITY,
+        };
+        let view = View::new(camera, options, extent_cap)?;
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
-        let slot = self.timer.as_mut().and_then(PassTimer::begin);
-        self.record(device, encoder, scene, slot);
-        if let (Some(timer), Some(slot)) = (&mut self.timer, slot) {
+        if self.target.is_empty() {
+            return Ok(());
+        }
+        let slot = self.timer.as_mut().and_then(|timer| timer.begin(path));
+        match path {
+            Path::Quads => self.record_quads(device, encoder, scene, slot),
+            Path::Tiles => {
+                let drawn = self.record_tiles(device, queue, encoder, scene, slot);
+                drawn.inspect_err(|_| self.chooser.rule_out_tiles())?;
+            }
+        }
+        if let (Some(timer), Some(slot)) = (&self.timer, slot) {
             timer.end(encoder, slot);
         }
         Ok(())
@@ -87,11 +144,50 @@ impl SplatRenderer {
 
     /// Measured a few frames ago; `None` where the adapter cannot tell or no measurement is back yet.
     pub fn gpu_times(&self) -> Option<GpuTimes> {
-        let draw = self.timer.as_ref().and_then(PassTimer::latest)?;
-        Some(GpuTimes { preprocess: None, sort: None, draw: draw.as_secs_f64() * 1e3 })
+        self.timer.as_ref().and_then(StageTimer::latest)
     }
 
-    fn record(
+    /// Why the farthest splats are missing in the image, if they are.
+    pub fn shortage(&self) -> Option<&GpuError> {
+        self.tiles.as_ref().filter(|_| self.path() == Path::Tiles).and_then(TilePath::shortage)
+    }
+
+    fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> Path {
+        if let Some(shortage) = self.shortage() {
+            if self.chooser.is_free() {
+                tracing::warn!("{shortage}; drawing quads instead");
+                self.chooser.rule_out_tiles();
+            }
+        }
+        if let Some((path, times)) = self.timer.as_mut().and_then(StageTimer::take) {
+            self.chooser.measured(path, times.total());
+        }
+        // Quads without an order draw nothing, which would be hard to beat.
+        if scene.n_drawn() > 0 {
+            let n_pixels = width as usize * height as usize;
+            self.chooser.note(Load { n_splats: scene.n_splats(), n_pixels });
+        }
+        self.chooser.path()
+    }
+
+    fn record_tiles(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        scene: &GpuScene,
+        timer_slot: Option<usize>,
+    ) -> Result<(), GpuError> {
+        let tiles = match &mut self.tiles {
+            Some(tiles) => tiles,
+            none => none.insert(TilePath::new(device)?),
+        };
+        let timer = self.timer.as_ref().zip(timer_slot);
+        let frame = TileFrame { view: &self.view, scene, image: &self.target, timer };
+        tiles.record(device, queue, encoder, frame)
+    }
+
+    fn record_quads(
         &self,
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
@@ -110,10 +206,10 @@ impl SplatRenderer {
                 },
             })],
             timestamp_writes: timer_slot
-                .and_then(|slot| self.timer.as_ref().map(|timer| timer.writes(slot))),
+                .and_then(|slot| self.timer.as_ref().map(|t| t.of_render(slot, Stage::Draw))),
             ..Default::default()
         });
-        if scene.n_drawn() > 0 && !self.target.is_empty() {
+        if scene.n_drawn() > 0 {
             self.quads.draw(device, &mut pass, &self.view, scene);
         }
     }

@@ -1,121 +1,168 @@
-//! How long a render pass takes on the GPU, read back without ever waiting for it.
+//! How long the stages of an image take on the GPU, read back without ever waiting for them.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use super::renderer::{GpuTimes, Path};
+use super::ring::{N_SLOTS, ReadbackRing};
 
-/// Measurements under way at once: results are read two frames late, so the third slot is free.
-const N_SLOTS: usize = 3;
-/// A pass is two timestamps.
-const SLOT_BYTES: u64 = 2 * wgpu::QUERY_SIZE as u64;
+/// What is measured, in the order in which it happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stage {
+    Preprocess,
+    Sort,
+    Draw,
+}
 
-/// A ring of begin/end timestamps.
+const N_STAGES: u32 = 3;
+/// A stage is one pass: a timestamp at its beginning, one at its end.
+const STAGE_BYTES: u64 = 2 * wgpu::QUERY_SIZE as u64;
+
+/// A ring of timestamps.
 #[derive(Debug)]
-pub(super) struct PassTimer {
+pub(super) struct StageTimer {
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
-    slots: [Slot; N_SLOTS],
-    next: usize,
-    seconds_per_tick: f64,
-    latest: Option<Duration>,
+    ring: ReadbackRing,
+    /// Which path each slot measures.
+    paths: [Path; N_SLOTS],
+    milliseconds_per_tick: f64,
+    latest: Option<(Path, GpuTimes)>,
+    is_new: bool,
 }
 
-#[derive(Debug)]
-struct Slot {
-    readback: wgpu::Buffer,
-    /// Set once the buffer is mapped. wgpu's callback holds the other reference while it waits, so
-    /// a sole owner of `false` has nothing in flight, even when a submission never came.
-    mapped: Arc<AtomicBool>,
-}
-
-impl PassTimer {
+impl StageTimer {
     /// `None` when the device has no timestamps.
     pub(super) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Option<Self> {
         if !device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             return None;
         }
-        let buffer = |label, usage| {
-            device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: SLOT_BYTES,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
+        let bytes = u64::from(N_STAGES) * STAGE_BYTES;
         Some(Self {
             queries: device.create_query_set(&wgpu::QuerySetDescriptor {
-                label: Some("pass times"),
+                label: Some("stage times"),
                 ty: wgpu::QueryType::Timestamp,
-                count: 2 * N_SLOTS as u32,
+                count: 2 * N_STAGES * N_SLOTS as u32,
             }),
-            resolved: buffer(
-                "resolved pass times",
-                wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
-            ),
-            slots: std::array::from_fn(|_| Slot {
-                readback: buffer(
-                    "read pass times",
-                    wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-                ),
-                mapped: Arc::default(),
+            resolved: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("resolved stage times"),
+                size: bytes,
+                usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
             }),
-            next: 0,
-            seconds_per_tick: f64::from(queue.get_timestamp_period()) * 1e-9,
+            ring: ReadbackRing::new(device, "read stage times", bytes),
+            paths: [Path::Quads; N_SLOTS],
+            milliseconds_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
             latest: None,
+            is_new: false,
         })
     }
 
-    /// Collects what has come back and takes a free slot; `None` while the GPU is behind.
-    pub(super) fn begin(&mut self) -> Option<usize> {
-        for age in 0..N_SLOTS {
-            self.collect((self.next + age) % N_SLOTS);
-        }
-        let slot = self.next;
-        if Arc::strong_count(&self.slots[slot].mapped) > 1 {
-            return None;
-        }
-        self.next = (slot + 1) % N_SLOTS;
+    /// Collects what has come back and takes a free slot for an image by `path`; `None` while the
+    /// GPU is behind.
+    pub(super) fn begin(&mut self, path: Path) -> Option<usize> {
+        let Self { ring, paths, latest, is_new, .. } = self;
+        let slot = ring.turn(|slot, bytes| {
+            if let Some(times) = times(paths[slot], bytes, self.milliseconds_per_tick) {
+                *latest = Some((paths[slot], times));
+                *is_new = true;
+            }
+        })?;
+        self.paths[slot] = path;
         Some(slot)
     }
 
-    /// For the descriptor of the pass to be measured.
-    pub(super) fn writes(&self, slot: usize) -> wgpu::RenderPassTimestampWrites<'_> {
-        wgpu::RenderPassTimestampWrites {
+    /// For the descriptor of the compute pass that is a stage.
+    pub(super) fn of_compute(
+        &self,
+        slot: usize,
+        stage: Stage,
+    ) -> wgpu::ComputePassTimestampWrites<'_> {
+        let first = first_query(slot, stage);
+        wgpu::ComputePassTimestampWrites {
             query_set: &self.queries,
-            beginning_of_pass_write_index: Some(2 * slot as u32),
-            end_of_pass_write_index: Some(2 * slot as u32 + 1),
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
         }
     }
 
-    /// After the pass, in the same encoder: sends its times on their way to the CPU.
-    pub(super) fn end(&mut self, encoder: &mut wgpu::CommandEncoder, slot: usize) {
-        let first = 2 * slot as u32;
-        encoder.resolve_query_set(&self.queries, first..first + 2, &self.resolved, 0);
-        let Slot { readback, mapped } = &self.slots[slot];
-        encoder.copy_buffer_to_buffer(&self.resolved, 0, readback, 0, SLOT_BYTES);
-        let mapped = Arc::clone(mapped);
-        encoder.map_buffer_on_submit(readback, wgpu::MapMode::Read, .., move |result| {
-            mapped.store(result.is_ok(), Ordering::Release);
-        });
+    /// For the descriptor of the render pass that is a stage.
+    pub(super) fn of_render(
+        &self,
+        slot: usize,
+        stage: Stage,
+    ) -> wgpu::RenderPassTimestampWrites<'_> {
+        let first = first_query(slot, stage);
+        wgpu::RenderPassTimestampWrites {
+            query_set: &self.queries,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        }
+    }
+
+    /// After the passes, in the same encoder: sends their times on their way to the CPU.
+    pub(super) fn end(&self, encoder: &mut wgpu::CommandEncoder, slot: usize) {
+        let stages = stages_of(self.paths[slot]);
+        let first = first_query(slot, stages[0]);
+        let end = first + 2 * stages.len() as u32;
+        encoder.resolve_query_set(&self.queries, first..end, &self.resolved, 0);
+        self.ring.send(encoder, slot, &self.resolved, stages.len() as u64 * STAGE_BYTES);
     }
 
     /// The last measurement that came back.
-    pub(super) fn latest(&self) -> Option<Duration> {
-        self.latest
+    pub(super) fn latest(&self) -> Option<GpuTimes> {
+        self.latest.map(|(_, times)| times)
     }
 
-    fn collect(&mut self, slot: usize) {
-        let Slot { readback, mapped } = &self.slots[slot];
-        if !mapped.swap(false, Ordering::Acquire) {
-            return;
+    /// The last measurement that came back and the path it is of, once.
+    pub(super) fn take(&mut self) -> Option<(Path, GpuTimes)> {
+        std::mem::take(&mut self.is_new).then_some(self.latest).flatten()
+    }
+}
+
+/// The stages that a path has; the last ones of all.
+fn stages_of(path: Path) -> &'static [Stage] {
+    match path {
+        Path::Quads => &[Stage::Draw],
+        Path::Tiles => &[Stage::Preprocess, Stage::Sort, Stage::Draw],
+    }
+}
+
+fn first_query(slot: usize, stage: Stage) -> u32 {
+    2 * (N_STAGES * slot as u32 + stage as u32)
+}
+
+/// `None` from a GPU that was reset or put to sleep and ran its clock backwards.
+fn times(path: Path, bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
+    let mut out = GpuTimes { preprocess: None, sort: None, draw: 0.0 };
+    for (&stage, bytes) in stages_of(path).iter().zip(bytes.chunks_exact(STAGE_BYTES as usize)) {
+        let [begin, end]: [u64; 2] = bytemuck::pod_read_unaligned(bytes);
+        let elapsed = end.checked_sub(begin)? as f64 * milliseconds_per_tick;
+        match stage {
+            Stage::Preprocess => out.preprocess = Some(elapsed),
+            Stage::Sort => out.sort = Some(elapsed),
+            Stage::Draw => out.draw = elapsed,
         }
-        if let Ok(bytes) = readback.get_mapped_range(..) {
-            let ticks: [u64; 2] = bytemuck::pod_read_unaligned(&bytes);
-            // A GPU that was reset or put to sleep can run its clock backwards.
-            if let Some(elapsed) = ticks[1].checked_sub(ticks[0]) {
-                self.latest = Some(Duration::from_secs_f64(elapsed as f64 * self.seconds_per_tick));
-            }
+    }
+    Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_are_read_where_their_path_wrote_them() {
+        let ticks: Vec<u8> =
+            [10u64, 14, 20, 26, 30, 40].iter().flat_map(|t| t.to_le_bytes()).collect();
+        let tiles = times(Path::Tiles, &ticks, 0.5).unwrap();
+        assert_eq!(tiles, GpuTimes { preprocess: Some(2.0), sort: Some(3.0), draw: 5.0 });
+        assert_eq!(tiles.total(), 10.0);
+        let quads = times(Path::Quads, &ticks, 0.5).unwrap();
+        assert_eq!(quads, GpuTimes { preprocess: None, sort: None, draw: 2.0 });
+        let backwards: Vec<u8> = [9u64, 8].iter().flat_map(|t| t.to_le_bytes()).collect();
+        assert_eq!(times(Path::Quads, &backwards, 1.0), None);
+        for path in [Path::Quads, Path::Tiles] {
+            let stages = stages_of(path);
+            let queries: Vec<u32> = stages.iter().map(|&s| first_query(1, s)).collect();
+            assert!(queries.windows(2).all(|pair| pair[1] == pair[0] + 2), "{queries:?}");
         }
-        readback.unmap();
     }
 }

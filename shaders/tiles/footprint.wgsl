@@ -1,0 +1,50 @@
+// The tiles that a splat reaches: 16 bytes.
+struct Footprint {
+    low: u32,                   // first column and row of a rectangle of tiles, 16 bits each
+    size: u32,                  // columns and rows, 16 bits each
+    // Which tiles of the rectangle, row by row; rectangles of more than 64 are taken whole.
+    mask_low: u32,
+    mask_high: u32,
+}
+
+const MASKED_TILES: u32 = 64u;
+
+fn n_tiles_of(footprint: Footprint) -> u32 {
+    let n_tiles = (footprint.size & 0xffffu) * (footprint.size >> 16u);
+    if n_tiles > MASKED_TILES {
+        return n_tiles;
+    }
+    return countOneBits(footprint.mask_low) + countOneBits(footprint.mask_high);
+}
+
+// Column and row of one of them.
+fn tile_of(footprint: Footprint, which: u32) -> vec2<u32> {
+    let columns = footprint.size & 0xffffu;
+    var j = which;
+    if columns * (footprint.size >> 16u) <= MASKED_TILES {
+        let n_low = countOneBits(footprint.mask_low);
+        if which < n_low {
+            j = place_of_bit(footprint.mask_low, which);
+        } else {
+            j = 32u + place_of_bit(footprint.mask_high, which - n_low);
+        }
+    }
+    return vec2<u32>(footprint.low & 0xffffu, footprint.low >> 16u)
+        + vec2<u32>(j % columns, j / columns);
+}
+
+// Where the bit is that has `rank` set bits below it.
+fn place_of_bit(mask: u32, rank: u32) -> u32 {
+    var rest = mask;
+    var left = rank;
+    var at = 0u;
+    for (var width = 16u; width > 0u; width >>= 1u) {
+        let n_below = countOneBits(rest & ((1u << width) - 1u));
+        if left >= n_below {
+            left -= n_below;
+            rest >>= width;
+            at += width;
+        }
+    }
+    return at;
+}

@@ -1,0 +1,82 @@
+// Records as they wait in memory between preprocessing and blending, and which pixels they reach.
+
+// 64 bytes.
+struct Packed {
+    anchor: vec4<f32>,          // conic.anchor, conic.inverse_p2
+    factor: vec4<f32>,          // conic.factor, opacity
+    half_l_color: vec4<f32>,    // conic.half_l, red, green
+    blue_reach: vec4<f32>,      // blue, reach, 0, 0
+}
+
+// 48 bytes, for scenes with appearance only.
+struct PackedGradient {
+    along: vec4<f32>,           // along, across_y.x
+    across_x: vec4<f32>,        // across_x, across_y.y
+    across_y: vec4<f32>,        // across_y.z, 0, 0, 0
+}
+
+// Slack of the reach against f32, a share of its square.
+const REACH_SLACK: f32 = 0.01;
+
+fn pack(record: Record) -> Packed {
+    let conic = record.conic;
+    return Packed(
+        vec4<f32>(conic.anchor, conic.inverse_p2),
+        vec4<f32>(conic.factor, record.opacity),
+        vec4<f32>(conic.half_l, record.color.rg),
+        vec4<f32>(record.color.b, record.reach, 0.0, 0.0),
+    );
+}
+
+fn conic_from(packed: Packed) -> Conic {
+    return Conic(packed.anchor.xyz, packed.anchor.w, packed.factor.xyz, packed.half_l_color.xy);
+}
+
+fn pack_gradient(g: Gradient) -> PackedGradient {
+    return PackedGradient(
+        vec4<f32>(g.along, g.across_y.x),
+        vec4<f32>(g.across_x, g.across_y.y),
+        vec4<f32>(g.across_y.z, 0.0, 0.0, 0.0),
+    );
+}
+
+fn gradient_from(packed: PackedGradient) -> Gradient {
+    let across_y = vec3<f32>(packed.along.w, packed.across_x.w, packed.across_y.x);
+    return Gradient(packed.along.xyz, packed.across_x.xyz, across_y);
+}
+
+// Whether alpha can reach the cut somewhere in a box of pixel centres: never wrongly false.
+// D² ≤ k² is num·(1 − k²/|p|²) ≤ k²·h², and h is linear, so its maximum is at a corner.
+fn touches(conic: Conic, reach: f32, low: vec2<f32>, high: vec2<f32>) -> bool {
+    if view.lens == LENS_FISHEYE {
+        // Pixels are not linear in the conic's frame; the box of the cone has to do.
+        return true;
+    }
+    let a = low - conic.anchor.xy;
+    let b = high - conic.anchor.xy;
+    let k2 = reach * reach;
+    let turn = max(conic.half_l * a, conic.half_l * b);
+    let h = max(1.0 + turn.x + turn.y, 0.0);
+    let least = least_num(conic.factor, a, b) * (1.0 - k2 * conic.inverse_p2);
+    // A NaN touches.
+    return !(least > (1.0 + REACH_SLACK) * k2 * h * h);
+}
+
+// Smallest num in a box. It is convex and 0 at the origin, so outside the box its minimum lies on a
+// side that faces the origin.
+fn least_num(factor: vec3<f32>, a: vec2<f32>, b: vec2<f32>) -> f32 {
+    let nearest = clamp(vec2<f32>(0.0), a, b);
+    if all(nearest == vec2<f32>(0.0)) {
+        return 0.0;
+    }
+    let square = factor.y * factor.y + factor.z * factor.z;
+    let y = clamp(-factor.x * factor.y * nearest.x / square, a.y, b.y);
+    let x = clamp(-factor.y * nearest.y / factor.x, a.x, b.x);
+    return min(num_at(factor, nearest.x, y), num_at(factor, x, nearest.y));
+}
+
+fn num_at(factor: vec3<f32>, x: f32, y: f32) -> f32 {
+    let p = factor.x * x + factor.y * y;
+    let q = factor.z * y;
+    return p * p + q * q;
+}

@@ -1,0 +1,150 @@
+// One workgroup a tile, one lane a pixel: blends the tile's splats front to back. Of every 256 splats
+// each block of 8×4 pixels goes through those only that reach it, by lists of bits that the lanes
+// make together while they load.
+
+@group(0) @binding(1) var<storage, read> starts: array<u32>;
+@group(0) @binding(2) var<storage, read> entries: array<u32>;
+@group(0) @binding(3) var<storage, read> records: array<Packed>;
+@group(0) @binding(4) var target_image: texture_storage_2d<rgba16float, write>;
+@group(0) @binding(5) var<storage, read> gradients: array<PackedGradient>;
+
+// Whether there is one gradient a splat, and not a single one that nobody reads.
+override has_appearance: bool;
+
+const TRANSMITTANCE_STOP: f32 = 1e-4;
+const BLOCK: vec2<u32> = vec2<u32>(8u, 4u);
+const BLOCK_COLUMNS: u32 = TILE / 8u;
+const N_BLOCKS: u32 = GROUP / 32u;
+const N_WORDS: u32 = GROUP / 32u;
+
+var<workgroup> anchors: array<vec4<f32>, GROUP>;
+var<workgroup> factors: array<vec4<f32>, GROUP>;
+var<workgroup> half_l_colors: array<vec4<f32>, GROUP>;
+var<workgroup> blues: array<f32, GROUP>;
+var<workgroup> sources: array<u32, GROUP>;
+// By block, then by word of 32 splats. One is read while the other is cleared.
+var<workgroup> lists: array<array<atomic<u32>, N_BLOCKS * N_WORDS>, 2>;
+// The last batch at whose end some pixel was unfinished.
+var<workgroup> last_live: atomic<u32>;
+
+struct Pixel {
+    at: vec2<u32>,
+    sight: vec3<f32>,
+    color: vec3<f32>,
+    transmittance: f32,
+    is_live: bool,
+}
+
+@compute @workgroup_size(GROUP)
+fn raster(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    var pixel = begin(tile.xy, lane);
+    let range = range_of(tile.xy);
+    var batch = 0u;
+    for (var start = range.x; start < range.y; start += GROUP) {
+        if workgroupUniformLoad(&last_live) < batch {
+            break;
+        }
+        load(tile.xy, lane, start, range.y, batch & 1u);
+        if pixel.is_live {
+            blend(&pixel, lane / 32u, batch & 1u);
+        }
+        batch++;
+        if pixel.is_live {
+            atomicStore(&last_live, batch);
+        }
+    }
+    finish(pixel);
+}
+
+fn begin(tile: vec2<u32>, lane: u32) -> Pixel {
+    if lane < N_BLOCKS * N_WORDS {
+        atomicStore(&lists[0][lane], 0u);
+    }
+    if lane == 0u {
+        atomicStore(&last_live, 0u);
+    }
+    let in_block = lane % 32u;
+    var out: Pixel;
+    out.at = tile * TILE + corner_of(lane / 32u) + vec2<u32>(in_block % BLOCK.x, in_block / BLOCK.x);
+    let sight = sight_of(vec2<f32>(out.at) + 0.5);
+    out.sight = sight.xyz;
+    out.transmittance = 1.0;
+    out.is_live = sight.w > 0.0 && all(vec2<f32>(out.at) < view.viewport);
+    return out;
+}
+
+fn finish(pixel: Pixel) {
+    if all(vec2<f32>(pixel.at) < view.viewport) {
+        textureStore(target_image, pixel.at, vec4<f32>(pixel.color, 1.0 - pixel.transmittance));
+    }
+}
+
+fn range_of(tile: vec2<u32>) -> vec2<u32> {
+    let i = tile.y * ((u32(view.viewport.x) + TILE - 1u) / TILE) + tile.x;
+    return vec2<u32>(starts[i], starts[i + 1u]);
+}
+
+fn corner_of(block: u32) -> vec2<u32> {
+    return vec2<u32>(block % BLOCK_COLUMNS, block / BLOCK_COLUMNS) * BLOCK;
+}
+
+// Brings 256 splats to the workgroup and lists them by block. Every lane must call it.
+fn load(tile: vec2<u32>, lane: u32, start: u32, end: u32, side: u32) {
+    if start + lane < end {
+        let source = entries[start + lane];
+        let packed = records[source];
+        anchors[lane] = packed.anchor;
+        factors[lane] = packed.factor;
+        half_l_colors[lane] = packed.half_l_color;
+        blues[lane] = packed.blue_reach.x;
+        sources[lane] = source;
+        let conic = conic_from(packed);
+        for (var block = 0u; block < N_BLOCKS; block++) {
+            let low = vec2<f32>(tile * TILE + corner_of(block)) + 0.5;
+            if touches(conic, packed.blue_reach.y, low, low + vec2<f32>(BLOCK - 1u)) {
+                atomicOr(&lists[side][block * N_WORDS + lane / 32u], 1u << (lane % 32u));
+            }
+        }
+    }
+    workgroupBarrier();
+    if lane < N_BLOCKS * N_WORDS {
+        atomicStore(&lists[1u - side][lane], 0u);
+    }
+}
+
+fn blend(pixel: ptr<function, Pixel>, block: u32, side: u32) {
+    for (var word = 0u; word < N_WORDS; word++) {
+        var bits = atomicLoad(&lists[side][block * N_WORDS + word]);
+        while bits != 0u {
+            let i = word * 32u + firstTrailingBit(bits);
+            bits &= bits - 1u;
+            let seen = response(conic_at(i), (*pixel).sight);
+            let alpha = alpha_of(seen, factors[i].w);
+            if alpha >= ALPHA_CUT {
+                var color = vec3<f32>(half_l_colors[i].zw, blues[i]);
+                if has_appearance {
+                    color = color_of(seen, color, gradient_from(gradients[sources[i]]));
+                }
+                if !add(pixel, alpha, color) {
+                    return;
+                }
+            }
+        }
+    }
+}
+
+// False where the pixel is finished, which it is before the splat that would take too much.
+fn add(pixel: ptr<function, Pixel>, alpha: f32, color: vec3<f32>) -> bool {
+    let left = (*pixel).transmittance * (1.0 - alpha);
+    if left < TRANSMITTANCE_STOP {
+        (*pixel).is_live = false;
+        return false;
+    }
+    (*pixel).color += color * (alpha * (*pixel).transmittance);
+    (*pixel).transmittance = left;
+    return true;
+}
+
+fn conic_at(i: u32) -> Conic {
+    return Conic(anchors[i].xyz, anchors[i].w, factors[i].xyz, half_l_colors[i].xy);
+}

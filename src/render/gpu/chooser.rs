@@ -1,0 +1,176 @@
+//! Which path draws faster on this adapter: measured, not guessed from its name.
+
+use super::renderer::Path;
+
+/// Measurements of a path before it is judged. The first ones are of buffers that still grow and of
+/// clocks that still rise.
+const N_TRIALS: usize = 8;
+const N_IGNORED: usize = 4;
+/// Factors of the number of splats and of pixels past which the choice is made anew.
+const MANY_SPLATS: f64 = 2.0;
+const MANY_PIXELS: f64 = 1.5;
+
+/// How much there is to draw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Load {
+    pub(super) n_splats: usize,
+    pub(super) n_pixels: usize,
+}
+
+/// Tries both paths and keeps the faster one.
+#[derive(Debug)]
+pub(super) struct Chooser {
+    state: State,
+    load: Load,
+}
+
+#[derive(Debug)]
+enum State {
+    /// Not by measurement.
+    Fixed(Path),
+    Trying {
+        path: Path,
+        milliseconds: Vec<f64>,
+        quads: Option<f64>,
+    },
+    Chosen(Path),
+}
+
+impl Chooser {
+    /// Keeps to one path.
+    pub(super) fn fixed(path: Path) -> Self {
+        Self { state: State::Fixed(path), load: Load { n_splats: 0, n_pixels: 0 } }
+    }
+
+    /// Begins with quads.
+    pub(super) fn measuring() -> Self {
+        Self { state: trying(Path::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
+    }
+
+    /// Whether measurements decide.
+    pub(super) fn is_free(&self) -> bool {
+        !matches!(self.state, State::Fixed(_))
+    }
+
+    /// Tiles cannot draw this load; quads do until it changes.
+    pub(super) fn rule_out_tiles(&mut self) {
+        self.state =
+            if self.is_free() { State::Chosen(Path::Quads) } else { State::Fixed(Path::Quads) };
+    }
+
+    /// The path of the next image.
+    pub(super) fn path(&self) -> Path {
+        match &self.state {
+            State::Fixed(path) | State::Chosen(path) => *path,
+            State::Trying { path, .. } => *path,
+        }
+    }
+
+    /// Begins anew if there is much more or much less to draw than when the choice was made.
+    pub(super) fn note(&mut self, load: Load) {
+        let is_new = differs(load.n_splats, self.load.n_splats, MANY_SPLATS)
+            || differs(load.n_pixels, self.load.n_pixels, MANY_PIXELS);
+        if is_new && self.is_free() {
+            self.state = trying(Path::Quads, None);
+            self.load = load;
+        }
+    }
+
+    /// A measurement of an image, possibly of one a few frames ago.
+    pub(super) fn measured(&mut self, path: Path, total: f64) {
+        let State::Trying { path: tried, milliseconds, quads } = &mut self.state else { return };
+        if path != *tried {
+            return;
+        }
+        milliseconds.push(total);
+        if milliseconds.len() < N_TRIALS {
+            return;
+        }
+        let kept = &mut milliseconds[N_IGNORED..];
+        kept.sort_by(f64::total_cmp);
+        let median = kept[kept.len() / 2];
+        self.state = match *quads {
+            None => trying(Path::Tiles, Some(median)),
+            Some(quads) if quads <= median => State::Chosen(Path::Quads),
+            Some(_) => State::Chosen(Path::Tiles),
+        };
+    }
+}
+
+fn trying(path: Path, quads: Option<f64>) -> State {
+    State::Trying { path, milliseconds: Vec::with_capacity(N_TRIALS), quads }
+}
+
+fn differs(now: usize, before: usize, factor: f64) -> bool {
+    let (now, before) = (now as f64, before as f64);
+    now > factor * before || before > factor * now
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LOAD: Load = Load { n_splats: 1000, n_pixels: 100 };
+
+    /// Draws until the choice is made, measurements two frames late.
+    fn settle(chooser: &mut Chooser, load: Load, quads: f64, tiles: f64) -> Path {
+        let mut under_way = Vec::new();
+        for _ in 0..4 * N_TRIALS {
+            chooser.note(load);
+            under_way.push(chooser.path());
+            if under_way.len() > 2 {
+                let path = under_way.remove(0);
+                chooser.measured(path, if path == Path::Quads { quads } else { tiles });
+            }
+        }
+        chooser.path()
+    }
+
+    #[test]
+    fn the_faster_path_is_kept() {
+        for (quads, tiles, faster) in [(3.0, 1.0, Path::Tiles), (1.0, 3.0, Path::Quads)] {
+            let mut chooser = Chooser::measuring();
+            assert_eq!(settle(&mut chooser, LOAD, quads, tiles), faster);
+            // Nothing much changes: no new trial, whatever is measured.
+            let more = Load { n_splats: 1900, n_pixels: 149 };
+            assert_eq!(settle(&mut chooser, more, tiles, quads), faster);
+        }
+    }
+
+    #[test]
+    fn a_new_load_is_measured_anew() {
+        for load in [
+            Load { n_splats: 2001, ..LOAD },
+            Load { n_splats: 499, ..LOAD },
+            Load { n_pixels: 151, ..LOAD },
+            Load { n_pixels: 66, ..LOAD },
+        ] {
+            let mut chooser = Chooser::measuring();
+            assert_eq!(settle(&mut chooser, LOAD, 1.0, 2.0), Path::Quads);
+            assert_eq!(settle(&mut chooser, load, 2.0, 1.0), Path::Tiles, "{load:?}");
+        }
+    }
+
+    #[test]
+    fn a_fixed_path_stays() {
+        let mut chooser = Chooser::fixed(Path::Quads);
+        assert_eq!(settle(&mut chooser, LOAD, 5.0, 1.0), Path::Quads);
+    }
+
+    #[test]
+    fn slow_first_images_do_not_count() {
+        let mut chooser = Chooser::measuring();
+        chooser.note(LOAD);
+        for path in [Path::Quads, Path::Tiles] {
+            for i in 0..N_TRIALS {
+                let total = match (path, i < N_IGNORED) {
+                    (Path::Quads, _) => 2.0,
+                    (Path::Tiles, true) => 100.0,
+                    (Path::Tiles, false) => 1.0,
+                };
+                chooser.measured(path, total);
+            }
+        }
+        assert_eq!(chooser.path(), Path::Tiles);
+    }
+}

@@ -1,0 +1,137 @@
+//! What the tile path keeps on the GPU between its stages.
+
+use super::kernel::storage;
+use super::{GROUP, TILE_PIXELS};
+use crate::render::gpu::GpuError;
+use crate::render::gpu::allocation::Allocation;
+use crate::render::gpu::context::max_buffer_bytes;
+
+const WORD: u64 = size_of::<u32>() as u64;
+/// Sizes of the structs of `packed.wgsl` and `footprint.wgsl`.
+const RECORD_BYTES: u64 = 64;
+const GRADIENT_BYTES: u64 = 48;
+const FOOTPRINT_BYTES: u64 = 16;
+/// Of one appearance; a binding holds one at least.
+const APPEARANCE_BYTES: u64 = 80;
+const MIB: u64 = 1 << 20;
+
+/// Slots of the buffer of counts; `stages.wgsl` mirrors them.
+pub(super) mod slot {
+    pub(in super::super) const N_SPLATS: u32 = 0;
+    pub(in super::super) const N_VISIBLE: u32 = 1;
+    pub(in super::super) const N_ENTRIES: u32 = 2;
+    pub(in super::super) const N_NEEDED: u32 = 3;
+}
+/// Bytes of the buffer of counts.
+pub(super) const COUNTS_BYTES: u64 = 4 * WORD;
+
+/// By splat.
+#[derive(Debug)]
+pub(super) struct SplatBuffers {
+    pub(super) keys: [wgpu::Buffer; 2],
+    pub(super) order: [wgpu::Buffer; 2],
+    pub(super) records: wgpu::Buffer,
+    pub(super) footprints: wgpu::Buffer,
+    pub(super) blocks: wgpu::Buffer,
+    /// By splat where the scene has appearance, else a single one that nobody reads.
+    pub(super) gradients: wgpu::Buffer,
+    /// In place of the scene's where it has none.
+    pub(super) no_appearance: wgpu::Buffer,
+    pub(super) capacity: usize,
+    pub(super) has_appearance: bool,
+    allocation: Allocation,
+}
+
+impl SplatBuffers {
+    /// Room for `capacity` splats.
+    pub(super) fn new(
+        device: &wgpu::Device,
+        capacity: usize,
+        has_appearance: bool,
+    ) -> Result<Self, GpuError> {
+        let n = capacity.max(1) as u64;
+        let n_gradients = if has_appearance { n } else { 1 };
+        let n_bytes =
+            n * (4 * WORD + RECORD_BYTES + FOOTPRINT_BYTES) + n_gradients * GRADIENT_BYTES;
+        let refused = GpuError::OutOfMemory { n_splats: capacity, mib: n_bytes.div_ceil(MIB) };
+        let words = |label| storage(device, label, n * WORD);
+        let (buffers, allocation) = Allocation::new(device, refused, || {
+            (
+                [words("depths"), words("depths, other side")],
+                [words("depth order"), words("depth order, other side")],
+                storage(device, "records", n * RECORD_BYTES),
+                storage(device, "footprints", n * FOOTPRINT_BYTES),
+                storage(device, "entries by 256 splats", n.div_ceil(u64::from(GROUP)) * WORD),
+                storage(device, "gradients", n_gradients * GRADIENT_BYTES),
+            )
+        })?;
+        let (keys, order, records, footprints, blocks, gradients) = buffers;
+        let no_appearance = storage(device, "no appearance", APPEARANCE_BYTES);
+        Ok(Self {
+            keys,
+            order,
+            records,
+            footprints,
+            blocks,
+            gradients,
+            no_appearance,
+            capacity,
+            has_appearance,
+            allocation,
+        })
+    }
+
+    /// A backend's late answer to the allocation.
+    pub(super) fn check(&mut self) -> Result<(), GpuError> {
+        self.allocation.check()
+    }
+}
+
+/// By entry, which is a pair of tile and splat: 16 bytes each.
+#[derive(Debug)]
+pub(super) struct EntryBuffers {
+    pub(super) tiles: [wgpu::Buffer; 2],
+    pub(super) splats: [wgpu::Buffer; 2],
+    pub(super) capacity: u64,
+    allocation: Allocation,
+}
+
+impl EntryBuffers {
+    /// Room for `capacity` entries; `n_splats` is for the message if there is none.
+    pub(super) fn new(
+        device: &wgpu::Device,
+        capacity: u64,
+        n_splats: usize,
+    ) -> Result<Self, GpuError> {
+        let mib = (4 * capacity * WORD).div_ceil(MIB);
+        let words = |label| storage(device, label, capacity * WORD);
+        let ((tiles, splats), allocation) =
+            Allocation::new(device, GpuError::OutOfMemory { n_splats, mib }, || {
+                (
+                    [words("tiles of entries"), words("tiles of entries, other side")],
+                    [words("splats of entries"), words("splats of entries, other side")],
+                )
+            })?;
+        Ok(Self { tiles, splats, capacity, allocation })
+    }
+
+    /// A backend's late answer to the allocation.
+    pub(super) fn check(&mut self) -> Result<(), GpuError> {
+        self.allocation.check()
+    }
+}
+
+/// Entries that the adapter's buffers hold.
+pub(super) fn most_entries(limits: &wgpu::Limits) -> u64 {
+    max_buffer_bytes(limits) / WORD
+}
+
+/// Columns and rows of tiles of an image.
+pub(super) fn tile_grid((width, height): (u32, u32)) -> (u32, u32) {
+    (width.div_ceil(TILE_PIXELS), height.div_ceil(TILE_PIXELS))
+}
+
+/// First entry of each tile, and of the one past the last.
+pub(super) fn starts(device: &wgpu::Device, (columns, rows): (u32, u32)) -> wgpu::Buffer {
+    storage(device, "first entries of tiles", (u64::from(columns) * u64::from(rows) + 1) * WORD)
+}

@@ -1,0 +1,90 @@
+//! How many entries to have room for. Only the GPU knows how many an image needs, and says so a few
+//! frames later; until then the farthest splats of an image that needs more are left out.
+
+use super::buffers::{COUNTS_BYTES, slot};
+use crate::render::gpu::GpuError;
+use crate::render::gpu::ring::ReadbackRing;
+
+/// First guess, entries a splat.
+const PER_SPLAT: u64 = 4;
+const FEWEST: u64 = 1 << 16;
+
+/// Listens for what images need.
+#[derive(Debug)]
+pub(super) struct EntryDemand {
+    ring: ReadbackRing,
+    /// Most entries that an image needed since the last [`Self::capacity`].
+    needed: u64,
+    /// A capacity that the driver had no memory for.
+    refused: u64,
+    shortage: Option<GpuError>,
+}
+
+impl EntryDemand {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let ring = ReadbackRing::new(device, "needed entries", COUNTS_BYTES);
+        Self { ring, needed: 0, refused: u64::MAX, shortage: None }
+    }
+
+    /// Room to have for the next image. `most` is what the adapter's buffers hold.
+    pub(super) fn capacity(&mut self, now: u64, n_splats: usize, most: u64) -> u64 {
+        let needed = std::mem::take(&mut self.needed);
+        let wanted = capacity_for(needed, now, n_splats, most);
+        if needed > 0 {
+            let is_short = needed > most.min(self.refused - 1);
+            self.shortage =
+                is_short.then_some(GpuError::TooManyEntries { needed, capacity: wanted.max(now) });
+        }
+        if wanted < self.refused { wanted } else { now }
+    }
+
+    /// There is no memory for a capacity; it is not asked for again.
+    pub(super) fn refuse(&mut self, capacity: u64, error: GpuError) {
+        self.refused = capacity;
+        self.shortage = Some(error);
+    }
+
+    /// Why the farthest splats are left out, if they are and will be.
+    pub(super) fn shortage(&self) -> Option<&GpuError> {
+        self.shortage.as_ref()
+    }
+
+    /// After the image, in the same encoder: sends its counts on their way to the CPU.
+    pub(super) fn send(&mut self, encoder: &mut wgpu::CommandEncoder, counts: &wgpu::Buffer) {
+        let needed = &mut self.needed;
+        let free = self.ring.turn(|_, bytes| {
+            let counts: [u32; 4] = bytemuck::pod_read_unaligned(bytes);
+            *needed = (*needed).max(u64::from(counts[slot::N_NEEDED as usize]));
+        });
+        if let Some(slot) = free {
+            self.ring.send(encoder, slot, counts, COUNTS_BYTES);
+        }
+    }
+}
+
+/// Half as many again as were needed, never fewer than before.
+fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
+    let guess = FEWEST.max(PER_SPLAT * n_splats as u64);
+    let grown = if needed > now { needed + needed / 2 } else { 0 };
+    guess.max(grown).max(now).min(most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn capacity_follows_what_is_needed_up_to_the_limit() {
+        for (needed, now, n_splats, expected) in [
+            (0, 0, 0, FEWEST),
+            (0, 0, 100_000, 400_000),
+            (400_000, 400_000, 100_000, 400_000),
+            (400_002, 400_000, 100_000, 600_003),
+            (10, 600_003, 100_000, 600_003),
+            (900_000, 600_003, 100_000, 1_000_000),
+            (u64::from(u32::MAX), 1_000_000, 100_000, 1_000_000),
+        ] {
+            assert_eq!(capacity_for(needed, now, n_splats, 1_000_000), expected);
+        }
+    }
+}

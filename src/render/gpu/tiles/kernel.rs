@@ -1,0 +1,124 @@
+//! Small words for compute pipelines: build, bind, dispatch.
+
+use super::GROUP;
+
+/// A compute pipeline; its bindings are laid out as its shader names them.
+#[derive(Debug)]
+pub(super) struct Kernel(wgpu::ComputePipeline);
+
+/// A kernel with its buffers, ready to be dispatched every frame.
+#[derive(Clone, Debug)]
+pub(super) struct Bound {
+    pipeline: wgpu::ComputePipeline,
+    bindings: wgpu::BindGroup,
+}
+
+/// Workgroups in two dimensions, because one holds 65,535.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Grid {
+    pub(super) columns: u32,
+    pub(super) rows: u32,
+}
+
+impl Kernel {
+    pub(super) fn new(device: &wgpu::Device, module: &wgpu::ShaderModule, entry: &str) -> Self {
+        Self::specialized(device, module, entry, &[])
+    }
+
+    /// With values for the shader's override constants.
+    pub(super) fn specialized(
+        device: &wgpu::Device,
+        module: &wgpu::ShaderModule,
+        entry: &str,
+        constants: &[(&str, f64)],
+    ) -> Self {
+        Self(device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: None,
+            module,
+            entry_point: Some(entry),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                // Every kernel writes its workgroup memory before it reads it; drivers without a
+                // feature for this would let one lane clear all of it, in every workgroup.
+                zero_initialize_workgroup_memory: false,
+                constants,
+            },
+            cache: None,
+        }))
+    }
+
+    /// With whole buffers and images, by binding number.
+    pub(super) fn bind(
+        &self,
+        device: &wgpu::Device,
+        resources: &[(u32, wgpu::BindingResource<'_>)],
+    ) -> Bound {
+        let entries: Vec<_> = resources
+            .iter()
+            .map(|(binding, resource)| wgpu::BindGroupEntry {
+                binding: *binding,
+                resource: resource.clone(),
+            })
+            .collect();
+        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &self.0.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        Bound { pipeline: self.0.clone(), bindings }
+    }
+}
+
+impl Bound {
+    pub(super) fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, grid: Grid) {
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bindings, &[]);
+        pass.dispatch_workgroups(grid.columns, grid.rows, 1);
+    }
+}
+
+impl Grid {
+    /// So many workgroups in a row, at most 65,535.
+    pub(super) fn row(columns: u32) -> Self {
+        Self { columns, rows: 1 }
+    }
+
+    /// At least one lane for each of `n` things.
+    pub(super) fn lanes(n: usize) -> Self {
+        let n_groups = n.div_ceil(GROUP as usize);
+        let columns = n_groups.clamp(1, 65_535);
+        Self { columns: columns as u32, rows: n_groups.div_ceil(columns).max(1) as u32 }
+    }
+}
+
+pub(super) fn module(device: &wgpu::Device, label: &str, source: &str) -> wgpu::ShaderModule {
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(label),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
+    })
+}
+
+/// A buffer that kernels read and write.
+pub(super) fn storage(device: &wgpu::Device, label: &str, bytes: u64) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size: bytes,
+        usage: wgpu::BufferUsages::STORAGE,
+        mapped_at_creation: false,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Grid;
+
+    #[test]
+    fn grids_cover_everything_within_the_limit() {
+        for n in [0, 1, 255, 256, 257, 65_535 * 256, 65_535 * 256 + 1, 40_000_000] {
+            let grid = Grid::lanes(n);
+            assert!(grid.columns <= 65_535 && grid.rows >= 1);
+            let lanes = 256 * grid.columns as usize * grid.rows as usize;
+            assert!(lanes >= n && lanes < n + 256 * (grid.columns as usize + 1), "{n}");
+        }
+    }
+}

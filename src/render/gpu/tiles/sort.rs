@@ -1,0 +1,191 @@
+//! Stable radix sort of u32 keys with u32 values on the GPU; `sort.wgsl` says how.
+
+use super::kernel::{Bound, Grid, Kernel, module, storage};
+use super::shader;
+
+/// Workgroups of the passes over all keys; `N_STRIPS` in `sort.wgsl`.
+const N_STRIPS: u32 = 1024;
+/// Most bits of one digit: a lane of a workgroup for each value.
+const DIGIT_BITS: u32 = 8;
+
+/// The pipelines, and the counts of digits that every sort needs for a moment.
+#[derive(Debug)]
+pub struct RadixSort {
+    histogram: Kernel,
+    spine: Kernel,
+    scatter: Kernel,
+    strips: wgpu::Buffer,
+    totals: wgpu::Buffer,
+}
+
+/// What the keys are before the first pass. Slots are of the buffer of counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Keys {
+    /// The value of a key is its place. Keys of all ones are dropped.
+    Indexed {
+        /// Slot of the number of keys.
+        source: u32,
+        /// Slot that gets the number of keys not dropped.
+        sink: u32,
+    },
+    /// Values lie beside the keys.
+    Valued {
+        /// Slot of the number of keys.
+        source: u32,
+    },
+}
+
+/// Two places for keys and values each, between which the passes go back and forth; the first ones
+/// are where the keys start.
+#[derive(Clone, Copy, Debug)]
+pub struct SortBuffers<'a> {
+    /// u32 each.
+    pub keys: [&'a wgpu::Buffer; 2],
+    /// u32 each, as many.
+    pub values: [&'a wgpu::Buffer; 2],
+    /// Numbers of keys, u32 each.
+    pub counts: &'a wgpu::Buffer,
+}
+
+/// A sort of certain buffers, to be recorded every frame.
+#[derive(Debug)]
+pub struct SortPlan {
+    passes: Vec<[(Bound, Grid); 3]>,
+}
+
+/// `Digit` in `sort.wgsl`.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Digit {
+    shift: u32,
+    n_values: u32,
+    source: u32,
+    is_first: u32,
+    sink: u32,
+    padding: [u32; 3],
+}
+
+impl RadixSort {
+    /// Builds the pipelines.
+    pub fn new(device: &wgpu::Device) -> Self {
+        let module = module(device, "radix sort", shader::SORT);
+        let word = size_of::<u32>() as u64;
+        Self {
+            histogram: Kernel::new(device, &module, "histogram"),
+            spine: Kernel::new(device, &module, "spine"),
+            scatter: Kernel::new(device, &module, "scatter"),
+            strips: storage(device, "digits", word * u64::from(N_STRIPS << DIGIT_BITS)),
+            totals: storage(device, "digit totals", word << DIGIT_BITS),
+        }
+    }
+
+    /// A sort by the lowest `bits` bits of the keys (at most 32); more than 0 for indexed keys.
+    pub fn plan(
+        &self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        buffers: SortBuffers<'_>,
+        bits: u32,
+        keys: Keys,
+    ) -> SortPlan {
+        let passes = digits(bits, keys)
+            .into_iter()
+            .enumerate()
+            .map(|(i, digit)| self.bind(device, queue, buffers, i % 2, digit))
+            .collect();
+        SortPlan { passes }
+    }
+
+    fn bind(
+        &self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        buffers: SortBuffers<'_>,
+        from: usize,
+        digit: Digit,
+    ) -> [(Bound, Grid); 3] {
+        let uniforms = device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("digit"),
+            size: size_of::<Digit>() as u64,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        queue.write_buffer(&uniforms, 0, bytemuck::bytes_of(&digit));
+        let to = 1 - from;
+        let all = [
+            &uniforms,
+            buffers.counts,
+            buffers.keys[from],
+            buffers.values[from],
+            buffers.keys[to],
+            buffers.values[to],
+            &self.strips,
+            &self.totals,
+        ];
+        let bind = |kernel: &Kernel, used: &[u32]| {
+            let resources: Vec<_> = used
+                .iter()
+                .map(|&binding| (binding, all[binding as usize].as_entire_binding()))
+                .collect();
+            kernel.bind(device, &resources)
+        };
+        [
+            (bind(&self.histogram, &[0, 1, 2, 6]), Grid::row(N_STRIPS)),
+            (bind(&self.spine, &[0, 1, 6, 7]), Grid::row(digit.n_values)),
+            (bind(&self.scatter, &[0, 1, 2, 3, 4, 5, 6, 7]), Grid::row(N_STRIPS)),
+        ]
+    }
+}
+
+impl SortPlan {
+    /// Records every pass.
+    pub fn record(&self, pass: &mut wgpu::ComputePass<'_>) {
+        for (kernel, grid) in self.passes.iter().flatten() {
+            kernel.dispatch(pass, *grid);
+        }
+    }
+
+    /// Which of the two keys and values are sorted afterwards.
+    pub fn result(&self) -> usize {
+        self.passes.len() % 2
+    }
+}
+
+/// The fewest passes, their digits as narrow as that allows.
+fn digits(bits: u32, keys: Keys) -> Vec<Digit> {
+    let n_passes = bits.div_ceil(DIGIT_BITS);
+    let width = bits.div_ceil(n_passes.max(1));
+    (0..n_passes)
+        .map(|i| {
+            let shift = i * width;
+            let (source, is_first, sink) = match keys {
+                Keys::Indexed { source, sink } if i == 0 => (source, 1, sink),
+                Keys::Indexed { sink, .. } => (sink, 0, 0),
+                Keys::Valued { source } => (source, 0, 0),
+            };
+            let n_values = 1 << width.min(bits - shift);
+            Digit { shift, n_values, source, is_first, sink, padding: [0; 3] }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digits_cover_every_bit_once() {
+        for bits in 0..=32 {
+            let digits = digits(bits, Keys::Valued { source: 0 });
+            let widths = digits.iter().map(|d| d.n_values.trailing_zeros());
+            assert_eq!(widths.sum::<u32>(), bits);
+            assert_eq!(digits.len() as u32, bits.div_ceil(8));
+            for pair in digits.windows(2) {
+                assert_eq!(pair[0].shift + pair[0].n_values.trailing_zeros(), pair[1].shift);
+            }
+        }
+        // The tiles of 1280×720.
+        let tiles = digits(12, Keys::Valued { source: 0 });
+        assert_eq!(tiles.iter().map(|d| d.n_values).collect::<Vec<_>>(), [64, 64]);
+    }
+}

@@ -1,0 +1,43 @@
+//! Random splats and cameras.
+
+use glam::DVec3;
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::pose::Pose;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::appearance::Appearance;
+use vbgs_studio::model::splats::Splat;
+
+/// Splats in a cube of 3 world units; scales from `largest` down to a `thinnest` share of it.
+pub fn cloud(seed: u64, n: usize, largest: f64, thinnest: f64, opacity: [f64; 2]) -> Vec<Splat> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+    (0..n)
+        .map(|_| {
+            let mut at = |lo: f64, hi: f64| rng.range(lo, hi) as f32;
+            let q = [0; 4].map(|_| at(-1.0, 1.0));
+            let norm = q.iter().map(|v| v * v).sum::<f32>().sqrt();
+            Splat {
+                mean: [0; 3].map(|_| at(-1.5, 1.5)),
+                opacity: at(opacity[0], opacity[1]),
+                color: [0; 3].map(|_| at(0.0, 1.0)),
+                scale: [0; 3].map(|_| {
+                    largest as f32 * f64::from(at(thinnest.ln() as f64, 0.0)).exp() as f32
+                }),
+                rotation: q.map(|v| v / norm),
+            }
+        })
+        .collect()
+}
+
+/// Gradients of about 1 a world unit, view dependence of about a third.
+pub fn appearance(seed: u64, n: usize) -> Vec<Appearance> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
+    let mut rows = |size: f64| [0; 3].map(|_| [0; 3].map(|_| (size * rng.normal()) as f32));
+    (0..n).map(|_| Appearance { gradient: rows(1.0), directional: rows(0.3) }).collect()
+}
+
+pub fn camera(width: u32, height: u32, eye: DVec3, fov: f64) -> Camera {
+    Camera {
+        intrinsics: Intrinsics::from_horizontal_fov(width, height, fov),
+        pose: Pose::look_at(eye, DVec3::new(0.1, 0.2, 0.0), DVec3::Z).unwrap(),
+    }
+}
