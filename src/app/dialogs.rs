@@ -225,8 +225,8 @@ pub fn help(ui: &Ui, is_open: &mut bool) {
         |ui| {
             Grid::new("shortcuts").num_columns(2).striped(true).show(ui, |ui| {
                 for command in Command::ALL {
-                    if let Some(shortcut) = command.shortcut() {
-                        ui.label(RichText::new(ui.ctx().format_shortcut(&shortcut)).monospace());
+                    if !command.shortcuts().is_empty() {
+                        ui.label(RichText::new(command.keys(ui.ctx())).monospace());
                         ui.label(command.tooltip());
                         ui.end_row();
                     }
