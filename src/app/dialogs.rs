@@ -211,10 +211,11 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
 }
 
 /// Mouse actions of the viewport, for the help window.
-const MOUSE: [(&str, &str); 4] = [
+const MOUSE: [(&str, &str); 5] = [
     ("Left drag", "Orbit"),
     ("Right or middle drag", "Pan"),
     ("Wheel, pinch", "Dolly"),
+    ("Drag a divider", "Wipe from one picture to the other"),
     ("Drop a folder or file", "Open it"),
 ];
 

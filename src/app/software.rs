@@ -108,7 +108,7 @@ impl SoftwarePainter {
         }
         self.ask(ui, shot, effort);
         if let Some(texture) = &self.texture
-            && self.n_drawn > 0
+            && (self.n_drawn > 0 || shot.second.is_some())
         {
             let uv = eframe::egui::Rect::from_min_max([0.0, 0.0].into(), [1.0, 1.0].into());
             ui.painter().image(texture.id(), rect, uv, Color32::WHITE);

@@ -158,4 +158,20 @@ mod tests {
         assert_eq!(thread.take(), Some((7, 3)));
         assert!(thread.take().is_none() && !thread.is_busy());
     }
+
+    #[test]
+    fn changes_do_not_pile_up_while_nobody_asks() {
+        let thread =
+            ViewThread::start("test", Arc::new(|| {}), |splats: &[Splat], (): ()| splats.len())
+                .unwrap();
+        let started = std::time::Instant::now();
+        for n in 1..=3 {
+            thread.change(SplatChange::All(vec![Splat::default(); n]));
+            while !thread.desk.lock().changes.is_empty() {
+                assert!(started.elapsed() < Duration::from_secs(10), "never taken");
+                std::thread::yield_now();
+            }
+        }
+        assert!(!thread.is_busy() && thread.take().is_none());
+    }
 }

@@ -83,10 +83,12 @@ fn table(frames: &[FrameReport], ui: &mut Ui) {
             row(ui, Some(COLORS[stage]), LABELS[stage], values);
         }
         row(ui, None, "Training, total", frames.iter().map(|f| f.ms.stages.train));
-        let beside = "Not part of the total: done on another thread where the machine has a core \
+        let beside = "Done on another thread where the machine has a core \
                       to spare, else between two trainings";
-        row(ui, None, "Decode, apart", frames.iter().map(|f| f.ms.load)).on_hover_text(beside);
-        row(ui, None, "Prepare, apart", frames.iter().map(|f| f.ms.prepare)).on_hover_text(beside);
+        row(ui, None, "Decode (not in total)", frames.iter().map(|f| f.ms.load))
+            .on_hover_text(beside);
+        row(ui, None, "Prepare (not in total)", frames.iter().map(|f| f.ms.prepare))
+            .on_hover_text(beside);
     });
 }
 

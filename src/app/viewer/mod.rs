@@ -121,6 +121,11 @@ impl SceneView {
         }
     }
 
+    /// Share of the viewport's width at which a wipe changes over.
+    pub fn divider(&self) -> f32 {
+        self.divider
+    }
+
     /// Vertical field of view of the scene's own camera, degrees.
     pub fn own_fov_deg(&self) -> f32 {
         self.camera.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
