@@ -18,7 +18,7 @@ use vbgs_studio::model::splats::{Splat, framing};
 use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::renderer::{GpuTimes, Path, SplatRenderer};
-use vbgs_studio::render::gpu::scene::GpuScene;
+use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 use vbgs_studio::render::{Method, RenderOptions};
 
@@ -82,7 +82,11 @@ fn measure(gpu: &Gpu, name: &str, splats: &[Splat]) -> Result<(), Box<dyn Error>
             let options = RenderOptions::evaluation(method, [1.0; 3]);
             let mut scene = GpuScene::new(&gpu.device, &gpu.queue, splats)?;
             let mut scratch = SortScratch::default();
-            scene.set_order(&gpu.queue, back_to_front(splats, &camera, &options, &mut scratch))?;
+            scene.set_order(
+                &gpu.queue,
+                OrderOf::First,
+                back_to_front(splats, &camera, &options, &mut scratch),
+            )?;
             for path in [Path::Quads, Path::Tiles] {
                 let (times, wall) = frames(gpu, path, &scene, &camera, &options)?;
                 let stage = |of: fn(&GpuTimes) -> f64| {
@@ -113,7 +117,7 @@ fn frames(
     options: &RenderOptions,
 ) -> Result<(Vec<GpuTimes>, f64), Box<dyn Error>> {
     let (device, queue) = (&gpu.device, &gpu.queue);
-    let mut renderer = SplatRenderer::new(device, queue)?;
+    let mut renderer = SplatRenderer::new(device, queue, OrderOf::First)?;
     renderer.set_path(path);
     let (mut times, mut wall) = (Vec::new(), Vec::new());
     for i in 0..WARM_UPS + REPETITIONS {

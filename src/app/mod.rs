@@ -4,16 +4,19 @@
 //! viewport through [`feed`]. What is legal when stands in [`command`].
 
 pub mod camera;
+pub mod color_mode;
 pub mod command;
 mod dialogs;
+pub mod drawing;
+mod drop_target;
 pub mod feed;
 mod opening;
 mod panels;
-mod scene_view;
 mod software;
 pub mod state;
 mod studio;
 mod view_thread;
+pub mod viewer;
 mod viewport;
 pub mod worker;
 

@@ -2,13 +2,17 @@
 
 use super::command::Command;
 use super::dialogs::{self, Decision, PathDialog};
-use super::panels::{latency, notices, scene, status, transport};
-use super::scene_view::SceneView;
+use super::drawing::Drawer;
+use super::drop_target;
+use super::panels::{latency, notices, scene, settings, status, transport};
 use super::state::{RunState, Snapshot, Subject};
-use super::viewport::{self, GpuPainter};
+use super::viewer::painter::Painter;
+use super::viewer::settings::ViewSettings;
+use super::viewer::{SceneView, toolbar};
 use super::worker::{Order, Waker, Worker};
 use eframe::egui::{
-    CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
+    CentralPanel, Color32, FocusDirection, Frame, Key, Panel, RichText, Ui, ViewportCommand,
+    Visuals,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -19,6 +23,7 @@ enum Tab {
     #[default]
     Latency,
     Scene,
+    Settings,
 }
 
 /// Who draws the scene.
@@ -59,6 +64,9 @@ pub struct Studio {
 const INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 
+/// Where the viewport's settings are kept between sessions.
+const STORAGE_KEY: &str = "viewport";
+
 impl Studio {
     /// Builds the application on eframe's context and opens `subject`, if there is one.
     pub fn new(
@@ -69,15 +77,24 @@ impl Studio {
     ) -> std::io::Result<Self> {
         let egui = context.egui_ctx.clone();
         let waker: Waker = Arc::new(move || egui.request_repaint());
-        let (gpu, adapter) = gpu_painter(context, painting, &waker);
-        let interval = if gpu.is_some() { INTERVAL } else { SOFTWARE_INTERVAL };
+        let (painter, adapter) = Painter::choose(context, painting, &waker)?;
+        let on_cpu = painter.drawer() == Drawer::Cpu;
+        let interval = if on_cpu { SOFTWARE_INTERVAL } else { INTERVAL };
         let worker = Worker::start(waker.clone(), interval)?;
         if let Some(subject) = subject {
             worker.send(Order::Open(subject));
         }
+        let stored = context.storage.and_then(|storage| storage.get_string(STORAGE_KEY));
+        let (settings, problem) = match stored {
+            Some(text) => ViewSettings::from_text(&text),
+            None => (ViewSettings::default(), None),
+        };
+        if let Some(problem) = problem {
+            worker.send(Order::Report(problem));
+        }
         Ok(Self {
             worker,
-            view: SceneView::new(gpu, waker.clone())?,
+            view: SceneView::new(painter, settings, waker.clone()),
             waker,
             adapter,
             tab: Tab::default(),
@@ -103,6 +120,11 @@ impl Studio {
         self.view.n_drawn()
     }
 
+    /// The central view.
+    pub fn view(&self) -> &SceneView {
+        &self.view
+    }
+
     fn obey(&mut self, command: Command, snapshot: &Snapshot) {
         if !command.is_legal(snapshot.state, snapshot.source) {
             return;
@@ -116,10 +138,14 @@ impl Studio {
             Command::Reset => self.discard_then(Order::Reset, snapshot),
             Command::Save => self.save_dialog.show(),
             Command::Export => self.export_dialog.show(),
-            Command::FrameScene => self.view.frame_scene(),
-            Command::Home => {
+            Command::FrameScene
+            | Command::Home
+            | Command::ToggleRenderer
+            | Command::PreviousCamera
+            | Command::NextCamera
+            | Command::ComparePhoto => {
                 if let Some(opened) = &snapshot.opened {
-                    self.view.go_home(opened);
+                    self.view.obey(command, opened);
                 }
             }
             Command::Help => self.help_is_open = !self.help_is_open,
@@ -150,13 +176,16 @@ impl Studio {
         if ui.ctx().egui_wants_keyboard_input() || self.discarding.is_some() {
             return;
         }
+        if ui.input(|i| i.key_pressed(Key::Tab)) {
+            // The key is a command's; it would also move the focus, and keys with it.
+            ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
+        }
         for command in Command::ALL {
             if !command.is_legal(snapshot.state, snapshot.source) {
                 continue;
             }
-            let pressed =
-                command.shortcut().is_some_and(|s| ui.input_mut(|i| i.consume_shortcut(&s)));
-            if pressed {
+            let keys = command.shortcuts();
+            if ui.input_mut(|i| keys.iter().any(|key| i.consume_shortcut(key))) {
                 self.obey(command, snapshot);
             }
         }
@@ -208,11 +237,17 @@ impl Studio {
         ui.horizontal(|ui| {
             ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
             ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
+            ui.selectable_value(&mut self.tab, Tab::Settings, "Settings");
         });
         ui.separator();
         match self.tab {
-            Tab::Latency => latency::ui(snapshot, ui),
+            Tab::Latency => latency::ui(snapshot, self.view.drawn(), ui),
             Tab::Scene => scene::ui(snapshot, ui),
+            Tab::Settings => {
+                let own_fov_deg = self.view.own_fov_deg();
+                let around = settings::Surroundings { adapter: &self.adapter, own_fov_deg };
+                settings::ui(&mut self.view.settings, &around, ui);
+            }
         }
     }
 
@@ -255,32 +290,16 @@ fn would_lose(snapshot: &Snapshot) -> bool {
     snapshot.unsaved_frames > 0 && snapshot.opened.as_ref().is_some_and(|o| !o.is_demo)
 }
 
-/// A GPU painter if the adapter is a real GPU, and who draws, for the status line.
-fn gpu_painter(
-    context: &eframe::CreationContext<'_>,
-    painting: Painting,
-    waker: &Waker,
-) -> (Option<GpuPainter>, String) {
-    let Some(state) = &context.wgpu_render_state else {
-        return (None, "CPU renderer".to_owned());
-    };
-    let capabilities = viewport::capabilities(state);
-    tracing::info!("adapter: {capabilities}");
-    if capabilities.is_software() && painting == Painting::Auto {
-        return (None, format!("CPU renderer; window by {capabilities}"));
-    }
-    match GpuPainter::new(state, waker.clone()) {
-        Ok(painter) => (Some(painter), capabilities.to_string()),
-        Err(error) => {
-            tracing::warn!("{error}");
-            (None, format!("CPU renderer ({error})"))
-        }
-    }
-}
-
 impl eframe::App for Studio {
     fn clear_color(&self, visuals: &Visuals) -> [f32; 4] {
         visuals.panel_fill.to_normalized_gamma_f32()
+    }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        match self.view.settings.to_text() {
+            Ok(text) => storage.set_string(STORAGE_KEY, text),
+            Err(error) => tracing::warn!("the settings of the viewport are not kept: {error}"),
+        }
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
@@ -310,29 +329,22 @@ impl eframe::App for Studio {
             .size_range(240.0..=640.0)
             .frame(frame)
             .show(ui, |ui| self.side_panel(ui, &snapshot));
+        if let Some(opened) = &snapshot.opened {
+            let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
+                ui.add_space(2.0);
+                let asked = toolbar::ui(&mut self.view, &snapshot, opened, ui);
+                ui.add_space(2.0);
+                asked
+            });
+            if let Some(command) = asked.inner {
+                self.obey(command, &snapshot);
+            }
+        }
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             self.central_view(ui, &snapshot);
             self.dismissed = notices::ui(&snapshot, self.dismissed, ui);
         });
         self.dialogs(ui, &snapshot);
-        show_drop_target(ui.ctx());
+        drop_target::show(ui.ctx());
     }
-}
-
-/// A hint while a file is dragged over the window.
-fn show_drop_target(ctx: &Context) {
-    use eframe::egui::{Align2, Color32, FontId, Id, LayerId, Order as Layer};
-    if ctx.input(|i| i.raw.hovered_files.is_empty()) {
-        return;
-    }
-    let painter = ctx.layer_painter(LayerId::new(Layer::Foreground, Id::unique("drop target")));
-    let rect = ctx.content_rect();
-    painter.rect_filled(rect, 0.0, Color32::from_black_alpha(160));
-    painter.text(
-        rect.center(),
-        Align2::CENTER_CENTER,
-        "Drop to open",
-        FontId::proportional(28.0),
-        Color32::WHITE,
-    );
 }

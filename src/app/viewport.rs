@@ -1,22 +1,27 @@
 //! Painting with a real GPU: hands eframe's device to `render::gpu` and draws its result inside the
 //! window's own pass. The only file of the window that knows wgpu.
 
+use super::drawing::{DrawSample, Drawer, Stage};
 use super::feed::SplatChange;
 use super::view_thread::{Announce, ViewThread};
+use super::viewer::shot::{Partner, Second as SecondPicture, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
+use crate::math::image::RgbImage;
 use crate::model::splats::Splat;
 use crate::render::RenderOptions;
 use crate::render::gpu::GpuError;
-use crate::render::gpu::composite::Compositor;
+use crate::render::gpu::composite::{Compositor, Second};
 use crate::render::gpu::context::GpuCaps;
 use crate::render::gpu::faults::GpuFaults;
+use crate::render::gpu::photo::PhotoTexture;
 use crate::render::gpu::renderer::SplatRenderer;
-use crate::render::gpu::scene::GpuScene;
+use crate::render::gpu::scene::{GpuScene, OrderOf};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
 use eframe::egui::{PaintCallbackInfo, Rect, Ui};
 use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// The adapter eframe chose, and what it can do.
 pub fn capabilities(state: &RenderState) -> GpuCaps {
@@ -51,42 +56,76 @@ pub struct GpuPainter {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: GpuFaults,
+    drawer: Drawer,
     scene: GpuScene,
     renderer: SplatRenderer,
+    /// For the other picture of a comparison; made when first needed.
+    second: Option<SplatRenderer>,
+    photo: Option<(Arc<RgbImage>, PhotoTexture)>,
     compositor: Arc<Mutex<Compositor>>,
     /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
     pending: Option<Vec<u32>>,
-    sorter: ViewThread<(Camera, RenderOptions), Vec<u32>>,
-    sorted_for: Option<(Camera, RenderOptions)>,
+    sorter: ViewThread<Asked, Sorted>,
+    /// What the newest order took to find.
+    sort_ms: Option<f64>,
+    sorted_for: Option<Asked>,
     is_stale: bool,
     n_drawn: usize,
+}
+
+/// A view, and how it is drawn: once, or twice for a comparison.
+type Asked = (Camera, RenderOptions, Option<RenderOptions>);
+
+struct Sorted {
+    first: Vec<u32>,
+    second: Option<Vec<u32>>,
+    ms: f64,
 }
 
 impl GpuPainter {
     /// Builds all GPU state on eframe's device.
     pub fn new(state: &RenderState, waker: Waker) -> Result<Self, PaintError> {
-        capabilities(state).check()?;
+        let capabilities = capabilities(state);
+        capabilities.check()?;
         let (device, queue) = (state.device.clone(), state.queue.clone());
         let faults = GpuFaults::default();
         faults.watch(&device);
         let mut scratch = SortScratch::default();
-        let sort = move |splats: &[Splat], (camera, options): (Camera, RenderOptions)| {
-            back_to_front(splats, &camera, &options, &mut scratch).to_vec()
+        let sort = move |splats: &[Splat], (camera, first, second): Asked| {
+            let started = Instant::now();
+            let mut order =
+                |options| back_to_front(splats, &camera, &options, &mut scratch).to_vec();
+            let (first, second) = (order(first), second.map(order));
+            Sorted { first, second, ms: started.elapsed().as_secs_f64() * 1e3 }
         };
         let sorter = ViewThread::start("sorting", waker, sort)?;
         Ok(Self {
             scene: GpuScene::new(&device, &queue, &[])?,
-            renderer: SplatRenderer::new(&device, &queue)?,
+            renderer: SplatRenderer::new(&device, &queue, OrderOf::First)?,
+            second: None,
+            photo: None,
             compositor: Arc::new(Mutex::new(Compositor::new(&device, state.target_format))),
+            drawer: if capabilities.has_timestamps { Drawer::Gpu } else { Drawer::UntimedGpu },
             device,
             queue,
             faults,
             pending: None,
             sorter,
+            sort_ms: None,
             sorted_for: None,
             is_stale: true,
             n_drawn: 0,
         })
+    }
+
+    /// Whether its passes can be timed.
+    pub fn drawer(&self) -> Drawer {
+        self.drawer
+    }
+
+    /// Splats there are.
+    pub fn n_drawn(&self) -> usize {
+        self.n_drawn
     }
 
     /// Hands changed splats over; `splats` are all of them, the change applied.
@@ -101,62 +140,106 @@ impl GpuPainter {
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
-    /// Draws the scene and queues it for painting over `rect`. Returns the number of splats there
-    /// are; an error means that this painter is of no more use.
+    /// Draws the scene, twice where renderers are compared, and queues it for painting over `rect`.
+    /// Returns what it takes; an error means that this painter is of no more use.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
-        camera: Camera,
-        options: &RenderOptions,
+        shot: &Shot,
         splats: &[Splat],
-    ) -> Result<usize, PaintError> {
+    ) -> Result<DrawSample, PaintError> {
         if let Some(fault) = self.faults.take().into_iter().next() {
             return Err(PaintError::Fault(fault.message));
         }
-        self.upload(splats)?;
-        self.sort(camera, *options);
-        let mut encoder =
-            self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        self.renderer.render(
-            &self.device,
-            &self.queue,
-            &mut encoder,
-            &self.scene,
-            &camera,
-            options,
-        )?;
-        self.queue.submit([encoder.finish()]);
-        let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
-        compositor.prepare(&self.device, &self.queue, self.renderer.target(), options.background);
-        drop(compositor);
+        let mut sample = DrawSample::new(self.upload(splats)?);
+        self.sort(shot);
+        sample.add(Stage::Order, self.sort_ms);
+        self.draw(shot, &mut sample)?;
+        self.compose(shot)?;
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
-        Ok(self.n_drawn)
+        Ok(sample)
     }
 
-    fn upload(&mut self, splats: &[Splat]) -> Result<(), GpuError> {
-        match self.pending.take() {
-            None => self.scene = GpuScene::new(&self.device, &self.queue, splats)?,
-            Some(ids) if ids.is_empty() => {}
-            Some(ids) => {
-                self.scene.update(&self.device, &self.queue, &ids, splats)?;
+    fn draw(&mut self, shot: &Shot, sample: &mut DrawSample) -> Result<(), GpuError> {
+        let Self { device, queue, scene, .. } = self;
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut draw = |renderer: &mut SplatRenderer, options: &RenderOptions| {
+            renderer.render(device, queue, &mut encoder, scene, &shot.camera, options)?;
+            let times = renderer.gpu_times();
+            sample.add(Stage::Preprocess, times.and_then(|times| times.preprocess));
+            sample.add(Stage::Sort, times.and_then(|times| times.sort));
+            sample.add(Stage::Draw, times.map(|times| times.draw));
+            Ok(())
+        };
+        draw(&mut self.renderer, &shot.options)?;
+        if let Some(SecondPicture { partner: Partner::Splats(options), .. }) = &shot.second {
+            if self.second.is_none() {
+                self.second = Some(SplatRenderer::new(device, queue, OrderOf::Second)?);
+            }
+            if let Some(second) = &mut self.second {
+                draw(second, options)?;
             }
         }
-        self.pending = Some(Vec::new());
+        queue.submit([encoder.finish()]);
         Ok(())
     }
 
-    /// Takes a finished order and asks for the next one if the view or the splats changed.
-    fn sort(&mut self, camera: Camera, options: RenderOptions) {
-        if let Some(order) = self.sorter.take()
-            && self.scene.set_order(&self.queue, &order).is_err()
+    fn compose(&mut self, shot: &Shot) -> Result<(), GpuError> {
+        if let Some(SecondPicture { partner: Partner::Photo(photo), .. }) = &shot.second
+            && self.photo.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, photo))
         {
-            self.is_stale = true; // the scene shrank meanwhile: a new order is on its way
+            let texture = PhotoTexture::new(&self.device, &self.queue, photo)?;
+            self.photo = Some((photo.clone(), texture));
         }
-        if (self.is_stale || self.sorted_for != Some((camera, options))) && !self.sorter.is_busy() {
-            self.sorter.ask((camera, options), Announce::Wake);
-            self.sorted_for = Some((camera, options));
+        let second = shot.second.as_ref().and_then(|second| {
+            let view = match second.partner {
+                Partner::Splats(_) => self.second.as_ref().map(|r| r.target().view()),
+                Partner::Photo(_) => self.photo.as_ref().map(|(_, texture)| texture.view()),
+            };
+            Some(Second { view: view?, area: second.area, how: second.how })
+        });
+        let image = self.renderer.target();
+        let background = shot.options.background;
+        let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
+        compositor.prepare_pair(&self.device, &self.queue, image, background, second);
+        Ok(())
+    }
+
+    /// Brings the scene up to date; the bytes sent.
+    fn upload(&mut self, splats: &[Splat]) -> Result<u64, GpuError> {
+        let bytes = match self.pending.take() {
+            None => {
+                self.scene = GpuScene::new(&self.device, &self.queue, splats)?;
+                self.scene.n_splats() as u64 * GpuScene::BYTES_PER_SPLAT
+            }
+            Some(ids) if ids.is_empty() => 0,
+            Some(ids) => self.scene.update(&self.device, &self.queue, &ids, splats)?,
+        };
+        self.pending = Some(Vec::new());
+        Ok(bytes)
+    }
+
+    /// Takes a finished order and asks for the next one if the view or the splats changed.
+    fn sort(&mut self, shot: &Shot) {
+        let second = match &shot.second {
+            Some(SecondPicture { partner: Partner::Splats(options), .. }) => Some(*options),
+            _ => None,
+        };
+        let asked = (shot.camera, shot.options, second);
+        if let Some(sorted) = self.sorter.take() {
+            self.sort_ms = Some(sorted.ms);
+            let orders = [(OrderOf::First, Some(sorted.first)), (OrderOf::Second, sorted.second)];
+            for (of, order) in orders {
+                let set = order.map(|order| self.scene.set_order(&self.queue, of, &order));
+                // After the scene shrank meanwhile, a new order is needed.
+                self.is_stale |= set.is_some_and(|set| set.is_err());
+            }
+        }
+        if (self.is_stale || self.sorted_for != Some(asked)) && !self.sorter.is_busy() {
+            self.sorter.ask(asked, Announce::Wake);
+            self.sorted_for = Some(asked);
             self.is_stale = false;
         }
     }

@@ -4,6 +4,7 @@
 //! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes are OpenCV's and
 //! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
 
+pub mod compare;
 mod options;
 pub mod paint;
 

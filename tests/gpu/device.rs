@@ -12,7 +12,7 @@ use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
-use vbgs_studio::render::gpu::scene::GpuScene;
+use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 use vbgs_studio::render::{Method, RenderOptions};
 
@@ -43,7 +43,7 @@ impl Gpu {
     }
 
     pub fn renderer(&self) -> SplatRenderer {
-        SplatRenderer::new(&self.device, &self.queue).unwrap()
+        SplatRenderer::new(&self.device, &self.queue, OrderOf::First).unwrap()
     }
 
     /// Sorts, uploads the order and draws once.
@@ -57,7 +57,7 @@ impl Gpu {
     ) {
         let mut scratch = SortScratch::default();
         let order = back_to_front(splats, camera, options, &mut scratch);
-        scene.set_order(&self.queue, order).unwrap();
+        scene.set_order(&self.queue, OrderOf::First, order).unwrap();
         let mut encoder = self.device.create_command_encoder(&Default::default());
         renderer.render(&self.device, &self.queue, &mut encoder, scene, camera, options).unwrap();
         self.queue.submit([encoder.finish()]);

@@ -9,7 +9,7 @@ use vbgs_studio::render::gpu::context::{device_descriptor, required_limits};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};
-use vbgs_studio::render::gpu::scene::GpuScene;
+use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 
 pub struct Gpu {
@@ -74,7 +74,7 @@ impl Gpu {
     }
 
     pub fn renderer(&self, path: Path) -> SplatRenderer {
-        let mut renderer = SplatRenderer::new(&self.device, &self.queue).unwrap();
+        let mut renderer = SplatRenderer::new(&self.device, &self.queue, OrderOf::First).unwrap();
         renderer.set_path(path);
         renderer
     }
@@ -89,7 +89,7 @@ impl Gpu {
         let mut scene = GpuScene::new(&self.device, &self.queue, splats).unwrap();
         let mut scratch = SortScratch::default();
         let order = back_to_front(splats.splats(), camera, options, &mut scratch);
-        scene.set_order(&self.queue, order).unwrap();
+        scene.set_order(&self.queue, OrderOf::First, order).unwrap();
         scene
     }
 

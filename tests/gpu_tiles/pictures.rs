@@ -191,7 +191,7 @@ fn ties_keep_their_order_and_no_order_is_needed() {
         .collect();
     let unordered =
         vbgs_studio::render::gpu::scene::GpuScene::new(&gpu.device, &gpu.queue, &splats).unwrap();
-    assert_eq!(unordered.n_drawn(), 0);
+    assert_eq!(unordered.n_drawn(vbgs_studio::render::gpu::scene::OrderOf::First), 0);
     let image = gpu.image(&mut gpu.renderer(Path::Tiles), &unordered, &view, &options);
     assert_agrees("ties", &image, (&splats).into(), &view, &options);
     let again = gpu.image_by(Path::Tiles, (&splats).into(), &view, &options);

@@ -3,5 +3,6 @@
 pub mod latency;
 pub mod notices;
 pub mod scene;
+pub mod settings;
 pub mod status;
 pub mod transport;

@@ -6,7 +6,8 @@
 //!    the order that [`sort::back_to_front`] found on another thread;
 //! 2. [`renderer::SplatRenderer::render`] draws the splats into an offscreen
 //!    [`target::SplatTarget`], as quads in that order or by [`tiles`], whichever is faster;
-//! 3. [`composite::Compositor`] lays that over a background inside the window's own pass.
+//! 3. [`composite::Compositor`] lays that over a background inside the window's own pass, beside
+//!    another image or a photograph if two are compared.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
@@ -18,6 +19,7 @@ pub mod context;
 pub mod faults;
 pub mod headless;
 pub mod layout;
+pub mod photo;
 mod quads;
 pub mod readback;
 pub mod renderer;
@@ -102,6 +104,18 @@ pub enum GpuError {
         /// Columns asked for.
         width: u32,
         /// Rows asked for.
+        height: u32,
+        /// Largest side.
+        limit: u32,
+    },
+    /// The photograph is larger than a texture may be.
+    #[error(
+        "photograph {width}x{height}: this adapter shows at most {limit} pixels a side; compare with smaller images"
+    )]
+    PhotoTooLarge {
+        /// Columns.
+        width: u32,
+        /// Rows.
         height: u32,
         /// Largest side.
         limit: u32,

@@ -1,7 +1,7 @@
 //! One pass of instanced quads, back to front: both renderers and both lenses, by the uniforms.
 
 use super::layout::shader;
-use super::scene::GpuScene;
+use super::scene::{GpuScene, OrderOf};
 use super::target;
 
 /// Pipelines that draw a scene into a pass with one attachment of the splat image's format.
@@ -31,8 +31,9 @@ impl QuadPath {
         pass: &mut wgpu::RenderPass<'_>,
         view: &wgpu::Buffer,
         scene: &GpuScene,
+        of: OrderOf,
     ) {
-        let buffers = [view, scene.splat_buffer(), scene.order_buffer()];
+        let buffers = [view, scene.splat_buffer(), scene.order_buffer(of)];
         let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
             .into_iter()
             .chain(scene.appearance_buffer())
@@ -50,7 +51,7 @@ impl QuadPath {
         });
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, &bindings, &[]);
-        pass.draw(0..4, 0..scene.n_drawn() as u32);
+        pass.draw(0..4, 0..scene.n_drawn(of) as u32);
     }
 }
 

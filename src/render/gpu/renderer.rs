@@ -4,7 +4,7 @@ use super::GpuError;
 use super::chooser::{Chooser, Load};
 use super::layout::View;
 use super::quads::QuadPath;
-use super::scene::GpuScene;
+use super::scene::{GpuScene, OrderOf};
 use super::target::SplatTarget;
 use super::tiles::{TileFrame, TilePath};
 use super::timer::{Stage, StageTimer};
@@ -43,6 +43,7 @@ impl GpuTimes {
 /// Draws scenes into an image of its own; several renderers may share a scene.
 #[derive(Debug)]
 pub struct SplatRenderer {
+    of: OrderOf,
     quads: QuadPath,
     /// Built when first drawn with.
     tiles: Option<TilePath>,
@@ -54,12 +55,13 @@ pub struct SplatRenderer {
 }
 
 impl SplatRenderer {
-    /// Builds the pipelines; the image starts empty. Draws quads on a software adapter and on one
+    /// Builds the pipelines for the picture `of` a scene; the image starts empty. Draws quads on a software adapter and on one
     /// without timestamps; elsewhere the first images measure both paths and the faster one stays.
-    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, GpuError> {
+    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue, of: OrderOf) -> Result<Self, GpuError> {
         let timer = StageTimer::new(device, queue);
         let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         Ok(Self {
+            of,
             quads: QuadPath::new(device),
             tiles: None,
             chooser: match timer {
@@ -163,7 +165,7 @@ impl SplatRenderer {
             self.chooser.measured(path, times.total());
         }
         // Quads without an order draw nothing, which would be hard to beat.
-        if scene.n_drawn() > 0 {
+        if scene.n_drawn(self.of) > 0 {
             let n_pixels = width as usize * height as usize;
             self.chooser.note(Load { n_splats: scene.n_splats(), n_pixels });
         }
@@ -209,8 +211,8 @@ impl SplatRenderer {
                 .and_then(|slot| self.timer.as_ref().map(|t| t.of_render(slot, Stage::Draw))),
             ..Default::default()
         });
-        if scene.n_drawn() > 0 {
-            self.quads.draw(device, &mut pass, &self.view, scene);
+        if scene.n_drawn(self.of) > 0 {
+            self.quads.draw(device, &mut pass, &self.view, scene, self.of);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The splats on the GPU and the order in which to draw them.
+//! The splats on the GPU and the orders in which to draw them.
 
 use super::GpuError;
 use super::allocation::Allocation;
@@ -14,14 +14,26 @@ const MIB: u64 = 1 << 20;
 /// and a second pass over memory against 64 bytes streamed (`rendering.md` (d)).
 const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 
-/// Splat records and draw order in GPU memory.
+/// Which of two pictures of a scene an order belongs to: those compared may be drawn by different
+/// methods, which order differently.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OrderOf {
+    /// The picture, or the first of two.
+    First,
+    /// What it is compared with.
+    Second,
+}
+
+const N_ORDERS: usize = 2;
+
+/// Splat records and draw orders in GPU memory.
 #[derive(Debug)]
 pub struct GpuScene {
     scatter: Scatter<SparseSplat>,
     scatter_appearance: Scatter<SparseAppearance>,
     buffers: Buffers,
     n_splats: usize,
-    n_order: usize,
+    n_order: [usize; N_ORDERS],
     /// By splat, whether it cannot be drawn although it has an opacity.
     is_invalid: Vec<bool>,
     n_invalid: usize,
@@ -31,12 +43,15 @@ pub struct GpuScene {
 struct Buffers {
     splats: wgpu::Buffer,
     appearance: Option<wgpu::Buffer>,
-    order: wgpu::Buffer,
+    orders: [wgpu::Buffer; N_ORDERS],
     capacity: usize,
     allocation: Allocation,
 }
 
 impl GpuScene {
+    /// Size of a splat's record, which is what a whole upload sends of each.
+    pub const BYTES_PER_SPLAT: u64 = size_of::<GpuSplat>() as u64;
+
     /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also the way back after a
     /// lost device: the splats on the CPU are all it needs.
     pub fn new<'a>(
@@ -50,7 +65,7 @@ impl GpuScene {
             scatter_appearance: Scatter::new(device),
             buffers: Buffers::new(device, splats, 0)?,
             n_splats: 0,
-            n_order: 0,
+            n_order: [0; N_ORDERS],
             is_invalid: Vec::new(),
             n_invalid: 0,
         };
@@ -61,8 +76,8 @@ impl GpuScene {
     /// Brings the GPU to `splats`, of which only `changed` (any order, repeats allowed) and those
     /// past the previous length differ from the last call; gaining or losing their appearance
     /// changes them all. Returns the bytes uploaded. On an error the scene draws on as it was,
-    /// unless it is a backend's late answer to the allocation before. The order stays valid unless
-    /// there are fewer splats than before, which empties it.
+    /// unless it is a backend's late answer to the allocation before. Orders stay valid
+    /// unless there are fewer splats than before, which empties them.
     pub fn update<'a>(
         &mut self,
         device: &wgpu::Device,
@@ -76,8 +91,10 @@ impl GpuScene {
         if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
             let grown = Buffers::new(device, splats, self.buffers.capacity)?;
             let mut encoder = device.create_command_encoder(&Default::default());
-            let kept = self.buffers.order.size().min(grown.order.size());
-            encoder.copy_buffer_to_buffer(&self.buffers.order, 0, &grown.order, 0, kept);
+            for (order, grown) in self.buffers.orders.iter().zip(&grown.orders) {
+                let kept = order.size().min(grown.size());
+                encoder.copy_buffer_to_buffer(order, 0, grown, 0, kept);
+            }
             queue.submit([encoder.finish()]);
             self.buffers = grown;
             return Ok(self.upload_whole(queue, splats));
@@ -99,15 +116,20 @@ impl GpuScene {
     /// Uploads the order in which to draw, farthest first (see [`super::sort::back_to_front`]);
     /// splats that it leaves out are not drawn. An order of fewer or older splats is fine, one that
     /// names a splat which is not there is refused and the previous one kept.
-    pub fn set_order(&mut self, queue: &wgpu::Queue, order: &[u32]) -> Result<(), GpuError> {
+    pub fn set_order(
+        &mut self,
+        queue: &wgpu::Queue,
+        of: OrderOf,
+        order: &[u32],
+    ) -> Result<(), GpuError> {
         self.buffers.allocation.check()?;
         let stale = order.iter().find(|&&index| index as usize >= self.n_splats);
         // Repeated indices could make it longer than the scene.
         if let Some(&index) = stale.or_else(|| order.get(self.n_splats)) {
             return Err(GpuError::StaleOrder { index, n_splats: self.n_splats });
         }
-        queue.write_buffer(&self.buffers.order, 0, bytemuck::cast_slice(order));
-        self.n_order = order.len();
+        queue.write_buffer(self.order_buffer(of), 0, bytemuck::cast_slice(order));
+        self.n_order[of as usize] = order.len();
         Ok(())
     }
 
@@ -123,8 +145,8 @@ impl GpuScene {
     }
 
     /// Splats in the order, which is what a render pass draws.
-    pub fn n_drawn(&self) -> usize {
-        self.n_order
+    pub fn n_drawn(&self, of: OrderOf) -> usize {
+        self.n_order[of as usize]
     }
 
     /// Splats that fit before the next growth.
@@ -141,8 +163,8 @@ impl GpuScene {
         self.buffers.appearance.as_ref()
     }
 
-    pub(super) fn order_buffer(&self) -> &wgpu::Buffer {
-        &self.buffers.order
+    pub(super) fn order_buffer(&self, of: OrderOf) -> &wgpu::Buffer {
+        &self.buffers.orders[of as usize]
     }
 
     fn has_appearance(&self) -> bool {
@@ -205,7 +227,7 @@ impl GpuScene {
 
     fn set_length(&mut self, n_splats: usize) {
         if n_splats < self.n_splats {
-            self.n_order = 0;
+            self.n_order = [0; N_ORDERS];
             let gone = self.is_invalid[n_splats..].iter().filter(|invalid| **invalid).count();
             self.n_invalid -= gone;
         }
@@ -257,14 +279,16 @@ impl Buffers {
             mib: (capacity as u64 * (splat_bytes + appearance_bytes)).div_ceil(MIB),
         };
         let none = wgpu::BufferUsages::empty();
-        let ((splats, appearance, order), allocation) = Allocation::new(device, refused, || {
+        let ((splats, appearance, orders), allocation) = Allocation::new(device, refused, || {
             (
                 create("splats", splat_bytes, none),
                 (appearance_bytes > 0).then(|| create("appearance", appearance_bytes, none)),
-                create("order", size_of::<u32>() as u64, wgpu::BufferUsages::COPY_SRC),
+                [(); N_ORDERS].map(|()| {
+                    create("order", size_of::<u32>() as u64, wgpu::BufferUsages::COPY_SRC)
+                }),
             )
         })?;
-        Ok(Self { splats, appearance, order, capacity, allocation })
+        Ok(Self { splats, appearance, orders, capacity, allocation })
     }
 }
 

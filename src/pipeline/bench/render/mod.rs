@@ -97,8 +97,8 @@ impl RenderPlan {
         #[cfg(feature = "gui")]
         if matches!(self.device, Device::Gpu | Device::All) {
             let named = self.adapter.as_deref().map(AdapterChoice::Named);
-            match GpuPainter::new(named.unwrap_or(AdapterChoice::Hardware)) {
-                Ok(painter) => painters.push(Box::new(painter)),
+            match GpuPainter::all(named.unwrap_or(AdapterChoice::Hardware)) {
+                Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
                 Err(error) if self.device == Device::All && named.is_none() => {
                     notes.push(format!("CPU only: {error}"));
                 }
@@ -223,8 +223,7 @@ impl<'a> Turns<'a> {
     fn targets(&self) -> Vec<Target> {
         let mut targets = Vec::new();
         for (i, (painter, refusal)) in self.painters.iter().zip(&self.refusals).enumerate() {
-            let has = |renderer: &Renderer| painter.draws(*renderer);
-            targets.extend(RENDERERS.into_iter().filter(has).map(|renderer| Target {
+            targets.extend(RENDERERS.into_iter().map(|renderer| Target {
                 painter: i,
                 path: painter.path(),
                 renderer,

@@ -3,10 +3,10 @@
 use crate::math::camera::Camera;
 use crate::model::splats::Splat;
 use crate::pipeline::machine;
-use crate::render::cpu::CpuRenderer;
+use crate::render::cpu::{CpuRenderer, Stage};
 #[cfg(feature = "gui")]
 use crate::render::gpu::{GpuError, headless::HeadlessError};
-use crate::render::{RenderOptions, Renderer};
+use crate::render::RenderOptions;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -20,6 +20,9 @@ pub enum Path {
     /// Instanced quads on a GPU.
     #[cfg(feature = "gui")]
     Quads,
+    /// Tiles in compute shaders of a GPU.
+    #[cfg(feature = "gui")]
+    Tiles,
 }
 
 /// Times of one frame, milliseconds; a stage that cannot be told apart is `None`.
@@ -32,7 +35,7 @@ pub struct FrameMs {
 }
 
 /// Stages of a frame: splats to image records, their order, lists of tiles, pixels.
-pub const STAGES: [&str; 4] = ["prepare", "sort", "bin", "draw"];
+pub const STAGES: [&str; Stage::ALL.len()] = ["prepare", "sort", "bin", "draw"];
 
 /// Why a frame is not drawn.
 #[derive(Debug, thiserror::Error)]
@@ -63,9 +66,6 @@ pub trait Painter {
     /// The adapter that draws, if one does.
     fn adapter(&self) -> Option<String>;
 
-    /// Whether it has this renderer.
-    fn draws(&self, renderer: Renderer) -> bool;
-
     /// Takes a scene; the frames that follow show it.
     fn load(&mut self, splats: &[Splat]) -> Result<(), PaintError>;
 
@@ -94,10 +94,6 @@ impl Painter for CpuPainter {
         None
     }
 
-    fn draws(&self, _: Renderer) -> bool {
-        true
-    }
-
     fn load(&mut self, splats: &[Splat]) -> Result<(), PaintError> {
         let needed = BYTES_PER_SPLAT * splats.len() as u64;
         match machine::available_bytes() {
@@ -115,9 +111,13 @@ impl Painter for CpuPainter {
         camera: &Camera,
         options: &RenderOptions,
     ) -> Result<FrameMs, PaintError> {
-        let started = Instant::now();
-        self.0.render(splats, camera, options);
-        Ok(FrameMs { total: ms_since(started), stages: Default::default() })
+        let (mut stages, mut from) = ([None; STAGES.len()], Instant::now());
+        let started = from;
+        self.0.render_observed(splats.into(), camera, options, |stage| {
+            stages[stage as usize] = Some(ms_since(from));
+            from = Instant::now();
+        });
+        Ok(FrameMs { total: ms_since(started), stages })
     }
 }
 
