@@ -106,7 +106,9 @@ impl RenderPlan {
             }
         }
         #[cfg(not(feature = "gui"))]
-        notes.push("CPU only: this build draws on no GPU".to_owned());
+        if self.device == Device::All {
+            notes.push("CPU only: this build draws on no GPU".to_owned());
+        }
         Ok(painters)
     }
 }
