@@ -1,0 +1,73 @@
+//! Nothing is missing where a quad ends: splats one at a time, wherever they are.
+
+use super::compare::{TOLERANCE, oracle};
+use super::device::{Gpu, PLAIN, camera};
+use crate::common::scenes::{exact, random_rotation};
+use glam::DVec3;
+use vbgs_studio::math::image::Image;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::cpu::oracle::Sample;
+use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, Method, RenderOptions, Response};
+
+const N_SPLATS: usize = 250;
+
+/// Balls, needles and pancakes around the camera: in front, behind, beside it and around it.
+fn splats() -> Vec<Splat> {
+    let mut rng = Rng::new(31, Purpose::Synthetic, 0);
+    (0..N_SPLATS)
+        .map(|i| {
+            let reach = rng.range(0.3, 4.0);
+            let size = reach * 10f64.powf(rng.range(-2.0, 0.3));
+            let thin = size * 10f64.powf(rng.range(-2.0, -0.5));
+            let scale = [[size, size, size], [size, thin, thin], [size, size, thin]][i % 3];
+            Splat {
+                mean: [0; 3].map(|_| (reach * rng.range(-1.0, 1.0)) as f32),
+                opacity: rng.range(0.3, 2.0) as f32,
+                color: [1.0; 3],
+                scale: scale.map(|s| s as f32),
+                rotation: random_rotation(&mut rng),
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn no_pixel_of_a_splat_is_outside_its_quad() {
+    let Some(gpu) = Gpu::new() else { return };
+    let narrow = camera(60, 44, DVec3::new(0.2, -0.1, 0.1), 1.2);
+    let wide = camera(60, 44, DVec3::new(0.2, -0.1, 0.1), 150f64.to_radians());
+    let mut fisheye = narrow;
+    (fisheye.intrinsics.fx, fisheye.intrinsics.fy) = (13.0, 11.0);
+    let (mut scene, mut renderer) = (gpu.scene(&[Splat::default()]), gpu.renderer());
+    for (name, view, method) in [
+        ("projected", narrow, Method::PROJECTED),
+        ("exact", narrow, exact(Response::Ray, Antialias::None, Lens::Pinhole)),
+        ("exact, wide", wide, Method::EXACT),
+        ("fisheye", fisheye, exact(Response::Ray, Antialias::Footprint, Lens::Fisheye)),
+    ] {
+        let options = RenderOptions { method, ..PLAIN };
+        let is_whole = |splat: &&Splat| {
+            scene.update(&gpu.device, &gpu.queue, &[0], &[**splat]).unwrap();
+            gpu.draw(&mut renderer, &mut scene, &[**splat], &view, &options);
+            let truth = oracle(&[**splat], &view, &options).render();
+            assert_whole(&gpu.read(&renderer), &truth, &format!("{name}: {splat:?}"));
+            truth.data.iter().any(|sample| sample.rgba[3] > 0.0)
+        };
+        let n_seen = splats().iter().filter(is_whole).count();
+        println!("{name}: {n_seen} of {N_SPLATS} in sight, none cut");
+        assert!(n_seen * 4 > N_SPLATS, "{name}: {n_seen} in sight");
+    }
+    gpu.assert_no_faults();
+}
+
+fn assert_whole(image: &Image<[f32; 4]>, truth: &Image<Sample>, label: &str) {
+    for (index, (found, expected)) in image.data.iter().zip(&truth.data).enumerate() {
+        let (alpha, at) = (expected.rgba[3], [index % image.width, index / image.width]);
+        let found = f64::from(found[3]);
+        // f32 moves the cut a little.
+        let at_cut = found.min(alpha) == 0.0 && found.max(alpha) < ALPHA_CUT * 1.01;
+        assert!(at_cut || (found > 0.0) == (alpha > 0.0), "{label} {at:?}: {found} for {alpha}");
+        assert!((found - alpha).abs() < TOLERANCE, "{label} {at:?}: {found} for {alpha}");
+    }
+}

@@ -1,0 +1,77 @@
+//! Pictures against the f64 oracle.
+
+use vbgs_studio::math::camera::Camera;
+use vbgs_studio::math::image::Image;
+use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
+use vbgs_studio::render::{ALPHA_CUT, RenderOptions};
+
+/// Of `rendering.md` (g): half-float accumulation.
+pub const TOLERANCE: f64 = 4e-3;
+/// Every layer rounds: where many lie over each other a few pixels may be this far off.
+const LOOSE: f64 = 1e-2;
+const LOOSE_SHARE: f64 = 0.003;
+/// Mean error of a channel: half a level of an 8-bit screen.
+const MEAN: f64 = 0.5 / 255.0;
+
+/// An alpha this close to the cut, relatively, may pass it or not.
+const CUT_BAND: f64 = 2e-4;
+
+/// The oracle of what the GPU draws: black behind, and no pixel is ever finished.
+pub fn oracle<'a>(
+    splats: impl Into<SplatView<'a>>,
+    camera: &Camera,
+    options: &RenderOptions,
+) -> Oracle {
+    let options = RenderOptions { background: [0.0; 3], ..*options };
+    Oracle::of(splats, camera, &options).with_thresholds(ALPHA_CUT, 0.0)
+}
+
+/// Panics where pixels are over the tolerance without a reason, more than a few, or far.
+pub fn assert_close(image: &Image<[f32; 4]>, oracle: &Oracle, label: &str) {
+    let truth = oracle.render();
+    assert_eq!((image.width, image.height), (truth.width, truth.height), "{label}");
+    let (mut worst, mut sum, mut n_at_cut, mut n_loose) = (0.0f64, 0.0, 0, 0);
+    for (index, (found, expected)) in image.data.iter().zip(&truth.data).enumerate() {
+        let (i, j) = (index % truth.width, index / truth.width);
+        let error = error(found, expected);
+        sum += error;
+        if error <= TOLERANCE {
+            worst = worst.max(error);
+        } else if is_at_cut(found, oracle, [i, j]) {
+            n_at_cut += 1;
+        } else {
+            assert!(error <= LOOSE, "{label} ({i}, {j}): {found:?} for {expected:?}");
+            n_loose += 1;
+        }
+    }
+    let n_pixels = truth.data.len() as f64;
+    let mean = sum / n_pixels;
+    println!("{label}: mean {mean:.1e}, worst {worst:.1e}, {n_at_cut} at the cut, {n_loose} loose");
+    assert!(f64::from(n_at_cut) <= 0.02 * n_pixels, "{label}: {n_at_cut} pixels at the cut");
+    assert!(f64::from(n_loose) <= LOOSE_SHARE * n_pixels, "{label}: {n_loose} pixels loose");
+    assert!(mean <= MEAN, "{label}: mean {mean:e}");
+}
+
+/// Whether a pixel is what it would be with an alpha on the other side of the cut.
+fn is_at_cut(found: &[f32; 4], oracle: &Oracle, [i, j]: [usize; 2]) -> bool {
+    [1.0 - CUT_BAND, 1.0 + CUT_BAND].into_iter().any(|share| {
+        let moved = oracle.with_thresholds(ALPHA_CUT * share, 0.0).pixel(i, j);
+        error(found, &moved) <= TOLERANCE
+    })
+}
+
+/// Largest error of a channel; the oracle's colours end at 1.
+pub fn error(found: &[f32; 4], expected: &Sample) -> f64 {
+    let pairs = found.iter().zip(&expected.rgba);
+    pairs.fold(0.0, |worst, (found, expected)| {
+        let error = (f64::from(*found).min(1.0) - expected).abs();
+        if error <= worst { worst } else { error }
+    })
+}
+
+pub fn largest_difference(a: &Image<[f32; 4]>, b: &Image<[f32; 4]>) -> f32 {
+    assert_eq!((a.width, a.height), (b.width, b.height));
+    let channels = a.data.iter().flatten().zip(b.data.iter().flatten());
+    channels.fold(0.0, |worst, (x, y)| if (x - y).abs() <= worst { worst } else { (x - y).abs() })
+}

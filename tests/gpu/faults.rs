@@ -1,0 +1,43 @@
+//! Lost devices and errors that no call returns.
+
+use super::compare::largest_difference;
+use super::device::{Gpu, PLAIN, outside, random_scene};
+use vbgs_studio::render::gpu::readback;
+
+#[test]
+fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(64, 48);
+    let splats = random_scene(13, 100, 0.3);
+    let before = gpu.image(&splats, &view, &PLAIN);
+    assert!(!gpu.faults.is_lost());
+    gpu.device.destroy();
+    let _ = gpu.device.poll(wgpu::PollType::Poll);
+    assert!(gpu.faults.is_lost());
+    assert_eq!(gpu.faults.take().len(), 1);
+    // A read from a dead device is an error, not a panic and not a hang.
+    let mut renderer = gpu.renderer();
+    gpu.draw(&mut renderer, &mut gpu.scene(&splats), &splats, &view, &PLAIN);
+    assert!(readback::premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
+
+    drop((renderer, gpu));
+    let fresh = Gpu::new().unwrap();
+    assert_eq!(largest_difference(&before, &fresh.image(&splats, &view, &PLAIN)), 0.0);
+}
+
+#[test]
+fn uncaptured_errors_reach_the_sink() {
+    let Some(gpu) = Gpu::new() else { return };
+    for _ in 0..3 {
+        // Without MAPPABLE_PRIMARY_BUFFERS, MAP_WRITE goes with COPY_SRC only.
+        let _ = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("invalid"),
+            size: 4,
+            usage: wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::STORAGE,
+            mapped_at_creation: false,
+        });
+    }
+    let faults = gpu.faults.take();
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    assert_eq!(faults[0].n_seen, 3);
+}

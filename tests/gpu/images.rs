@@ -1,0 +1,178 @@
+//! Whole pictures of random scenes against the f64 oracle.
+
+use super::compare::{TOLERANCE, assert_close, error, oracle};
+use super::device::{Gpu, PLAIN, camera, outside, random_scene};
+use crate::common::scenes::{NATIVE_SCENES, SCENES, camera_of, exact, options, random_appearance};
+use glam::{DMat3, DQuat, DVec3};
+use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
+
+/// Every renderer with every setting that changes the shaders' formulas.
+const METHODS: [Method; 6] = [
+    Method::PROJECTED,
+    Method::EXACT,
+    exact(Response::Ray, Antialias::None, Lens::Pinhole),
+    exact(Response::Ray, Antialias::Reference, Lens::Pinhole),
+    exact(Response::Ray, Antialias::Footprint, Lens::Fisheye),
+    exact(Response::Ray, Antialias::None, Lens::Fisheye),
+];
+
+const N_VEILS: usize = 100;
+
+#[test]
+fn random_scenes_agree_with_f64() {
+    let Some(gpu) = Gpu::new() else { return };
+    let views = [
+        // Outside; inside the cloud with splats all around and behind; wide angle, tall image.
+        (101, 73, DVec3::new(4.0, -3.0, 1.0), 0.8),
+        (64, 64, DVec3::new(0.3, -0.4, 0.1), 1.2),
+        (40, 97, DVec3::new(-1.0, 1.2, 0.4), 2.2),
+    ];
+    for (seed, n, largest) in [(1, 400, 0.05), (2, 150, 0.3), (3, 60, 2.0)] {
+        let splats = random_scene(seed, n, largest);
+        for (width, height, eye, fov) in views {
+            let mut view = camera(width, height, eye, fov);
+            view.intrinsics.cx += 5.3;
+            view.intrinsics.fy *= 1.1;
+            for method in [Method::PROJECTED, Method::EXACT] {
+                let options = RenderOptions { method, ..PLAIN };
+                let image = gpu.image(&splats, &view, &options);
+                let label = format!("scene {seed}, {width}x{height}, {method:?}");
+                assert_close(&image, &oracle(&splats, &view, &options), &label);
+            }
+        }
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn every_method_agrees_with_the_oracle() {
+    let Some(gpu) = Gpu::new() else { return };
+    for (seed, scene) in SCENES.iter().enumerate() {
+        // Needles of a hundredth of a pixel that nothing widens are beyond f32's pixel positions.
+        let resolves = |method| match method {
+            Method::Projected(_) => true,
+            Method::Exact(exact) => exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3,
+        };
+        for method in METHODS.into_iter().filter(|method| resolves(*method)) {
+            let mut splats = scene.splats(seed as u64);
+            if scene.opacity.1 < 0.7 {
+                // Half floats lose what hundreds of veils add to each other.
+                splats.truncate(N_VEILS);
+            }
+            let (view, options) = (camera_of(method), options(method));
+            let image = gpu.image(&splats, &view, &options);
+            let label = format!("{} {method:?}", scene.name);
+            assert_close(&image, &oracle(&splats, &view, &options), &label);
+        }
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn every_method_draws_appearance() {
+    let Some(gpu) = Gpu::new() else { return };
+    for (seed, scene) in NATIVE_SCENES.iter().enumerate() {
+        let splats = scene.splats(seed as u64);
+        let appearance = random_appearance(&splats, seed as u64);
+        let native = SplatView::new(&splats, &appearance).unwrap();
+        for method in METHODS {
+            let (view, options) = (camera_of(method), options(method));
+            let image = gpu.image(native, &view, &options);
+            let label = format!("native {} {method:?}", scene.name);
+            assert_close(&image, &oracle(native, &view, &options), &label);
+        }
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn wide_fields_of_view_agree_with_the_oracle() {
+    let Some(gpu) = Gpu::new() else { return };
+    let splats = SCENES[3].splats(21);
+    let view = camera(160, 90, DVec3::new(0.3, -0.4, 0.1), 150f64.to_radians());
+    for method in [Method::PROJECTED, Method::EXACT] {
+        let options = options(method);
+        let image = gpu.image(&splats, &view, &options);
+        assert_close(&image, &oracle(&splats, &view, &options), &format!("150 degrees {method:?}"));
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn long_needles_keep_their_width_in_f32() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = camera(200, 200, DVec3::new(0.0, -3.0, 0.0), 0.9);
+    for angle in [0.0, 0.3, std::f64::consts::FRAC_PI_4, 1.2] {
+        let q = DQuat::from_mat3(&DMat3::from_rotation_y(angle));
+        let needle = Splat {
+            mean: [0.1, 0.2, -0.1],
+            opacity: 0.9,
+            color: [1.0, 0.5, 0.25],
+            // About 7000 px long, well under a pixel thin.
+            scale: [100.0, 1e-4, 1e-4],
+            rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
+        };
+        for method in [Method::PROJECTED, Method::EXACT] {
+            let options = RenderOptions { method, ..PLAIN };
+            let image = gpu.image(&[needle], &view, &options);
+            let label = format!("{angle} {method:?}");
+            assert_close(&image, &oracle(&[needle], &view, &options), &label);
+            assert!(image.data.iter().any(|p| p[3] > 0.5), "{label}: nothing drawn");
+        }
+    }
+}
+
+#[test]
+fn a_scene_far_from_the_origin_looks_the_same() {
+    let Some(gpu) = Gpu::new() else { return };
+    // Multiples of 2⁻⁸, so moving them by 4096 is exact in f32; the camera's place is not.
+    let dyadic = |v: f32| (v * 256.0).round() / 256.0;
+    let splats: Vec<Splat> = random_scene(15, 300, 0.1)
+        .into_iter()
+        .map(|s| Splat { mean: s.mean.map(dyadic), ..s })
+        .collect();
+    let far: Vec<Splat> =
+        splats.iter().map(|s| Splat { mean: s.mean.map(|v| v + 4096.0), ..*s }).collect();
+    let near_view = outside(80, 60);
+    let mut far_view = near_view;
+    far_view.pose = vbgs_studio::math::pose::Pose::look_at(
+        near_view.pose.centre() + 4096.0 + 1e-5,
+        DVec3::new(0.1, 0.2, 0.0) + 4096.0 + 1e-5,
+        DVec3::Z,
+    )
+    .unwrap();
+    for method in [Method::PROJECTED, Method::EXACT] {
+        let options = RenderOptions { method, ..PLAIN };
+        let image = gpu.image(&far, &far_view, &options);
+        let label = format!("{method:?} at 4096");
+        assert_close(&image, &oracle(&far, &far_view, &options), &label);
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn a_camera_inside_a_splat_sees_it_everywhere() {
+    let Some(gpu) = Gpu::new() else { return };
+    for method in METHODS {
+        let view = camera_of(method);
+        let ahead = view.pose.centre() + 0.5 * view.pose.forward();
+        let around = Splat {
+            mean: ahead.as_vec3().to_array(),
+            opacity: 0.6,
+            color: [0.2, 0.5, 0.9],
+            scale: [1.0, 2.0, 1.5],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let options = options(method);
+        let image = gpu.image(&[around], &view, &options);
+        let oracle = oracle(&[around], &view, &options);
+        for (found, expected) in image.data.iter().zip(&oracle.render().data) {
+            assert!(error(found, expected) < TOLERANCE, "{method:?}: {found:?} {expected:?}");
+            // Beyond half a turn a fisheye sees nothing; 190° across is less.
+            assert!(method == Method::PROJECTED || found[3] > 0.1, "{method:?}: {found:?}");
+        }
+    }
+    gpu.assert_no_faults();
+}

@@ -1,0 +1,81 @@
+//! What options change: looks, paints and the cap on a splat's extent.
+
+use super::compare::{assert_close, largest_difference, oracle};
+use super::device::{Gpu, PLAIN, outside, random_scene};
+use crate::common::scenes::random_appearance;
+use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::{Look, Method, Paint, RenderOptions};
+
+/// Two compilations of the same formulas may round apart, by one step of a half float.
+const ROUNDING: f32 = 1e-3;
+
+#[test]
+fn looks_and_paints_agree_with_the_oracle() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(61, 45);
+    let splats = random_scene(14, 200, 0.2);
+    let appearance = random_appearance(&splats, 14);
+    let native = SplatView::new(&splats, &appearance).unwrap();
+    let looks = [
+        Look { scale: 0.5, ..Look::PLAIN },
+        Look { scale: 2.0, opacity_cut: 0.5, ..Look::PLAIN },
+        Look { paint: Paint::Depth([3.0, 7.0]), ..Look::PLAIN },
+        Look { paint: Paint::Normal, ..Look::PLAIN },
+    ];
+    for method in [Method::PROJECTED, Method::EXACT] {
+        let plain = gpu.image(native, &view, &RenderOptions { method, ..PLAIN });
+        for look in looks {
+            let options = RenderOptions { method, look, ..PLAIN };
+            let image = gpu.image(native, &view, &options);
+            let label = format!("{method:?} {look:?}");
+            assert_close(&image, &oracle(native, &view, &options), &label);
+            assert!(largest_difference(&image, &plain) > 0.1, "{label}: nothing changed");
+        }
+        let painted = RenderOptions { method, look: looks[3], ..PLAIN };
+        let difference = largest_difference(
+            &gpu.image(native, &view, &painted),
+            &gpu.image(&splats, &view, &painted),
+        );
+        assert!(difference < ROUNDING, "{method:?}: {difference}: a paint covers the appearance");
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn an_appearance_of_zeros_is_none() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(61, 45);
+    let splats = random_scene(16, 200, 0.2);
+    let zeros = vec![Default::default(); splats.len()];
+    let native = SplatView::new(&splats, &zeros).unwrap();
+    for method in [Method::PROJECTED, Method::EXACT] {
+        let options = RenderOptions { method, ..PLAIN };
+        let plain = gpu.image(&splats, &view, &options);
+        let difference = largest_difference(&plain, &gpu.image(native, &view, &options));
+        assert!(difference < ROUNDING, "{method:?}: {difference}");
+        assert!(plain.data.iter().any(|p| p[3] > 0.5), "something is drawn at all");
+    }
+}
+
+#[test]
+fn a_capped_extent_only_loses_tails() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(64, 48);
+    let splat = Splat {
+        mean: [0.1, 0.2, 0.0],
+        opacity: 0.9,
+        color: [1.0; 3],
+        scale: [0.2; 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+    };
+    for method in [Method::PROJECTED, Method::EXACT] {
+        let options = RenderOptions { method, ..PLAIN };
+        let whole = gpu.image(&[splat], &view, &options);
+        let mut renderer = gpu.renderer();
+        renderer.set_extent_cap(3.0);
+        gpu.draw(&mut renderer, &mut gpu.scene(&[splat]), &[splat], &view, &options);
+        let lost = largest_difference(&whole, &gpu.read(&renderer));
+        assert!(lost > 0.0 && lost <= 0.9 * (-4.5f32).exp() + 1e-5, "{method:?}: {lost}");
+    }
+}

@@ -1,0 +1,155 @@
+//! Uploads: changed records only, growth, shrinking, and what stays drawn meanwhile.
+
+use super::compare::largest_difference;
+use super::device::{Gpu, PLAIN, outside, random_scene};
+use crate::common::scenes::random_appearance;
+use vbgs_studio::model::appearance::{Appearance, SplatView};
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::gpu::GpuError;
+
+#[test]
+fn sparse_updates_equal_a_whole_upload() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(80, 60);
+    let mut splats = random_scene(5, 1000, 0.1);
+    let mut scene = gpu.scene(&splats);
+    assert_eq!((scene.n_splats(), scene.capacity()), (1000, 1000));
+
+    let others = random_scene(6, 1300, 0.2);
+    let changed: Vec<u32> = (0..150).map(|i| (i * 37) % 1000).chain([7, 7]).collect();
+    for &id in &changed {
+        splats[id as usize] = others[id as usize];
+    }
+    // Ids past the end come from a dirty list older than the scene and are left out.
+    let stale: Vec<u32> = changed[..140].iter().copied().chain([1000, u32::MAX]).collect();
+    let bytes = scene.update(&gpu.device, &gpu.queue, &stale, &splats).unwrap();
+    assert_eq!(bytes, 140 * 80, "140 of 1000 splats go as sparse records");
+    let bytes = scene.update(&gpu.device, &gpu.queue, &changed[140..], &splats).unwrap();
+    assert_eq!(bytes, 12 * 80);
+    let sparse = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    assert_eq!(largest_difference(&sparse, &gpu.image(&splats, &view, &PLAIN)), 0.0);
+
+    assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 0);
+    let many: Vec<u32> = (0..200).collect();
+    assert_eq!(scene.update(&gpu.device, &gpu.queue, &many, &splats).unwrap(), 64_000);
+
+    // Growth keeps the picture of what was there and of the order; then 50 more fit as they are.
+    splats.extend_from_slice(&others[1000..1001]);
+    assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 64 * 1001);
+    assert_eq!(scene.capacity(), 1500);
+    assert_eq!(scene.n_drawn(), 1000);
+    splats.extend_from_slice(&others[1001..1051]);
+    assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap(), 50 * 80);
+    let grown = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    assert_eq!(largest_difference(&grown, &gpu.image(&splats, &view, &PLAIN)), 0.0);
+
+    // Shrinking empties the order: it may name splats that are gone.
+    splats.truncate(900);
+    scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
+    assert_eq!((scene.n_splats(), scene.n_drawn()), (900, 0));
+    let stale = scene.set_order(&gpu.queue, &[3, 900]).unwrap_err();
+    assert_eq!(stale, GpuError::StaleOrder { index: 900, n_splats: 900 });
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn five_percent_changed_cost_less_than_fifteen_percent_of_the_bytes() {
+    let Some(gpu) = Gpu::new() else { return };
+    let splats = random_scene(17, 2000, 0.1);
+    let appearance = random_appearance(&splats, 17);
+    let changed: Vec<u32> = (0..100).map(|i| i * 20).collect();
+    for view in [SplatView::from(&splats), SplatView::new(&splats, &appearance).unwrap()] {
+        let mut scene = gpu.scene(&splats[..1]);
+        let whole = scene.update(&gpu.device, &gpu.queue, &[], view).unwrap();
+        let sparse = scene.update(&gpu.device, &gpu.queue, &changed, view).unwrap();
+        println!("{sparse} of {whole} bytes");
+        assert!(whole >= 2000 * 64 && sparse > 0);
+        assert!(sparse * 100 <= whole * 15, "{sparse} of {whole} bytes");
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn appearance_follows_sparse_updates_and_comes_and_goes() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(80, 60);
+    let mut splats = random_scene(18, 400, 0.2);
+    let mut appearance = random_appearance(&splats, 18);
+    let mut scene = gpu.scene(SplatView::new(&splats, &appearance).unwrap());
+
+    let (others, other_looks) = (random_scene(19, 400, 0.2), random_appearance(&splats, 19));
+    let changed: Vec<u32> = (0..50).map(|i| i * 7).collect();
+    for &id in &changed {
+        splats[id as usize] = others[id as usize];
+        appearance[id as usize] = other_looks[id as usize];
+    }
+    let all = SplatView::new(&splats, &appearance).unwrap();
+    let bytes = scene.update(&gpu.device, &gpu.queue, &changed, all).unwrap();
+    assert_eq!(bytes, 50 * (80 + 88), "sparse records");
+    let sparse = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    let whole = gpu.image(all, &view, &PLAIN);
+    assert_eq!(largest_difference(&sparse, &whole), 0.0);
+
+    let bytes = scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
+    assert_eq!(bytes, 400 * 64, "losing it changes every splat");
+    assert_eq!(scene.n_drawn(), 400 - n_hidden(&splats), "the order stays");
+    let plain = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    assert_eq!(largest_difference(&plain, &gpu.image(&splats, &view, &PLAIN)), 0.0);
+    assert!(largest_difference(&plain, &whole) > 0.1);
+    assert_eq!(scene.update(&gpu.device, &gpu.queue, &[], all).unwrap(), 400 * (64 + 80));
+    let again = gpu.image_of(&mut scene, &splats, &view, &PLAIN);
+    assert_eq!(largest_difference(&again, &whole), 0.0);
+    gpu.assert_no_faults();
+}
+
+fn n_hidden(splats: &[Splat]) -> usize {
+    splats.iter().filter(|splat| !splat.is_drawable()).count()
+}
+
+#[test]
+fn broken_splats_are_counted_through_every_kind_of_update() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut splats = random_scene(20, 200, 0.2);
+    splats[3].mean[1] = f32::NAN;
+    splats[9].rotation = [0.0; 4];
+    splats[10] = Splat::default();
+    let mut scene = gpu.scene(&splats);
+    assert_eq!(scene.n_invalid(), 2, "an empty slot is not broken");
+    splats[3] = splats[0];
+    splats[4].scale[0] = -1.0;
+    splats[5].opacity = f32::INFINITY;
+    scene.update(&gpu.device, &gpu.queue, &[3, 4, 5, 4], &splats).unwrap();
+    assert_eq!(scene.n_invalid(), 3);
+    splats.truncate(9);
+    scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
+    assert_eq!(scene.n_invalid(), 2);
+    let mut appearance = vec![Appearance::default(); 9];
+    appearance[8].gradient[2][0] = f32::NAN;
+    let native = SplatView::new(&splats, &appearance).unwrap();
+    scene.update(&gpu.device, &gpu.queue, &[], native).unwrap();
+    assert_eq!(scene.n_invalid(), 3, "an appearance can be broken too");
+    scene.update(&gpu.device, &gpu.queue, &[], &[]).unwrap();
+    assert_eq!(scene.n_invalid(), 0);
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn growth_draws_the_old_order_until_a_new_one_comes() {
+    let Some(gpu) = Gpu::new() else { return };
+    let view = outside(48, 40);
+    let mut splats = random_scene(8, 50, 0.3);
+    let mut scene = gpu.scene(&splats);
+    let mut renderer = gpu.renderer();
+    gpu.draw(&mut renderer, &mut scene, &splats, &view, &PLAIN);
+    let before = gpu.read(&renderer);
+
+    splats.extend(random_scene(9, 100, 0.3));
+    scene.update(&gpu.device, &gpu.queue, &[], &splats).unwrap();
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    renderer.render(&gpu.device, &gpu.queue, &mut encoder, &scene, &view, &PLAIN).unwrap();
+    gpu.queue.submit([encoder.finish()]);
+    let after = gpu.read(&renderer);
+    assert_eq!(largest_difference(&before, &after), 0.0);
+    assert!(before.data.iter().any(|p| p[3] > 0.5), "something is drawn at all");
+    gpu.assert_no_faults();
+}
