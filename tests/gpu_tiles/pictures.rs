@@ -90,6 +90,9 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
         camera(40, 97, DVec3::new(0.3, -0.4, 0.1), 2.2),
     ];
     for (name, splats) in &scenes {
+        // Quads do not stop, so they show what a nearly full pixel leaves out: alpha times T, which
+        // an alpha of 0.99 makes up to 0.01.
+        let left_out = if *name == "flat tops" { 1e-2 } else { TOLERANCE };
         let extras = appearance(5, splats.len());
         for (view, method) in views.iter().flat_map(|view| {
             [Method::PROJECTED, Method::EXACT, SHARP, FISHEYE].map(|method| (view, method))
@@ -106,7 +109,7 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
                     .iter()
                     .flatten()
                     .zip(quads.data.iter().flatten())
-                    .filter(|(a, b)| f64::from((*a - *b).abs()) > 2.0 * TOLERANCE)
+                    .filter(|(a, b)| f64::from((*a - *b).abs()) > TOLERANCE + left_out)
                     .count() as f64
                     / (4 * tiles.data.len()) as f64;
                 assert!(share < 1e-3, "{name}: {share} of all values are unlike those of quads");

@@ -19,9 +19,8 @@ pub fn cloud(seed: u64, n: usize, largest: f64, thinnest: f64, opacity: [f64; 2]
                 mean: [0; 3].map(|_| at(-1.5, 1.5)),
                 opacity: at(opacity[0], opacity[1]),
                 color: [0; 3].map(|_| at(0.0, 1.0)),
-                scale: [0; 3].map(|_| {
-                    largest as f32 * f64::from(at(thinnest.ln() as f64, 0.0)).exp() as f32
-                }),
+                scale: [0; 3]
+                    .map(|_| largest as f32 * f64::from(at(thinnest.ln(), 0.0)).exp() as f32),
                 rotation: q.map(|v| v / norm),
             }
         })

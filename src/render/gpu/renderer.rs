@@ -155,11 +155,11 @@ impl SplatRenderer {
     }
 
     fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> Path {
-        if let Some(shortage) = self.shortage() {
-            if self.chooser.is_free() {
-                tracing::warn!("{shortage}; drawing quads instead");
-                self.chooser.rule_out_tiles();
-            }
+        if let Some(shortage) = self.shortage()
+            && self.chooser.is_free()
+        {
+            tracing::warn!("{shortage}; drawing quads instead");
+            self.chooser.rule_out_tiles();
         }
         if let Some((path, times)) = self.timer.as_mut().and_then(StageTimer::take) {
             self.chooser.measured(path, times.total());
