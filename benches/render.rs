@@ -9,13 +9,14 @@ mod common;
 
 use common::times_ms;
 use glam::DVec3;
+use std::time::Instant;
 use vbgs_studio::eval::metrics::{SsimPadding, ssim};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splats::Splat;
-use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::cpu::{CpuRenderer, Stage};
+use vbgs_studio::render::{RenderOptions, Renderer};
 
 /// Images per row of the table; the best and the median are printed.
 const REPETITIONS: usize = 25;
@@ -47,12 +48,37 @@ fn render_row(width: u32, height: u32, n_splats: usize, sigma: f64) {
         pose: Pose::look_at(DVec3::new(0.0, -DISTANCE, 0.0), DVec3::ZERO, DVec3::Z)
             .expect("the view is not vertical"),
     };
-    let mut renderer = CpuRenderer::new();
-    let options = RenderOptions::evaluation(Method::PROJECTED, [1.0; 3]);
-    let (best, median) = time(|| {
-        renderer.render(&splats, &camera, &options);
-    });
-    println!("render {width}x{height} {n_splats} splats sigma {sigma}: {best:.2} / {median:.2}");
+    for renderer in [Renderer::Projected, Renderer::Exact] {
+        let options = RenderOptions::evaluation(renderer.into(), [1.0; 3]);
+        let mut drawing = CpuRenderer::new();
+        let (best, median) = time(|| {
+            drawing.render(&splats, &camera, &options);
+        });
+        let name = format!("{renderer} {width}x{height} {n_splats} splats sigma {sigma}");
+        println!("{name}: {best:.2} / {median:.2}");
+        print_stages(|observer| {
+            drawing.render_observed((&splats).into(), &camera, &options, observer);
+        });
+    }
+}
+
+/// Medians by stage.
+fn print_stages(mut draw: impl FnMut(&mut dyn FnMut(Stage))) {
+    let mut runs: Vec<[f64; Stage::ALL.len()]> = Vec::new();
+    for _ in 0..REPETITIONS {
+        let (mut ms, mut from) = ([0.0; Stage::ALL.len()], Instant::now());
+        draw(&mut |stage| {
+            ms[stage as usize] = from.elapsed().as_secs_f64() * 1e3;
+            from = Instant::now();
+        });
+        runs.push(ms);
+    }
+    for stage in Stage::ALL {
+        let mut ms: Vec<f64> = runs.iter().map(|run| run[stage as usize]).collect();
+        ms.sort_by(f64::total_cmp);
+        print!("    {stage:?} {:.2}", ms[REPETITIONS / 2]);
+    }
+    println!();
 }
 
 fn ssim_row() {
@@ -80,6 +106,8 @@ fn ball(n_splats: usize, sigma: f64) -> Vec<Splat> {
         let color = [0; 3].map(|_| rng.uniform() as f32);
         let scale = [0; 3].map(|_| (sigma * rng.range(0.5, 1.5)) as f32);
         let rotation = [0; 4].map(|_| rng.normal() as f32);
+        let norm = rotation.iter().map(|q| q * q).sum::<f32>().sqrt();
+        let rotation = rotation.map(|q| q / norm);
         splats.push(Splat { mean, opacity: 0.95, color, scale, rotation });
     }
     splats

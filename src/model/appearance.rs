@@ -13,6 +13,13 @@ pub struct Appearance {
     pub directional: [[f32; 3]; 3],
 }
 
+impl Appearance {
+    /// Whether every coefficient is finite.
+    pub fn is_valid(&self) -> bool {
+        self.gradient.iter().chain(&self.directional).flatten().all(|x| x.is_finite())
+    }
+}
+
 /// Splats as renderers take them.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatView<'a> {

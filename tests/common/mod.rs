@@ -3,7 +3,12 @@
 
 #[cfg(feature = "gui")]
 pub mod adapter;
+pub mod agreement;
+pub mod exactness;
 pub mod golden;
+pub mod ray;
+pub mod render_cases;
+pub mod scenes;
 pub mod scratch;
 
 use std::path::PathBuf;

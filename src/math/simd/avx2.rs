@@ -7,7 +7,7 @@
 
 use super::{Kernel, LANES, SET_LANES, Vector};
 use std::arch::x86_64::*;
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, Div, Mul, Sub};
 
 /// Whether this processor has all that [`run`] is compiled for.
 pub(super) fn is_available() -> bool {
@@ -49,6 +49,7 @@ macro_rules! operator {
 operator!(Add, add, _mm256_add_ps);
 operator!(Sub, sub, _mm256_sub_ps);
 operator!(Mul, mul, _mm256_mul_ps);
+operator!(Div, div, _mm256_div_ps);
 
 // SAFETY of every block below: below `run` the processor has AVX2; loads and stores go through
 // slices checked to hold eight values.
@@ -103,6 +104,35 @@ impl Vector for Avx2 {
             let differing = _mm256_and_si256(differing, _mm256_set1_epi32(mask as i32));
             let equal = _mm256_cmpeq_epi32(differing, _mm256_setzero_si256());
             _mm256_movemask_ps(_mm256_castsi256_ps(equal)) as u32
+        }
+    }
+
+    #[inline(always)]
+    fn mask_at_most(self, other: Self) -> Self {
+        Self(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self(unsafe { _mm256_and_ps(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn select(mask: Self, yes: Self, no: Self) -> Self {
+        Self(unsafe { _mm256_blendv_ps(no.0, yes.0, mask.0) })
+    }
+
+    #[inline(always)]
+    fn signs(self) -> u32 {
+        unsafe { _mm256_movemask_ps(self.0) as u32 }
+    }
+
+    #[inline(always)]
+    fn scale_by_bits(self, exponent: Self) -> Self {
+        unsafe {
+            let exponent = _mm256_slli_epi32::<23>(_mm256_castps_si256(exponent.0));
+            let sum = _mm256_add_epi32(_mm256_castps_si256(self.0), exponent);
+            Self(_mm256_castsi256_ps(sum))
         }
     }
 

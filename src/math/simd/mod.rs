@@ -9,7 +9,7 @@ mod avx2;
 mod portable;
 
 use portable::Portable;
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, Div, Mul, Sub};
 use std::sync::LazyLock;
 
 /// Lanes of a [`Vector`].
@@ -19,7 +19,9 @@ pub const LANES: usize = 8;
 pub const FORCE_VARIABLE: &str = "VBGS_SIMD";
 
 /// Eight f32 lanes.
-pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+pub trait Vector:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
     /// The same value in every lane.
     fn splat(value: f32) -> Self;
     /// The first eight values.
@@ -38,6 +40,17 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn agrees(self, other: Self, mask: u32) -> u32;
     /// The lanes whose bit is set in `mask` come first, in order; the others say nothing.
     fn compress(self, mask: u32) -> Self;
+    /// A mask: lanes that are at most those of `other` have every bit set, the others none.
+    fn mask_at_most(self, other: Self) -> Self;
+    /// The bits that both have.
+    fn and(self, other: Self) -> Self;
+    /// Lanes of `yes` where the mask is set, those of `no` elsewhere.
+    fn select(mask: Self, yes: Self, no: Self) -> Self;
+    /// Lane `i` sets bit `i` if its sign bit is set, as it is where a mask is.
+    fn signs(self) -> u32;
+    /// Adds the integer in the bits of each lane of `exponent` to the exponent of the lane: times a
+    /// power of two, as long as the result is a normal number.
+    fn scale_by_bits(self, exponent: Self) -> Self;
     /// The lanes.
     fn to_array(self) -> [f32; LANES] {
         let mut lanes = [0.0; LANES];
@@ -150,11 +163,16 @@ mod tests {
                 a.tag(!7, 5),
                 a * b + a * a,
                 a.compress(0xFF),
+                a / b,
+                a.mask_at_most(b),
+                a.and(b),
+                V::select(a.mask_at_most(b), a, b),
+                a.scale_by_bits(V::splat(f32::from_bits(3))),
             ];
             let lanes = vectors.iter().flat_map(|v| v.to_array()).map(f32::to_bits);
             let some = a.compress(0b1010_0110).to_array().map(f32::to_bits);
             let some = some.into_iter().take(4);
-            lanes.chain([a.at_most(b), a.agrees(b, !0xFFFF)]).chain(some).collect()
+            lanes.chain([a.at_most(b), a.agrees(b, !0xFFFF), a.signs()]).chain(some).collect()
         }
     }
 
@@ -164,8 +182,10 @@ mod tests {
         let b = [0.1, 7.5e10, -3.0, 1.0, -1.0, 4.0, 2e-42, 1.0];
         let expected = Isa::PORTABLE.run(Everything(&a, &b));
         assert_eq!(f32::from_bits(expected[8]), 0.2);
-        assert_eq!(expected[72..74], [0b0110_0011, 0b1100_0001]);
-        assert_eq!(expected[74..], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
+        assert_eq!(expected[104], 0.8f32.to_bits());
+        assert_eq!(expected[96..99], [a[0], a[1], b[2]].map(f32::to_bits));
+        assert_eq!(expected[112..115], [0b0110_0011, 0b1100_0001, 0b0010_0010]);
+        assert_eq!(expected[115..], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
         if let Some(avx2) = Isa::avx2() {
             assert_eq!(avx2.run(Everything(&a, &b)), expected);
         }

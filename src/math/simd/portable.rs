@@ -1,9 +1,9 @@
 //! Vectors of `wide`: what the compiler may use everywhere.
 
 use super::{LANES, SET_LANES, Vector};
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, Div, Mul, Sub};
 use wide::bytemuck::cast;
-use wide::{f32x8, u32x8};
+use wide::{f32x8, i32x8, u32x8};
 
 /// Eight lanes of whatever the target has at least.
 #[derive(Clone, Copy)]
@@ -25,6 +25,7 @@ macro_rules! operator {
 operator!(Add, add);
 operator!(Sub, sub);
 operator!(Mul, mul);
+operator!(Div, div);
 
 impl Vector for Portable {
     #[inline(always)]
@@ -70,6 +71,32 @@ impl Vector for Portable {
         let differing = cast::<f32x8, u32x8>(self.0) ^ cast::<f32x8, u32x8>(other.0);
         let equal = (differing & u32x8::splat(mask)).simd_eq(u32x8::splat(0));
         cast::<u32x8, f32x8>(equal).to_bitmask() & 0xFF
+    }
+
+    #[inline(always)]
+    fn mask_at_most(self, other: Self) -> Self {
+        Self(self.0.simd_le(other.0))
+    }
+
+    #[inline(always)]
+    fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    #[inline(always)]
+    fn select(mask: Self, yes: Self, no: Self) -> Self {
+        Self(mask.0.select(yes.0, no.0))
+    }
+
+    #[inline(always)]
+    fn signs(self) -> u32 {
+        self.0.to_bitmask() & 0xFF
+    }
+
+    #[inline(always)]
+    fn scale_by_bits(self, exponent: Self) -> Self {
+        let exponent: i32x8 = cast::<f32x8, i32x8>(exponent.0) << 23;
+        Self(cast(cast::<f32x8, i32x8>(self.0) + exponent))
     }
 
     #[inline(always)]

@@ -1,10 +1,6 @@
 //! Arithmetic on eight pixels at a time.
 
-use wide::bytemuck::cast;
-use wide::{f32x8, i32x8};
-
-/// Pixels handled at once.
-pub(super) const LANES: usize = 8;
+use crate::math::simd::Vector;
 
 /// Adding and subtracting 1.5·2²³ rounds to the nearest integer, which then sits in the low bits.
 const ROUND: f32 = 12_582_912.0;
@@ -19,33 +15,38 @@ pub(super) const EXP2_MIN: f32 = -126.0;
 
 /// `2^x` for `x` from [`EXP2_MIN`] to 126; other lanes hold any bits, so the caller masks them.
 #[inline(always)]
-pub(super) fn exp2(x: f32x8) -> f32x8 {
-    let shifted = x + f32x8::splat(ROUND);
-    let f = x - (shifted - f32x8::splat(ROUND));
-    let mut sum = f32x8::splat(EXP2[5]);
+pub(super) fn exp2<V: Vector>(x: V) -> V {
+    let shifted = x + V::splat(ROUND);
+    let f = x - (shifted - V::splat(ROUND));
+    let mut sum = V::splat(EXP2[5]);
     for &coefficient in EXP2[..5].iter().rev() {
-        sum = sum.mul_add(f, f32x8::splat(coefficient));
+        sum = sum * f + V::splat(coefficient);
     }
-    let exponent: i32x8 = cast::<f32x8, i32x8>(shifted) << 23;
-    cast(cast::<f32x8, i32x8>(sum) + exponent)
-}
-
-/// Whether any lane of a mask is set.
-#[inline(always)]
-pub(super) fn any(mask: f32x8) -> bool {
-    mask.to_bitmask() != 0
+    sum.scale_by_bits(shifted)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::simd::{Isa, Kernel, LANES};
+
+    struct Exp2(f32);
+
+    impl Kernel for Exp2 {
+        type Output = f32;
+
+        #[inline(always)]
+        fn run<V: Vector>(self) -> f32 {
+            exp2(V::load(&[self.0; LANES])).to_array()[0]
+        }
+    }
 
     #[test]
     fn exp2_is_right_to_three_units_in_the_last_place() {
         let mut worst = 0f64;
         for i in 0..200_000 {
             let x = EXP2_MIN + i as f32 * (252.0 / 200_000.0);
-            let got = exp2(f32x8::splat(x)).to_array()[0];
+            let got = Isa::best().run(Exp2(x));
             let want = f64::from(x).exp2();
             worst = worst.max((f64::from(got) / want - 1.0).abs());
         }

@@ -2,25 +2,35 @@
 //!
 //! Four stages (`rendering.md` (e)): prepare (parallel), radix sort by depth, list splats per row of
 //! tiles, rasterise (one task per row of tiles). A tile is drawn by one thread from one sorted list,
-//! so an image has the same bits for any number of threads.
+//! so an image has the same bits for any number of threads; every instruction set gives them too.
 
+mod bounds;
 mod buckets;
+mod conic;
+mod exact;
 mod lanes;
 pub mod oracle;
 mod prepare;
+mod projected;
 mod raster;
+mod record;
+mod shade;
 mod sort;
+mod tile;
+mod view;
 
 use super::{RenderOptions, TILE};
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
+use crate::math::simd::Isa;
 use crate::model::appearance::SplatView;
-use crate::model::splats::Splat;
 use buckets::Buckets;
-use prepare::{Record, View};
-use raster::RowCanvas;
+use prepare::ChunkCount;
+use raster::{DrawRow, RowCanvas, Sheet};
 use rayon::prelude::*;
+use record::{Listing, Records};
 use sort::{DepthSorter, Keyed};
+use view::View;
 
 /// An image and what lies behind it; all planes have the size of the camera's image.
 #[derive(Clone, Debug)]
@@ -29,19 +39,39 @@ pub struct Rendered {
     pub color: RgbImage,
     /// `A = 1 − T` in `[0, 1]`.
     pub coverage: Image<f32>,
-    /// View depth `z` in world units, averaged with the blending weights; 0 where `A` is 0.
+    /// Depth in world units, averaged with the blending weights: view depth `z` (projected) or
+    /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
-    /// Splats dropped because a field is not finite or the quaternion is zero. Empty slots and
-    /// splats out of sight do not count.
+    /// Splats dropped because they or their appearance are not valid
+    /// ([`crate::model::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
     pub n_invalid: usize,
 }
 
-/// Renders splats by their projected covariance (`rendering.md` (b)). Keeps its buffers between
-/// images, so one renderer per view is cheaper than one per image.
+/// A step of an image, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Splats become records.
+    Prepare,
+    /// Visible records by depth.
+    Sort,
+    /// Lists per row of tiles.
+    Bin,
+    /// Blending and writing pixels; binning to tiles is part of it.
+    Raster,
+}
+
+impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
+}
+
+/// Renders splats by either method. Keeps its buffers between images, so one renderer per view is
+/// cheaper than one per image.
 #[derive(Default)]
 pub struct CpuRenderer {
-    records: Vec<Record>,
-    counts: Vec<prepare::ChunkCount>,
+    records: Records,
+    listings: Vec<Listing>,
+    counts: Vec<ChunkCount>,
     visible: Vec<Keyed>,
     sorter: DepthSorter,
     /// Visible records by row of tiles, nearest first. Rows rather than tiles: the lists stay short
@@ -56,8 +86,9 @@ impl CpuRenderer {
         Self::default()
     }
 
-    /// Renders one image on the current rayon pool. Never fails: splats that cannot be drawn are
-    /// skipped, an image without pixels is returned as such.
+    /// Renders one image on the current rayon pool, up to 65,535 pixels a side (beyond that there is
+    /// only background). Never fails: splats that cannot be drawn are skipped, an image without
+    /// pixels is returned as such.
     ///
     /// ```
     /// use glam::DVec3;
@@ -76,12 +107,14 @@ impl CpuRenderer {
     ///     scale: [0.1; 3],
     ///     rotation: [1.0, 0.0, 0.0, 0.0],
     /// };
-    /// let options = RenderOptions::evaluation(Method::PROJECTED, [1.0; 3]);
-    /// let image = CpuRenderer::new().render(&[red], &camera, &options);
-    /// assert!((image.coverage.at(32, 32) - 0.8).abs() < 1e-6);
-    /// assert!((image.color.at(32, 32)[1] - 0.2).abs() < 1e-6);
-    /// assert!((image.depth.at(32, 32) - 4.0).abs() < 1e-5);
-    /// assert_eq!(*image.color.at(0, 0), [1.0; 3]);
+    /// for method in [Method::PROJECTED, Method::EXACT] {
+    ///     let options = RenderOptions::evaluation(method, [1.0; 3]);
+    ///     let image = CpuRenderer::new().render(&[red], &camera, &options);
+    ///     assert!((image.coverage.at(32, 32) - 0.8).abs() < 1e-6);
+    ///     assert!((image.color.at(32, 32)[1] - 0.2).abs() < 1e-6);
+    ///     assert!((image.depth.at(32, 32) - 4.0).abs() < 1e-5);
+    ///     assert_eq!(*image.color.at(0, 0), [1.0; 3]);
+    /// }
     /// ```
     pub fn render<'a>(
         &mut self,
@@ -89,7 +122,17 @@ impl CpuRenderer {
         camera: &Camera,
         options: &RenderOptions,
     ) -> Rendered {
-        let splats: SplatView<'a> = splats.into();
+        self.render_observed(splats.into(), camera, options, |_| ())
+    }
+
+    /// The same, telling `observer` when each stage is done.
+    pub fn render_observed(
+        &mut self,
+        splats: SplatView<'_>,
+        camera: &Camera,
+        options: &RenderOptions,
+        mut observer: impl FnMut(Stage),
+    ) -> Rendered {
         let view = View::new(camera, options);
         let (width, height) = (view.width, view.height);
         let mut image = Rendered {
@@ -101,41 +144,44 @@ impl CpuRenderer {
         if width == 0 || height == 0 {
             return image;
         }
-        image.n_invalid = self.prepare(splats.splats(), &view);
+        image.n_invalid = self.prepare(splats, &view);
+        observer(Stage::Prepare);
         self.sorter.sort(&mut self.visible);
-        let records = &self.records;
+        observer(Stage::Sort);
+        let listings = &self.listings;
         let sorted = self.visible.iter().map(|visible| visible.record);
-        self.rows.fill(height.div_ceil(TILE), sorted, |i| records[i as usize].rect.tile_rows());
-        self.rasterise(options.background, &mut image);
+        self.rows.fill(height.div_ceil(TILE), sorted, |i| listings[i as usize].tile_rows());
+        observer(Stage::Bin);
+        self.rasterise(camera, options, &mut image);
+        observer(Stage::Raster);
         image
     }
 
     /// Fills `records` and `visible`; the number of broken splats.
-    fn prepare(&mut self, splats: &[Splat], view: &View) -> usize {
-        if self.records.len() < splats.len() {
-            self.records.resize(splats.len(), Record::default());
-        }
-        splats
-            .par_chunks(prepare::CHUNK)
-            .zip(self.records.par_chunks_mut(prepare::CHUNK))
-            .map(|(splats, records)| prepare::prepare_chunk(splats, records, view))
-            .collect_into_vec(&mut self.counts);
+    fn prepare(&mut self, splats: SplatView<'_>, view: &View) -> usize {
+        prepare::prepare(splats, view, &mut self.records, &mut self.listings, &mut self.counts);
         self.visible.clear();
         for (chunk, count) in self.counts.iter().enumerate() {
             let first = chunk * prepare::CHUNK;
-            self.visible.extend(
-                (first..first + count.n_visible)
-                    .map(|i| Keyed { key: self.records[i].depth.to_bits(), record: i as u32 }),
-            );
+            let listings = self.listings[first..].iter().take(count.n_visible);
+            let keyed =
+                |(listing, record): (&Listing, u32)| Keyed { key: listing.key.to_bits(), record };
+            self.visible.extend(listings.zip(first as u32..).map(keyed));
         }
         self.counts.iter().map(|count| count.n_invalid).sum()
     }
 
-    fn rasterise(&mut self, background: [f32; 3], image: &mut Rendered) {
+    fn rasterise(&mut self, camera: &Camera, options: &RenderOptions, image: &mut Rendered) {
         let (width, height) = (image.color.width, image.color.height);
         let n_rows = height.div_ceil(TILE);
         self.canvases.resize_with(n_rows, RowCanvas::default);
-        let (records, rows) = (&self.records, &self.rows);
+        let sheet = Sheet {
+            records: &self.records,
+            intrinsics: camera.intrinsics,
+            method: options.method,
+            background: options.background,
+        };
+        let (isa, rows) = (Isa::best(), &self.rows);
         let pixels_per_row = width * TILE;
         self.canvases
             .par_iter_mut()
@@ -145,8 +191,9 @@ impl CpuRenderer {
             .enumerate()
             .with_max_len(1)
             .for_each(|(row, (((canvas, color), coverage), depth))| {
-                canvas.draw(row * TILE, width, height, rows.get(row), records);
-                canvas.write(background, width, color, coverage, depth);
+                let (top, list) = (row * TILE, rows.get(row));
+                isa.run(DrawRow { sheet, canvas: &mut *canvas, top, list });
+                canvas.write(&sheet, top, color, coverage, depth);
             });
     }
 }

@@ -1,0 +1,50 @@
+//! The exact response of a splat as a rational conic in its tangent frame (`rendering.md` (c)), in
+//! f64 and once per splat, so that the f32 of the inner loop starts from correctly rounded numbers.
+
+use super::view::Placed;
+use glam::{DVec2, DVec3};
+
+/// A plane through a point of the splat's line of sight, in camera axes.
+pub(super) struct Tangent {
+    /// The point: the centre over its depth (pinhole) or distance (fisheye).
+    pub x0: DVec3,
+    /// What one unit of `δ` adds to it.
+    pub steps: [DVec3; 2],
+    /// Depth or distance of the centre, so that `x0` times it is the centre.
+    pub reach: f64,
+}
+
+/// `D²` of a splat in its tangent frame, see [`super::record`].
+#[derive(Clone, Copy)]
+pub(super) struct Conic {
+    pub p_x: f64,
+    pub p_y: f64,
+    pub q_y: f64,
+    pub half_l: DVec2,
+    pub w: f64,
+}
+
+impl Conic {
+    /// With whitening `M = diag(1/s)·(RQ)ᵀ`, `g₀ = M·x₀` and `A = M·steps`:
+    /// `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` of `B = [A₁×g₀, A₂×g₀]`, and `l = 2Aᵀg₀/|g₀|²`.
+    pub(super) fn new(placed: &Placed, tangent: &Tangent) -> Self {
+        let sharpness = placed.scale.recip();
+        let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
+        let g0 = white(tangent.x0);
+        let a = tangent.steps.map(white);
+        let b = a.map(|a| a.cross(g0));
+        let (gg, bb) = (g0.length_squared(), b[0].length_squared());
+        let (per_g, per_b) = (gg.sqrt().recip(), bb.sqrt().recip());
+        // |B₁×B₂|² = |g₀|²·(g₀·(A₁×A₂))², and that triple product is det M times the steps' own.
+        let steps = tangent.x0.dot(tangent.steps[0].cross(tangent.steps[1]));
+        let volume = steps * sharpness.element_product();
+        let z = tangent.reach;
+        Self {
+            p_x: z * bb * per_b * per_g,
+            p_y: z * b[0].dot(b[1]) * per_b * per_g,
+            q_y: z * volume * per_b,
+            half_l: DVec2::new(a[0].dot(g0), a[1].dot(g0)) * (per_g * per_g),
+            w: (z * z * gg).recip(),
+        }
+    }
+}

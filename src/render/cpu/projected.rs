@@ -1,0 +1,98 @@
+//! The projected renderer's records: `rendering.md` (b) 1 to 6.
+
+use super::conic::Conic;
+use super::exact::pinhole_tangent;
+use super::prepare::Drawn;
+use super::record::{Gradient, Rect};
+use super::shade::Shade;
+use super::view::{Placed, View};
+use crate::render::{LOW_PASS_PX2, Support, TILE};
+use glam::{DVec2, DVec3};
+
+/// Projected covariance in px², low-pass included.
+#[derive(Clone, Copy)]
+struct Covariance2 {
+    xx: f64,
+    xy: f64,
+    yy: f64,
+    det: f64,
+}
+
+/// The splat in the image, or `None` if no pixel can see it.
+pub(super) fn draw(view: &View, placed: &Placed, support: Support) -> Option<Drawn> {
+    let m = placed.m;
+    let tangent = m.truncate() / m.z;
+    let k = &view.intrinsics;
+    let centre = DVec2::new(k.fx * tangent.x + k.cx, k.fy * tangent.y + k.cy);
+    let covariance = Covariance2::new(view, placed, tangent);
+    let extent_squared = placed.extent_squared();
+    let rect = match support {
+        Support::Alpha => covariance.rect_of_alpha(view, centre, extent_squared),
+        Support::Tile3Sigma => covariance.rect_of_tiles(view, centre),
+    }?;
+    let conic = covariance.conic();
+    let opacity = placed.opacity;
+    Some(Drawn { centre, conic, reach: m.z, key: m.z, opacity, extent_squared, rect })
+}
+
+/// The gradient linearised at the centre: the point of largest response is `τ·x` with
+/// `τ ≈ 1 − ½ l·δ` there, so the part along the line of sight goes into the part across it.
+pub(super) fn gradient(shade: &Shade, placed: &Placed, view: &View) -> Gradient {
+    let tangent = pinhole_tangent(placed, &view.intrinsics);
+    let conic = Conic::new(placed, &tangent);
+    let mut gradient = shade.gradient(&tangent);
+    for (across, along) in gradient.across.iter_mut().zip(gradient.along) {
+        across[0] -= conic.half_l.x as f32 * along;
+        across[1] -= conic.half_l.y as f32 * along;
+    }
+    gradient.along = [0.0; 3];
+    gradient
+}
+
+impl Covariance2 {
+    /// `J S Jᵀ + 0.3·I` through the image `W = J R Q diag(s)` of the scaled axes.
+    fn new(view: &View, placed: &Placed, tangent: DVec2) -> Self {
+        let (k, z) = (&view.intrinsics, placed.m.z);
+        let clamped = tangent.max(view.tangent_lo).min(view.tangent_hi);
+        let row_x = DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z);
+        let row_y = DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z);
+        let w_x = placed.axes.transpose_mul_vec3(row_x) * placed.scale;
+        let w_y = placed.axes.transpose_mul_vec3(row_y) * placed.scale;
+        let (xx, yy) = (w_x.length_squared(), w_y.length_squared());
+        // Lagrange's identity: the determinant as a sum of positive terms does not cancel.
+        let det = w_x.cross(w_y).length_squared() + LOW_PASS_PX2 * (xx + yy + LOW_PASS_PX2);
+        Self { xx: xx + LOW_PASS_PX2, yy: yy + LOW_PASS_PX2, xy: w_x.dot(w_y), det }
+    }
+
+    /// `D² = (√(yy/det)·δx − xy/√(yy·det)·δy)² + δy²/yy`.
+    fn conic(self) -> Conic {
+        let per_root = (self.yy * self.det).sqrt().recip();
+        Conic {
+            p_x: self.yy * per_root,
+            p_y: -self.xy * per_root,
+            q_y: self.yy.sqrt().recip(),
+            half_l: DVec2::ZERO,
+            w: 0.0,
+        }
+    }
+
+    /// Pixels whose centres lie in the box of the ellipse of the alpha cut.
+    fn rect_of_alpha(self, view: &View, centre: DVec2, extent_squared: f64) -> Option<Rect> {
+        let half = DVec2::new((extent_squared * self.xx).sqrt(), (extent_squared * self.yy).sqrt());
+        view.pixels(centre - half, centre + half)
+    }
+
+    /// The reference's rectangle of tiles: a square of `⌈3√λ₁⌉` around the centre's pixel index.
+    fn rect_of_tiles(self, view: &View, centre: DVec2) -> Option<Rect> {
+        /// Floor of the reference under the root of the larger eigenvalue.
+        const ROOT_FLOOR: f64 = 0.1;
+        let half_trace = 0.5 * (self.xx + self.yy);
+        let largest = half_trace + (half_trace * half_trace - self.det).max(ROOT_FLOOR).sqrt();
+        let radius = (3.0 * largest.sqrt()).ceil();
+        let tile = TILE as f64;
+        let index = centre - 0.5;
+        let lo = ((index - radius) / tile).trunc() * tile;
+        let hi = ((index + radius + tile - 1.0) / tile).trunc() * tile;
+        view.clip(lo, hi)
+    }
+}

@@ -1,0 +1,72 @@
+//! What colour a splat has in a view (`rendering.md` (h)), once per splat.
+
+use super::conic::Tangent;
+use super::record::Gradient;
+use super::view::{Placed, View};
+use crate::model::appearance::Appearance;
+use crate::model::splats::Splat;
+use crate::render::Paint;
+use crate::render::paint::ramp;
+use glam::{DMat3, DVec3};
+
+/// The colour gradient of one splat in camera axes.
+pub(super) struct Shade(DMat3);
+
+impl Shade {
+    pub(super) fn new(appearance: &Appearance, view: &View) -> Self {
+        let rows = appearance.gradient.map(|row| row.map(f64::from));
+        Self(DMat3::from_cols_array_2d(&rows).transpose() * view.world_from_camera)
+    }
+
+    /// Its coefficients in the splat's tangent frame.
+    pub(super) fn gradient(&self, tangent: &Tangent) -> Gradient {
+        let image = |v: DVec3| (self.0 * v * tangent.reach).as_vec3().to_array();
+        let [x, y] = tangent.steps.map(image);
+        Gradient {
+            along: image(tangent.x0),
+            across: std::array::from_fn(|channel| [x[channel], y[channel]]),
+        }
+    }
+}
+
+/// The splat's colour at its centre; `appearance` counts only where the paint is the splat's own.
+pub(super) fn color(
+    view: &View,
+    splat: &Splat,
+    placed: &Placed,
+    appearance: Option<&Appearance>,
+) -> [f32; 3] {
+    match view.look.paint {
+        Paint::Stored => match appearance {
+            Some(appearance) => directed(view, splat, placed, appearance),
+            None => splat.color.map(|channel| channel.max(0.0)),
+        },
+        Paint::Depth([near, far]) => ramp((placed.m.length() as f32 - near) / (far - near)),
+        Paint::Normal => normal(view, placed),
+    }
+}
+
+/// `clamp(c₀ + W·d, 0, 1)`, `d` the unit direction from the camera.
+fn directed(view: &View, splat: &Splat, placed: &Placed, appearance: &Appearance) -> [f32; 3] {
+    let d = view.world_from_camera * placed.m.normalize();
+    std::array::from_fn(|channel| {
+        let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
+        (f64::from(splat.color[channel]) + w.dot(d)).clamp(0.0, 1.0) as f32
+    })
+}
+
+/// `½ + ½·n` with `n` the world direction of the shortest axis, turned towards the camera.
+fn normal(view: &View, placed: &Placed) -> [f32; 3] {
+    let [x, y, z] = placed.scale.to_array();
+    let shortest = if x <= y && x <= z {
+        0
+    } else if y <= z {
+        1
+    } else {
+        2
+    };
+    let axis = placed.axes.col(shortest);
+    let towards = if axis.dot(placed.m) > 0.0 { -axis } else { axis };
+    let n = view.world_from_camera * towards;
+    (0.5 + 0.5 * n).as_vec3().to_array()
+}

@@ -1,0 +1,305 @@
+//! Blending sorted splats into one tile (`rendering.md` (b) 6 to 8, (c), (e) 4, (h)).
+
+use super::lanes::exp2;
+use super::record::{Frame, Gradient, Record, Records};
+use crate::math::camera::Intrinsics;
+use crate::math::simd::{LANES, Vector};
+use crate::render::{ALPHA_CAP, GRADIENT_LIMIT, TILE, TRANSMITTANCE_STOP};
+
+/// Groups of lanes per row of a tile.
+const GROUPS: usize = TILE / LANES;
+
+/// Keeps `0/0` out of the direction opposite to a splat's centre.
+const LEAST_NUMERATOR: f32 = 1e-20;
+
+/// A lane of a mask that is set.
+const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
+
+/// What the records mean, as a constant that the compiler builds a loop for each of.
+pub(super) struct Form;
+
+impl Form {
+    /// `D² = N`.
+    pub(super) const PROJECTED: u8 = 0;
+    /// Offsets in pixels.
+    pub(super) const PINHOLE: u8 = 1;
+    /// Offsets in the splat's frame, of a ray per pixel.
+    pub(super) const FISHEYE: u8 = 2;
+}
+
+/// 16×16 values, group `GROUPS·row + half`.
+type Plane = [[f32; LANES]; TILE * GROUPS];
+
+/// Planes of a tile; they stay in L1 while it is drawn.
+pub(super) struct Tile {
+    left: usize,
+    top: usize,
+    /// Negative once the pixel is finished, and where there is none.
+    transmittance: Plane,
+    color: [Plane; 3],
+    /// Sum of weight × depth; of an exact pinhole, of weight × `t` with the ray `(x, y, 1)·t`.
+    depth: Plane,
+    /// Unit ray of every pixel in camera axes, of a fisheye only.
+    rays: Option<Box<[Plane; 3]>>,
+    /// Bit per row with an unfinished pixel.
+    open_rows: u32,
+}
+
+/// Eight pixels' view of a splat.
+struct Response<V> {
+    /// `alpha = opacity · 2^exponent`.
+    exponent: V,
+    /// Position of the largest response on the ray, in units of the splat's depth or distance.
+    tau: V,
+    /// `τ·c − 1` with the ray's share `c` along the centre's direction.
+    beyond: V,
+    /// `δ`.
+    offset: [V; 2],
+}
+
+impl Tile {
+    /// An empty tile at pixel `(left, top)` of which `columns` × `rows` pixels (or more) lie in the
+    /// image; the others start finished.
+    pub(super) fn new(left: usize, top: usize, columns: usize, rows: usize) -> Self {
+        let empty = [[0.0; LANES]; TILE * GROUPS];
+        let transmittance = std::array::from_fn(|group| {
+            let (row, first) = (group / GROUPS, group % GROUPS * LANES);
+            let inside = |lane| row < rows && first + lane < columns;
+            std::array::from_fn(|lane| if inside(lane) { 1.0 } else { -1.0 })
+        });
+        Self {
+            left,
+            top,
+            transmittance,
+            color: [empty; 3],
+            depth: empty,
+            rays: None,
+            open_rows: (1 << rows.min(TILE)) - 1,
+        }
+    }
+
+    /// The same with the rays of an equidistant fisheye; pixels beyond its half turn are finished.
+    pub(super) fn with_fisheye_rays(mut self, k: &Intrinsics) -> Self {
+        let mut rays = Box::new([[[0.0; LANES]; TILE * GROUPS]; 3]);
+        for group in 0..TILE * GROUPS {
+            for lane in 0..LANES {
+                let column = self.left + group % GROUPS * LANES + lane;
+                let row = self.top + group / GROUPS;
+                let ray = k.fisheye_ray(column, row);
+                if ray.is_none() {
+                    self.transmittance[group][lane] = -1.0;
+                }
+                for (plane, value) in rays.iter_mut().zip(ray.unwrap_or_default().to_array()) {
+                    plane[group][lane] = value as f32;
+                }
+            }
+        }
+        self.rays = Some(rays);
+        self
+    }
+
+    pub(super) fn is_finished(&self) -> bool {
+        self.open_rows == 0
+    }
+
+    /// Transmittance (its sign says nothing outside), colour and depth sums.
+    pub(super) fn planes(&self) -> [&Plane; 5] {
+        let [red, green, blue] = &self.color;
+        [&self.transmittance, red, green, blue, &self.depth]
+    }
+
+    /// Adds splats, nearest first. `least_front` is 0 for rays that begin at the camera, `−∞` for
+    /// whole lines.
+    #[inline(always)]
+    pub(super) fn blend_all<V: Vector, const FORM: u8, const SHADED: bool>(
+        &mut self,
+        list: &[u32],
+        all: &Records,
+        least_front: f32,
+    ) {
+        for &index in list {
+            if self.is_finished() {
+                break;
+            }
+            let index = index as usize;
+            let splat = &all.records[index];
+            let gradient = if SHADED { Some(&all.gradients[index]) } else { None };
+            let frame = if FORM == Form::FISHEYE { Some(&all.frames[index]) } else { None };
+            self.blend::<V, FORM>(splat, gradient, frame, least_front);
+        }
+    }
+
+    /// Adds one splat to the rows and groups inside its rectangle.
+    #[inline(always)]
+    fn blend<V: Vector, const FORM: u8>(
+        &mut self,
+        splat: &Record,
+        gradient: Option<&Gradient>,
+        frame: Option<&Frame>,
+        least_front: f32,
+    ) {
+        let rows = span(splat.rect.y0, splat.rect.y1, self.top);
+        let columns = span(splat.rect.x0, splat.rect.x1, self.left);
+        let groups = columns.start / LANES..columns.end.div_ceil(LANES);
+        let x0 = self.left as f32 + 0.5 - splat.u;
+        let x = LANE_COLUMNS.map(|columns| V::load(&columns) + V::splat(x0));
+        for row in rows {
+            if self.open_rows & (1 << row) == 0 {
+                continue;
+            }
+            let y = V::splat((self.top + row) as f32 + 0.5 - splat.v);
+            let mut stopped = false;
+            for half in groups.clone() {
+                let group = row * GROUPS + half;
+                let response = match (frame, &self.rays) {
+                    (Some(frame), Some(rays)) => {
+                        let ray = [0, 1, 2].map(|axis| V::load(&rays[axis][group]));
+                        through_fisheye(splat, frame, ray, least_front)
+                    }
+                    _ => through_plane::<V, FORM>(splat, [x[half], y], least_front),
+                };
+                stopped |= self.blend_group::<V, FORM>(group, splat, gradient, &response);
+            }
+            if stopped && self.row_is_finished(row) {
+                self.open_rows &= !(1 << row);
+            }
+        }
+    }
+
+    /// Adds a splat to eight pixels; whether a pixel was finished by it.
+    #[inline(always)]
+    fn blend_group<V: Vector, const FORM: u8>(
+        &mut self,
+        group: usize,
+        splat: &Record,
+        gradient: Option<&Gradient>,
+        response: &Response<V>,
+    ) -> bool {
+        let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
+        let t = V::load(&self.transmittance[group]);
+        let visible = V::splat(splat.cut).mask_at_most(response.exponent);
+        let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(t));
+        if hit.signs() == 0 {
+            return false;
+        }
+        let alpha = V::splat(splat.opacity) * exp2(response.exponent);
+        let alpha = alpha.min(V::splat(ALPHA_CAP as f32)).and(hit);
+        let mut weight = alpha * t;
+        let mut next = t - weight;
+        let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
+        // Lanes that were not hit are not stopped either.
+        let stopped = hit.signs() & !open.signs() & 0xFF;
+        if stopped != 0 {
+            let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
+            weight = weight.and(goes_on);
+            next = V::select(goes_on, next, V::splat(0.0) - t);
+        }
+        next.store(&mut self.transmittance[group]);
+        for channel in 0..3 {
+            let value = match gradient {
+                Some(gradient) => shaded(splat.color[channel], gradient, channel, response),
+                None => V::splat(splat.color[channel]),
+            };
+            add(&mut self.color[channel][group], weight * value);
+        }
+        let depth = match FORM {
+            Form::PROJECTED => V::splat(splat.reach),
+            _ => V::splat(splat.reach) * response.tau,
+        };
+        add(&mut self.depth[group], weight * depth);
+        stopped != 0
+    }
+
+    fn row_is_finished(&self, row: usize) -> bool {
+        let groups = &self.transmittance[row * GROUPS..(row + 1) * GROUPS];
+        groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
+    }
+}
+
+/// The part of `lo..hi` inside a tile that begins at `first`, from there.
+#[inline(always)]
+fn span(lo: u16, hi: u16, first: usize) -> std::ops::Range<usize> {
+    let end = first + TILE;
+    ((lo as usize).max(first) - first)..((hi as usize).min(end) - first)
+}
+
+#[inline(always)]
+fn add<V: Vector>(plane: &mut [f32; LANES], value: V) {
+    (V::load(plane) + value).store(plane);
+}
+
+/// A splat through a pinhole: `δ` in pixels, `c = 1`.
+#[inline(always)]
+fn through_plane<V: Vector, const FORM: u8>(
+    splat: &Record,
+    offset: [V; 2],
+    least_front: f32,
+) -> Response<V> {
+    let numerator = numerator(splat, offset);
+    let one = V::splat(1.0);
+    match FORM {
+        Form::PROJECTED => {
+            let exponent = V::splat(0.0) - numerator;
+            Response { exponent, tau: one, beyond: V::splat(0.0), offset }
+        }
+        _ => respond(splat, offset, numerator, one, least_front),
+    }
+}
+
+/// A splat through a fisheye: `δ` and `c` are the unit ray's parts along its frame.
+#[inline(always)]
+fn through_fisheye<V: Vector>(
+    splat: &Record,
+    frame: &Frame,
+    ray: [V; 3],
+    least_front: f32,
+) -> Response<V> {
+    let [x, y, share] = frame.rows.map(|row| {
+        ray[0] * V::splat(row[0]) + ray[1] * V::splat(row[1]) + ray[2] * V::splat(row[2])
+    });
+    respond(splat, [x, y], numerator(splat, [x, y]), share, least_front)
+}
+
+#[inline(always)]
+fn numerator<V: Vector>(splat: &Record, [x, y]: [V; 2]) -> V {
+    let p = V::splat(splat.p_x) * x + V::splat(splat.p_y) * y;
+    let q = V::splat(splat.q_y) * y;
+    p * p + q * q
+}
+
+#[inline(always)]
+fn respond<V: Vector>(
+    splat: &Record,
+    [x, y]: [V; 2],
+    numerator: V,
+    share: V,
+    least_front: f32,
+) -> Response<V> {
+    let [l_x, l_y] = splat.half_l;
+    let front = share + (V::splat(l_x) * x + V::splat(l_y) * y);
+    let front = front.max(V::splat(least_front));
+    let numerator = numerator.max(V::splat(LEAST_NUMERATOR));
+    let across = V::splat(splat.w) * numerator;
+    let inverse = V::splat(1.0) / (front * front + across);
+    Response {
+        exponent: V::splat(0.0) - numerator * inverse,
+        tau: front * inverse,
+        beyond: (front * (share - front) - across) * inverse,
+        offset: [x, y],
+    }
+}
+
+/// One channel of the colour with its gradient (`rendering.md` (h)).
+#[inline(always)]
+fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
+    let [x, y] = gradient.across[channel];
+    let across = at.tau * (V::splat(x) * at.offset[0] + V::splat(y) * at.offset[1]);
+    let change = V::splat(gradient.along[channel]) * at.beyond + across;
+    let limit = GRADIENT_LIMIT as f32;
+    let change = change.max(V::splat(-limit)).min(V::splat(limit));
+    (V::splat(color) + change).max(V::splat(0.0))
+}
+
+/// Column of each lane within its tile.
+const LANE_COLUMNS: [[f32; LANES]; GROUPS] =
+    [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]];

@@ -1,0 +1,139 @@
+//! Camera and options in the form the preparation uses, and what every renderer does to a splat
+//! first.
+
+use super::record::Rect;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::model::splats::Splat;
+use crate::render::{
+    ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
+    REFERENCE_VARIANCE, RenderOptions, SCALE_FLOOR,
+};
+use glam::{DMat3, DVec2, DVec3};
+
+/// A view, ready for splats.
+pub(super) struct View {
+    pub width: usize,
+    pub height: usize,
+    pub world_from_camera: DMat3,
+    pub camera_from_world: DMat3,
+    pub centre: DVec3,
+    pub intrinsics: Intrinsics,
+    /// Range of `x/z` and `y/z` inside which the Jacobian follows the splat.
+    pub tangent_lo: DVec2,
+    pub tangent_hi: DVec2,
+    pub near: f32,
+    pub method: Method,
+    pub look: Look,
+}
+
+/// A splat in camera axes, about to be drawn.
+pub(super) struct Placed {
+    /// Centre.
+    pub m: DVec3,
+    /// Direction of each scale, in columns.
+    pub axes: DMat3,
+    /// Standard deviations, world units: the look's factor and the floor applied.
+    pub scale: DVec3,
+    pub opacity: f64,
+}
+
+impl View {
+    pub(super) fn new(camera: &Camera, options: &RenderOptions) -> Self {
+        let k = camera.intrinsics;
+        let focal = DVec2::new(k.fx, k.fy);
+        let size = DVec2::new(k.width as f64, k.height as f64);
+        let principal = DVec2::new(k.cx, k.cy);
+        let margin = FRUSTUM_MARGIN * 0.5 * size / focal;
+        Self {
+            width: k.width as usize,
+            height: k.height as usize,
+            world_from_camera: camera.pose.rotation(),
+            camera_from_world: camera.pose.rotation().transpose(),
+            centre: camera.pose.centre(),
+            intrinsics: k,
+            tangent_lo: -principal / focal - margin,
+            tangent_hi: (size - principal) / focal + margin,
+            near: options.near.max(0.0) as f32,
+            method: options.method,
+            look: options.look,
+        }
+    }
+
+    /// The splat in camera axes, or `None` if no pixel can see it.
+    pub(super) fn place(&self, splat: &Splat) -> Option<Placed> {
+        // The camera is subtracted in f64: far from the origin f32 would lose the difference.
+        let mean = DVec3::from_array(splat.mean.map(f64::from));
+        let m = self.camera_from_world * (mean - self.centre);
+        let depth = match self.method.lens() {
+            Lens::Pinhole => m.z,
+            Lens::Fisheye => m.length(),
+        };
+        let opacity = f64::from(splat.opacity);
+        let faint = opacity < ALPHA_CUT || splat.opacity < self.look.opacity_cut;
+        if depth as f32 <= self.near || faint {
+            return None;
+        }
+        let axes = self.camera_from_world * axes_of(splat.rotation);
+        let scale = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.look.scale);
+        let scale = scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0)));
+        Some(Placed { m, axes, scale, opacity })
+    }
+
+    /// Casts saturate: far outside is empty, infinite is the whole image.
+    pub(super) fn clip(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
+        let limit =
+            |value: f64, size: usize| (value as u16).min(size.min(usize::from(u16::MAX)) as u16);
+        let rect = Rect {
+            x0: limit(lo.x, self.width),
+            x1: limit(hi.x, self.width),
+            y0: limit(lo.y, self.height),
+            y1: limit(hi.y, self.height),
+        };
+        (rect.x0 < rect.x1 && rect.y0 < rect.y1).then_some(rect)
+    }
+
+    /// Pixels whose centres lie between two points of the image plane.
+    pub(super) fn pixels(&self, lo: DVec2, hi: DVec2) -> Option<Rect> {
+        self.clip((lo - 0.5).ceil(), (hi - 0.5).floor() + 1.0)
+    }
+}
+
+/// World directions of the three scales, in columns, of a rotation `w x y z` of any length: what
+/// normalising would divide by enters once.
+fn axes_of(rotation: [f32; 4]) -> DMat3 {
+    let [w, x, y, z] = rotation.map(f64::from);
+    let double = 2.0 / (w * w + x * x + y * y + z * z);
+    let (dx, dy, dz) = (double * x, double * y, double * z);
+    let (xx, yy, zz) = (x * dx, y * dy, z * dz);
+    let (xy, xz, yz) = (x * dy, x * dz, y * dz);
+    let (wx, wy, wz) = (w * dx, w * dy, w * dz);
+    DMat3::from_cols(
+        DVec3::new(1.0 - yy - zz, xy + wz, xz - wy),
+        DVec3::new(xy - wz, 1.0 - xx - zz, yz + wx),
+        DVec3::new(xz + wy, yz - wx, 1.0 - xx - yy),
+    )
+}
+
+impl Placed {
+    /// `k²`: the squared Mahalanobis distance at which the alpha cut lies, `o·exp(−k²/2)` being the
+    /// cut.
+    pub(super) fn extent_squared(&self) -> f64 {
+        2.0 * (self.opacity / ALPHA_CUT).ln()
+    }
+
+    /// Widened as the exact renderer's antialiasing says (`rendering.md` (c)); `None` if it fades
+    /// the splat away.
+    pub(super) fn antialiased(mut self, exact: Exact, k: &Intrinsics) -> Option<Self> {
+        let variance = match exact.antialias {
+            Antialias::None => return Some(self),
+            Antialias::Footprint => FOOTPRINT_PX2 * self.m.length_squared() / (k.fx * k.fy),
+            Antialias::Reference => REFERENCE_VARIANCE,
+        };
+        let widened = (self.scale * self.scale + variance).map(f64::sqrt);
+        if exact.antialias == Antialias::Reference {
+            self.opacity *= (self.scale / widened).element_product();
+        }
+        self.scale = widened;
+        (self.opacity >= ALPHA_CUT).then_some(self)
+    }
+}

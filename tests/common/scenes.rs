@@ -1,0 +1,147 @@
+//! Random scenes around the origin and a camera that looks at them.
+
+use glam::DVec3;
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::pose::Pose;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::appearance::Appearance;
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::{Antialias, Exact, Lens, Method, RenderOptions, Response, Support};
+
+/// A random scene around the origin: centres in a cube of twice `radius`, standard deviations even
+/// in their logarithm.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene {
+    pub name: &'static str,
+    pub n_splats: usize,
+    pub scale: (f64, f64),
+    pub opacity: (f64, f64),
+    pub radius: f64,
+}
+
+/// What a batch of opaque dots, veils, needles and more shows of a renderer.
+pub const SCENES: [Scene; 6] = [
+    Scene {
+        name: "small",
+        n_splats: 1500,
+        scale: (0.01, 0.05),
+        opacity: (0.95, 0.95),
+        radius: 1.0,
+    },
+    Scene {
+        name: "translucent",
+        n_splats: 400,
+        scale: (0.05, 0.3),
+        opacity: (0.01, 0.6),
+        radius: 1.0,
+    },
+    Scene { name: "needles", n_splats: 600, scale: (1e-4, 0.5), opacity: (0.2, 0.95), radius: 1.0 },
+    Scene {
+        name: "around the camera",
+        n_splats: 800,
+        scale: (0.02, 0.2),
+        opacity: (0.3, 0.9),
+        radius: 4.0,
+    },
+    Scene { name: "over one", n_splats: 500, scale: (0.02, 0.1), opacity: (0.9, 3.0), radius: 1.0 },
+    // Rows of tiles with more splats than one batch of the rasteriser.
+    Scene {
+        name: "crowd",
+        n_splats: 7000,
+        scale: (0.1, 0.4),
+        opacity: (0.004, 0.006),
+        radius: 0.5,
+    },
+];
+
+/// Scenes for splats with an appearance (`rendering.md` (h)): every opacity up to 3.
+pub const NATIVE_SCENES: [Scene; 3] = [
+    Scene { name: "dots", n_splats: 1200, scale: (0.01, 0.05), opacity: (0.0, 3.0), radius: 1.0 },
+    Scene { name: "clouds", n_splats: 200, scale: (0.05, 0.3), opacity: (0.0, 3.0), radius: 1.0 },
+    Scene {
+        name: "all around",
+        n_splats: 500,
+        scale: (0.02, 0.2),
+        opacity: (0.0, 3.0),
+        radius: 4.0,
+    },
+];
+
+impl Scene {
+    pub fn splats(&self, seed: u64) -> Vec<Splat> {
+        let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+        let (lo, hi) = (self.scale.0.ln(), self.scale.1.ln());
+        (0..self.n_splats)
+            .map(|_| Splat {
+                mean: [0; 3].map(|_| rng.range(-self.radius, self.radius) as f32),
+                opacity: rng.range(self.opacity.0, self.opacity.1) as f32,
+                color: [0; 3].map(|_| rng.uniform() as f32),
+                scale: [0; 3].map(|_| rng.range(lo, hi).exp() as f32),
+                rotation: random_rotation(&mut rng),
+            })
+            .collect()
+    }
+}
+
+/// A unit quaternion, uniform over all turns.
+pub fn random_rotation(rng: &mut Rng) -> [f32; 4] {
+    let turn = [0; 4].map(|_| rng.normal());
+    let length = turn.iter().map(|v| v * v).sum::<f64>().sqrt();
+    turn.map(|v| (v / length) as f32)
+}
+
+/// Random gradients and view dependence for splats. One standard deviation along the longest axis
+/// changes a channel by about 0.25, so that the limit of 0.5 shows too.
+pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
+    let mut matrix = |size: f64| [0; 3].map(|_| [0; 3].map(|_| (size * rng.normal()) as f32));
+    let largest = |splat: &Splat| splat.scale.iter().fold(0.0, |a: f32, b| a.max(*b));
+    let appearance = splats.iter().map(|splat| Appearance {
+        gradient: matrix(0.25 / f64::from(largest(splat))),
+        directional: matrix(0.3),
+    });
+    appearance.collect()
+}
+
+/// Every renderer with every setting that changes its formulas.
+pub const METHODS: [Method; 8] = [
+    Method::Projected(Support::Alpha),
+    Method::Projected(Support::Tile3Sigma),
+    exact(Response::Ray, Antialias::Footprint, Lens::Pinhole),
+    exact(Response::Ray, Antialias::None, Lens::Pinhole),
+    exact(Response::Line, Antialias::None, Lens::Pinhole),
+    exact(Response::Line, Antialias::Reference, Lens::Pinhole),
+    exact(Response::Ray, Antialias::Footprint, Lens::Fisheye),
+    exact(Response::Ray, Antialias::None, Lens::Fisheye),
+];
+
+/// The exact renderer with its settings.
+pub const fn exact(response: Response, antialias: Antialias, lens: Lens) -> Method {
+    Method::Exact(Exact { response, antialias, lens })
+}
+
+/// Neither side is a multiple of a tile, and the principal point is off centre.
+pub fn camera() -> Camera {
+    let mut intrinsics = Intrinsics::from_horizontal_fov(107, 77, 0.8);
+    intrinsics.cx += 5.3;
+    intrinsics.fy *= 1.1;
+    let eye = DVec3::new(2.0, -2.5, 1.0);
+    Camera { intrinsics, pose: Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap() }
+}
+
+/// The same camera through the method's lens; the fisheye sees 190° from among the splats.
+pub fn camera_of(method: Method) -> Camera {
+    let mut camera = camera();
+    if method.lens() == Lens::Fisheye {
+        let k = &mut camera.intrinsics;
+        let shrink = f64::from(k.width) / 190f64.to_radians() / k.fx;
+        (k.fx, k.fy) = (k.fx * shrink, k.fy * shrink);
+        let eye = DVec3::new(0.75, -1.0, 0.5);
+        camera.pose = Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
+    }
+    camera
+}
+
+pub fn options(method: Method) -> RenderOptions {
+    RenderOptions::evaluation(method, [0.1, 0.5, 0.9])
+}
