@@ -4,6 +4,7 @@
 //! viewport through [`feed`]. What is legal when stands in [`command`].
 
 pub mod camera;
+pub mod color_mode;
 pub mod command;
 mod dialogs;
 pub mod feed;

@@ -89,6 +89,8 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
         home: home_of(&session),
         serial,
         is_demo,
+        dataset: Some(dataset.clone()),
+        told_modes: &[],
     };
     let splats = match session.engine().used() {
         0 => vec![Splat::default(); session.engine().components()],
@@ -206,6 +208,8 @@ fn view(
         home: HomeView { camera, up, target: framing.centre, radius: framing.radius },
         serial,
         is_demo: false,
+        dataset: None,
+        told_modes: &[],
     };
     Result { splats: splats.clone(), facts, notices, content: Content::Model(splats) }
 }

@@ -1,5 +1,7 @@
 //! The states of a run and the picture of it that panels draw from.
 
+use super::color_mode::ColorMode;
+use crate::dataset::Dataset;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
 use glam::DVec3;
@@ -99,6 +101,10 @@ pub struct Opened {
     pub serial: u64,
     /// Whether it is the built-in demo, which can be made again at any time.
     pub is_demo: bool,
+    /// Its frames, for comparing with photographs; `None` for a model.
+    pub dataset: Option<Arc<Dataset>>,
+    /// Colour modes whose values come with its splats, beyond those that every splat has.
+    pub told_modes: &'static [ColorMode],
 }
 
 /// The newest picture of the run: small numbers only, shared without copying.
