@@ -27,13 +27,15 @@ pub enum Command {
     FrameScene,
     /// Back to where the scene was opened.
     Home,
+    /// Select no splat any more.
+    Deselect,
     /// List of all shortcuts.
     Help,
 }
 
 impl Command {
     /// Every command, in the order help shows them.
-    pub const ALL: [Command; 11] = [
+    pub const ALL: [Command; 12] = [
         Command::Open,
         Command::OpenDemo,
         Command::Train,
@@ -44,6 +46,7 @@ impl Command {
         Command::Export,
         Command::FrameScene,
         Command::Home,
+        Command::Deselect,
         Command::Help,
     ];
 
@@ -60,6 +63,7 @@ impl Command {
             Command::Export => "Export…",
             Command::FrameScene => "Frame scene",
             Command::Home => "Home view",
+            Command::Deselect => "Deselect",
             Command::Help => "Shortcuts",
         }
     }
@@ -77,6 +81,7 @@ impl Command {
             Command::Export => "Write the scene as .ply or .glb",
             Command::FrameScene => "Move the camera so that the whole scene is seen",
             Command::Home => "Go back to the view the scene was opened with",
+            Command::Deselect => "Select no splat any more; a click on a splat selects it",
             Command::Help => "Show all keyboard and mouse shortcuts",
         }
     }
@@ -96,6 +101,7 @@ impl Command {
             Command::Export => control(Key::E),
             Command::FrameScene => plain(Key::F),
             Command::Home => plain(Key::H),
+            Command::Deselect => plain(Key::Escape),
             Command::Help => plain(Key::F1),
         }
     }
@@ -113,7 +119,7 @@ impl Command {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
             Command::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
-            Command::FrameScene | Command::Home => source != Source::Nothing,
+            Command::FrameScene | Command::Home | Command::Deselect => source != Source::Nothing,
             Command::Help => true,
         }
     }

@@ -1,18 +1,25 @@
 //! The central view: steering the camera, and painting with whatever the machine has.
 
 use super::camera::ViewCamera;
-use super::feed::SplatChange;
+use super::color_mode::ColorMode;
+use super::feed::{Delivery, SplatChange};
+use super::palette::Palette;
+use super::panels::legend;
+use super::selection::Selection;
 use super::software::{Effort, SoftwarePainter, View};
 use super::state::{Opened, RunState, Snapshot};
 use super::viewport::GpuPainter;
 use super::worker::Waker;
-use crate::model::splats::{Splat, framing};
+use crate::model::splats::framing;
 use crate::render::{Method, RenderOptions};
-use eframe::egui::{PointerButton, Rect, Response, Sense, Ui};
+use eframe::egui::{PointerButton, Rect, Response, Sense, Ui, Vec2};
 use std::time::{Duration, Instant};
 
 /// Colour behind the scene.
 const BACKGROUND: [f32; 3] = [0.09, 0.10, 0.12];
+
+/// Place of the legend, from the lower left corner of the viewport, points.
+const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
 
 /// How long after the last movement the picture is refined.
 const SETTLE: Duration = Duration::from_millis(150);
@@ -30,9 +37,11 @@ pub struct SceneView {
     /// Serial of what the camera was set up for.
     serial: u64,
     /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
-    splats: Vec<Splat>,
+    palette: Palette,
+    selection: Selection,
     moved_at: Instant,
     n_drawn: usize,
+    gpu_failed: bool,
 }
 
 impl SceneView {
@@ -47,19 +56,37 @@ impl SceneView {
             waker,
             camera: None,
             serial: 0,
-            splats: Vec::new(),
+            palette: Palette::default(),
+            selection: Selection::default(),
             moved_at: Instant::now(),
             n_drawn: 0,
+            gpu_failed: false,
         })
     }
 
     /// Hands changed splats over.
-    pub fn change(&mut self, change: SplatChange) {
-        super::feed::apply(&mut self.splats, change.clone());
+    pub fn change(&mut self, delivery: Delivery) {
+        let change = self.palette.change(delivery);
+        self.pass_on(change);
+    }
+
+    /// Colours the scene in another way. What only the trainer knows comes with later changes.
+    pub fn set_color_mode(&mut self, mode: ColorMode) {
+        if let Some(change) = self.palette.choose(mode.attribute()) {
+            self.pass_on(change);
+        }
+    }
+
+    fn pass_on(&mut self, change: SplatChange) {
         match &mut self.painter {
-            Painter::Gpu(painter) => painter.change(change, &self.splats),
+            Painter::Gpu(painter) => painter.change(change, self.palette.splats()),
             Painter::Software(painter) => painter.change(change),
         }
+    }
+
+    /// What the user clicked at, once: a splat, or `Some(None)` for none.
+    pub fn take_picked(&mut self) -> Option<Option<u32>> {
+        self.selection.take_picked()
     }
 
     /// Splats in the picture.
@@ -69,7 +96,7 @@ impl SceneView {
 
     /// Looks at the whole scene.
     pub fn frame_scene(&mut self) {
-        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(&self.splats)) {
+        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(self.palette.splats())) {
             camera.frame(&framing);
             self.moved_at = Instant::now();
         }
@@ -90,7 +117,26 @@ impl SceneView {
             self.go_home(opened);
         }
         self.steer(ui, &response);
-        self.paint(ui, rect, snapshot)
+        let failure = self.paint(ui, rect, snapshot);
+        let Some(view) = self.view(ui, rect) else { return failure };
+        let picked =
+            self.selection.ui(ui, &response, &view, self.palette.learned(), snapshot, &self.waker);
+        if let Some((attribute, range)) = self.palette.legend() {
+            legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
+        }
+        failure.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
+    }
+
+    /// The view in the pixels of the screen; `None` while there is nothing to look at.
+    fn view(&self, ui: &Ui, rect: Rect) -> Option<View> {
+        let camera = self.camera?;
+        let pixels = rect.size() * ui.ctx().pixels_per_point();
+        let size = [pixels.x.round() as u32, pixels.y.round() as u32];
+        if size[0] == 0 || size[1] == 0 {
+            return None;
+        }
+        let options = RenderOptions::viewport(Method::PROJECTED, BACKGROUND, camera.radius());
+        Some(View { camera: camera.camera(size), options })
     }
 
     fn steer(&mut self, ui: &Ui, response: &Response) {
@@ -116,17 +162,10 @@ impl SceneView {
     }
 
     fn paint(&mut self, ui: &Ui, rect: Rect, snapshot: &Snapshot) -> Option<String> {
-        let camera = self.camera?;
-        let pixels = rect.size() * ui.ctx().pixels_per_point();
-        let size = [pixels.x.round() as u32, pixels.y.round() as u32];
-        if size[0] == 0 || size[1] == 0 {
-            return None;
-        }
-        let options = RenderOptions::viewport(Method::PROJECTED, BACKGROUND, camera.radius());
-        let view = View { camera: camera.camera(size), options };
+        let view = self.view(ui, rect)?;
         match &mut self.painter {
             Painter::Gpu(painter) => {
-                match painter.paint(ui, rect, view.camera, &options, &self.splats) {
+                match painter.paint(ui, rect, view.camera, &view.options, self.palette.splats()) {
                     Ok(n_drawn) => {
                         self.n_drawn = n_drawn;
                         None
@@ -150,14 +189,33 @@ impl SceneView {
         }
     }
 
+    /// Whether the GPU draws the scene.
+    pub fn is_on_gpu(&self) -> bool {
+        matches!(self.painter, Painter::Gpu(_))
+    }
+
+    /// Whether the GPU was given up.
+    pub fn gpu_failed(&self) -> bool {
+        self.gpu_failed
+    }
+
+    /// Draws on a GPU from here on; the scene is handed over again.
+    pub fn use_gpu(&mut self, mut painter: GpuPainter) {
+        let splats = self.palette.splats();
+        painter.change(SplatChange::All(splats.to_vec()), splats);
+        self.painter = Painter::Gpu(Box::new(painter));
+        self.gpu_failed = false;
+    }
+
     /// Draws on the CPU from here on; the scene is handed over again.
     fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
+        self.gpu_failed = true;
         match SoftwarePainter::new(self.waker.clone()) {
             Ok(mut painter) => {
-                painter.change(SplatChange::All(self.splats.clone()));
+                painter.change(SplatChange::All(self.palette.splats().to_vec()));
                 self.painter = Painter::Software(Box::new(painter));
                 Some(format!(
-                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on"
+                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on, Settings has a button to try the GPU again"
                 ))
             }
             Err(error) => Some(format!(

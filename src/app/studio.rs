@@ -1,15 +1,21 @@
 //! The application: puts panels together and turns what they answer into orders.
 
+use super::adapter_memory;
+use super::color_mode::ColorMode;
 use super::command::Command;
 use super::dialogs::{self, Decision, PathDialog};
-use super::panels::{latency, notices, scene, status, transport};
+use super::panels::{adapter, inspector, latency, notices, scene, status, transport};
 use super::scene_view::SceneView;
-use super::state::{RunState, Snapshot, Subject};
+use super::state::{NoticeKind, RunState, Snapshot, Subject};
 use super::viewport::{self, GpuPainter};
+use super::window::{Exit, Leave};
 use super::worker::{Order, Waker, Worker};
+use crate::render::gpu::adapters::AdapterFacts;
+use crate::render::gpu::faults::GpuFaults;
 use eframe::egui::{
     CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
 };
+use eframe::egui_wgpu::RenderState;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -19,6 +25,8 @@ enum Tab {
     #[default]
     Latency,
     Scene,
+    Inspector,
+    Settings,
 }
 
 /// Who draws the scene.
@@ -39,7 +47,9 @@ enum Discarding {
 
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
-    worker: Worker,
+    worker: Arc<Worker>,
+    exit: Exit,
+    device: Option<Device>,
     waker: Waker,
     view: SceneView,
     adapter: String,
@@ -56,7 +66,7 @@ pub struct Studio {
 }
 
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
-const INTERVAL: Duration = Duration::from_millis(33);
+const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 
 impl Studio {
@@ -68,15 +78,30 @@ impl Studio {
         started: Instant,
     ) -> std::io::Result<Self> {
         let egui = context.egui_ctx.clone();
-        let waker: Waker = Arc::new(move || egui.request_repaint());
-        let (gpu, adapter) = gpu_painter(context, painting, &waker);
-        let interval = if gpu.is_some() { INTERVAL } else { SOFTWARE_INTERVAL };
-        let worker = Worker::start(waker.clone(), interval)?;
+        let worker = Arc::new(Worker::start(Arc::new(move || egui.request_repaint()))?);
         if let Some(subject) = subject {
             worker.send(Order::Open(subject));
         }
+        Self::attach(context, worker, Exit::default(), painting, started)
+    }
+
+    /// Builds the application on a run that may be under way; `exit` learns why the window ends.
+    pub fn attach(
+        context: &eframe::CreationContext<'_>,
+        worker: Arc<Worker>,
+        exit: Exit,
+        painting: Painting,
+        started: Instant,
+    ) -> std::io::Result<Self> {
+        let egui = context.egui_ctx.clone();
+        let waker: Waker = Arc::new(move || egui.request_repaint());
+        let device = context.wgpu_render_state.as_ref().map(Device::new);
+        let (gpu, adapter) = gpu_painter(device.as_ref(), painting, &waker);
+        worker.set_interval(if gpu.is_some() { GPU_INTERVAL } else { SOFTWARE_INTERVAL });
         Ok(Self {
             worker,
+            exit,
+            device,
             view: SceneView::new(gpu, waker.clone())?,
             waker,
             adapter,
@@ -103,6 +128,24 @@ impl Studio {
         self.view.n_drawn()
     }
 
+    /// Colours the scene in another way.
+    pub fn set_color_mode(&mut self, mode: ColorMode) {
+        self.view.set_color_mode(mode);
+        self.worker.send(Order::Watch(mode.attribute()));
+    }
+
+    /// Why the window ends, if it does.
+    pub fn exit(&self) -> &Exit {
+        &self.exit
+    }
+
+    /// Ends the window, not the run.
+    fn leave(&mut self, why: Leave, context: &Context) {
+        self.exit.leave(why);
+        self.may_close = true;
+        context.send_viewport_cmd(ViewportCommand::Close);
+    }
+
     fn obey(&mut self, command: Command, snapshot: &Snapshot) {
         if !command.is_legal(snapshot.state, snapshot.source) {
             return;
@@ -122,6 +165,7 @@ impl Studio {
                     self.view.go_home(opened);
                 }
             }
+            Command::Deselect => self.worker.send(Order::Inspect(None)),
             Command::Help => self.help_is_open = !self.help_is_open,
         }
     }
@@ -208,24 +252,75 @@ impl Studio {
         ui.horizontal(|ui| {
             ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
             ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
+            ui.selectable_value(&mut self.tab, Tab::Inspector, "Inspector");
+            ui.selectable_value(&mut self.tab, Tab::Settings, "Settings");
         });
         ui.separator();
         match self.tab {
             Tab::Latency => latency::ui(snapshot, ui),
             Tab::Scene => scene::ui(snapshot, ui),
+            Tab::Inspector => inspector::ui(snapshot, ui),
+            Tab::Settings => self.adapters(ui),
+        }
+    }
+
+    fn adapters(&mut self, ui: &mut Ui) {
+        let Some(device) = &self.device else { return };
+        let adapters = adapter::Adapters {
+            there: &device.there,
+            current: Some(&device.adapter),
+            gpu_failed: self.view.gpu_failed(),
+        };
+        match adapter::ui(&adapters, ui) {
+            None => {}
+            Some(adapter::Asked::RetryGpu) => self.retry_gpu(),
+            Some(adapter::Asked::Adapter(choice)) => {
+                adapter_memory::remember(&choice);
+                self.leave(Leave::Adapter(choice), ui.ctx());
+            }
+        }
+    }
+
+    fn retry_gpu(&mut self) {
+        let Some(Device { state, faults, .. }) = &self.device else { return };
+        faults.take(); // what went wrong before is known
+        match GpuPainter::new(state, faults.clone(), self.waker.clone()) {
+            Ok(painter) => self.view.use_gpu(painter),
+            Err(error) => {
+                let text = format!("the GPU still cannot draw the scene: {error}");
+                self.worker.send(Order::Report(NoticeKind::Error, text));
+            }
+        }
+    }
+
+    /// Faults of the window's own drawing, which nobody else takes while the CPU draws the scene.
+    fn report_faults(&self) {
+        let Some(device) = self.device.as_ref().filter(|_| !self.view.is_on_gpu()) else { return };
+        for fault in device.faults.take() {
+            let text = format!(
+                "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
+                fault.message
+            );
+            self.worker.send(Order::Report(NoticeKind::Error, text));
         }
     }
 
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        for change in self.worker.feed().take() {
-            self.view.change(change);
+        for delivery in self.worker.feed().take() {
+            self.view.change(delivery);
         }
         if snapshot.opened.is_none() && snapshot.state != RunState::Loading {
             self.empty_view(ui, snapshot);
             return;
         }
         if let Some(message) = self.view.ui(ui, snapshot) {
-            self.worker.send(Order::Report(message));
+            self.worker.send(Order::Report(NoticeKind::Error, message));
+        }
+        if let Some(picked) = self.view.take_picked() {
+            self.worker.send(Order::Inspect(picked));
+            if picked.is_some() {
+                self.tab = Tab::Inspector;
+            }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
             self.first_splats_logged = true;
@@ -255,13 +350,34 @@ fn would_lose(snapshot: &Snapshot) -> bool {
     snapshot.unsaved_frames > 0 && snapshot.opened.as_ref().is_some_and(|o| !o.is_demo)
 }
 
+/// The window's device, watched.
+struct Device {
+    state: RenderState,
+    faults: GpuFaults,
+    /// What else could draw the window.
+    there: Vec<AdapterFacts>,
+    adapter: AdapterFacts,
+}
+
+impl Device {
+    fn new(state: &RenderState) -> Self {
+        let (there, adapter) = viewport::adapters(state);
+        Self { state: state.clone(), faults: viewport::watch(state), there, adapter }
+    }
+
+    fn is_lost(&self) -> bool {
+        viewport::poll(&self.state);
+        self.faults.is_lost()
+    }
+}
+
 /// A GPU painter if the adapter is a real GPU, and who draws, for the status line.
 fn gpu_painter(
-    context: &eframe::CreationContext<'_>,
+    device: Option<&Device>,
     painting: Painting,
     waker: &Waker,
 ) -> (Option<GpuPainter>, String) {
-    let Some(state) = &context.wgpu_render_state else {
+    let Some(Device { state, faults, .. }) = device else {
         return (None, "CPU renderer".to_owned());
     };
     let capabilities = viewport::capabilities(state);
@@ -269,7 +385,7 @@ fn gpu_painter(
     if capabilities.is_software() && painting == Painting::Auto {
         return (None, format!("CPU renderer; window by {capabilities}"));
     }
-    match GpuPainter::new(state, waker.clone()) {
+    match GpuPainter::new(state, faults.clone(), waker.clone()) {
         Ok(painter) => (Some(painter), capabilities.to_string()),
         Err(error) => {
             tracing::warn!("{error}");
@@ -284,6 +400,12 @@ impl eframe::App for Studio {
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
+        if self.device.as_ref().is_some_and(Device::is_lost) {
+            // Nothing may be drawn any more, not even by egui, or it panics.
+            self.leave(Leave::DeviceLost, ui.ctx());
+            return;
+        }
+        self.report_faults();
         let snapshot = self.worker.snapshot();
         self.take_close_request(ui, &snapshot);
         self.take_dropped(ui, &snapshot);

@@ -11,6 +11,7 @@
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
+pub mod adapters;
 pub mod composite;
 pub mod context;
 pub mod faults;
