@@ -38,4 +38,13 @@ struct View {
 
 struct Composite {
     background: vec3<f32>,      // sRGB-encoded
+    mode: u32,                  // one of COMPARE_*
+    // Where the second picture lies, in shares of the viewport.
+    area_min: vec2<f32>,
+    area_max: vec2<f32>,
+    amount: f32,                // divider of a wipe (share of the width), gain of a difference
 }
+
+const COMPARE_NOTHING: u32 = 0u;
+const COMPARE_WIPE: u32 = 1u;
+const COMPARE_DIFFERENCE: u32 = 2u;

@@ -1,10 +1,16 @@
-// Lays the premultiplied splat image over a background: C + (1 − A)·bg, clamped to [0, 1].
+// Lays the premultiplied splat image over a background, C + (1 − A)·bg clamped to [0, 1], and
+// combines it with a second picture by the formulas of `src/render/compare.rs`.
 // Values are sRGB-encoded from the splats to the screen; only a target that encodes by itself
 // (`*Srgb`) needs them decoded first.
 
 @group(0) @binding(0) var<uniform> composite: Composite;
 @group(0) @binding(1) var image: texture_2d<f32>;
 @group(0) @binding(2) var image_sampler: sampler;
+// Another splat image, or an opaque photograph; the first image where nothing is compared.
+@group(0) @binding(3) var second_image: texture_2d<f32>;
+
+// Brightness that is left where the second picture has nothing to compare.
+const OUTSIDE: f32 = 0.35;
 
 struct Fragment {
     @builtin(position) position: vec4<f32>,
@@ -23,16 +29,32 @@ fn vertex(@builtin(vertex_index) index: u32) -> Fragment {
 
 @fragment
 fn fragment_encoded(in: Fragment) -> @location(0) vec4<f32> {
-    return vec4<f32>(blend(in.uv), 1.0);
+    return vec4<f32>(combined(in.uv), 1.0);
 }
 
 @fragment
 fn fragment_linear(in: Fragment) -> @location(0) vec4<f32> {
-    return vec4<f32>(linear_from_srgb(blend(in.uv)), 1.0);
+    return vec4<f32>(linear_from_srgb(combined(in.uv)), 1.0);
 }
 
-fn blend(uv: vec2<f32>) -> vec3<f32> {
-    let over = textureSample(image, image_sampler, uv);
+fn combined(uv: vec2<f32>) -> vec3<f32> {
+    // Both are sampled before anything branches, as WGSL asks.
+    let inner = (uv - composite.area_min) / (composite.area_max - composite.area_min);
+    let first = over_background(textureSample(image, image_sampler, uv));
+    let second = over_background(textureSample(second_image, image_sampler, inner));
+    if composite.mode == COMPARE_NOTHING {
+        return first;
+    }
+    if any(uv < composite.area_min) || any(uv >= composite.area_max) {
+        return OUTSIDE * first;
+    }
+    if composite.mode == COMPARE_DIFFERENCE {
+        return min(composite.amount * abs(first - second), vec3<f32>(1.0));
+    }
+    return select(second, first, uv.x < composite.amount);
+}
+
+fn over_background(over: vec4<f32>) -> vec3<f32> {
     return clamp(over.rgb + (1.0 - over.a) * composite.background, vec3<f32>(0.0), vec3<f32>(1.0));
 }
 

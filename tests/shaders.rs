@@ -84,7 +84,7 @@ fn shared_structs_agree_with_rust() {
             tangent_min,
             tangent_max
         ),
-        rust_layout!("Composite", Composite, background),
+        rust_layout!("Composite", Composite, background, mode, area_min, area_max, amount),
     ];
     let theirs = wgsl_layouts();
     assert_eq!(theirs.len(), ours.len(), "structs in common.wgsl: {:?}", theirs.keys());

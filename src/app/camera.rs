@@ -4,6 +4,7 @@ use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splats::Framing;
+use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -11,32 +12,60 @@ use std::f64::consts::{FRAC_PI_2, PI};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewCamera {
     orbit: Orbit,
+    /// Vertical field of view of the scene's own camera, radians.
+    own_fov_y: f64,
+    lens: Lens,
     /// Vertical field of view, radians: a wider window shows more at the sides.
     fov_y: f64,
     /// Size of the scene, world units: bounds how near and far one can dolly.
     radius: f64,
+    /// Middle of the scene.
+    middle: DVec3,
 }
 
-/// Range of the vertical field of view, radians.
-const FOV_Y: [f64; 2] = [0.5, 1.3];
+/// Range of the vertical field of view that is taken from a scene's own camera, radians.
+const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
+/// Largest field of view of a pinhole in either direction, radians (`rendering.md` (c)).
+const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
+/// Largest field of view by which the distance for the whole scene is chosen, radians.
+const MAX_FRAMING_FOV: f64 = 2.0;
 /// Wheel points that halve the distance.
 const WHEEL_PER_HALVING: f64 = 240.0;
 /// Nearest and farthest distance from the target, in scene radii.
 const DISTANCE: [f64; 2] = [1e-3, 50.0];
+/// Distance of the target from a dataset's camera, in scene radii.
+const VISIT_DISTANCE: [f64; 2] = [0.2, 2.0];
 /// How close to the poles dragging goes, radians.
 const MAX_ELEVATION: f64 = FRAC_PI_2 - 0.01;
 
 impl ViewCamera {
     /// The view a scene is opened with.
     pub fn home(home: &HomeView) -> Self {
-        let k = &home.camera.intrinsics;
-        let fov_y = 2.0 * (0.5 * k.height as f64 / k.fy).atan();
         let distance = home.camera.pose.centre().distance(home.target);
+        let fov_y = own_fov_y(&home.camera.intrinsics);
         Self {
             orbit: Orbit::from_pose(&home.camera.pose, home.up, distance.max(1e-9)),
-            fov_y: fov_y.clamp(FOV_Y[0], FOV_Y[1]),
+            own_fov_y: fov_y,
+            lens: Lens::Pinhole,
+            fov_y,
             radius: home.radius,
+            middle: home.target,
         }
+    }
+
+    /// Stands where another camera does, turning about a point in front of it.
+    pub fn visit(&mut self, camera: &Camera) {
+        let pose = &camera.pose;
+        let ahead = (self.middle - pose.centre()).dot(pose.forward());
+        let [least, most] = VISIT_DISTANCE.map(|share| share * self.radius);
+        self.orbit = Orbit::from_pose(pose, self.orbit.up, ahead.clamp(least, most).max(1e-9));
+        self.own_fov_y = own_fov_y(&camera.intrinsics);
+    }
+
+    /// Chooses the lens and its vertical field of view (radians), the scene's own if `None`.
+    pub fn look_through(&mut self, lens: Lens, fov_y: Option<f64>) {
+        self.lens = lens;
+        self.fov_y = fov_y.unwrap_or(self.own_fov_y);
     }
 
     /// Turns about the target; a drag over the height of the viewport is half a turn.
@@ -48,8 +77,8 @@ impl ViewCamera {
     }
 
     /// Shifts the target so that it follows the pointer.
-    pub fn pan(&mut self, delta_px: [f64; 2], height_px: f64) {
-        let per_pixel = 2.0 * self.orbit.distance * (0.5 * self.fov_y).tan() / height_px.max(1.0);
+    pub fn pan(&mut self, delta_px: [f64; 2], size_px: [f64; 2]) {
+        let per_pixel = self.orbit.distance / self.focal(size_px);
         let rotation = self.orbit.pose().rotation();
         let shift = rotation.x_axis * delta_px[0] + rotation.y_axis * delta_px[1];
         self.orbit.target -= shift * per_pixel;
@@ -64,14 +93,43 @@ impl ViewCamera {
     /// Looks at the whole scene from where it looks now.
     pub fn frame(&mut self, framing: &Framing) {
         self.orbit.target = framing.centre;
-        self.orbit.distance = framing.distance(self.fov_y);
+        self.orbit.distance = framing.distance(self.fov_y.min(MAX_FRAMING_FOV));
     }
 
     /// The camera for a viewport of this size in pixels.
     pub fn camera(&self, [width, height]: [u32; 2]) -> Camera {
-        let half_width = (0.5 * self.fov_y).tan() * width as f64 / height as f64;
-        let intrinsics = Intrinsics::from_horizontal_fov(width, height, 2.0 * half_width.atan());
+        let size = [f64::from(width), f64::from(height)];
+        let focal = self.focal(size);
+        let intrinsics = Intrinsics {
+            width,
+            height,
+            fx: focal,
+            fy: focal,
+            cx: 0.5 * size[0],
+            cy: 0.5 * size[1],
+        };
         Camera { intrinsics, pose: self.orbit.pose() }
+    }
+
+    /// Focal length in pixels (per radian, for a fisheye) in a viewport of this size.
+    fn focal(&self, [width, height]: [f64; 2]) -> f64 {
+        match self.lens {
+            Lens::Pinhole => {
+                let upright = 0.5 * height / (0.5 * self.fov_y).tan();
+                upright.max(0.5 * width.max(height) / (0.5 * MAX_PINHOLE_FOV).tan())
+            }
+            Lens::Fisheye => height / self.fov_y,
+        }
+    }
+
+    /// Vertical field of view of the scene's own camera, radians.
+    pub fn own_fov_y(&self) -> f64 {
+        self.own_fov_y
+    }
+
+    /// Distance of a camera from the middle of the scene, world units.
+    pub fn distance_to_middle(&self, camera: &Camera) -> f64 {
+        camera.pose.centre().distance(self.middle)
     }
 
     /// Point turned about.
@@ -83,6 +141,11 @@ impl ViewCamera {
     pub fn radius(&self) -> f64 {
         self.radius
     }
+}
+
+fn own_fov_y(k: &Intrinsics) -> f64 {
+    let fov_y = 2.0 * (0.5 * f64::from(k.height) / k.fy).atan();
+    fov_y.clamp(OWN_FOV_Y[0], OWN_FOV_Y[1])
 }
 
 #[cfg(test)]
@@ -105,11 +168,41 @@ mod tests {
 
     #[test]
     fn panning_keeps_the_target_under_the_pointer() {
+        for fov_y in [None, Some(2.5), Some(10.0)] {
+            let mut view = start();
+            view.look_through(Lens::Pinhole, fov_y);
+            let target = view.target();
+            view.pan([40.0, -25.0], [600.0, 400.0]);
+            let (pixel, _) = view.camera([600, 400]).project(target);
+            assert!((pixel.x - 340.0).abs() < 1e-6 && (pixel.y - 175.0).abs() < 1e-6, "{pixel}");
+        }
+    }
+
+    #[test]
+    fn fields_of_view_are_what_was_asked_for_as_far_as_a_lens_goes() {
         let mut view = start();
-        let target = view.target();
-        view.pan([40.0, -25.0], 400.0);
-        let (pixel, _) = view.camera([400, 400]).project(target);
-        assert!((pixel.x - 240.0).abs() < 1e-6 && (pixel.y - 175.0).abs() < 1e-6, "{pixel}");
+        view.look_through(Lens::Pinhole, Some(1.5));
+        let k = view.camera([400, 400]).intrinsics;
+        assert!((k.fov_x() - 1.5).abs() < 1e-9);
+        view.look_through(Lens::Pinhole, Some(MAX_PINHOLE_FOV));
+        let k = view.camera([800, 400]).intrinsics;
+        assert!((k.fov_x() - MAX_PINHOLE_FOV).abs() < 1e-9, "not beyond it at the sides");
+        view.look_through(Lens::Fisheye, Some(2.0 * PI));
+        let k = view.camera([800, 400]).intrinsics;
+        assert!((k.fy * PI - 200.0).abs() < 1e-9, "straight behind is at the upper edge");
+    }
+
+    #[test]
+    fn a_visited_camera_is_looked_through() {
+        let mut view = start();
+        let pose = Pose::look_at(DVec3::new(-1.0, 3.0, 2.0), DVec3::X, DVec3::Z).unwrap();
+        let intrinsics = Intrinsics::from_horizontal_fov(300, 300, 0.9);
+        view.visit(&Camera { intrinsics, pose });
+        view.look_through(Lens::Pinhole, None);
+        let camera = view.camera([300, 300]);
+        assert!((camera.pose.centre() - pose.centre()).length() < 1e-9);
+        assert!((camera.pose.forward() - pose.forward()).length() < 1e-9);
+        assert!((camera.intrinsics.fov_x() - 0.9).abs() < 1e-9);
     }
 
     #[test]

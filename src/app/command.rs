@@ -2,7 +2,7 @@
 //! legal in which state. Buttons, keys and the help list come from here.
 
 use super::state::{RunState, Source};
-use eframe::egui::{Key, KeyboardShortcut, Modifiers};
+use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 
 /// A request of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +27,14 @@ pub enum Command {
     FrameScene,
     /// Back to where the scene was opened.
     Home,
+    /// The other of the two renderers.
+    ToggleRenderer,
+    /// Stand at the dataset's camera before.
+    PreviousCamera,
+    /// Stand at the dataset's next camera.
+    NextCamera,
+    /// Compare with the photograph, or stop doing so.
+    ComparePhoto,
     /// Select no splat any more.
     Deselect,
     /// List of all shortcuts.
@@ -35,7 +43,7 @@ pub enum Command {
 
 impl Command {
     /// Every command, in the order help shows them.
-    pub const ALL: [Command; 12] = [
+    pub const ALL: [Command; 16] = [
         Command::Open,
         Command::OpenDemo,
         Command::Train,
@@ -46,6 +54,10 @@ impl Command {
         Command::Export,
         Command::FrameScene,
         Command::Home,
+        Command::ToggleRenderer,
+        Command::PreviousCamera,
+        Command::NextCamera,
+        Command::ComparePhoto,
         Command::Deselect,
         Command::Help,
     ];
@@ -63,6 +75,10 @@ impl Command {
             Command::Export => "Export…",
             Command::FrameScene => "Frame scene",
             Command::Home => "Home view",
+            Command::ToggleRenderer => "Projected/exact",
+            Command::PreviousCamera => "◀",
+            Command::NextCamera => "▶",
+            Command::ComparePhoto => "Photograph",
             Command::Deselect => "Deselect",
             Command::Help => "Shortcuts",
         }
@@ -81,28 +97,54 @@ impl Command {
             Command::Export => "Write the scene as .ply or .glb",
             Command::FrameScene => "Move the camera so that the whole scene is seen",
             Command::Home => "Go back to the view the scene was opened with",
+            Command::ToggleRenderer => "Switch between the projected and the exact renderer",
+            Command::PreviousCamera => "Stand where the dataset's camera before stood",
+            Command::NextCamera => "Stand where the dataset's next camera stood",
+            Command::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             Command::Deselect => "Select no splat any more; a click on a splat selects it",
             Command::Help => "Show all keyboard and mouse shortcuts",
         }
     }
 
-    /// Key that asks for it.
-    pub fn shortcut(self) -> Option<KeyboardShortcut> {
-        let plain = |key| Some(KeyboardShortcut::new(Modifiers::NONE, key));
-        let control = |key| Some(KeyboardShortcut::new(Modifiers::COMMAND, key));
+    /// Keys that ask for it.
+    pub fn shortcuts(self) -> &'static [KeyboardShortcut] {
+        const fn plain(key: Key) -> KeyboardShortcut {
+            KeyboardShortcut::new(Modifiers::NONE, key)
+        }
+        const fn control(key: Key) -> KeyboardShortcut {
+            KeyboardShortcut::new(Modifiers::COMMAND, key)
+        }
         match self {
-            Command::Open => control(Key::O),
-            Command::OpenDemo => None,
+            Command::Open => const { &[control(Key::O)] },
+            Command::OpenDemo => &[],
             // One key toggles the two, of which one is legal at a time.
-            Command::Train | Command::Pause => plain(Key::Space),
-            Command::Step => plain(Key::Period),
-            Command::Reset => control(Key::R),
-            Command::Save => control(Key::S),
-            Command::Export => control(Key::E),
-            Command::FrameScene => plain(Key::F),
-            Command::Home => plain(Key::H),
-            Command::Deselect => plain(Key::Escape),
-            Command::Help => plain(Key::F1),
+            Command::Train | Command::Pause => const { &[plain(Key::Space)] },
+            Command::Step => const { &[plain(Key::Period)] },
+            Command::Reset => const { &[control(Key::R)] },
+            Command::Save => const { &[control(Key::S)] },
+            Command::Export => const { &[control(Key::E)] },
+            Command::FrameScene => const { &[plain(Key::F)] },
+            Command::Home => const { &[plain(Key::H)] },
+            Command::ToggleRenderer => const { &[plain(Key::Tab)] },
+            Command::PreviousCamera => const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] },
+            Command::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
+            Command::ComparePhoto => const { &[plain(Key::G)] },
+            Command::Deselect => const { &[plain(Key::Escape)] },
+            Command::Help => const { &[plain(Key::F1)] },
+        }
+    }
+
+    /// Its keys as menus show them, empty if it has none.
+    pub fn keys(self, ctx: &Context) -> String {
+        let names: Vec<String> = self.shortcuts().iter().map(|s| ctx.format_shortcut(s)).collect();
+        names.join(" or ")
+    }
+
+    /// What it does and its keys.
+    pub fn hint(self, ctx: &Context) -> String {
+        match self.shortcuts() {
+            [] => self.tooltip().to_owned(),
+            _ => format!("{} ({})", self.tooltip(), self.keys(ctx)),
         }
     }
 
@@ -119,7 +161,10 @@ impl Command {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
             Command::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
-            Command::FrameScene | Command::Home | Command::Deselect => source != Source::Nothing,
+            Command::FrameScene | Command::Home | Command::ToggleRenderer | Command::Deselect => {
+                source != Source::Nothing
+            }
+            Command::PreviousCamera | Command::NextCamera | Command::ComparePhoto => dataset,
             Command::Help => true,
         }
     }

@@ -211,10 +211,11 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
 }
 
 /// Mouse actions of the viewport, for the help window.
-const MOUSE: [(&str, &str); 4] = [
+const MOUSE: [(&str, &str); 5] = [
     ("Left drag", "Orbit"),
     ("Right or middle drag", "Pan"),
     ("Wheel, pinch", "Dolly"),
+    ("Drag a divider", "Wipe from one picture to the other"),
     ("Drop a folder or file", "Open it"),
 ];
 
@@ -225,8 +226,8 @@ pub fn help(ui: &Ui, is_open: &mut bool) {
         |ui| {
             Grid::new("shortcuts").num_columns(2).striped(true).show(ui, |ui| {
                 for command in Command::ALL {
-                    if let Some(shortcut) = command.shortcut() {
-                        ui.label(RichText::new(ui.ctx().format_shortcut(&shortcut)).monospace());
+                    if !command.shortcuts().is_empty() {
+                        ui.label(RichText::new(command.keys(ui.ctx())).monospace());
                         ui.label(command.tooltip());
                         ui.end_row();
                     }

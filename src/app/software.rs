@@ -1,25 +1,18 @@
 //! Painting without a real GPU: the CPU renderer on its own thread, its picture as a texture
 //! (`rendering.md` (d)).
 
+use super::drawing::{DrawSample, Stage};
 use super::feed::SplatChange;
 use super::view_thread::{Announce, ViewThread};
+use super::viewer::shot::{Partner, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
-use crate::math::image::unit_to_byte;
+use crate::math::image::{RgbImage, unit_to_byte};
 use crate::model::splats::Splat;
-use crate::render::RenderOptions;
+use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
 use std::time::{Duration, Instant};
-
-/// A picture to be made.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    /// Camera for the whole viewport, in pixels of the screen.
-    pub camera: Camera,
-    /// Background and near plane.
-    pub options: RenderOptions,
-}
 
 /// How much of the machine a picture may take.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,13 +29,15 @@ struct Picture {
     image: ColorImage,
     /// Splats there were at the time, empty slots not counted.
     n_drawn: usize,
+    /// What it took to make.
+    ms: f64,
 }
 
 /// Painter of the viewport on machines without a real GPU.
 pub struct SoftwarePainter {
-    thread: ViewThread<(View, Effort), Picture>,
+    thread: ViewThread<(Shot, Effort), Picture>,
     texture: Option<TextureHandle>,
-    asked: Option<(View, Effort)>,
+    asked: Option<(Shot, Effort)>,
     asked_at: Instant,
     is_stale: bool,
     n_drawn: usize,
@@ -60,22 +55,15 @@ impl SoftwarePainter {
             .num_threads(1)
             .build()
             .map_err(std::io::Error::other)?;
-        let draw = move |splats: &[Splat], (view, effort): (View, Effort)| {
-            let camera = match effort {
-                Effort::Full => view.camera,
-                Effort::Shared | Effort::Moving => {
-                    Camera { intrinsics: view.camera.intrinsics.scaled(0.5), ..view.camera }
-                }
-            };
-            let mut render = || renderer.render(splats, &camera, &view.options);
-            let rendered = if effort == Effort::Shared { alone.install(render) } else { render() };
-            let size = [rendered.color.width, rendered.color.height];
-            let pixels = rendered.color.data.iter().map(|&p| {
-                let [r, g, b] = p.map(unit_to_byte);
-                Color32::from_rgb(r, g, b)
-            });
-            let image = ColorImage::new(size, pixels.collect());
-            Picture { image, n_drawn: splats.iter().filter(|s| s.opacity > 0.0).count() }
+        let draw = move |splats: &[Splat], (shot, effort): (Shot, Effort)| {
+            let started = Instant::now();
+            let mut render = || picture(&mut renderer, splats, &shot, effort);
+            let picture = if effort == Effort::Shared { alone.install(render) } else { render() };
+            Picture {
+                image: texels(&picture),
+                n_drawn: splats.iter().filter(|s| s.opacity > 0.0).count(),
+                ms: started.elapsed().as_secs_f64() * 1e3,
+            }
         };
         Ok(Self {
             thread: ViewThread::start("drawing", waker, draw)?,
@@ -94,16 +82,19 @@ impl SoftwarePainter {
     }
 
     /// Paints the newest picture over the viewport and asks for the next if one is needed. The last
-    /// picture stays until then. Returns the number of splats in the picture.
+    /// picture stays until then. Returns what a new picture took.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: eframe::egui::Rect,
-        view: View,
+        shot: &Shot,
         effort: Effort,
-    ) -> usize {
+    ) -> Option<DrawSample> {
+        let mut drawn = None;
         if let Some(picture) = self.thread.take() {
             self.n_drawn = picture.n_drawn;
+            let sample = drawn.insert(DrawSample::new(0));
+            sample.add(Stage::Picture, Some(picture.ms));
             match &mut self.texture {
                 Some(texture) => texture.set(picture.image, TextureOptions::LINEAR),
                 None => {
@@ -115,19 +106,24 @@ impl SoftwarePainter {
                 }
             }
         }
-        self.ask(ui, view, effort);
+        self.ask(ui, shot, effort);
         if let Some(texture) = &self.texture
-            && self.n_drawn > 0
+            && (self.n_drawn > 0 || shot.second.is_some())
         {
             let uv = eframe::egui::Rect::from_min_max([0.0, 0.0].into(), [1.0, 1.0].into());
             ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
         }
+        drawn
+    }
+
+    /// Splats in the newest picture.
+    pub fn n_drawn(&self) -> usize {
         self.n_drawn
     }
 
-    fn ask(&mut self, ui: &Ui, view: View, effort: Effort) {
-        let moved = self.asked.is_none_or(|(asked, _)| asked != view);
-        let refine = self.asked.is_none_or(|(_, asked)| asked != effort);
+    fn ask(&mut self, ui: &Ui, shot: &Shot, effort: Effort) {
+        let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != shot);
+        let refine = self.asked.as_ref().is_none_or(|(_, asked)| *asked != effort);
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which asks again
         }
@@ -143,9 +139,38 @@ impl SoftwarePainter {
             Effort::Shared if !moved && has_picture => Announce::Quietly,
             _ => Announce::Wake,
         };
-        self.thread.ask((view, effort), announce);
-        self.asked = Some((view, effort));
+        self.thread.ask((shot.clone(), effort), announce);
+        self.asked = Some((shot.clone(), effort));
         self.asked_at = Instant::now();
         self.is_stale = false;
     }
+}
+
+/// One picture, or two combined.
+fn picture(renderer: &mut CpuRenderer, splats: &[Splat], shot: &Shot, effort: Effort) -> RgbImage {
+    let camera = match effort {
+        Effort::Full => shot.camera,
+        Effort::Shared | Effort::Moving => {
+            Camera { intrinsics: shot.camera.intrinsics.scaled(0.5), ..shot.camera }
+        }
+    };
+    let mut first = renderer.render(splats, &camera, &shot.options).color;
+    if let Some(second) = &shot.second {
+        match &second.partner {
+            Partner::Splats(options) => {
+                let other = renderer.render(splats, &camera, options).color;
+                combine(&mut first, &other, second.area, second.how);
+            }
+            Partner::Photo(photo) => combine(&mut first, photo, second.area, second.how),
+        }
+    }
+    first
+}
+
+fn texels(picture: &RgbImage) -> ColorImage {
+    let pixels = picture.data.iter().map(|&p| {
+        let [r, g, b] = p.map(unit_to_byte);
+        Color32::from_rgb(r, g, b)
+    });
+    ColorImage::new([picture.width, picture.height], pixels.collect())
 }

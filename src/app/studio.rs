@@ -1,21 +1,24 @@
 //! The application: puts panels together and turns what they answer into orders.
 
 use super::adapter_memory;
-use super::color_mode::ColorMode;
 use super::command::Command;
+use super::device::Device;
 use super::dialogs::{self, Decision, PathDialog};
-use super::panels::{adapter, inspector, latency, notices, scene, status, transport};
-use super::scene_view::SceneView;
+use super::drawing::Drawer;
+use super::drop_target;
+use super::panels::{adapter, inspector, latency, notices, scene, settings, status, transport};
 use super::state::{NoticeKind, RunState, Snapshot, Subject};
-use super::viewport::{self, GpuPainter};
+use super::viewer::painter::Painter;
+use super::viewer::settings::ViewSettings;
+use super::viewer::{SceneView, toolbar};
+use super::viewport::GpuPainter;
 use super::window::{Exit, Leave};
 use super::worker::{Order, Waker, Worker};
-use crate::render::gpu::adapters::AdapterFacts;
-use crate::render::gpu::faults::GpuFaults;
+use crate::render::attributes::Attribute;
 use eframe::egui::{
-    CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
+    CentralPanel, Color32, Context, FocusDirection, Frame, Key, Panel, RichText, Ui,
+    ViewportCommand, Visuals,
 };
-use eframe::egui_wgpu::RenderState;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -52,6 +55,8 @@ pub struct Studio {
     device: Option<Device>,
     waker: Waker,
     view: SceneView,
+    /// What the worker was asked to tell of components.
+    watched: Option<Attribute>,
     adapter: String,
     tab: Tab,
     open_dialog: PathDialog,
@@ -68,6 +73,9 @@ pub struct Studio {
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
+
+/// Where the viewport's settings are kept between sessions.
+const STORAGE_KEY: &str = "viewport";
 
 impl Studio {
     /// Builds the application on eframe's context and opens `subject`, if there is one.
@@ -96,13 +104,25 @@ impl Studio {
         let egui = context.egui_ctx.clone();
         let waker: Waker = Arc::new(move || egui.request_repaint());
         let device = context.wgpu_render_state.as_ref().map(Device::new);
-        let (gpu, adapter) = gpu_painter(device.as_ref(), painting, &waker);
-        worker.set_interval(if gpu.is_some() { GPU_INTERVAL } else { SOFTWARE_INTERVAL });
+        let (painter, adapter) = Painter::choose(device.as_ref(), painting, &waker)?;
+        let on_cpu = painter.drawer() == Drawer::Cpu;
+        worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
+        // The window before may have coloured the scene otherwise.
+        worker.send(Order::Watch(None));
+        let stored = context.storage.and_then(|storage| storage.get_string(STORAGE_KEY));
+        let (settings, problem) = match stored {
+            Some(text) => ViewSettings::from_text(&text),
+            None => (ViewSettings::default(), None),
+        };
+        if let Some(problem) = problem {
+            worker.send(Order::Report(NoticeKind::Warning, problem));
+        }
         Ok(Self {
             worker,
             exit,
             device,
-            view: SceneView::new(gpu, waker.clone())?,
+            watched: None,
+            view: SceneView::new(painter, settings, waker.clone()),
             waker,
             adapter,
             tab: Tab::default(),
@@ -128,10 +148,9 @@ impl Studio {
         self.view.n_drawn()
     }
 
-    /// Colours the scene in another way.
-    pub fn set_color_mode(&mut self, mode: ColorMode) {
-        self.view.set_color_mode(mode);
-        self.worker.send(Order::Watch(mode.attribute()));
+    /// The central view.
+    pub fn view(&self) -> &SceneView {
+        &self.view
     }
 
     /// Why the window ends, if it does.
@@ -159,10 +178,14 @@ impl Studio {
             Command::Reset => self.discard_then(Order::Reset, snapshot),
             Command::Save => self.save_dialog.show(),
             Command::Export => self.export_dialog.show(),
-            Command::FrameScene => self.view.frame_scene(),
-            Command::Home => {
+            Command::FrameScene
+            | Command::Home
+            | Command::ToggleRenderer
+            | Command::PreviousCamera
+            | Command::NextCamera
+            | Command::ComparePhoto => {
                 if let Some(opened) = &snapshot.opened {
-                    self.view.go_home(opened);
+                    self.view.obey(command, opened);
                 }
             }
             Command::Deselect => self.worker.send(Order::Inspect(None)),
@@ -194,13 +217,16 @@ impl Studio {
         if ui.ctx().egui_wants_keyboard_input() || self.discarding.is_some() {
             return;
         }
+        if ui.input(|i| i.key_pressed(Key::Tab)) {
+            // The key is a command's; it would also move the focus, and keys with it.
+            ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
+        }
         for command in Command::ALL {
             if !command.is_legal(snapshot.state, snapshot.source) {
                 continue;
             }
-            let pressed =
-                command.shortcut().is_some_and(|s| ui.input_mut(|i| i.consume_shortcut(&s)));
-            if pressed {
+            let keys = command.shortcuts();
+            if ui.input_mut(|i| keys.iter().any(|key| i.consume_shortcut(key))) {
                 self.obey(command, snapshot);
             }
         }
@@ -257,21 +283,22 @@ impl Studio {
         });
         ui.separator();
         match self.tab {
-            Tab::Latency => latency::ui(snapshot, ui),
+            Tab::Latency => latency::ui(snapshot, self.view.drawn(), ui),
             Tab::Scene => scene::ui(snapshot, ui),
             Tab::Inspector => inspector::ui(snapshot, ui),
-            Tab::Settings => self.adapters(ui),
+            Tab::Settings => self.settings(ui),
         }
     }
 
-    fn adapters(&mut self, ui: &mut Ui) {
-        let Some(device) = &self.device else { return };
-        let adapters = adapter::Adapters {
+    fn settings(&mut self, ui: &mut Ui) {
+        let own_fov_deg = self.view.own_fov_deg();
+        let around = settings::Surroundings { adapter: &self.adapter, own_fov_deg };
+        let adapters = self.device.as_ref().map(|device| adapter::Adapters {
             there: &device.there,
-            current: Some(&device.adapter),
+            current: &device.adapter,
             gpu_failed: self.view.gpu_failed(),
-        };
-        match adapter::ui(&adapters, ui) {
+        });
+        match settings::ui(&mut self.view.settings, &around, adapters.as_ref(), ui) {
             None => {}
             Some(adapter::Asked::RetryGpu) => self.retry_gpu(),
             Some(adapter::Asked::Adapter(choice)) => {
@@ -285,7 +312,7 @@ impl Studio {
         let Some(Device { state, faults, .. }) = &self.device else { return };
         faults.take(); // what went wrong before is known
         match GpuPainter::new(state, faults.clone(), self.waker.clone()) {
-            Ok(painter) => self.view.use_gpu(painter),
+            Ok(painter) => self.view.draw_by(Painter::Gpu(Box::new(painter))),
             Err(error) => {
                 let text = format!("the GPU still cannot draw the scene: {error}");
                 self.worker.send(Order::Report(NoticeKind::Error, text));
@@ -295,7 +322,8 @@ impl Studio {
 
     /// Faults of the window's own drawing, which nobody else takes while the CPU draws the scene.
     fn report_faults(&self) {
-        let Some(device) = self.device.as_ref().filter(|_| !self.view.is_on_gpu()) else { return };
+        let is_on_cpu = self.view.drawn().drawer == Drawer::Cpu;
+        let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };
         for fault in device.faults.take() {
             let text = format!(
                 "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
@@ -315,6 +343,11 @@ impl Studio {
         }
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.worker.send(Order::Report(NoticeKind::Error, message));
+        }
+        let watched = self.view.settings.color_mode.attribute();
+        if watched != self.watched {
+            self.watched = watched;
+            self.worker.send(Order::Watch(watched));
         }
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(Order::Inspect(picked));
@@ -350,53 +383,16 @@ fn would_lose(snapshot: &Snapshot) -> bool {
     snapshot.unsaved_frames > 0 && snapshot.opened.as_ref().is_some_and(|o| !o.is_demo)
 }
 
-/// The window's device, watched.
-struct Device {
-    state: RenderState,
-    faults: GpuFaults,
-    /// What else could draw the window.
-    there: Vec<AdapterFacts>,
-    adapter: AdapterFacts,
-}
-
-impl Device {
-    fn new(state: &RenderState) -> Self {
-        let (there, adapter) = viewport::adapters(state);
-        Self { state: state.clone(), faults: viewport::watch(state), there, adapter }
-    }
-
-    fn is_lost(&self) -> bool {
-        viewport::poll(&self.state);
-        self.faults.is_lost()
-    }
-}
-
-/// A GPU painter if the adapter is a real GPU, and who draws, for the status line.
-fn gpu_painter(
-    device: Option<&Device>,
-    painting: Painting,
-    waker: &Waker,
-) -> (Option<GpuPainter>, String) {
-    let Some(Device { state, faults, .. }) = device else {
-        return (None, "CPU renderer".to_owned());
-    };
-    let capabilities = viewport::capabilities(state);
-    tracing::info!("adapter: {capabilities}");
-    if capabilities.is_software() && painting == Painting::Auto {
-        return (None, format!("CPU renderer; window by {capabilities}"));
-    }
-    match GpuPainter::new(state, faults.clone(), waker.clone()) {
-        Ok(painter) => (Some(painter), capabilities.to_string()),
-        Err(error) => {
-            tracing::warn!("{error}");
-            (None, format!("CPU renderer ({error})"))
-        }
-    }
-}
-
 impl eframe::App for Studio {
     fn clear_color(&self, visuals: &Visuals) -> [f32; 4] {
         visuals.panel_fill.to_normalized_gamma_f32()
+    }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        match self.view.settings.to_text() {
+            Ok(text) => storage.set_string(STORAGE_KEY, text),
+            Err(error) => tracing::warn!("the settings of the viewport are not kept: {error}"),
+        }
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
@@ -432,29 +428,22 @@ impl eframe::App for Studio {
             .size_range(240.0..=640.0)
             .frame(frame)
             .show(ui, |ui| self.side_panel(ui, &snapshot));
+        if let Some(opened) = &snapshot.opened {
+            let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
+                ui.add_space(2.0);
+                let asked = toolbar::ui(&mut self.view, &snapshot, opened, ui);
+                ui.add_space(2.0);
+                asked
+            });
+            if let Some(command) = asked.inner {
+                self.obey(command, &snapshot);
+            }
+        }
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             self.central_view(ui, &snapshot);
             self.dismissed = notices::ui(&snapshot, self.dismissed, ui);
         });
         self.dialogs(ui, &snapshot);
-        show_drop_target(ui.ctx());
+        drop_target::show(ui.ctx());
     }
-}
-
-/// A hint while a file is dragged over the window.
-fn show_drop_target(ctx: &Context) {
-    use eframe::egui::{Align2, Color32, FontId, Id, LayerId, Order as Layer};
-    if ctx.input(|i| i.raw.hovered_files.is_empty()) {
-        return;
-    }
-    let painter = ctx.layer_painter(LayerId::new(Layer::Foreground, Id::unique("drop target")));
-    let rect = ctx.content_rect();
-    painter.rect_filled(rect, 0.0, Color32::from_black_alpha(160));
-    painter.text(
-        rect.center(),
-        Align2::CENTER_CENTER,
-        "Drop to open",
-        FontId::proportional(28.0),
-        Color32::WHITE,
-    );
 }

@@ -60,10 +60,11 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let own = desk.clone();
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             let mut splats = Vec::new();
-            while let Some((changes, (request, announce))) = next(&own) {
+            while let Some((changes, request)) = next(&own) {
                 for change in changes {
                     apply(&mut splats, change);
                 }
+                let Some((request, announce)) = request else { continue };
                 let answer = work(&splats, request);
                 let mut inbox = own.lock();
                 inbox.answer = Some(answer);
@@ -84,6 +85,8 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
             inbox.changes.clear();
         }
         inbox.changes.push(change);
+        drop(inbox);
+        self.desk.bell.notify_one();
     }
 
     /// Asks for an answer; a request that still waits is replaced.
@@ -104,15 +107,20 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
     }
 }
 
-/// Waits for a request; `None` when the handle was dropped.
-fn next<Q, A>(desk: &Desk<Q, A>) -> Option<(Vec<SplatChange>, (Q, Announce))> {
+/// Changes in their order, then the request to answer, if there is one.
+type Work<Q> = (Vec<SplatChange>, Option<(Q, Announce)>);
+
+/// Waits for changes or a request: changes are taken even while nobody asks, so that they do not
+/// pile up. `None` when the handle was dropped.
+fn next<Q, A>(desk: &Desk<Q, A>) -> Option<Work<Q>> {
     let mut inbox = desk.lock();
     loop {
         if inbox.is_closed {
             return None;
         }
-        if let Some(request) = inbox.request.take() {
-            inbox.is_working = true;
+        let request = inbox.request.take();
+        if request.is_some() || !inbox.changes.is_empty() {
+            inbox.is_working = request.is_some();
             return Some((std::mem::take(&mut inbox.changes), request));
         }
         inbox = desk.bell.wait(inbox).unwrap_or_else(PoisonError::into_inner);
@@ -149,5 +157,21 @@ mod tests {
         wakes.recv_timeout(Duration::from_secs(10)).unwrap();
         assert_eq!(thread.take(), Some((7, 3)));
         assert!(thread.take().is_none() && !thread.is_busy());
+    }
+
+    #[test]
+    fn changes_do_not_pile_up_while_nobody_asks() {
+        let thread =
+            ViewThread::start("test", Arc::new(|| {}), |splats: &[Splat], (): ()| splats.len())
+                .unwrap();
+        let started = std::time::Instant::now();
+        for n in 1..=3 {
+            thread.change(SplatChange::All(vec![Splat::default(); n]));
+            while !thread.desk.lock().changes.is_empty() {
+                assert!(started.elapsed() < Duration::from_secs(10), "never taken");
+                std::thread::yield_now();
+            }
+        }
+        assert!(!thread.is_busy() && thread.take().is_none());
     }
 }

@@ -1,23 +1,28 @@
 //! Painting with a real GPU: hands eframe's device to `render::gpu` and draws its result inside the
 //! window's own pass. The only file of the window that knows wgpu.
 
+use super::drawing::{DrawSample, Drawer, Stage};
 use super::feed::SplatChange;
 use super::view_thread::{Announce, ViewThread};
+use super::viewer::shot::{Partner, Second as SecondPicture, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
+use crate::math::image::RgbImage;
 use crate::model::splats::Splat;
 use crate::render::RenderOptions;
 use crate::render::gpu::GpuError;
 use crate::render::gpu::adapters::{self, AdapterChoice, AdapterFacts};
-use crate::render::gpu::composite::Compositor;
+use crate::render::gpu::composite::{Compositor, Second};
 use crate::render::gpu::context::GpuCaps;
 use crate::render::gpu::faults::GpuFaults;
+use crate::render::gpu::photo::PhotoTexture;
 use crate::render::gpu::projected::{ProjectedRenderer, RenderSettings};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::sort::{SortScratch, back_to_front};
 use eframe::egui::{PaintCallbackInfo, Rect, Ui};
 use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 /// The adapter eframe chose, and what it can do.
 pub fn capabilities(state: &RenderState) -> GpuCaps {
@@ -94,40 +99,68 @@ pub struct GpuPainter {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: GpuFaults,
+    drawer: Drawer,
     scene: GpuScene,
     renderer: ProjectedRenderer,
+    /// For the other picture of a comparison; made when first needed.
+    second: Option<ProjectedRenderer>,
+    photo: Option<(Arc<RgbImage>, PhotoTexture)>,
     compositor: Arc<Mutex<Compositor>>,
     /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
     pending: Option<Vec<u32>>,
-    sorter: ViewThread<(Camera, f32), Vec<u32>>,
+    sorter: ViewThread<(Camera, f32), Sorted>,
+    /// What the newest order took to find.
+    sort_ms: Option<f64>,
     sorted_for: Option<Camera>,
     is_stale: bool,
     n_drawn: usize,
 }
 
+struct Sorted {
+    order: Vec<u32>,
+    ms: f64,
+}
+
 impl GpuPainter {
     /// Builds all GPU state on eframe's device.
     pub fn new(state: &RenderState, faults: GpuFaults, waker: Waker) -> Result<Self, PaintError> {
-        capabilities(state).check()?;
+        let capabilities = capabilities(state);
+        capabilities.check()?;
         let (device, queue) = (state.device.clone(), state.queue.clone());
         let mut scratch = SortScratch::default();
         let sort = move |splats: &[Splat], (camera, near): (Camera, f32)| {
-            back_to_front(splats, &camera, near, &mut scratch).to_vec()
+            let started = Instant::now();
+            let order = back_to_front(splats, &camera, near, &mut scratch).to_vec();
+            Sorted { order, ms: started.elapsed().as_secs_f64() * 1e3 }
         };
         let sorter = ViewThread::start("sorting", waker, sort)?;
         Ok(Self {
             scene: GpuScene::new(&device, &queue, &[])?,
             renderer: ProjectedRenderer::new(&device, &queue)?,
+            second: None,
+            photo: None,
             compositor: Arc::new(Mutex::new(Compositor::new(&device, state.target_format))),
+            drawer: if capabilities.has_timestamps { Drawer::Gpu } else { Drawer::UntimedGpu },
             device,
             queue,
             faults,
             pending: None,
             sorter,
+            sort_ms: None,
             sorted_for: None,
             is_stale: true,
             n_drawn: 0,
         })
+    }
+
+    /// Whether its passes can be timed.
+    pub fn drawer(&self) -> Drawer {
+        self.drawer
+    }
+
+    /// Splats there are.
+    pub fn n_drawn(&self) -> usize {
+        self.n_drawn
     }
 
     /// Hands changed splats over; `splats` are all of them, the change applied.
@@ -142,59 +175,92 @@ impl GpuPainter {
         self.n_drawn = splats.iter().filter(|s| s.opacity > 0.0).count();
     }
 
-    /// Draws the scene and queues it for painting over `rect`. Returns the number of splats there
-    /// are; an error means that this painter is of no more use.
+    /// Draws the scene, twice where renderers are compared, and queues it for painting over `rect`.
+    /// Returns what it takes; an error means that this painter is of no more use.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
-        camera: Camera,
-        options: &RenderOptions,
+        shot: &Shot,
         splats: &[Splat],
-    ) -> Result<usize, PaintError> {
+    ) -> Result<DrawSample, PaintError> {
         if let Some(fault) = self.faults.take().into_iter().next() {
             return Err(PaintError::Fault(fault.message));
         }
-        self.upload(splats)?;
-        self.sort(camera, options.near as f32);
-        let mut encoder =
-            self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let settings = RenderSettings { near: options.near as f32, extent_cap: f32::INFINITY };
-        self.renderer.render(
-            &self.device,
-            &self.queue,
-            &mut encoder,
-            &self.scene,
-            &camera,
-            settings,
-        )?;
-        self.queue.submit([encoder.finish()]);
-        let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
-        compositor.prepare(&self.device, &self.queue, self.renderer.target(), options.background);
-        drop(compositor);
+        let mut sample = DrawSample::new(self.upload(splats)?);
+        self.sort(shot.camera, shot.options.near as f32);
+        sample.add(Stage::Order, self.sort_ms);
+        self.draw(shot, &mut sample)?;
+        self.compose(shot)?;
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
-        Ok(self.n_drawn)
+        Ok(sample)
     }
 
-    fn upload(&mut self, splats: &[Splat]) -> Result<(), GpuError> {
-        match self.pending.take() {
-            None => self.scene = GpuScene::new(&self.device, &self.queue, splats)?,
-            Some(ids) if ids.is_empty() => {}
-            Some(ids) => {
-                self.scene.update(&self.device, &self.queue, &ids, splats)?;
+    fn draw(&mut self, shot: &Shot, sample: &mut DrawSample) -> Result<(), GpuError> {
+        let Self { device, queue, scene, .. } = self;
+        let mut encoder = device.create_command_encoder(&Default::default());
+        let mut draw = |renderer: &mut ProjectedRenderer, options: &RenderOptions| {
+            let near = options.near as f32;
+            let settings = RenderSettings { near, extent_cap: f32::INFINITY };
+            renderer.render(device, queue, &mut encoder, scene, &shot.camera, settings)?;
+            sample.add(Stage::Draw, renderer.gpu_time().map(|time| time.as_secs_f64() * 1e3));
+            Ok(())
+        };
+        draw(&mut self.renderer, &shot.options)?;
+        if let Some(SecondPicture { partner: Partner::Splats(options), .. }) = &shot.second {
+            if self.second.is_none() {
+                self.second = Some(ProjectedRenderer::new(device, queue)?);
+            }
+            if let Some(second) = &mut self.second {
+                draw(second, options)?;
             }
         }
-        self.pending = Some(Vec::new());
+        queue.submit([encoder.finish()]);
         Ok(())
+    }
+
+    fn compose(&mut self, shot: &Shot) -> Result<(), GpuError> {
+        if let Some(SecondPicture { partner: Partner::Photo(photo), .. }) = &shot.second
+            && self.photo.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, photo))
+        {
+            let texture = PhotoTexture::new(&self.device, &self.queue, photo)?;
+            self.photo = Some((photo.clone(), texture));
+        }
+        let second = shot.second.as_ref().and_then(|second| {
+            let view = match second.partner {
+                Partner::Splats(_) => self.second.as_ref().map(|r| r.target().view()),
+                Partner::Photo(_) => self.photo.as_ref().map(|(_, texture)| texture.view()),
+            };
+            Some(Second { view: view?, area: second.area, how: second.how })
+        });
+        let image = self.renderer.target();
+        let background = shot.options.background;
+        let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
+        compositor.prepare_pair(&self.device, &self.queue, image, background, second);
+        Ok(())
+    }
+
+    /// Brings the scene up to date; the bytes sent.
+    fn upload(&mut self, splats: &[Splat]) -> Result<u64, GpuError> {
+        let bytes = match self.pending.take() {
+            None => {
+                self.scene = GpuScene::new(&self.device, &self.queue, splats)?;
+                self.scene.n_splats() as u64 * GpuScene::BYTES_PER_SPLAT
+            }
+            Some(ids) if ids.is_empty() => 0,
+            Some(ids) => self.scene.update(&self.device, &self.queue, &ids, splats)?,
+        };
+        self.pending = Some(Vec::new());
+        Ok(bytes)
     }
 
     /// Takes a finished order and asks for the next one if the view or the splats changed.
     fn sort(&mut self, camera: Camera, near: f32) {
-        if let Some(order) = self.sorter.take()
-            && self.scene.set_order(&self.queue, &order).is_err()
-        {
-            self.is_stale = true; // the scene shrank meanwhile: a new order is on its way
+        if let Some(sorted) = self.sorter.take() {
+            self.sort_ms = Some(sorted.ms);
+            // After the scene shrank meanwhile, a new order is needed.
+            self.is_stale |= self.scene.set_order(&self.queue, &sorted.order).is_err();
         }
         if (self.is_stale || self.sorted_for != Some(camera)) && !self.sorter.is_busy() {
             self.sorter.ask((camera, near), Announce::Wake);

@@ -5,6 +5,7 @@
 //! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
 
 pub mod attributes;
+pub mod compare;
 mod lens;
 mod options;
 pub mod outline;

@@ -8,7 +8,7 @@ pub struct Adapters<'a> {
     /// Everything that could draw the window.
     pub there: &'a [AdapterFacts],
     /// The one that does.
-    pub current: Option<&'a AdapterFacts>,
+    pub current: &'a AdapterFacts,
     /// Whether the scene is drawn on the CPU because the GPU failed.
     pub gpu_failed: bool,
 }
@@ -28,7 +28,7 @@ pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<Asked> {
     ui.label(RichText::new("Graphics adapter").strong());
     let switch = "Closes this window and opens one on this adapter; training goes on meanwhile";
     for adapter in adapters.there {
-        let is_current = adapters.current == Some(adapter);
+        let is_current = adapters.current == adapter;
         let name = adapter.to_string();
         let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
         if clicked && !is_current {

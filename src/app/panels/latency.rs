@@ -1,9 +1,10 @@
 //! Where the milliseconds go: a stacked area over the latest frames, and a table.
 
+use crate::app::drawing::{DrawHistory, Drawer, Stage};
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, quantile};
 use crate::train::timing::StageMs;
-use eframe::egui::{Align, Color32, Grid, Layout, RichText, Sense, Ui, Vec2};
+use eframe::egui::{Align, Color32, Grid, Layout, Response, RichText, ScrollArea, Sense, Ui, Vec2};
 use egui_plot::{FilledArea, Plot};
 
 /// Colours of the stages, in the order of [`StageMs::NAMES`]; told apart by people with red-green
@@ -20,23 +21,27 @@ const COLORS: [Color32; 5] = [
 const LABELS: [&str; 5] = ["Candidate search", "E-step", "Statistics", "Update", "Reassignment"];
 
 /// Draws the panel.
-pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
-    if snapshot.recent.is_empty() {
-        ui.label("Timings appear with the first trained frame.");
-        return;
-    }
-    ui.label(RichText::new("Milliseconds of training per frame").weak());
-    plot(&snapshot.recent, ui);
-    ui.add_space(6.0);
-    table(&snapshot.recent, ui);
-    ui.add_space(6.0);
-    if ui
-        .button("Copy as CSV")
-        .on_hover_text("Copies the timings of these frames to the clipboard")
-        .clicked()
-    {
-        ui.ctx().copy_text(csv(&snapshot.recent));
-    }
+pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
+    ScrollArea::vertical().show(ui, |ui| {
+        if snapshot.recent.is_empty() {
+            ui.label("Timings of training appear with the first trained frame.");
+        } else {
+            ui.label(RichText::new("Milliseconds of training per frame").weak());
+            plot(&snapshot.recent, ui);
+            ui.add_space(6.0);
+            table(&snapshot.recent, ui);
+        }
+        ui.add_space(6.0);
+        drawing(drawn, ui);
+        ui.add_space(6.0);
+        if ui
+            .button("Copy as CSV")
+            .on_hover_text("Copies the timings of these frames and pictures to the clipboard")
+            .clicked()
+        {
+            ui.ctx().copy_text(csv(&snapshot.recent) + &drawing_csv(drawn));
+        }
+    });
 }
 
 fn plot(frames: &[FrameReport], ui: &mut Ui) {
@@ -72,40 +77,72 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
 
 fn table(frames: &[FrameReport], ui: &mut Ui) {
     Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(ui, |ui| {
-        for title in ["", "Stage, ms"] {
-            ui.label(RichText::new(title).weak());
-        }
-        for title in ["median", "95 %", "max"] {
-            number(ui, RichText::new(title).weak());
-        }
-        ui.end_row();
+        headings("Stage, ms", ui);
         for stage in 0..StageMs::NAMES.len() {
-            row(ui, Some(COLORS[stage]), LABELS[stage], frames, |f| f.ms.stages.stages()[stage]);
+            let values = frames.iter().map(|f| f.ms.stages.stages()[stage]);
+            row(ui, Some(COLORS[stage]), LABELS[stage], values);
         }
-        row(ui, None, "Training, total", frames, |f| f.ms.stages.train);
-        row(ui, None, "Decode (ahead)", frames, |f| f.ms.load);
-        row(ui, None, "Prepare (ahead)", frames, |f| f.ms.prepare);
+        row(ui, None, "Training, total", frames.iter().map(|f| f.ms.stages.train));
+        let beside = "Done on another thread where the machine has a core \
+                      to spare, else between two trainings";
+        row(ui, None, "Decode (not in total)", frames.iter().map(|f| f.ms.load))
+            .on_hover_text(beside);
+        row(ui, None, "Prepare (not in total)", frames.iter().map(|f| f.ms.prepare))
+            .on_hover_text(beside);
     });
+}
+
+/// What pictures of the viewport take.
+fn drawing(drawn: &DrawHistory, ui: &mut Ui) {
+    if drawn.samples().len() == 0 {
+        return;
+    }
+    Grid::new("drawing table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(ui, |ui| {
+        headings("Drawing, ms", ui);
+        for stage in Stage::ALL {
+            let values: Vec<f64> = drawn.samples().filter_map(|s| s.ms(stage)).collect();
+            if !values.is_empty() {
+                row(ui, None, stage.label(), values.into_iter());
+            }
+        }
+        if drawn.drawer != Drawer::Cpu {
+            let kib = drawn.samples().map(|s| s.uploaded_bytes as f64 / 1024.0);
+            row(ui, None, "Uploaded, KiB", kib).on_hover_text("Changed splats sent to the GPU");
+        }
+    });
+    if drawn.drawer == Drawer::UntimedGpu {
+        ui.label(RichText::new("This adapter cannot time its passes.").weak());
+    }
+}
+
+fn headings(first: &str, ui: &mut Ui) {
+    for title in ["", first] {
+        ui.label(RichText::new(title).weak());
+    }
+    for title in ["median", "95 %", "max"] {
+        number(ui, RichText::new(title).weak());
+    }
+    ui.end_row();
 }
 
 fn row(
     ui: &mut Ui,
     color: Option<Color32>,
     label: &str,
-    frames: &[FrameReport],
-    value: impl Fn(&FrameReport) -> f64,
-) {
-    let mut values: Vec<f64> = frames.iter().map(value).collect();
+    values: impl Iterator<Item = f64>,
+) -> Response {
+    let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
     if let Some(color) = color {
         ui.painter().rect_filled(swatch, 2.0, color);
     }
-    ui.label(label);
+    let named = ui.label(label);
     for q in [0.5, 0.95, 1.0] {
         number(ui, RichText::new(format!("{:.1}", quantile(&values, q))).monospace());
     }
     ui.end_row();
+    named
 }
 
 fn number(ui: &mut Ui, text: RichText) {
@@ -125,9 +162,22 @@ fn csv(frames: &[FrameReport]) -> String {
     text
 }
 
+/// A second block, since pictures are not frames of the training.
+fn drawing_csv(drawn: &DrawHistory) -> String {
+    let names = Stage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
+    let mut text = format!("\npicture,{names},uploaded bytes\n");
+    for (i, sample) in drawn.samples().enumerate() {
+        let cell = |stage| sample.ms(stage).map_or_else(String::new, |ms| format!("{ms:.4}"));
+        let stages = Stage::ALL.map(cell).join(",");
+        text.push_str(&format!("{i},{stages},{}\n", sample.uploaded_bytes));
+    }
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::drawing::DrawSample;
     use crate::eval::report::FrameMs;
 
     #[test]
@@ -148,5 +198,18 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
         assert!(lines[1].starts_with("3,10,0.5000,0.2500,1.0000,"));
+    }
+
+    #[test]
+    fn pictures_leave_stages_empty_that_did_not_happen() {
+        let mut drawn = DrawHistory::new(Drawer::Gpu);
+        let mut sample = DrawSample::new(640);
+        sample.add(Stage::Order, Some(0.5));
+        sample.add(Stage::Draw, Some(1.25));
+        drawn.push(sample);
+        let text = drawing_csv(&drawn);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[1].split(',').count(), lines[2].split(',').count());
+        assert_eq!(lines[2], "0,,0.5000,,,1.2500,640");
     }
 }

@@ -6,5 +6,6 @@ pub mod latency;
 pub mod legend;
 pub mod notices;
 pub mod scene;
+pub mod settings;
 pub mod status;
 pub mod transport;

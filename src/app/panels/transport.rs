@@ -48,9 +48,6 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<Command> {
 
 fn button(snapshot: &Snapshot, ui: &mut Ui, command: Command) -> bool {
     let legal = command.is_legal(snapshot.state, snapshot.source);
-    let keys = command
-        .shortcut()
-        .map_or_else(String::new, |s| format!(" ({})", ui.ctx().format_shortcut(&s)));
     let response = ui.add_enabled(legal, Button::new(command.label()));
-    response.on_hover_text(format!("{}{keys}", command.tooltip())).clicked()
+    response.on_hover_text(command.hint(ui.ctx())).clicked()
 }

@@ -2,8 +2,21 @@
 
 use super::layout::{Composite, shader};
 use super::target::SplatTarget;
+use crate::render::compare::{Area, Combination};
 
-/// Lays a splat image over a background: `C + (1 − A)·bg` (`rendering.md` (d) 3).
+/// A second picture to compare with.
+#[derive(Clone, Copy, Debug)]
+pub struct Second<'a> {
+    /// Of another [`SplatTarget`] or of a [`super::photo::PhotoTexture`].
+    pub view: &'a wgpu::TextureView,
+    /// The part of the viewport that it fills.
+    pub area: Area,
+    /// What is shown of the two.
+    pub how: Combination,
+}
+
+/// Lays a splat image over a background, `C + (1 − A)·bg` (`rendering.md` (d) 3), and compares it
+/// with a second picture if there is one.
 #[derive(Debug)]
 pub struct Compositor {
     pipeline: wgpu::RenderPipeline,
@@ -44,8 +57,21 @@ impl Compositor {
         image: &SplatTarget,
         background: [f32; 3],
     ) {
-        let uniforms = Composite { background, padding: 0 };
+        self.prepare_pair(device, queue, image, background, None);
+    }
+
+    /// The same with a second picture, over the same background.
+    pub fn prepare_pair(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        image: &SplatTarget,
+        background: [f32; 3],
+        second: Option<Second<'_>>,
+    ) {
+        let uniforms = uniforms(background, second);
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
+        let second_view = second.map_or(image.view(), |second| second.view);
         self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("composite"),
             layout: &self.pipeline.get_bind_group_layout(0),
@@ -58,6 +84,10 @@ impl Compositor {
                 wgpu::BindGroupEntry {
                     binding: 2,
                     resource: wgpu::BindingResource::Sampler(&self.sampler),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: wgpu::BindingResource::TextureView(second_view),
                 },
             ],
         }));
@@ -72,6 +102,16 @@ impl Compositor {
             pass.draw(0..3, 0..1);
         }
     }
+}
+
+fn uniforms(background: [f32; 3], second: Option<Second<'_>>) -> Composite {
+    let area = second.map_or(Area::FULL, |second| second.area);
+    let (mode, amount) = match second.map(|second| second.how) {
+        None => (0, 0.0),
+        Some(Combination::Wipe(divider)) => (1, divider),
+        Some(Combination::Difference(gain)) => (2, gain),
+    };
+    Composite { background, mode, area_min: area.min, area_max: area.max, amount, padding: [0; 3] }
 }
 
 fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {

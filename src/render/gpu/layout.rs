@@ -155,6 +155,14 @@ impl View {
 pub struct Composite {
     /// sRGB-encoded colour behind the splats.
     pub background: [f32; 3],
-    /// WGSL rounds the size up to 16.
-    pub padding: u32,
+    /// 0 shows the first picture, 1 wipes between two, 2 shows what differs.
+    pub mode: u32,
+    /// Upper left corner of the second picture, shares of the viewport.
+    pub area_min: [f32; 2],
+    /// Lower right corner.
+    pub area_max: [f32; 2],
+    /// Divider of a wipe (share of the width) or gain of a difference.
+    pub amount: f32,
+    /// WGSL rounds the size up to 48.
+    pub padding: [u32; 3],
 }

@@ -6,7 +6,8 @@
 //!    the order that [`sort::back_to_front`] found on another thread;
 //! 2. [`projected::ProjectedRenderer::render`] draws the splats into an offscreen
 //!    [`target::SplatTarget`];
-//! 3. [`composite::Compositor`] lays that over a background inside the window's own pass.
+//! 3. [`composite::Compositor`] lays that over a background inside the window's own pass, beside
+//!    another image or a photograph if two are compared.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
@@ -16,6 +17,7 @@ pub mod composite;
 pub mod context;
 pub mod faults;
 pub mod layout;
+pub mod photo;
 pub mod projected;
 pub mod readback;
 mod scatter;
@@ -79,6 +81,18 @@ pub enum GpuError {
         /// Columns asked for.
         width: u32,
         /// Rows asked for.
+        height: u32,
+        /// Largest side.
+        limit: u32,
+    },
+    /// The photograph is larger than a texture may be.
+    #[error(
+        "photograph {width}x{height}: this adapter shows at most {limit} pixels a side; compare with smaller images"
+    )]
+    PhotoTooLarge {
+        /// Columns.
+        width: u32,
+        /// Rows.
         height: u32,
         /// Largest side.
         limit: u32,

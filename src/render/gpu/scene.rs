@@ -31,6 +31,9 @@ struct Buffers {
 }
 
 impl GpuScene {
+    /// Size of a splat's record, which is what a whole upload sends of each.
+    pub const BYTES_PER_SPLAT: u64 = SPLAT_BYTES;
+
     /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also the way back after a
     /// lost device: the splats on the CPU are all it needs.
     pub fn new(

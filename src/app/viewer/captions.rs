@@ -1,0 +1,87 @@
+//! What is written over the picture: which is which, how well the photograph is met, what to do.
+
+use super::photo::Sight;
+use super::shot::{Partner, Second, Shot};
+use super::{Place, SceneView, overlay};
+use crate::render::Renderer;
+use crate::render::compare::Combination;
+use eframe::egui::{Align2, Rect, Ui, Vec2};
+use std::time::{Duration, Instant};
+
+/// How long a hint stays.
+const HINT: Duration = Duration::from_secs(5);
+
+impl SceneView {
+    /// Divider, captions, figures and hints over the picture.
+    pub(super) fn decorate(
+        &mut self,
+        ui: &mut Ui,
+        rect: Rect,
+        shot: &Shot,
+        sight: Option<Result<Sight, String>>,
+    ) {
+        let inner = rect.shrink(overlay::MARGIN);
+        if let Some(second) = &shot.second {
+            let at = |share: [f32; 2]| rect.lerp_inside(Vec2::from(share));
+            let compared = Rect::from_min_max(at(second.area.min), at(second.area.max));
+            if let Combination::Wipe(_) = second.how
+                && overlay::divider(ui, rect, compared, &mut self.divider)
+            {
+                self.moved_at = Instant::now();
+            }
+            self.captions(ui, inner.intersect(compared.shrink(overlay::MARGIN)), second);
+        }
+        let psnr = sight.as_ref().and_then(|s| s.as_ref().ok()).and_then(|s| s.psnr);
+        if let Some(psnr) = psnr {
+            let [r, g, b] = self.settings.background.rgb8();
+            let tooltip = format!(
+                "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x}` measures it"
+            );
+            let text = format!("PSNR {psnr:.2} dB");
+            overlay::plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
+        }
+        if let Some(text) = self.hint_now(ui, sight) {
+            overlay::plate(ui, inner.center_bottom(), Align2::CENTER_BOTTOM, &text, "");
+        }
+    }
+
+    fn captions(&self, ui: &mut Ui, inner: Rect, second: &Second) {
+        let own = renderer_label(self.settings.renderer);
+        let gain = self.settings.difference_gain.round();
+        let (left, right) = match (&second.partner, second.how) {
+            (Partner::Splats(_), Combination::Wipe(_)) => ("Projected".into(), Some("Exact")),
+            (Partner::Photo(_), Combination::Wipe(_)) => (own.to_owned(), Some("Photograph")),
+            (Partner::Splats(_), Combination::Difference(_)) => {
+                (format!("|Projected − exact| × {gain}"), None)
+            }
+            (Partner::Photo(_), Combination::Difference(_)) => {
+                (format!("|{own} − photograph| × {gain}"), None)
+            }
+        };
+        overlay::plate(ui, inner.left_top(), Align2::LEFT_TOP, &left, "");
+        if let Some(right) = right {
+            overlay::plate(ui, inner.right_top(), Align2::RIGHT_TOP, right, "");
+        }
+    }
+
+    fn hint_now(&self, ui: &Ui, sight: Option<Result<Sight, String>>) -> Option<String> {
+        if let Some(Err(problem)) = sight {
+            return Some(problem);
+        }
+        if let Some((text, since)) = &self.hint
+            && since.elapsed() < HINT
+        {
+            ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
+            return Some(text.clone());
+        }
+        let is_away = self.mode.has_photo() && self.place == Place::Free;
+        is_away.then(|| "No photograph was taken from here: [ and ] go to one".to_owned())
+    }
+}
+
+fn renderer_label(renderer: Renderer) -> &'static str {
+    match renderer {
+        Renderer::Projected => "Projected",
+        Renderer::Exact => "Exact",
+    }
+}

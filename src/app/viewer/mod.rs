@@ -1,0 +1,381 @@
+//! The central view: where one stands, what is compared, and painting with whatever the machine
+//! has.
+
+mod captions;
+pub mod mode;
+mod overlay;
+pub mod painter;
+mod photo;
+pub mod settings;
+pub mod shot;
+mod steering;
+pub mod stops;
+pub mod toolbar;
+
+use super::camera::ViewCamera;
+use super::command::Command;
+use super::drawing::DrawHistory;
+use super::feed::{Delivery, SplatChange};
+use super::palette::Palette;
+use super::panels::legend;
+use super::selection::Selection;
+use super::software::Effort;
+use super::state::{Opened, RunState, Snapshot};
+use super::worker::Waker;
+use crate::math::camera::Camera;
+use crate::model::splats::framing;
+use crate::render::compare::{Area, Combination};
+use crate::render::{Lens, Renderer};
+use eframe::egui::{Rect, Sense, Ui, Vec2};
+use mode::ViewMode;
+use painter::Painter;
+use photo::{PhotoDesk, Sight, Wanted};
+use settings::ViewSettings;
+use shot::{Partner, Second, Shot};
+use std::time::{Duration, Instant};
+use stops::{Direction, Stop, fit};
+
+/// How long after the last movement the picture is refined.
+const SETTLE: Duration = Duration::from_millis(150);
+
+/// Place of the legend, from the lower left corner of the viewport, points.
+const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
+
+/// Where the camera stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    /// Where it was steered to.
+    Free,
+    /// Exactly where a dataset's camera stood.
+    Stop(Stop),
+}
+
+/// State of the central view.
+pub struct SceneView {
+    /// What the user chose.
+    pub settings: ViewSettings,
+    mode: ViewMode,
+    painter: Painter,
+    waker: Waker,
+    camera: Option<ViewCamera>,
+    place: Place,
+    /// The dataset's camera visited last, from which stepping goes on.
+    latest_stop: Option<Stop>,
+    /// Share of the viewport's width at which a wipe changes over.
+    divider: f32,
+    /// Starts with the first photograph.
+    photos: Option<PhotoDesk>,
+    hint: Option<(String, Instant)>,
+    /// Serial of what the camera was set up for.
+    serial: u64,
+    /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
+    palette: Palette,
+    selection: Selection,
+    moved_at: Instant,
+    drawn: DrawHistory,
+    gpu_failed: bool,
+}
+
+impl SceneView {
+    /// Starts at nothing.
+    pub fn new(painter: Painter, settings: ViewSettings, waker: Waker) -> Self {
+        Self {
+            settings,
+            mode: ViewMode::Single,
+            drawn: DrawHistory::new(painter.drawer()),
+            painter,
+            waker,
+            camera: None,
+            place: Place::Free,
+            latest_stop: None,
+            divider: 0.5,
+            photos: None,
+            hint: None,
+            serial: 0,
+            palette: Palette::default(),
+            selection: Selection::default(),
+            moved_at: Instant::now(),
+            gpu_failed: false,
+        }
+    }
+
+    /// Hands changed splats over.
+    pub fn change(&mut self, delivery: Delivery) {
+        if let Some(photos) = &mut self.photos {
+            photos.change(delivery.change.clone());
+        }
+        let change = self.palette.change(delivery);
+        self.painter.change(change, self.palette.splats());
+    }
+
+    /// What the user clicked at, once: a splat, or `Some(None)` for none.
+    pub fn take_picked(&mut self) -> Option<Option<u32>> {
+        self.selection.take_picked()
+    }
+
+    /// Whether the GPU was given up.
+    pub fn gpu_failed(&self) -> bool {
+        self.gpu_failed
+    }
+
+    /// Draws with another painter from here on; the scene is handed over again.
+    pub fn draw_by(&mut self, mut painter: Painter) {
+        let splats = self.palette.splats();
+        painter.change(SplatChange::All(splats.to_vec()), splats);
+        self.drawn = DrawHistory::new(painter.drawer());
+        self.painter = painter;
+        self.gpu_failed = false;
+    }
+
+    /// Splats in the picture.
+    pub fn n_drawn(&self) -> usize {
+        self.painter.n_drawn()
+    }
+
+    /// What drawing takes.
+    pub fn drawn(&self) -> &DrawHistory {
+        &self.drawn
+    }
+
+    /// What is compared.
+    pub fn mode(&self) -> ViewMode {
+        self.mode
+    }
+
+    /// The dataset's camera that is looked through.
+    pub fn stop(&self) -> Option<Stop> {
+        match self.place {
+            Place::Free => None,
+            Place::Stop(stop) => Some(stop),
+        }
+    }
+
+    /// Share of the viewport's width at which a wipe changes over.
+    pub fn divider(&self) -> f32 {
+        self.divider
+    }
+
+    /// Vertical field of view of the scene's own camera, degrees.
+    pub fn own_fov_deg(&self) -> f32 {
+        self.camera.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
+    }
+
+    /// Does what a command asks of the view.
+    pub fn obey(&mut self, command: Command, opened: &Opened) {
+        match command {
+            Command::FrameScene => self.frame_scene(),
+            Command::Home => self.go_home(opened),
+            Command::ToggleRenderer => self.toggle_renderer(),
+            Command::PreviousCamera => self.step(opened, Direction::Back),
+            Command::NextCamera => self.step(opened, Direction::Forth),
+            Command::ComparePhoto if self.mode.has_photo() => {
+                self.set_mode(ViewMode::Single, opened);
+            }
+            Command::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
+            _ => {}
+        }
+    }
+
+    /// Chooses what is compared; photographs are compared where they were taken.
+    pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
+        self.mode = mode;
+        if mode.has_photo() && self.place == Place::Free && opened.dataset.is_some() {
+            self.stand_at(self.latest_stop.unwrap_or(Stop::FIRST));
+        }
+    }
+
+    fn toggle_renderer(&mut self) {
+        if self.settings.lens == Lens::Fisheye {
+            let text = "Only the exact renderer draws a fisheye: choose the pinhole first";
+            self.hint = Some((text.to_owned(), Instant::now()));
+            return;
+        }
+        self.settings.renderer = match self.settings.renderer {
+            Renderer::Projected => Renderer::Exact,
+            Renderer::Exact => Renderer::Projected,
+        };
+    }
+
+    fn frame_scene(&mut self) {
+        self.place = Place::Free;
+        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(self.palette.splats())) {
+            camera.frame(&framing);
+            self.moved_at = Instant::now();
+        }
+    }
+
+    fn go_home(&mut self, opened: &Opened) {
+        self.camera = Some(ViewCamera::home(&opened.home));
+        self.place = Place::Free;
+        self.moved_at = Instant::now();
+    }
+
+    fn step(&mut self, opened: &Opened, direction: Direction) {
+        let Some(dataset) = &opened.dataset else { return };
+        self.stand_at(match (self.latest_stop, direction) {
+            (Some(stop), _) if self.place == Place::Free => stop,
+            (Some(stop), _) => stop.stepped(dataset, direction),
+            (None, Direction::Forth) => Stop::FIRST,
+            (None, Direction::Back) => Stop::FIRST.stepped(dataset, direction),
+        });
+    }
+
+    fn stand_at(&mut self, stop: Stop) {
+        self.place = Place::Stop(stop);
+        self.latest_stop = Some(stop);
+        self.moved_at = Instant::now();
+    }
+
+    /// Draws the view over all space left. Returns a message if the GPU had to be given up.
+    pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
+        let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        let opened = snapshot.opened.as_ref()?;
+        if self.serial != opened.serial {
+            self.begin(opened);
+        }
+        self.fall_back(opened);
+        let pixels = rect.size() * ui.ctx().pixels_per_point();
+        let size = [pixels.x.round() as u32, pixels.y.round() as u32];
+        if size[0] == 0 || size[1] == 0 {
+            return None; // minimised, or squeezed out by the panels
+        }
+        self.steer(ui, &response, opened, size);
+        let (camera, area) = self.camera_now(opened, size)?;
+        let sight = self.look_at_photo(ui, opened, snapshot.state == RunState::Training);
+        let shot = self.shot(camera, area, sight.as_ref().and_then(|s| s.as_ref().ok()));
+        let message = self.paint(ui, rect, &shot, snapshot.state);
+        self.decorate(ui, rect, &shot, sight);
+        if let Some((attribute, range)) = self.palette.legend() {
+            legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
+        }
+        let splats = self.palette.learned();
+        let picked = self.selection.ui(ui, &response, &shot, splats, snapshot, &self.waker);
+        message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
+    }
+
+    /// Something else was opened.
+    fn begin(&mut self, opened: &Opened) {
+        self.serial = opened.serial;
+        self.latest_stop = None;
+        self.mode = ViewMode::Single;
+        self.go_home(opened);
+    }
+
+    /// Leaves what this scene or lens cannot show, and colours it as is asked for.
+    fn fall_back(&mut self, opened: &Opened) {
+        if self.mode.why_not(self.settings.lens, opened.dataset.is_some()).is_some() {
+            self.mode = ViewMode::Single;
+        }
+        if self.settings.color_mode.why_not(opened.told_modes).is_some() {
+            self.settings.color_mode = Default::default();
+        }
+        if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
+            self.painter.change(change, self.palette.splats());
+        }
+    }
+
+    /// The camera for a viewport of `size` pixels, and the part of it that a photograph would fill.
+    fn camera_now(&mut self, opened: &Opened, size: [u32; 2]) -> Option<(Camera, Area)> {
+        let camera = self.camera.as_mut()?;
+        let settings = &self.settings;
+        let fov_deg = match settings.lens {
+            Lens::Pinhole => settings.pinhole_fov_deg,
+            Lens::Fisheye => Some(settings.fisheye_fov_deg),
+        };
+        camera.look_through(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
+        match (self.place, &opened.dataset) {
+            (Place::Stop(stop), Some(dataset)) => Some(fit(&stop.entry(dataset).camera, size)),
+            _ => Some((camera.camera(size), Area::FULL)),
+        }
+    }
+
+    /// The photograph taken from here, if it is compared with.
+    fn look_at_photo(
+        &mut self,
+        ui: &Ui,
+        opened: &Opened,
+        is_training: bool,
+    ) -> Option<Result<Sight, String>> {
+        let (true, Place::Stop(stop)) = (self.mode.has_photo(), self.place) else { return None };
+        let dataset = opened.dataset.clone()?;
+        let wanted = Wanted { dataset, stop, options: self.settings.measured() };
+        if self.photos.is_none() {
+            match PhotoDesk::new(self.waker.clone(), self.palette.learned().to_vec()) {
+                Ok(desk) => self.photos = Some(desk),
+                Err(error) => {
+                    return Some(Err(format!(
+                        "no thread for photographs could be started: {error}"
+                    )));
+                }
+            }
+        }
+        self.photos.as_mut()?.look(ui, &wanted, is_training).cloned()
+    }
+
+    /// What to draw.
+    fn shot(&self, camera: Camera, area: Area, sight: Option<&Sight>) -> Shot {
+        let settings = &self.settings;
+        let (radius, distance) = self
+            .camera
+            .map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(&camera)));
+        // A dataset's camera is a pinhole whatever else is looked through.
+        let lens = if self.place == Place::Free { settings.lens } else { Lens::Pinhole };
+        let options =
+            |renderer| settings.options(settings.method(renderer, lens), radius, distance);
+        let wipe = Combination::Wipe(self.divider);
+        let difference = Combination::Difference(settings.difference_gain);
+        let renderers = |how| {
+            let partner = Partner::Splats(options(Renderer::Exact));
+            (Renderer::Projected, Some(Second { partner, area: Area::FULL, how }))
+        };
+        let photo = |how| {
+            let partner = sight.map(|sight| Partner::Photo(sight.image.clone()));
+            (settings.renderer, partner.map(|partner| Second { partner, area, how }))
+        };
+        let (renderer, second) = match self.mode {
+            ViewMode::Single => (settings.renderer, None),
+            ViewMode::Wipe => renderers(wipe),
+            ViewMode::Difference => renderers(difference),
+            ViewMode::PhotoWipe => photo(wipe),
+            ViewMode::PhotoDifference => photo(difference),
+        };
+        Shot { camera, options: options(renderer), second }
+    }
+
+    fn paint(&mut self, ui: &Ui, rect: Rect, shot: &Shot, state: RunState) -> Option<String> {
+        let moving = self.moved_at.elapsed() < SETTLE;
+        let effort = match (moving, state) {
+            (true, _) => Effort::Moving,
+            (false, RunState::Training) => Effort::Shared,
+            (false, _) => Effort::Full,
+        };
+        if moving {
+            ui.ctx().request_repaint_after(SETTLE);
+        }
+        match self.painter.paint(ui, rect, shot, effort, self.palette.splats()) {
+            Ok(sample) => {
+                if let Some(sample) = sample {
+                    self.drawn.push(sample);
+                }
+                None
+            }
+            Err(error) => self.give_up_gpu(&error.to_string()),
+        }
+    }
+
+    /// Draws on the CPU from here on; the scene is handed over again.
+    fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
+        match Painter::software(&self.waker) {
+            Ok(painter) => {
+                self.draw_by(painter);
+                self.gpu_failed = true;
+                Some(format!(
+                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on, Settings has a button to try the GPU again"
+                ))
+            }
+            Err(error) => Some(format!(
+                "the GPU cannot draw the scene ({reason}) and no drawing thread could be started ({error}); export the scene and restart"
+            )),
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! What the viewport compares.
+
+use crate::render::Lens;
+
+/// One picture, or two beside or against each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ViewMode {
+    /// The chosen renderer alone.
+    #[default]
+    Single,
+    /// Projected left of a divider, exact right of it.
+    Wipe,
+    /// What differs between projected and exact.
+    Difference,
+    /// The chosen renderer left of a divider, the photograph right of it.
+    PhotoWipe,
+    /// What differs between the chosen renderer and the photograph.
+    PhotoDifference,
+}
+
+impl ViewMode {
+    /// Every mode, in the order of the menu.
+    pub const ALL: [ViewMode; 5] = [
+        ViewMode::Single,
+        ViewMode::Wipe,
+        ViewMode::Difference,
+        ViewMode::PhotoWipe,
+        ViewMode::PhotoDifference,
+    ];
+
+    /// As menus show it.
+    pub fn label(self) -> &'static str {
+        match self {
+            ViewMode::Single => "Single",
+            ViewMode::Wipe => "Wipe renderers",
+            ViewMode::Difference => "Renderer difference",
+            ViewMode::PhotoWipe => "Wipe photograph",
+            ViewMode::PhotoDifference => "Photograph difference",
+        }
+    }
+
+    /// One sentence on what it shows.
+    pub fn tooltip(self) -> &'static str {
+        match self {
+            ViewMode::Single => "The chosen renderer alone",
+            ViewMode::Wipe => "Projected left of a divider that can be dragged, exact right of it",
+            ViewMode::Difference => "What differs between projected and exact, amplified",
+            ViewMode::PhotoWipe => "The render left of a divider, the photograph right of it",
+            ViewMode::PhotoDifference => "What differs between render and photograph, amplified",
+        }
+    }
+
+    /// Whether a photograph is part of it.
+    pub fn has_photo(self) -> bool {
+        matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
+    }
+
+    /// Whether it shows a difference.
+    pub fn is_difference(self) -> bool {
+        matches!(self, ViewMode::Difference | ViewMode::PhotoDifference)
+    }
+
+    /// Why it cannot be chosen, if so.
+    pub fn why_not(self, lens: Lens, has_photos: bool) -> Option<&'static str> {
+        match self {
+            ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => {
+                Some("Only the exact renderer draws a fisheye; choose the pinhole in Settings")
+            }
+            _ if self.has_photo() && !has_photos => Some("A model has no photographs"),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! What lies over the picture: the divider of a wipe, captions, figures, hints.
+
+use eframe::egui::{
+    Align2, Color32, CursorIcon, FontId, Id, Label, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec2,
+};
+
+/// Width in which the divider can be grabbed, points.
+const GRIP: f32 = 14.0;
+/// Distance of captions from the edge of the viewport, points.
+pub const MARGIN: f32 = 10.0;
+
+/// Draws the divider over the part of the viewport that is compared and lets it be dragged.
+/// `divider` is a share of the whole viewport's width. Whether it is being dragged.
+pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
+    let x_of = |share: f32| viewport.left() + share * viewport.width();
+    let x = x_of(*divider).clamp(compared.left(), compared.right());
+    let grip = Rect::from_center_size(
+        Pos2::new(x, compared.center().y),
+        Vec2::new(GRIP, compared.height()),
+    );
+    let response = ui
+        .interact(grip, Id::unique("divider"), Sense::drag())
+        .on_hover_and_drag_cursor(CursorIcon::ResizeHorizontal);
+    if response.dragged()
+        && let Some(pointer) = response.interact_pointer_pos()
+    {
+        let at = pointer.x.clamp(compared.left(), compared.right());
+        *divider = (at - viewport.left()) / viewport.width();
+    }
+    let x = x_of(*divider).clamp(compared.left(), compared.right());
+    let painter = ui.painter();
+    painter.vline(x, compared.y_range(), Stroke::new(3.0, Color32::from_black_alpha(140)));
+    painter.vline(x, compared.y_range(), Stroke::new(1.0, Color32::WHITE));
+    let knob = Pos2::new(x, compared.center().y);
+    let is_hot = response.hovered() || response.dragged();
+    let fill = if is_hot { Color32::WHITE } else { Color32::from_gray(210) };
+    painter.circle(knob, 7.0, fill, Stroke::new(1.0, Color32::from_black_alpha(160)));
+    response.dragged()
+}
+
+/// A line of text on a dark plate, with one of its corners or edges at `at`; a tooltip if not empty.
+pub fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
+    let font = FontId::proportional(13.0);
+    let size = ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size();
+    let rect = anchor.anchor_size(at, size + Vec2::new(16.0, 8.0));
+    ui.painter().rect_filled(rect, 4.0, Color32::from_black_alpha(170));
+    let label = Label::new(RichText::new(text).font(font).color(Color32::WHITE)).selectable(false);
+    let response = ui.put(rect, label);
+    if !tooltip.is_empty() {
+        response.on_hover_text(tooltip);
+    }
+}

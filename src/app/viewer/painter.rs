@@ -1,0 +1,91 @@
+//! Who draws the viewport: a GPU, or the CPU where there is no real one.
+
+use super::shot::Shot;
+use crate::app::Painting;
+use crate::app::device::Device;
+use crate::app::drawing::{DrawSample, Drawer};
+use crate::app::feed::SplatChange;
+use crate::app::software::{Effort, SoftwarePainter};
+use crate::app::viewport::{self, GpuPainter, PaintError};
+use crate::app::worker::Waker;
+use crate::model::splats::Splat;
+use eframe::egui::{Rect, Ui};
+
+/// The painter in use.
+pub enum Painter {
+    /// `render::gpu`.
+    Gpu(Box<GpuPainter>),
+    /// `render::cpu`.
+    Software(Box<SoftwarePainter>),
+}
+
+impl Painter {
+    /// A GPU painter if the adapter is a real GPU; and a line on who draws.
+    pub fn choose(
+        device: Option<&Device>,
+        painting: Painting,
+        waker: &Waker,
+    ) -> std::io::Result<(Self, String)> {
+        let Some(Device { state, faults, .. }) = device else {
+            return Ok((Self::software(waker)?, "CPU renderer".to_owned()));
+        };
+        let capabilities = viewport::capabilities(state);
+        tracing::info!("adapter: {capabilities}");
+        if capabilities.is_software() && painting == Painting::Auto {
+            let who = format!("CPU renderer; window by {capabilities}");
+            return Ok((Self::software(waker)?, who));
+        }
+        match GpuPainter::new(state, faults.clone(), waker.clone()) {
+            Ok(painter) => Ok((Self::Gpu(Box::new(painter)), capabilities.to_string())),
+            Err(error) => {
+                tracing::warn!("{error}");
+                Ok((Self::software(waker)?, format!("CPU renderer ({error})")))
+            }
+        }
+    }
+
+    /// The CPU's painter.
+    pub fn software(waker: &Waker) -> std::io::Result<Self> {
+        Ok(Self::Software(Box::new(SoftwarePainter::new(waker.clone())?)))
+    }
+
+    /// Who draws.
+    pub fn drawer(&self) -> Drawer {
+        match self {
+            Self::Gpu(painter) => painter.drawer(),
+            Self::Software(_) => Drawer::Cpu,
+        }
+    }
+
+    /// Hands changed splats over; `splats` are all of them, the change applied.
+    pub fn change(&mut self, change: SplatChange, splats: &[Splat]) {
+        match self {
+            Self::Gpu(painter) => painter.change(change, splats),
+            Self::Software(painter) => painter.change(change),
+        }
+    }
+
+    /// Splats in the picture.
+    pub fn n_drawn(&self) -> usize {
+        match self {
+            Self::Gpu(painter) => painter.n_drawn(),
+            Self::Software(painter) => painter.n_drawn(),
+        }
+    }
+
+    /// Paints over `rect`, the CPU with as much effort as is said; what a new picture took. An error
+    /// means that this painter is of no more use.
+    pub fn paint(
+        &mut self,
+        ui: &Ui,
+        rect: Rect,
+        shot: &Shot,
+        effort: Effort,
+        splats: &[Splat],
+    ) -> Result<Option<DrawSample>, PaintError> {
+        match self {
+            Self::Gpu(painter) => painter.paint(ui, rect, shot, splats).map(Some),
+            Self::Software(painter) => Ok(painter.paint(ui, rect, shot, effort)),
+        }
+    }
+}

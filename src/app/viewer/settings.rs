@@ -1,0 +1,202 @@
+//! What the user chose about the viewport; kept between sessions.
+
+use crate::app::color_mode::ColorMode;
+use crate::render::{Antialias, Exact, Lens, Look, Method, RenderOptions, Renderer, Response};
+use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
+
+/// Factors on the splats' sizes.
+pub const SCALES: RangeInclusive<f32> = 0.1..=3.0;
+/// Factors on a difference.
+pub const GAINS: RangeInclusive<f32> = 1.0..=64.0;
+/// Vertical fields of view of a pinhole, degrees.
+pub const PINHOLE_FOV_DEG: RangeInclusive<f32> = 10.0..=150.0;
+/// Vertical fields of view of a fisheye, degrees.
+pub const FISHEYE_FOV_DEG: RangeInclusive<f32> = 60.0..=360.0;
+
+/// Colour behind the scene, sRGB bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Background {
+    /// Nearly black.
+    Dark,
+    /// Middle grey.
+    Grey,
+    /// White.
+    White,
+    /// Black.
+    Black,
+    /// Any colour.
+    Custom([u8; 3]),
+}
+
+impl Background {
+    /// As bytes.
+    pub fn rgb8(self) -> [u8; 3] {
+        match self {
+            Background::Dark => [23, 25, 31],
+            Background::Grey => [128; 3],
+            Background::White => [255; 3],
+            Background::Black => [0; 3],
+            Background::Custom(rgb) => rgb,
+        }
+    }
+
+    /// As renderers want it.
+    pub fn rgb(self) -> [f32; 3] {
+        self.rgb8().map(|v| f32::from(v) / 255.0)
+    }
+}
+
+/// Settings of the viewport.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ViewSettings {
+    /// The renderer; with a fisheye it is always the exact one.
+    pub renderer: Renderer,
+    /// What the exact renderer does about thin splats.
+    pub antialias: Antialias,
+    /// How pixels map to rays.
+    pub lens: Lens,
+    /// Vertical field of view of the pinhole, degrees; the scene's own camera's if `None`.
+    pub pinhole_fov_deg: Option<f32>,
+    /// Vertical field of view of the fisheye, degrees.
+    pub fisheye_fov_deg: f32,
+    /// Factor on the splats' sizes.
+    pub scale: f32,
+    /// Splats with a smaller opacity are left out.
+    pub opacity_cut: f32,
+    /// Colour behind the scene.
+    pub background: Background,
+    /// Factor on differences.
+    pub difference_gain: f32,
+    /// What colours mean. Not kept: the next scene may not tell it.
+    #[serde(skip)]
+    pub color_mode: ColorMode,
+}
+
+impl Default for ViewSettings {
+    fn default() -> Self {
+        Self {
+            renderer: Renderer::Projected,
+            antialias: Antialias::Footprint,
+            lens: Lens::Pinhole,
+            pinhole_fov_deg: None,
+            fisheye_fov_deg: 180.0,
+            scale: 1.0,
+            opacity_cut: 0.0,
+            background: Background::Dark,
+            difference_gain: 8.0,
+            color_mode: ColorMode::Color,
+        }
+    }
+}
+
+impl ViewSettings {
+    /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
+    /// the defaults, with a text that says so.
+    pub fn from_text(text: &str) -> (Self, Option<String>) {
+        match ron::from_str::<Self>(text) {
+            Ok(read) => (read.in_range(), None),
+            Err(error) => {
+                let notice = format!(
+                    "the stored settings of the viewport: expected what this version writes, found {error}; the defaults are used instead"
+                );
+                (Self::default(), Some(notice))
+            }
+        }
+    }
+
+    /// For the next session.
+    pub fn to_text(&self) -> Result<String, ron::Error> {
+        ron::to_string(self)
+    }
+
+    fn in_range(self) -> Self {
+        let start = Self::default();
+        let within = |value: f32, range: RangeInclusive<f32>, otherwise: f32| {
+            if value.is_finite() { value.clamp(*range.start(), *range.end()) } else { otherwise }
+        };
+        let pinhole = self.pinhole_fov_deg.filter(|fov| fov.is_finite());
+        let renderer = if self.lens == Lens::Fisheye { Renderer::Exact } else { self.renderer };
+        Self {
+            renderer,
+            pinhole_fov_deg: pinhole.map(|fov| within(fov, PINHOLE_FOV_DEG, fov)),
+            fisheye_fov_deg: within(self.fisheye_fov_deg, FISHEYE_FOV_DEG, start.fisheye_fov_deg),
+            scale: within(self.scale, SCALES, start.scale),
+            opacity_cut: within(self.opacity_cut, 0.0..=1.0, start.opacity_cut),
+            difference_gain: within(self.difference_gain, GAINS, start.difference_gain),
+            ..self
+        }
+    }
+
+    /// Chooses the lens; the projected renderer cannot follow to a fisheye.
+    pub fn set_lens(&mut self, lens: Lens) {
+        self.lens = lens;
+        if lens == Lens::Fisheye {
+            self.renderer = Renderer::Exact;
+        }
+    }
+
+    /// A renderer as it is set here, through a lens.
+    pub fn method(&self, renderer: Renderer, lens: Lens) -> Method {
+        match renderer {
+            Renderer::Projected => Method::PROJECTED,
+            Renderer::Exact => {
+                Method::Exact(Exact { response: Response::Ray, antialias: self.antialias, lens })
+            }
+        }
+    }
+
+    /// Everything else a picture depends on. `radius` is the scene's, in world units, `distance` the
+    /// camera's from its middle.
+    pub fn options(&self, method: Method, radius: f64, distance: f64) -> RenderOptions {
+        let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);
+        let look = Look {
+            scale: self.scale,
+            opacity_cut: self.opacity_cut,
+            paint: self.color_mode.paint(range),
+        };
+        RenderOptions { look, ..RenderOptions::viewport(method, self.background.rgb(), radius) }
+    }
+
+    /// The settings by which `eval` would measure the renderer chosen here at a dataset's camera.
+    pub fn measured(&self) -> RenderOptions {
+        let method = self.method(self.renderer, Lens::Pinhole);
+        RenderOptions::evaluation(method, self.background.rgb())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_a_restart_but_not_the_colour_mode() {
+        let chosen = ViewSettings {
+            antialias: Antialias::None,
+            pinhole_fov_deg: Some(90.0),
+            scale: 0.5,
+            background: Background::Custom([1, 2, 3]),
+            color_mode: ColorMode::Depth,
+            ..ViewSettings::default()
+        };
+        let (read, notice) = ViewSettings::from_text(&chosen.to_text().unwrap());
+        assert_eq!(read, ViewSettings { color_mode: ColorMode::Color, ..chosen });
+        assert_eq!(notice, None);
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_said_and_what_is_out_of_range_is_held_in_it() {
+        for text in ["", "(scale: \"big\")", "not RON at all", "(renderer: tomorrow)"] {
+            let (read, notice) = ViewSettings::from_text(text);
+            assert_eq!(read, ViewSettings::default(), "{text}");
+            assert!(notice.unwrap().contains("the defaults are used"), "{text}");
+        }
+        let text = "(scale: 99.0, opacity_cut: NaN, pinhole_fov_deg: Some(500.0), lens: fisheye)";
+        let (read, notice) = ViewSettings::from_text(text);
+        assert_eq!((read.scale, read.opacity_cut), (3.0, 0.0));
+        assert_eq!((read.pinhole_fov_deg, read.renderer), (Some(150.0), Renderer::Exact));
+        assert_eq!(notice, None);
+    }
+}

@@ -1,0 +1,149 @@
+//! The strip above the viewport: renderer, comparison, colours, dataset cameras.
+
+use super::SceneView;
+use super::mode::ViewMode;
+use super::settings::GAINS;
+use super::stops::n_stops;
+use crate::app::color_mode::ColorMode;
+use crate::app::command::Command;
+use crate::app::panels::settings::lens;
+use crate::app::state::{Opened, Snapshot};
+use crate::render::{Lens, Renderer};
+use eframe::egui::{Button, ComboBox, RichText, Slider, Ui};
+
+/// Draws the strip; what the user asked for beyond it.
+pub fn ui(
+    view: &mut SceneView,
+    snapshot: &Snapshot,
+    opened: &Opened,
+    ui: &mut Ui,
+) -> Option<Command> {
+    let mut asked = None;
+    ui.horizontal_wrapped(|ui| {
+        renderers(view, ui);
+        ui.separator();
+        modes(view, opened, ui);
+        if view.mode.is_difference() {
+            let gain = Slider::new(&mut view.settings.difference_gain, GAINS)
+                .logarithmic(true)
+                .max_decimals(0)
+                .prefix("× ");
+            ui.spacing_mut().slider_width = 60.0;
+            ui.add(gain).on_hover_text("How much differences are amplified");
+        }
+        ui.separator();
+        colors(view, opened, ui);
+        ui.separator();
+        ui.menu_button(lens_label(view.settings.lens), |ui| {
+            let own_fov_deg = view.own_fov_deg();
+            lens(&mut view.settings, own_fov_deg, ui);
+        })
+        .response
+        .on_hover_text("Lens and field of view");
+        if opened.dataset.is_some() {
+            ui.separator();
+            asked = cameras(view, snapshot, opened, ui);
+        }
+    });
+    asked
+}
+
+fn renderers(view: &mut SceneView, ui: &mut Ui) {
+    let fisheye = view.settings.lens == Lens::Fisheye;
+    for (renderer, label, tooltip) in [
+        (Renderer::Projected, "Projected", "Each splat's covariance projected to the image (Tab)"),
+        (Renderer::Exact, "Exact", "Each splat's response along the pixel's true ray (Tab)"),
+    ] {
+        let is_chosen = view.settings.renderer == renderer;
+        let enabled = !(fisheye && renderer == Renderer::Projected);
+        let response = ui.add_enabled(enabled, Button::selectable(is_chosen, label));
+        if response
+            .on_hover_text(tooltip)
+            .on_disabled_hover_text("Only the exact renderer draws a fisheye")
+            .clicked()
+        {
+            view.settings.renderer = renderer;
+        }
+    }
+}
+
+fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
+    let has_photos = opened.dataset.is_some();
+    ComboBox::from_id_salt("view mode")
+        .width(150.0)
+        .selected_text(view.mode.label())
+        .show_ui(ui, |ui| {
+            for mode in ViewMode::ALL {
+                let why_not = mode.why_not(view.settings.lens, has_photos);
+                let button = Button::selectable(view.mode == mode, mode.label());
+                let response = ui.add_enabled(why_not.is_none(), button);
+                if response
+                    .on_hover_text(mode.tooltip())
+                    .on_disabled_hover_text(why_not.unwrap_or_default())
+                    .clicked()
+                {
+                    view.set_mode(mode, opened);
+                }
+            }
+        })
+        .response
+        .on_hover_text("What is compared");
+}
+
+fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
+    let shown = view.settings.color_mode;
+    ComboBox::from_id_salt("colour mode")
+        .width(110.0)
+        .selected_text(shown.label())
+        .show_ui(ui, |ui| {
+            for mode in ColorMode::ALL {
+                let why_not = mode.why_not(opened.told_modes);
+                let button = Button::selectable(shown == mode, mode.label());
+                let response = ui.add_enabled(why_not.is_none(), button);
+                if response
+                    .on_hover_text(mode.tooltip())
+                    .on_disabled_hover_text(why_not.unwrap_or_default())
+                    .clicked()
+                {
+                    view.settings.color_mode = mode;
+                }
+            }
+        })
+        .response
+        .on_hover_text("What colours mean");
+}
+
+fn lens_label(lens: Lens) -> &'static str {
+    match lens {
+        Lens::Pinhole => "Pinhole",
+        Lens::Fisheye => "Fisheye",
+    }
+}
+
+fn cameras(view: &SceneView, snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) -> Option<Command> {
+    let mut asked = None;
+    let mut button = |ui: &mut Ui, command: Command, is_on: bool| {
+        let legal = command.is_legal(snapshot.state, snapshot.source);
+        let response =
+            ui.add_enabled(legal, Button::selectable(is_on, command.label()).frame(true));
+        if response.on_hover_text(command.hint(ui.ctx())).clicked() {
+            asked = Some(command);
+        }
+    };
+    button(ui, Command::PreviousCamera, false);
+    match (&opened.dataset, view.stop()) {
+        (Some(dataset), Some(stop)) => {
+            let number = stop.number(dataset) + 1;
+            let text = format!("Camera {number} of {}", n_stops(dataset));
+            let split = &dataset.splits[stop.split].name;
+            let name = &stop.entry(dataset).name;
+            ui.label(text).on_hover_text(format!("Frame {name} of the split {split}"));
+        }
+        _ => {
+            ui.label(RichText::new("Free camera").weak());
+        }
+    }
+    button(ui, Command::NextCamera, false);
+    button(ui, Command::ComparePhoto, view.mode.has_photo());
+    asked
+}

@@ -1,0 +1,168 @@
+//! Two pictures of one viewport as one: a wipe from one to the other, or what differs between them.
+//! `shaders/composite.wgsl` has the same formulas.
+
+use crate::math::image::RgbImage;
+use rayon::prelude::*;
+
+/// How two pictures become one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Combination {
+    /// The first left of a divider, the second from there on; the divider as a share of the
+    /// viewport's width.
+    Wipe(f32),
+    /// `gain·|first − second|` per channel, at most 1: black where they agree.
+    Difference(f32),
+}
+
+/// A rectangle in shares of the viewport, `(0, 0)` upper left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Area {
+    /// Upper left corner.
+    pub min: [f32; 2],
+    /// Lower right corner, beyond the upper left one.
+    pub max: [f32; 2],
+}
+
+impl Area {
+    /// The whole viewport.
+    pub const FULL: Self = Self { min: [0.0; 2], max: [1.0; 2] };
+
+    fn contains(&self, p: [f32; 2]) -> bool {
+        (0..2).all(|axis| self.min[axis] <= p[axis] && p[axis] < self.max[axis])
+    }
+
+    /// From shares of the viewport to shares of the rectangle.
+    fn inner(&self, p: [f32; 2]) -> [f32; 2] {
+        std::array::from_fn(|axis| (p[axis] - self.min[axis]) / (self.max[axis] - self.min[axis]))
+    }
+}
+
+/// Brightness that is left of the first picture where the second has nothing to compare.
+pub const OUTSIDE: f32 = 0.35;
+
+/// Combines `first`, which fills the viewport, with `second`, which fills `area` of it whatever its
+/// size in pixels; outside of `area` the first picture is darkened by [`OUTSIDE`].
+///
+/// ```
+/// use vbgs_studio::math::image::Image;
+/// use vbgs_studio::render::compare::{Area, Combination, combine};
+/// let mut picture = Image::filled(4, 1, [0.25f32; 3]);
+/// let other = Image::filled(4, 1, [0.5f32; 3]);
+/// combine(&mut picture, &other, Area::FULL, Combination::Wipe(0.5));
+/// assert_eq!(picture.data, [[0.25; 3], [0.25; 3], [0.5; 3], [0.5; 3]]);
+/// ```
+pub fn combine(first: &mut RgbImage, second: &RgbImage, area: Area, how: Combination) {
+    let (width, height) = (first.width, first.height);
+    if width == 0 || second.data.is_empty() {
+        return;
+    }
+    first.data.par_chunks_mut(width).enumerate().for_each(|(row, pixels)| {
+        for (column, pixel) in pixels.iter_mut().enumerate() {
+            let p = [(column as f32 + 0.5) / width as f32, (row as f32 + 0.5) / height as f32];
+            *pixel = combined(*pixel, second, p, area, how);
+        }
+    });
+}
+
+fn combined(
+    first: [f32; 3],
+    second: &RgbImage,
+    p: [f32; 2],
+    area: Area,
+    how: Combination,
+) -> [f32; 3] {
+    if !area.contains(p) {
+        return first.map(|v| OUTSIDE * v);
+    }
+    match how {
+        Combination::Wipe(divider) if p[0] < divider => first,
+        Combination::Wipe(_) => bilinear(second, area.inner(p)),
+        Combination::Difference(gain) => {
+            let other = bilinear(second, area.inner(p));
+            std::array::from_fn(|i| (gain * (first[i] - other[i]).abs()).min(1.0))
+        }
+    }
+}
+
+/// The colour at a share of the image's sides, as a GPU samples it: between the four nearest pixel
+/// centres, the border repeated.
+fn bilinear(image: &RgbImage, share: [f32; 2]) -> [f32; 3] {
+    let axis = |share: f32, n: usize| {
+        let at = share * n as f32 - 0.5;
+        let below = at.floor();
+        let index = |i: f32| (i.max(0.0) as usize).min(n - 1);
+        (index(below), index(below + 1.0), at - below)
+    };
+    let (left, right, x) = axis(share[0], image.width);
+    let (top, bottom, y) = axis(share[1], image.height);
+    let mix = |a: f32, b: f32, t: f32| a + t * (b - a);
+    std::array::from_fn(|i| {
+        let upper = mix(image.at(left, top)[i], image.at(right, top)[i], x);
+        let lower = mix(image.at(left, bottom)[i], image.at(right, bottom)[i], x);
+        mix(upper, lower, y)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::image::Image;
+
+    /// A picture without two equal pixels.
+    fn picture(width: usize, height: usize, seed: f32) -> RgbImage {
+        let value = |i: usize| (seed + 0.37 * i as f32).fract();
+        let data = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]);
+        Image::from_vec(width, height, data.collect())
+    }
+
+    #[test]
+    fn a_wipe_shows_each_picture_on_its_side() {
+        let (first, second) = (picture(8, 5, 0.1), picture(8, 5, 0.6));
+        for (divider, n_first) in [(0.0, 0), (0.375, 3), (0.4, 3), (1.0, 8)] {
+            let mut shown = first.clone();
+            combine(&mut shown, &second, Area::FULL, Combination::Wipe(divider));
+            for (i, pixel) in shown.data.iter().enumerate() {
+                let side = if i % 8 < n_first { &first } else { &second };
+                for (found, expected) in pixel.iter().zip(side.data[i]) {
+                    assert!((found - expected).abs() < 1e-5, "{divider}, pixel {i}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_difference_is_black_where_pictures_agree_and_never_more_than_white() {
+        let first = picture(6, 4, 0.2);
+        let mut shown = first.clone();
+        combine(&mut shown, &first, Area::FULL, Combination::Difference(50.0));
+        assert!(shown.data.iter().flatten().all(|v| *v < 1e-3));
+        let mut second = first.clone();
+        second.data[7] = first.data[7].map(|v| if v < 0.5 { v + 0.1 } else { v - 0.1 });
+        for (gain, expected) in [(4.0, 0.4), (50.0, 1.0)] {
+            let mut shown = first.clone();
+            combine(&mut shown, &second, Area::FULL, Combination::Difference(gain));
+            assert!(shown.data[7].iter().all(|v| (v - expected).abs() < 1e-4), "{gain}");
+        }
+    }
+
+    #[test]
+    fn a_smaller_picture_fills_its_area_and_the_rest_is_dimmed() {
+        let mut shown = Image::filled(8, 4, [0.8f32; 3]);
+        let second = Image::from_vec(2, 1, vec![[0.0; 3], [1.0; 3]]);
+        let area = Area { min: [0.25, 0.0], max: [0.75, 1.0] };
+        combine(&mut shown, &second, area, Combination::Wipe(0.0));
+        let row: Vec<f32> = shown.data[..8].iter().map(|p| p[0]).collect();
+        let dim = OUTSIDE * 0.8;
+        let expected = [dim, dim, 0.0, 0.25, 0.75, 1.0, dim, dim];
+        assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{row:?}");
+    }
+
+    #[test]
+    fn empty_pictures_are_left_alone() {
+        let mut empty = picture(0, 0, 0.0);
+        combine(&mut empty, &picture(2, 2, 0.0), Area::FULL, Combination::Wipe(0.5));
+        let mut shown = picture(2, 2, 0.3);
+        combine(&mut shown, &empty, Area::FULL, Combination::Wipe(0.0));
+        assert_eq!(shown, picture(2, 2, 0.3));
+    }
+}
