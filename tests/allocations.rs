@@ -60,6 +60,7 @@ fn a_warm_training_loop_allocates_nothing() {
         };
         let config = TrainConfig::paper().with(&overrides).unwrap();
         let mut engine = Engine::new(&config, &InitialDraw::random(20_000, 0)).unwrap();
+        engine.start_component_elbo();
         let allocations = pool.install(|| {
             let mut train = |n| {
                 for frame in frames.iter().cycle().take(n) {

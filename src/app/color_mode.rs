@@ -1,6 +1,7 @@
 //! What the colours of the viewport mean.
 
 use crate::render::Paint;
+use crate::render::attributes::Attribute;
 use serde::{Deserialize, Serialize};
 
 /// What a splat's colour shows.
@@ -73,6 +74,17 @@ impl ColorMode {
             | ColorMode::Uncertainty
             | ColorMode::Elbo
             | ColorMode::Birth => Paint::Stored,
+        }
+    }
+
+    /// What the splats' own colours are replaced by in this mode, if so.
+    pub fn attribute(self) -> Option<Attribute> {
+        match self {
+            ColorMode::Evidence => Some(Attribute::Evidence),
+            ColorMode::Uncertainty => Some(Attribute::Uncertainty),
+            ColorMode::Elbo => Some(Attribute::Elbo),
+            ColorMode::Birth => Some(Attribute::Birth),
+            ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,
         }
     }
 

@@ -35,13 +35,15 @@ pub enum Command {
     NextCamera,
     /// Compare with the photograph, or stop doing so.
     ComparePhoto,
+    /// Select no splat any more.
+    Deselect,
     /// List of all shortcuts.
     Help,
 }
 
 impl Command {
     /// Every command, in the order help shows them.
-    pub const ALL: [Command; 15] = [
+    pub const ALL: [Command; 16] = [
         Command::Open,
         Command::OpenDemo,
         Command::Train,
@@ -56,6 +58,7 @@ impl Command {
         Command::PreviousCamera,
         Command::NextCamera,
         Command::ComparePhoto,
+        Command::Deselect,
         Command::Help,
     ];
 
@@ -76,6 +79,7 @@ impl Command {
             Command::PreviousCamera => "‹",
             Command::NextCamera => "›",
             Command::ComparePhoto => "Photograph",
+            Command::Deselect => "Deselect",
             Command::Help => "Shortcuts",
         }
     }
@@ -97,6 +101,7 @@ impl Command {
             Command::PreviousCamera => "Stand where the dataset's camera before stood",
             Command::NextCamera => "Stand where the dataset's next camera stood",
             Command::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
+            Command::Deselect => "Select no splat any more; a click on a splat selects it",
             Command::Help => "Show all keyboard and mouse shortcuts",
         }
     }
@@ -124,6 +129,7 @@ impl Command {
             Command::PreviousCamera => const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] },
             Command::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
             Command::ComparePhoto => const { &[plain(Key::G)] },
+            Command::Deselect => const { &[plain(Key::Escape)] },
             Command::Help => const { &[plain(Key::F1)] },
         }
     }
@@ -162,7 +168,7 @@ impl Command {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
             Command::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
-            Command::FrameScene | Command::Home | Command::ToggleRenderer => {
+            Command::FrameScene | Command::Home | Command::ToggleRenderer | Command::Deselect => {
                 source != Source::Nothing
             }
             Command::PreviousCamera | Command::NextCamera | Command::ComparePhoto => dataset,

@@ -1,6 +1,7 @@
 //! Changed splats on their way from the trainer to the viewport. Nobody waits: the trainer adds to
 //! the feed only when the last delivery was taken, and the viewport takes what is there.
 
+use crate::model::attributes::Attributes;
 use crate::model::splats::Splat;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -18,12 +19,28 @@ pub enum SplatChange {
     },
 }
 
+/// A change and what is known of its components, one each in the same order; nothing where nobody
+/// asked (see [`super::worker::Order::Watch`]).
+#[derive(Clone, Debug)]
+pub struct Delivery {
+    /// The change.
+    pub change: SplatChange,
+    /// What is known of its components.
+    pub attributes: Vec<Attributes>,
+}
+
+impl From<SplatChange> for Delivery {
+    fn from(change: SplatChange) -> Self {
+        Self { change, attributes: Vec::new() }
+    }
+}
+
 /// The mailbox between the two.
 #[derive(Debug, Default)]
-pub struct SplatFeed(Mutex<Vec<SplatChange>>);
+pub struct SplatFeed(Mutex<Vec<Delivery>>);
 
 impl SplatFeed {
-    fn lock(&self) -> MutexGuard<'_, Vec<SplatChange>> {
+    fn lock(&self) -> MutexGuard<'_, Vec<Delivery>> {
         // A panic while a list is pushed or taken leaves the list valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -34,16 +51,16 @@ impl SplatFeed {
     }
 
     /// Adds a delivery; a replacement makes those before it pointless.
-    pub fn push(&self, change: SplatChange) {
+    pub fn push(&self, delivery: Delivery) {
         let mut waiting = self.lock();
-        if matches!(change, SplatChange::All(_)) {
+        if matches!(delivery.change, SplatChange::All(_)) {
             waiting.clear();
         }
-        waiting.push(change);
+        waiting.push(delivery);
     }
 
     /// Takes all deliveries, oldest first.
-    pub fn take(&self) -> Vec<SplatChange> {
+    pub fn take(&self) -> Vec<Delivery> {
         std::mem::take(&mut *self.lock())
     }
 }
@@ -73,12 +90,13 @@ mod tests {
     #[test]
     fn a_replacement_supersedes_what_waits() {
         let feed = SplatFeed::default();
-        feed.push(SplatChange::Some { ids: vec![0], splats: vec![Splat::default()] });
-        feed.push(SplatChange::All(vec![Splat::default(); 2]));
+        feed.push(SplatChange::Some { ids: vec![0], splats: vec![Splat::default()] }.into());
+        feed.push(SplatChange::All(vec![Splat::default(); 2]).into());
         let visible = Splat { opacity: 1.0, ..Splat::default() };
-        feed.push(SplatChange::Some { ids: vec![1, 9], splats: vec![visible; 2] });
+        feed.push(SplatChange::Some { ids: vec![1, 9], splats: vec![visible; 2] }.into());
         let mut splats = Vec::new();
-        let changed: Vec<_> = feed.take().into_iter().map(|c| apply(&mut splats, c)).collect();
+        let changed: Vec<_> =
+            feed.take().into_iter().map(|d| apply(&mut splats, d.change)).collect();
         assert_eq!(changed, [None, Some(vec![1, 9])]);
         assert_eq!(splats, [Splat::default(), visible]);
         assert!(feed.is_empty());

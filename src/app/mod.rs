@@ -3,28 +3,36 @@
 //! The trainer lives on the [`worker`]'s thread and the window never waits for it; splats reach the
 //! viewport through [`feed`]. What is legal when stands in [`command`].
 
+mod adapter_memory;
 pub mod camera;
 pub mod color_mode;
 pub mod command;
+mod device;
 mod dialogs;
 pub mod drawing;
 mod drop_target;
 pub mod feed;
 mod opening;
+mod palette;
 mod panels;
+mod picker;
+mod selection;
 mod software;
 pub mod state;
 mod studio;
+pub mod unattended;
 mod view_thread;
 pub mod viewer;
 mod viewport;
+mod window;
 pub mod worker;
 
 pub use studio::{Painting, Studio};
 
-use eframe::egui::{Vec2, ViewportBuilder};
-use state::Subject;
-use std::time::Instant;
+pub use crate::render::gpu::adapters;
+pub use window::{Exit, Leave, run};
+
+use unattended::Unattended;
 
 /// Why there is no window.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +46,12 @@ pub enum WindowError {
     /// No adapter can draw the window.
     #[error("no usable graphics adapter found ({0})")]
     NoAdapter(String),
+    /// One window after the other lost its device.
+    #[error("the graphics device was lost {0} times in a row")]
+    DeviceLost(usize),
+    /// There was a window, and there is none any more, but there is a run that goes on.
+    #[error("the window is gone for good: {0}")]
+    Gone(Box<WindowError>, Unattended),
     /// The window failed for another reason.
     #[error("no window could be opened ({0})")]
     Window(String),
@@ -51,32 +65,4 @@ impl From<eframe::Error> for WindowError {
             other => Self::Window(other.to_string()),
         }
     }
-}
-
-/// Opens the window on `subject` and runs until it is closed. `started` is when the process began.
-pub fn run(subject: Subject, started: Instant) -> Result<(), WindowError> {
-    if !has_display() {
-        return Err(WindowError::NoDisplay);
-    }
-    let options = eframe::NativeOptions {
-        viewport: ViewportBuilder::default()
-            .with_title("VBGS Studio")
-            .with_app_id("vbgs-studio")
-            .with_inner_size(Vec2::new(1280.0, 800.0))
-            .with_min_inner_size(Vec2::new(640.0, 400.0))
-            .with_drag_and_drop(true),
-        wgpu_options: viewport::wgpu_configuration(),
-        ..Default::default()
-    };
-    let create = move |context: &eframe::CreationContext<'_>| {
-        let studio = Studio::new(context, Some(subject), Painting::Auto, started)?;
-        Ok(Box::new(studio) as Box<dyn eframe::App>)
-    };
-    Ok(eframe::run_native("vbgs-studio", options, Box::new(create))?)
-}
-
-/// Whether a display server is announced; elsewhere than on X11 and Wayland there always is one.
-fn has_display() -> bool {
-    let named = |variable: &str| std::env::var_os(variable).is_some_and(|v| !v.is_empty());
-    !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
 }

@@ -1,5 +1,6 @@
 //! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
 
+use super::color_mode::ColorMode;
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use crate::dataset::error::DatasetError;
 use crate::dataset::{self, Dataset, LoadOptions};
@@ -90,7 +91,12 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
         serial,
         is_demo,
         dataset: Some(dataset.clone()),
-        told_modes: &[],
+        told_modes: &[
+            ColorMode::Evidence,
+            ColorMode::Uncertainty,
+            ColorMode::Elbo,
+            ColorMode::Birth,
+        ],
     };
     let splats = match session.engine().used() {
         0 => vec![Splat::default(); session.engine().components()],

@@ -4,6 +4,8 @@ use super::color_mode::ColorMode;
 use crate::dataset::Dataset;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
+use crate::model::splats::Splat;
+use crate::pipeline::inspection::Inspection;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -107,6 +109,38 @@ pub struct Opened {
     pub told_modes: &'static [ColorMode],
 }
 
+/// What is known of the splat that the user selected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Inspected {
+    /// A component of the model in training.
+    Component(Inspection),
+    /// A splat of a file.
+    Splat {
+        /// Its place in the file.
+        id: u32,
+        /// All that the file says.
+        splat: Splat,
+    },
+}
+
+impl Inspected {
+    /// Number of the component or splat.
+    pub fn id(&self) -> u32 {
+        match self {
+            Self::Component(inspection) => inspection.id,
+            Self::Splat { id, .. } => *id,
+        }
+    }
+
+    /// As it is drawn.
+    pub fn splat(&self) -> &Splat {
+        match self {
+            Self::Component(inspection) => &inspection.splat,
+            Self::Splat { splat, .. } => splat,
+        }
+    }
+}
+
 /// The newest picture of the run: small numbers only, shared without copying.
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
@@ -134,6 +168,8 @@ pub struct Snapshot {
     pub model_bytes: usize,
     /// Frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
+    /// What is known of the selected splat, if one is selected.
+    pub inspected: Option<Arc<Inspected>>,
     /// What the user should read, newest last.
     pub notices: Arc<Vec<Notice>>,
 }

@@ -1,18 +1,23 @@
 //! The application: puts panels together and turns what they answer into orders.
 
+use super::adapter_memory;
 use super::command::Command;
+use super::device::Device;
 use super::dialogs::{self, Decision, PathDialog};
 use super::drawing::Drawer;
 use super::drop_target;
-use super::panels::{latency, notices, scene, settings, status, transport};
-use super::state::{RunState, Snapshot, Subject};
+use super::panels::{adapter, inspector, latency, notices, scene, settings, status, transport};
+use super::state::{NoticeKind, RunState, Snapshot, Subject};
 use super::viewer::painter::Painter;
 use super::viewer::settings::ViewSettings;
 use super::viewer::{SceneView, toolbar};
+use super::viewport::GpuPainter;
+use super::window::{Exit, Leave};
 use super::worker::{Order, Waker, Worker};
+use crate::render::attributes::Attribute;
 use eframe::egui::{
-    CentralPanel, Color32, FocusDirection, Frame, Key, Panel, RichText, Ui, ViewportCommand,
-    Visuals,
+    CentralPanel, Color32, Context, FocusDirection, Frame, Key, Panel, RichText, Ui,
+    ViewportCommand, Visuals,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -23,6 +28,7 @@ enum Tab {
     #[default]
     Latency,
     Scene,
+    Inspector,
     Settings,
 }
 
@@ -44,9 +50,13 @@ enum Discarding {
 
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
-    worker: Worker,
+    worker: Arc<Worker>,
+    exit: Exit,
+    device: Option<Device>,
     waker: Waker,
     view: SceneView,
+    /// What the worker was asked to tell of components.
+    watched: Option<Attribute>,
     adapter: String,
     tab: Tab,
     open_dialog: PathDialog,
@@ -61,7 +71,7 @@ pub struct Studio {
 }
 
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
-const INTERVAL: Duration = Duration::from_millis(33);
+const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Where the viewport's settings are kept between sessions.
@@ -76,24 +86,42 @@ impl Studio {
         started: Instant,
     ) -> std::io::Result<Self> {
         let egui = context.egui_ctx.clone();
-        let waker: Waker = Arc::new(move || egui.request_repaint());
-        let (painter, adapter) = Painter::choose(context, painting, &waker)?;
-        let on_cpu = painter.drawer() == Drawer::Cpu;
-        let interval = if on_cpu { SOFTWARE_INTERVAL } else { INTERVAL };
-        let worker = Worker::start(waker.clone(), interval)?;
+        let worker = Arc::new(Worker::start(Arc::new(move || egui.request_repaint()))?);
         if let Some(subject) = subject {
             worker.send(Order::Open(subject));
         }
+        Self::attach(context, worker, Exit::default(), painting, started)
+    }
+
+    /// Builds the application on a run that may be under way; `exit` learns why the window ends.
+    pub fn attach(
+        context: &eframe::CreationContext<'_>,
+        worker: Arc<Worker>,
+        exit: Exit,
+        painting: Painting,
+        started: Instant,
+    ) -> std::io::Result<Self> {
+        let egui = context.egui_ctx.clone();
+        let waker: Waker = Arc::new(move || egui.request_repaint());
+        let device = context.wgpu_render_state.as_ref().map(Device::new);
+        let (painter, adapter) = Painter::choose(device.as_ref(), painting, &waker)?;
+        let on_cpu = painter.drawer() == Drawer::Cpu;
+        worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
+        // The window before may have coloured the scene otherwise.
+        worker.send(Order::Watch(None));
         let stored = context.storage.and_then(|storage| storage.get_string(STORAGE_KEY));
         let (settings, problem) = match stored {
             Some(text) => ViewSettings::from_text(&text),
             None => (ViewSettings::default(), None),
         };
         if let Some(problem) = problem {
-            worker.send(Order::Report(problem));
+            worker.send(Order::Report(NoticeKind::Warning, problem));
         }
         Ok(Self {
             worker,
+            exit,
+            device,
+            watched: None,
             view: SceneView::new(painter, settings, waker.clone()),
             waker,
             adapter,
@@ -125,6 +153,18 @@ impl Studio {
         &self.view
     }
 
+    /// Why the window ends, if it does.
+    pub fn exit(&self) -> &Exit {
+        &self.exit
+    }
+
+    /// Ends the window, not the run.
+    fn leave(&mut self, why: Leave, context: &Context) {
+        self.exit.leave(why);
+        self.may_close = true;
+        context.send_viewport_cmd(ViewportCommand::Close);
+    }
+
     fn obey(&mut self, command: Command, snapshot: &Snapshot) {
         if !command.is_legal(snapshot.state, snapshot.source) {
             return;
@@ -148,6 +188,7 @@ impl Studio {
                     self.view.obey(command, opened);
                 }
             }
+            Command::Deselect => self.worker.send(Order::Inspect(None)),
             Command::Help => self.help_is_open = !self.help_is_open,
         }
     }
@@ -237,30 +278,82 @@ impl Studio {
         ui.horizontal(|ui| {
             ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
             ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
+            ui.selectable_value(&mut self.tab, Tab::Inspector, "Inspector");
             ui.selectable_value(&mut self.tab, Tab::Settings, "Settings");
         });
         ui.separator();
         match self.tab {
             Tab::Latency => latency::ui(snapshot, self.view.drawn(), ui),
             Tab::Scene => scene::ui(snapshot, ui),
-            Tab::Settings => {
-                let own_fov_deg = self.view.own_fov_deg();
-                let around = settings::Surroundings { adapter: &self.adapter, own_fov_deg };
-                settings::ui(&mut self.view.settings, &around, ui);
+            Tab::Inspector => inspector::ui(snapshot, ui),
+            Tab::Settings => self.settings(ui),
+        }
+    }
+
+    fn settings(&mut self, ui: &mut Ui) {
+        let own_fov_deg = self.view.own_fov_deg();
+        let around = settings::Surroundings { adapter: &self.adapter, own_fov_deg };
+        let adapters = self.device.as_ref().map(|device| adapter::Adapters {
+            there: &device.there,
+            current: &device.adapter,
+            gpu_failed: self.view.gpu_failed(),
+        });
+        match settings::ui(&mut self.view.settings, &around, adapters.as_ref(), ui) {
+            None => {}
+            Some(adapter::Asked::RetryGpu) => self.retry_gpu(),
+            Some(adapter::Asked::Adapter(choice)) => {
+                adapter_memory::remember(&choice);
+                self.leave(Leave::Adapter(choice), ui.ctx());
             }
         }
     }
 
+    fn retry_gpu(&mut self) {
+        let Some(Device { state, faults, .. }) = &self.device else { return };
+        faults.take(); // what went wrong before is known
+        match GpuPainter::new(state, faults.clone(), self.waker.clone()) {
+            Ok(painter) => self.view.draw_by(Painter::Gpu(Box::new(painter))),
+            Err(error) => {
+                let text = format!("the GPU still cannot draw the scene: {error}");
+                self.worker.send(Order::Report(NoticeKind::Error, text));
+            }
+        }
+    }
+
+    /// Faults of the window's own drawing, which nobody else takes while the CPU draws the scene.
+    fn report_faults(&self) {
+        let is_on_cpu = self.view.drawn().drawer == Drawer::Cpu;
+        let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };
+        for fault in device.faults.take() {
+            let text = format!(
+                "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
+                fault.message
+            );
+            self.worker.send(Order::Report(NoticeKind::Error, text));
+        }
+    }
+
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        for change in self.worker.feed().take() {
-            self.view.change(change);
+        for delivery in self.worker.feed().take() {
+            self.view.change(delivery);
         }
         if snapshot.opened.is_none() && snapshot.state != RunState::Loading {
             self.empty_view(ui, snapshot);
             return;
         }
         if let Some(message) = self.view.ui(ui, snapshot) {
-            self.worker.send(Order::Report(message));
+            self.worker.send(Order::Report(NoticeKind::Error, message));
+        }
+        let watched = self.view.settings.color_mode.attribute();
+        if watched != self.watched {
+            self.watched = watched;
+            self.worker.send(Order::Watch(watched));
+        }
+        if let Some(picked) = self.view.take_picked() {
+            self.worker.send(Order::Inspect(picked));
+            if picked.is_some() {
+                self.tab = Tab::Inspector;
+            }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
             self.first_splats_logged = true;
@@ -303,6 +396,12 @@ impl eframe::App for Studio {
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
+        if self.device.as_ref().is_some_and(Device::is_lost) {
+            // Nothing may be drawn any more, not even by egui, or it panics.
+            self.leave(Leave::DeviceLost, ui.ctx());
+            return;
+        }
+        self.report_faults();
         let snapshot = self.worker.snapshot();
         self.take_close_request(ui, &snapshot);
         self.take_dropped(ui, &snapshot);

@@ -11,6 +11,7 @@ use crate::math::image::RgbImage;
 use crate::model::splats::Splat;
 use crate::render::RenderOptions;
 use crate::render::gpu::GpuError;
+use crate::render::gpu::adapters::{self, AdapterChoice, AdapterFacts};
 use crate::render::gpu::composite::{Compositor, Second};
 use crate::render::gpu::context::GpuCaps;
 use crate::render::gpu::faults::GpuFaults;
@@ -29,12 +30,54 @@ pub fn capabilities(state: &RenderState) -> GpuCaps {
 }
 
 /// Asks for all the adapter offers, since the default limits bind 128 MiB only.
-pub fn wgpu_configuration() -> egui_wgpu::WgpuConfiguration {
+pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguration {
     let mut configuration = egui_wgpu::WgpuConfiguration::default();
     if let egui_wgpu::WgpuSetup::CreateNew(setup) = &mut configuration.wgpu_setup {
         setup.device_descriptor = Arc::new(crate::render::gpu::context::device_descriptor);
+        if *choice != AdapterChoice::Auto {
+            setup.native_adapter_selector = Some(selector(choice.clone()));
+        }
     }
     configuration
+}
+
+/// Takes the chosen adapter, if the window can be drawn with it.
+fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
+    Arc::new(move |adapters, surface| {
+        let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
+        let chosen = adapters::choose(&choice, &facts).map_err(|e| e.to_string())?.unwrap_or(0);
+        let adapter = adapters.get(chosen).ok_or("no adapter found")?;
+        match surface {
+            Some(surface) if !adapter.is_surface_supported(surface) => {
+                Err(format!("{} cannot draw on this display", facts[chosen]))
+            }
+            _ => Ok(adapter.clone()),
+        }
+    })
+}
+
+/// Why the user should know what draws the window, if so.
+pub fn caveat(state: &RenderState) -> Option<String> {
+    AdapterFacts::new(&state.adapter).caveat()
+}
+
+/// What could draw the window, and what does.
+pub fn adapters(state: &RenderState) -> (Vec<AdapterFacts>, AdapterFacts) {
+    let there = state.available_adapters.iter().map(AdapterFacts::new).collect();
+    (there, AdapterFacts::new(&state.adapter))
+}
+
+/// What the device says after the fact, from the start: without a listener wgpu panics.
+pub fn watch(state: &RenderState) -> GpuFaults {
+    let faults = GpuFaults::default();
+    faults.watch(&state.device);
+    faults
+}
+
+/// Lets the device say what has happened to it, without waiting.
+pub fn poll(state: &RenderState) {
+    // A failure to poll is the loss of the device, which the callback tells.
+    let _ = state.device.poll(wgpu::PollType::Poll);
 }
 
 /// Why the GPU cannot draw the scene.
@@ -84,12 +127,10 @@ struct Sorted {
 
 impl GpuPainter {
     /// Builds all GPU state on eframe's device.
-    pub fn new(state: &RenderState, waker: Waker) -> Result<Self, PaintError> {
+    pub fn new(state: &RenderState, faults: GpuFaults, waker: Waker) -> Result<Self, PaintError> {
         let capabilities = capabilities(state);
         capabilities.check()?;
         let (device, queue) = (state.device.clone(), state.queue.clone());
-        let faults = GpuFaults::default();
-        faults.watch(&device);
         let mut scratch = SortScratch::default();
         let sort = move |splats: &[Splat], (camera, first, second): Asked| {
             let started = Instant::now();

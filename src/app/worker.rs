@@ -1,18 +1,21 @@
 //! The thread that owns the trainer. It takes orders between frames, publishes snapshots and
 //! changed splats, and never waits for the window.
 
-use super::feed::{SplatChange, SplatFeed};
+use super::feed::{Delivery, SplatChange, SplatFeed};
 use super::opening::{self, Content};
-use super::state::{HISTORY, Notice, NoticeKind, RunState, Snapshot, Source, Subject};
+use super::state::{HISTORY, Inspected, Notice, NoticeKind, RunState, Snapshot, Source, Subject};
 use crate::eval::report::{FrameReport, Summary};
 use crate::export::{self, Format, WriteOptions};
+use crate::model::attributes::Attributes;
 use crate::model::splats::Splat;
 use crate::pipeline::session::{Session, SessionError, Step};
+use crate::render::attributes::Attribute;
 use glam::DVec3;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -35,8 +38,14 @@ pub enum Order {
     Save(PathBuf),
     /// Write the newest scene to a file.
     Export(PathBuf),
-    /// Show a failure that happened elsewhere in the window.
-    Report(String),
+    /// Show something that happened elsewhere in the window.
+    Report(NoticeKind, String),
+    /// Deliver what is known of components with their splats, from now on; `None` ends that.
+    Watch(Option<Attribute>),
+    /// Keep what is known of a component in the snapshots; `None` ends that.
+    Inspect(Option<u32>),
+    /// Deliver all splats again, to a window that has none yet.
+    Deliver,
 }
 
 /// What the worker and the window share.
@@ -44,6 +53,14 @@ pub enum Order {
 struct Shared {
     snapshot: Mutex<Arc<Snapshot>>,
     feed: SplatFeed,
+    /// Least time between two snapshots, microseconds.
+    interval_us: AtomicU64,
+}
+
+impl Shared {
+    fn interval(&self) -> Duration {
+        Duration::from_micros(self.interval_us.load(Ordering::Relaxed))
+    }
 }
 
 /// Handle of the trainer's thread; dropping it stops the thread after the current frame.
@@ -57,14 +74,22 @@ pub struct Worker {
 pub type Waker = Arc<dyn Fn() + Send + Sync>;
 
 impl Worker {
-    /// Starts the thread. Snapshots and splats are published at most once per `interval`.
-    pub fn start(waker: Waker, interval: Duration) -> std::io::Result<Self> {
+    /// Starts the thread. See [`Self::set_interval`].
+    pub fn start(waker: Waker) -> std::io::Result<Self> {
         let (orders, inbox) = channel();
         let shared = Arc::new(Shared::default());
-        let state = Trainer::new(inbox, shared.clone(), waker, interval);
+        let state = Trainer::new(inbox, shared.clone(), waker);
         let thread =
             std::thread::Builder::new().name("trainer".into()).spawn(move || state.run())?;
-        Ok(Self { orders: Some(orders), shared, thread: Some(thread) })
+        let worker = Self { orders: Some(orders), shared, thread: Some(thread) };
+        worker.set_interval(INTERVAL);
+        Ok(worker)
+    }
+
+    /// Changes the least time between two snapshots, with the splats that changed meanwhile; 33 ms
+    /// at first.
+    pub fn set_interval(&self, interval: Duration) {
+        self.shared.interval_us.store(interval.as_micros() as u64, Ordering::Relaxed);
     }
 
     /// Hands an order over; returns at once.
@@ -101,7 +126,6 @@ struct Trainer {
     inbox: Receiver<Order>,
     shared: Arc<Shared>,
     waker: Waker,
-    interval: Duration,
     published: Instant,
     subject: Option<Subject>,
     content: Option<Content>,
@@ -110,6 +134,10 @@ struct Trainer {
     /// When recent frames ended, for the frame rate.
     ends: VecDeque<Instant>,
     dirty: Dirty,
+    /// What the viewport colours components by.
+    watched: Option<Attribute>,
+    /// The component whose posterior snapshots show.
+    inspecting: Option<u32>,
     /// Whether the snapshot differs from the published one.
     changed: bool,
     next_serial: u64,
@@ -140,18 +168,19 @@ impl Dirty {
     }
 }
 
+/// Least time between two snapshots where a GPU draws them.
+const INTERVAL: Duration = Duration::from_millis(33);
 /// Frames over which the frame rate is taken.
 const RATE_FRAMES: usize = 30;
 /// Most notices kept.
 const MAX_NOTICES: usize = 50;
 
 impl Trainer {
-    fn new(inbox: Receiver<Order>, shared: Arc<Shared>, waker: Waker, interval: Duration) -> Self {
+    fn new(inbox: Receiver<Order>, shared: Arc<Shared>, waker: Waker) -> Self {
         Self {
             inbox,
             shared,
             waker,
-            interval,
             published: Instant::now(),
             subject: None,
             content: None,
@@ -159,6 +188,8 @@ impl Trainer {
             recent: VecDeque::new(),
             ends: VecDeque::new(),
             dirty: Dirty::default(),
+            watched: None,
+            inspecting: None,
             changed: true,
             next_serial: 1,
         }
@@ -174,7 +205,7 @@ impl Trainer {
                 }
             } else {
                 // Splats that could not be delivered yet are tried again while idle.
-                match self.inbox.recv_timeout(self.interval) {
+                match self.inbox.recv_timeout(self.shared.interval()) {
                     Ok(order) => Some(order),
                     Err(RecvTimeoutError::Timeout) => None,
                     Err(RecvTimeoutError::Disconnected) => return,
@@ -215,7 +246,10 @@ impl Trainer {
             }
             Order::Save(path) => self.save(&path),
             Order::Export(path) => self.export(&path),
-            Order::Report(message) => self.notify(NoticeKind::Error, message),
+            Order::Report(kind, message) => self.notify(kind, message),
+            Order::Watch(attribute) => self.watch(attribute),
+            Order::Inspect(id) => self.inspecting = id,
+            Order::Deliver => self.deliver_all(),
         }
     }
 
@@ -256,7 +290,8 @@ impl Trainer {
         let notices = self.snapshot.notices.clone();
         self.snapshot =
             Snapshot { opened: Some(Arc::new(opened.facts)), notices, ..Snapshot::default() };
-        self.shared.feed.push(SplatChange::All(opened.splats));
+        self.inspecting = None;
+        self.shared.feed.push(SplatChange::All(opened.splats).into());
         match &opened.content {
             Content::Session(session) => {
                 self.snapshot.source = Source::Dataset;
@@ -279,6 +314,7 @@ impl Trainer {
             }
         }
         self.content = Some(opened.content);
+        self.watch(self.watched);
         for (kind, text) in opened.notices {
             self.notify(kind, text);
         }
@@ -287,9 +323,12 @@ impl Trainer {
 
     fn step(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
+        // What the frame before told of them is over, whether or not the next one touches them.
+        let components = session.engine().components();
+        self.dirty.mark(session.engine().components_with_elbo(), components);
         match session.step() {
             Ok(Step::Trained(frame)) => {
-                self.dirty.mark(session.engine().touched(), session.engine().components());
+                self.dirty.mark(session.engine().touched(), components);
                 self.learned(frame);
             }
             Ok(Step::Skipped(skipped)) => {
@@ -422,12 +461,13 @@ impl Trainer {
     /// Tells the window, at most once per interval unless `at_once`. Changed splats are converted
     /// only when the viewport took the last ones.
     fn publish(&mut self, at_once: bool) {
-        let due = self.published.elapsed() >= self.interval;
+        let due = self.published.elapsed() >= self.shared.interval();
         let news = self.changed || !self.dirty.ids.is_empty();
         if !(at_once || due && news) {
             return;
         }
         self.deliver_splats();
+        self.snapshot.inspected = self.inspect();
         self.snapshot.recent = Arc::new(self.recent.iter().cloned().collect());
         let snapshot = Arc::new(self.snapshot.clone());
         *self.shared.snapshot.lock().unwrap_or_else(PoisonError::into_inner) = snapshot;
@@ -441,8 +481,50 @@ impl Trainer {
         if !self.dirty.ids.is_empty() && self.shared.feed.is_empty() {
             let ids = self.dirty.take();
             let splats = session.splats_of(&ids);
-            self.shared.feed.push(SplatChange::Some { ids, splats });
+            let attributes = self.attributes_of(&ids);
+            let change = SplatChange::Some { ids, splats };
+            self.shared.feed.push(Delivery { change, attributes });
         }
+    }
+
+    fn deliver_all(&mut self) {
+        self.dirty.take();
+        let splats = self.splats();
+        let ids: Vec<u32> = (0..splats.len() as u32).collect();
+        let attributes = self.attributes_of(&ids);
+        self.shared.feed.push(Delivery { change: SplatChange::All(splats), attributes });
+    }
+
+    /// What is known of components, if the viewport asks for it.
+    fn attributes_of(&self, ids: &[u32]) -> Vec<Attributes> {
+        match &self.content {
+            Some(Content::Session(session)) if self.watched.is_some() => session.attributes_of(ids),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Everything is delivered again: what is known of components at rest has not been told.
+    fn watch(&mut self, attribute: Option<Attribute>) {
+        self.watched = attribute;
+        let Some(Content::Session(session)) = &mut self.content else { return };
+        match attribute {
+            Some(Attribute::Elbo) => session.start_component_elbo(),
+            _ => session.stop_component_elbo(),
+        }
+        if attribute.is_some() {
+            let components = session.engine().components();
+            let all: Vec<u32> = (0..components as u32).collect();
+            self.dirty.mark(&all, components);
+        }
+    }
+
+    fn inspect(&self) -> Option<Arc<Inspected>> {
+        let id = self.inspecting?;
+        let inspected = match self.content.as_ref()? {
+            Content::Session(session) => Inspected::Component(session.inspect(id)?),
+            Content::Model(splats) => Inspected::Splat { id, splat: *splats.get(id as usize)? },
+        };
+        Some(Arc::new(inspected))
     }
 }
 

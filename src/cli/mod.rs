@@ -47,7 +47,7 @@ pub fn run() -> ExitCode {
 fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     match arguments.command {
-        None => open_window(arguments.path, started),
+        None => open_window(arguments.path, arguments.adapter.as_deref(), started),
         Some(Command::Train(args)) => train::run(&args),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
@@ -61,13 +61,17 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
 }
 
 #[cfg(feature = "gui")]
-fn open_window(path: Option<PathBuf>, started: Instant) -> Result<(), Failure> {
-    window::run(path, started)
+fn open_window(
+    path: Option<PathBuf>,
+    adapter: Option<&str>,
+    started: Instant,
+) -> Result<(), Failure> {
+    window::run(path, adapter, started)
 }
 
 /// Without the window compiled in, the demo is trained as if there were no display.
 #[cfg(not(feature = "gui"))]
-fn open_window(path: Option<PathBuf>, _: Instant) -> Result<(), Failure> {
+fn open_window(path: Option<PathBuf>, _: Option<&str>, _: Instant) -> Result<(), Failure> {
     match path {
         None => demo::run("this build has no window"),
         Some(path) => Err(Failure::Usage(format!(

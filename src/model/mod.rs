@@ -6,6 +6,7 @@
 //! is rendered and never feeds back ([`posterior`]).
 
 pub mod appearance;
+pub mod attributes;
 pub mod dirichlet;
 pub mod merging;
 pub mod mixture;

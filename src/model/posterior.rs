@@ -64,6 +64,18 @@ impl ComponentPosterior {
     pub fn expected_covariance(&self) -> Sym3 {
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
+
+    /// `E[Σ^s]` in world units².
+    pub fn world_covariance(&self, normalization: &Normalization) -> Sym3 {
+        self.expected_covariance().scaled_axes(DVec3::from_array(normalization.scale))
+    }
+
+    /// Standard deviation of the mean's position in world units, `√(tr(A E[Σ^s] A) / κ)`: under the
+    /// normal-inverse-Wishart law of `model.md` 8 the mean, given `Σ`, has the covariance `Σ/κ`, so
+    /// `E[Σ]/κ` is its covariance altogether; `A` holds the world units per axis.
+    pub fn mean_deviation(&self, normalization: &Normalization) -> f64 {
+        (self.world_covariance(normalization).trace() / self.kappa_space).sqrt()
+    }
 }
 
 /// Share of the largest eigenvalue below which f64 does not tell one from zero.
@@ -135,9 +147,7 @@ impl Conversion {
         } else {
             LEGACY_UNUSED_OPACITY
         };
-        let axes = DVec3::from_array(normalization.scale);
-        let covariance = posterior.expected_covariance().scaled_axes(axes);
-        let (scale, q) = decompose(covariance, self.form);
+        let (scale, q) = decompose(posterior.world_covariance(normalization), self.form);
         let color = Normalization::denormalize_color(posterior.mean_color);
         Splat {
             mean: normalization.denormalize(posterior.mean_space).as_vec3().to_array(),

@@ -2,8 +2,10 @@
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
 
 pub mod bench;
+mod births;
 pub mod checkpoint;
 pub mod demo;
+pub mod inspection;
 pub mod machine;
 pub mod memory;
 pub mod plan;

@@ -1,5 +1,6 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
+use super::births::Births;
 use super::machine;
 use super::memory::{Estimate, MemoryError};
 use super::plan::{Plan, Selection};
@@ -89,6 +90,7 @@ pub struct Session {
     plan: Plan,
     settings: UnprojectSettings,
     engine: Engine,
+    births: Births,
     prefetch: Prefetch,
     /// Everything up to the last step.
     past: Past,
@@ -134,6 +136,7 @@ impl Session {
             config,
             plan,
             settings,
+            births: Births::new(&engine),
             engine,
             prefetch,
             past,
@@ -186,6 +189,7 @@ impl Session {
         let PreparedPoints { points, counts, load_ms, prepare_ms } = prepared;
         let outcome = self.engine.train(&points)?;
         self.prefetch.recycle(points);
+        self.births.record(self.engine.touched(), position);
         let report = FrameReport {
             index: position,
             frame,
@@ -220,6 +224,27 @@ impl Session {
     /// The model.
     pub fn engine(&self) -> &Engine {
         &self.engine
+    }
+
+    /// Sums the ELBO of the frames to come by component, for [`Self::attributes_of`].
+    pub fn start_component_elbo(&mut self) {
+        self.engine.start_component_elbo();
+    }
+
+    /// Ends what [`Self::start_component_elbo`] began.
+    pub fn stop_component_elbo(&mut self) {
+        self.engine.stop_component_elbo();
+    }
+
+    /// Position in the run of the frame in which a component first received points, if that was in
+    /// this session.
+    pub(super) fn birth_of(&self, component: usize) -> Option<u32> {
+        self.births.of(component)
+    }
+
+    /// Points learnt.
+    pub fn points(&self) -> u64 {
+        self.past.points
     }
 
     /// World to model coordinates.

@@ -4,9 +4,13 @@
 //! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes are OpenCV's and
 //! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
 
+pub mod attributes;
 pub mod compare;
+mod lens;
 mod options;
+pub mod outline;
 pub mod paint;
+pub mod pick;
 
 pub mod cpu;
 #[cfg(feature = "gui")]

@@ -89,6 +89,26 @@ impl Engine {
         either!(self, t => t.elbo())
     }
 
+    /// See [`Trainer::start_component_elbo`].
+    pub fn start_component_elbo(&mut self) {
+        either!(self, t => t.start_component_elbo());
+    }
+
+    /// See [`Trainer::stop_component_elbo`].
+    pub fn stop_component_elbo(&mut self) {
+        either!(self, t => t.stop_component_elbo());
+    }
+
+    /// See [`Trainer::component_elbo`].
+    pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
+        either!(self, t => t.component_elbo(component))
+    }
+
+    /// See [`Trainer::components_with_elbo`].
+    pub fn components_with_elbo(&self) -> &[u32] {
+        either!(self, t => t.components_with_elbo())
+    }
+
     /// Per point its candidates and their responsibilities, without learning from it.
     pub fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>> {
         match self {

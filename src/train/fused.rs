@@ -7,6 +7,7 @@
 
 use super::candidates::{Among, CHUNK, Columns, Grid, Lists, Nearest, Search, VisitChunk};
 use super::estep::{Scoring, squared_distance};
+use super::ownership::{NOBODY, largest};
 use super::slots::Slots;
 use super::timing::{Lap, StageClock};
 use crate::math::points::Points;
@@ -16,8 +17,6 @@ use std::ops::Range;
 
 /// Marks an owner that stands for shares of several components.
 const SHARED: u32 = 1 << 31;
-/// The owner of a point that is left out: its score is no number.
-const NOBODY: u32 = u32::MAX;
 
 /// What a fused pass reads.
 #[derive(Clone, Copy)]
@@ -41,6 +40,8 @@ pub(super) struct FusedTiles<'a> {
     pub tiles: Range<usize>,
     /// Effective distances of the tiles' points.
     pub q: &'a mut [f64],
+    /// Components of largest responsibility of the tiles' points; empty if nobody asks.
+    pub owners: &'a mut [u32],
     /// Where the tiles' sums go, by shard; `None` if only scores are wanted.
     pub records: Option<&'a mut [Vec<Record<f32>>]>,
     pub clock: &'a mut StageClock,
@@ -100,7 +101,7 @@ impl Kernel for FusedTiles<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { inputs, memory, tiles, q, mut records, clock } = self;
+        let Self { inputs, memory, tiles, q, mut owners, mut records, clock } = self;
         let FusedMemory { search, tile: tile_memory, sums } = memory;
         let points = inputs.points;
         let first_point = points.tiles[tiles.start] as usize;
@@ -113,6 +114,11 @@ impl Kernel for FusedTiles<'_> {
                 [&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]];
             let mut assign = Assign::new(&inputs, tile_memory, range.start, q, clock);
             search.visit_tile::<V>(inputs.grid, xyz, inputs.rank, &mut assign);
+            if !owners.is_empty() {
+                let (own, later) = owners.split_at_mut(range.len());
+                tile_memory.find_owners(own);
+                owners = later;
+            }
             clock.lap(Lap::Candidates);
             if let Some(records) = &mut records {
                 tile_memory.sum(points, range, sums);
@@ -132,6 +138,22 @@ impl TileMemory {
         self.shares.clear();
         self.owners.clear();
         self.owners.resize(n_points, NOBODY);
+    }
+
+    /// Writes the component of largest responsibility of every point.
+    fn find_owners(&self, owners: &mut [u32]) {
+        let id = |slot: u32| self.components[slot as usize].id;
+        for (of_point, &owner) in owners.iter_mut().zip(&self.owners) {
+            *of_point = if owner & SHARED == 0 {
+                id(owner)
+            } else if owner == NOBODY {
+                NOBODY
+            } else {
+                let shares = self.shared[(owner & !SHARED) as usize].clone();
+                let shares = &self.shares[shares.start as usize..shares.end as usize];
+                largest(shares.iter().map(|&(slot, r)| (id(slot), r.into())))
+            };
+        }
     }
 
     /// Adds the tile's points, in order, to one row per slot.

@@ -11,6 +11,7 @@ pub mod estep;
 mod fused;
 pub mod index;
 pub mod init;
+mod ownership;
 pub mod pass;
 mod plain;
 pub mod reassign;

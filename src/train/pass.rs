@@ -7,6 +7,7 @@ use super::config::{Batch, Candidates, Operations, StatisticsForm, TrainConfig, 
 use super::estep::Scoring;
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
 use super::index::Index;
+use super::ownership::NOBODY;
 use super::plain::{PlainInputs, PlainMemory};
 use super::scalar::Scalar;
 use super::timing::{Lap, StageClock};
@@ -97,31 +98,40 @@ fn add(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
 }
 
 /// What belongs to the points of some tiles. The first two are empty where nothing is
-/// materialised.
+/// materialised, the last where nobody asks for owners.
 struct Columns<'a> {
     ids: &'a mut [u32],
     scores: &'a mut [f64],
     q: &'a mut [f64],
+    owners: &'a mut [u32],
 }
 
 impl Pass {
     /// Runs over all points. `q` receives the effective distance of every point (see
-    /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out.
+    /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
+    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points left
+    /// out.
     pub fn run<R: Scalar>(
         &mut self,
         inputs: &Inputs<R>,
         points: &Points<R>,
         output: Output,
         q: &mut Vec<f64>,
+        mut owners: Option<&mut Vec<u32>>,
     ) {
         q.resize(points.len(), 0.0);
+        if let Some(owners) = &mut owners {
+            owners.resize(points.len(), NOBODY);
+        }
         self.begin(inputs.statistics);
         let mut tile = 0;
         while tile < points.n_tiles() {
             let batch = tile..batch_end(points, tile, inputs.config.batch);
             tile = batch.end;
             let range = points.tiles[batch.start] as usize..points.tiles[batch.end] as usize;
-            self.run_batch(inputs, points, batch, output, &mut q[range]);
+            let owners = owners.as_mut().map_or(&mut [][..], |o| &mut o[range.clone()]);
+            let columns = Columns { ids: &mut [], scores: &mut [], q: &mut q[range], owners };
+            self.run_batch(inputs, points, batch, output, columns);
         }
     }
 
@@ -131,7 +141,7 @@ impl Pass {
         points: &Points<R>,
         batch: Range<usize>,
         output: Output,
-        q: &mut [f64],
+        columns: Columns,
     ) {
         let shard_bits = inputs.statistics.shard_bits();
         if let (Some(rank), Some(points), Some(model)) =
@@ -146,20 +156,25 @@ impl Pass {
                 rank,
                 shard_bits,
             };
-            return self.run_fused(inputs, batch, output, q);
+            return self.run_fused(inputs, batch, output, columns);
         }
         let &Inputs { model, index, scoring, candidates, config, .. } = inputs;
         let operations = config.operations;
         let inputs =
             PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
         match config.statistics {
-            StatisticsForm::Fused => self.run_plain(inputs, batch, output, q),
-            StatisticsForm::Unfused => self.run_materialised(inputs, batch, output, q),
+            StatisticsForm::Fused => self.run_plain(inputs, batch, output, columns),
+            StatisticsForm::Unfused => self.run_materialised(inputs, batch, output, columns),
         }
     }
 
-    fn run_fused(&self, inputs: FusedInputs, batch: Range<usize>, output: Output, q: &mut [f64]) {
-        let columns = Columns { ids: &mut [], scores: &mut [], q };
+    fn run_fused(
+        &self,
+        inputs: FusedInputs,
+        batch: Range<usize>,
+        output: Output,
+        columns: Columns,
+    ) {
         for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
             let mut worker = self.worker();
             let Worker { fused, narrow, clock, .. } = &mut *worker;
@@ -169,6 +184,7 @@ impl Pass {
                 memory: fused,
                 tiles,
                 q: columns.q,
+                owners: columns.owners,
                 records,
                 clock,
             });
@@ -181,29 +197,26 @@ impl Pass {
         inputs: PlainInputs<R>,
         batch: Range<usize>,
         output: Output,
-        q: &mut [f64],
+        columns: Columns,
     ) {
-        let columns = Columns { ids: &mut [], scores: &mut [], q };
         for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
             let mut worker = self.worker();
             let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
-            let mut q = columns.q;
-            for tile in tiles {
+            for_each_tile(inputs.points, tiles, 0, columns, |tile, columns| {
                 let range = inputs.points.tile(tile);
-                let (own, rest) = q.split_at_mut(range.len());
-                q = rest;
                 clock.begin_tile(true);
                 inputs.find(plain, range.clone(), ids);
                 clock.lap(Lap::Candidates);
                 scores.resize(ids.len(), 0.0);
                 inputs.score(range, ids, scores);
-                inputs.normalise(scores, own);
+                inputs.normalise(scores, columns.q);
+                inputs.find_owners(ids, scores, columns.owners);
                 clock.lap(Lap::EStep);
                 if output == Output::ElboAndSums {
                     sum(&inputs, plain, tile, (ids, scores), narrow, wide);
                     clock.lap(Lap::Stats);
                 }
-            }
+            });
         });
     }
 
@@ -213,19 +226,16 @@ impl Pass {
         inputs: PlainInputs<R>,
         batch: Range<usize>,
         output: Output,
-        q: &mut [f64],
+        columns: Columns,
     ) {
         let per_point = inputs.per_point();
         let mut ids = std::mem::take(&mut self.ids);
         let mut responsibilities = std::mem::take(&mut self.responsibilities);
-        ids.resize(q.len() * per_point, 0);
-        responsibilities.resize(q.len() * per_point, 0.0);
-        let stage = |q: &mut [f64],
-                     ids: &mut [u32],
-                     scores: &mut [f64],
-                     lap,
-                     run: &(dyn Fn(&mut Worker, usize, Columns) + Sync)| {
-            let columns = Columns { ids, scores, q };
+        ids.resize(columns.q.len() * per_point, 0);
+        responsibilities.resize(columns.q.len() * per_point, 0.0);
+        let mut columns = Columns { ids: &mut ids, scores: &mut responsibilities, ..columns };
+        let mut stage = |lap, run: &(dyn Fn(&mut Worker, usize, Columns) + Sync)| {
+            let columns = columns.reborrow();
             for_each_task(inputs.points, batch.clone(), per_point, columns, &|tiles, columns| {
                 let mut worker = self.worker();
                 worker.clock.begin_tile(true);
@@ -235,19 +245,20 @@ impl Pass {
                 worker.clock.lap(lap);
             });
         };
-        stage(q, &mut ids, &mut responsibilities, Lap::Candidates, &|worker, tile, columns| {
+        stage(Lap::Candidates, &|worker, tile, columns| {
             let Worker { plain, ids, .. } = worker;
             inputs.find(plain, inputs.points.tile(tile), ids);
             columns.ids.copy_from_slice(ids);
         });
-        stage(q, &mut ids, &mut responsibilities, Lap::EStep, &|_, tile, columns| {
+        stage(Lap::EStep, &|_, tile, columns| {
             inputs.score(inputs.points.tile(tile), columns.ids, columns.scores);
         });
-        stage(q, &mut ids, &mut responsibilities, Lap::EStep, &|_, _, columns| {
+        stage(Lap::EStep, &|_, _, columns| {
             inputs.normalise(columns.scores, columns.q);
+            inputs.find_owners(columns.ids, columns.scores, columns.owners);
         });
         if output == Output::ElboAndSums {
-            stage(q, &mut ids, &mut responsibilities, Lap::Stats, &|worker, tile, columns| {
+            stage(Lap::Stats, &|worker, tile, columns| {
                 let Worker { plain, narrow, wide, .. } = worker;
                 sum(&inputs, plain, tile, (columns.ids, columns.scores), narrow, wide);
             });
@@ -402,11 +413,18 @@ fn for_each_tile<R: Scalar>(
 }
 
 impl<'a> Columns<'a> {
+    fn reborrow(&mut self) -> Columns<'_> {
+        let Self { ids, scores, q, owners } = self;
+        Columns { ids, scores, q, owners }
+    }
+
     fn split(self, n_points: usize, per_point: usize) -> (Columns<'a>, Columns<'a>) {
         let (ids, later_ids) = self.ids.split_at_mut(n_points * per_point);
         let (scores, later_scores) = self.scores.split_at_mut(n_points * per_point);
         let (q, later_q) = self.q.split_at_mut(n_points);
-        let later = Columns { ids: later_ids, scores: later_scores, q: later_q };
-        (Columns { ids, scores, q }, later)
+        let (owners, later_owners) = self.owners.split_at_mut(n_points.min(self.owners.len()));
+        let later =
+            Columns { ids: later_ids, scores: later_scores, q: later_q, owners: later_owners };
+        (Columns { ids, scores, q, owners }, later)
     }
 }

@@ -6,6 +6,7 @@ use super::candidates::{Search, nearest_in_tile, nearest_in_tile_wide};
 use super::config::{Candidates, Operations, Width};
 use super::estep::Scoring;
 use super::index::Index;
+use super::ownership::largest;
 use super::scalar::Scalar;
 use super::slots::Slots;
 use crate::math::points::Points;
@@ -109,6 +110,16 @@ impl<R: Scalar> PlainInputs<'_, R> {
                 *q = f64::NAN;
                 scores.fill(0.0);
             }
+        }
+    }
+
+    /// The component of largest responsibility (the first of equals) of as many points as `owners`
+    /// has room for; `NOBODY` where there are no responsibilities.
+    pub fn find_owners(&self, ids: &[u32], responsibilities: &[f64], owners: &mut [u32]) {
+        let per_point = self.per_point().max(1);
+        let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
+        for ((ids, responsibilities), owner) in of_points.zip(owners) {
+            *owner = largest(ids.iter().copied().zip(responsibilities.iter().copied()));
         }
     }
 

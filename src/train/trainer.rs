@@ -5,6 +5,7 @@ use super::config::{Candidates, ReassignPolicy, TrainConfig};
 use super::estep::Scoring;
 use super::index::Index;
 use super::init::InitialDraw;
+use super::ownership::Ownership;
 use super::pass::{Inputs, Output, Pass};
 use super::reassign::{Chooser, Quota};
 use super::scalar::Scalar;
@@ -44,6 +45,8 @@ pub struct Trainer<R: Scalar> {
     pass: Pass,
     /// Effective distance of every point of the last frame.
     q: Vec<f64>,
+    /// Kept only while somebody asks for it.
+    ownership: Option<Ownership>,
     chooser: Chooser,
     moves: Vec<(u32, u32)>,
     /// Positions and colours that components of a reassignment came from, should it fail.
@@ -74,6 +77,7 @@ impl<R: Scalar> Trainer<R> {
             statistics: Statistics::new(model.len(), config.operations.update),
             pass: Pass::default(),
             q: Vec::new(),
+            ownership: None,
             moves: Vec::new(),
             displaced: Vec::new(),
             alpha_init: draw.alpha.clone(),
@@ -126,6 +130,9 @@ impl<R: Scalar> Trainer<R> {
         self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
         let mut clock = Stopwatch::start();
         self.pass.commit(&mut self.statistics, self.config.operations.moments);
+        if let Some(ownership) = &mut self.ownership {
+            ownership.count(&self.q);
+        }
         ms.update += clock.lap_ms();
     }
 
@@ -145,7 +152,11 @@ impl<R: Scalar> Trainer<R> {
             config: &self.config,
             statistics: &self.statistics,
         };
-        self.pass.run(&inputs, points, output, &mut self.q);
+        let owners = match output {
+            Output::Elbo => None,
+            Output::ElboAndSums => self.ownership.as_mut().map(|o| &mut o.owners),
+        };
+        self.pass.run(&inputs, points, output, &mut self.q, owners);
         ms.add_pass(clock.lap_ms(), self.pass.take_stage_nanos());
     }
 
@@ -221,6 +232,29 @@ impl<R: Scalar> Trainer<R> {
     /// ELBO of every point of the last frame, in point order; NaN for points left out.
     pub fn elbo(&self) -> Vec<f64> {
         self.q.iter().map(|&q| self.scoring.elbo(q)).collect()
+    }
+
+    /// Sums the ELBO of the points of every frame to come by the component with the largest share in
+    /// each. Without it that costs neither time nor memory.
+    pub fn start_component_elbo(&mut self) {
+        self.ownership.get_or_insert_with(|| Ownership::new(self.model.len()));
+    }
+
+    /// Ends what [`Self::start_component_elbo`] began.
+    pub fn stop_component_elbo(&mut self) {
+        self.ownership = None;
+    }
+
+    /// Mean ELBO and number of the points of the last frame that a component has the largest share
+    /// in; `None` if it has none, or if nobody asked before that frame.
+    pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
+        let (q, n) = self.ownership.as_ref()?.of(component)?;
+        Some((self.scoring.elbo(q), n))
+    }
+
+    /// Components that [`Self::component_elbo`] knows of, each once.
+    pub fn components_with_elbo(&self) -> &[u32] {
+        self.ownership.as_ref().map_or(&[], Ownership::ids)
     }
 
     /// Effective distances of the points of the last frame (see [`Scoring::elbo`]).

@@ -1,6 +1,9 @@
 //! Panels: each draws from the snapshot and answers with what the user asked for.
 
+pub mod adapter;
+pub mod inspector;
 pub mod latency;
+pub mod legend;
 pub mod notices;
 pub mod scene;
 pub mod settings;

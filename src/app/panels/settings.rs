@@ -1,5 +1,6 @@
 //! How the viewport draws, all in one place.
 
+use super::adapter::{self, Adapters, Asked};
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
 };
@@ -14,8 +15,14 @@ pub struct Surroundings<'a> {
     pub own_fov_deg: f32,
 }
 
-/// Draws the panel.
-pub fn ui(settings: &mut ViewSettings, surroundings: &Surroundings<'_>, ui: &mut Ui) {
+/// Draws the panel; what the user asks of the adapters.
+pub fn ui(
+    settings: &mut ViewSettings,
+    surroundings: &Surroundings<'_>,
+    adapters: Option<&Adapters<'_>>,
+    ui: &mut Ui,
+) -> Option<Asked> {
+    let mut asked = None;
     ScrollArea::vertical().show(ui, |ui| {
         section(ui, "Renderer");
         renderer(settings, ui);
@@ -34,11 +41,13 @@ pub fn ui(settings: &mut ViewSettings, surroundings: &Surroundings<'_>, ui: &mut
         );
         section(ui, "Drawn by");
         ui.add(Label::new(surroundings.adapter).wrap());
+        asked = adapters.and_then(|adapters| adapter::ui(adapters, ui));
         ui.add_space(12.0);
         if ui.button("Reset all").on_hover_text("Back to what a fresh start has").clicked() {
             *settings = ViewSettings { color_mode: settings.color_mode, ..ViewSettings::default() };
         }
     });
+    asked
 }
 
 fn section(ui: &mut Ui, title: &str) {

@@ -15,15 +15,18 @@ pub mod toolbar;
 use super::camera::ViewCamera;
 use super::command::Command;
 use super::drawing::DrawHistory;
-use super::feed::SplatChange;
+use super::feed::{Delivery, SplatChange};
+use super::palette::Palette;
+use super::panels::legend;
+use super::selection::Selection;
 use super::software::Effort;
 use super::state::{Opened, RunState, Snapshot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
-use crate::model::splats::{Splat, framing};
+use crate::model::splats::framing;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{Rect, Sense, Ui};
+use eframe::egui::{Rect, Sense, Ui, Vec2};
 use mode::ViewMode;
 use painter::Painter;
 use photo::{PhotoDesk, Sight, Wanted};
@@ -34,6 +37,9 @@ use stops::{Direction, Stop, fit};
 
 /// How long after the last movement the picture is refined.
 const SETTLE: Duration = Duration::from_millis(150);
+
+/// Place of the legend, from the lower left corner of the viewport, points.
+const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
 
 /// Where the camera stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,9 +69,11 @@ pub struct SceneView {
     /// Serial of what the camera was set up for.
     serial: u64,
     /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
-    splats: Vec<Splat>,
+    palette: Palette,
+    selection: Selection,
     moved_at: Instant,
     drawn: DrawHistory,
+    gpu_failed: bool,
 }
 
 impl SceneView {
@@ -84,18 +92,39 @@ impl SceneView {
             photos: None,
             hint: None,
             serial: 0,
-            splats: Vec::new(),
+            palette: Palette::default(),
+            selection: Selection::default(),
             moved_at: Instant::now(),
+            gpu_failed: false,
         }
     }
 
     /// Hands changed splats over.
-    pub fn change(&mut self, change: SplatChange) {
-        super::feed::apply(&mut self.splats, change.clone());
+    pub fn change(&mut self, delivery: Delivery) {
         if let Some(photos) = &mut self.photos {
-            photos.change(change.clone());
+            photos.change(delivery.change.clone());
         }
-        self.painter.change(change, &self.splats);
+        let change = self.palette.change(delivery);
+        self.painter.change(change, self.palette.splats());
+    }
+
+    /// What the user clicked at, once: a splat, or `Some(None)` for none.
+    pub fn take_picked(&mut self) -> Option<Option<u32>> {
+        self.selection.take_picked()
+    }
+
+    /// Whether the GPU was given up.
+    pub fn gpu_failed(&self) -> bool {
+        self.gpu_failed
+    }
+
+    /// Draws with another painter from here on; the scene is handed over again.
+    pub fn draw_by(&mut self, mut painter: Painter) {
+        let splats = self.palette.splats();
+        painter.change(SplatChange::All(splats.to_vec()), splats);
+        self.drawn = DrawHistory::new(painter.drawer());
+        self.painter = painter;
+        self.gpu_failed = false;
     }
 
     /// Splats in the picture.
@@ -169,7 +198,7 @@ impl SceneView {
 
     fn frame_scene(&mut self) {
         self.place = Place::Free;
-        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(&self.splats)) {
+        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(self.palette.splats())) {
             camera.frame(&framing);
             self.moved_at = Instant::now();
         }
@@ -216,7 +245,12 @@ impl SceneView {
         let shot = self.shot(camera, area, sight.as_ref().and_then(|s| s.as_ref().ok()));
         let message = self.paint(ui, rect, &shot, snapshot.state);
         self.decorate(ui, rect, &shot, sight);
-        message
+        if let Some((attribute, range)) = self.palette.legend() {
+            legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
+        }
+        let splats = self.palette.learned();
+        let picked = self.selection.ui(ui, &response, &shot, splats, snapshot, &self.waker);
+        message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
     }
 
     /// Something else was opened.
@@ -227,13 +261,16 @@ impl SceneView {
         self.go_home(opened);
     }
 
-    /// Leaves what this scene or lens cannot show.
+    /// Leaves what this scene or lens cannot show, and colours it as is asked for.
     fn fall_back(&mut self, opened: &Opened) {
         if self.mode.why_not(self.settings.lens, opened.dataset.is_some()).is_some() {
             self.mode = ViewMode::Single;
         }
         if self.settings.color_mode.why_not(opened.told_modes).is_some() {
             self.settings.color_mode = Default::default();
+        }
+        if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
+            self.painter.change(change, self.palette.splats());
         }
     }
 
@@ -263,7 +300,7 @@ impl SceneView {
         let dataset = opened.dataset.clone()?;
         let wanted = Wanted { dataset, stop, options: self.settings.measured() };
         if self.photos.is_none() {
-            match PhotoDesk::new(self.waker.clone(), self.splats.clone()) {
+            match PhotoDesk::new(self.waker.clone(), self.palette.learned().to_vec()) {
                 Ok(desk) => self.photos = Some(desk),
                 Err(error) => {
                     return Some(Err(format!(
@@ -315,7 +352,7 @@ impl SceneView {
         if moving {
             ui.ctx().request_repaint_after(SETTLE);
         }
-        match self.painter.paint(ui, rect, shot, effort, &self.splats) {
+        match self.painter.paint(ui, rect, shot, effort, self.palette.splats()) {
             Ok(sample) => {
                 if let Some(sample) = sample {
                     self.drawn.push(sample);
@@ -329,12 +366,11 @@ impl SceneView {
     /// Draws on the CPU from here on; the scene is handed over again.
     fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
         match Painter::software(&self.waker) {
-            Ok(mut painter) => {
-                painter.change(SplatChange::All(self.splats.clone()), &self.splats);
-                self.drawn = DrawHistory::new(painter.drawer());
-                self.painter = painter;
+            Ok(painter) => {
+                self.draw_by(painter);
+                self.gpu_failed = true;
                 Some(format!(
-                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on"
+                    "the GPU cannot draw the scene any more ({reason}); the CPU draws it from here on, Settings has a button to try the GPU again"
                 ))
             }
             Err(error) => Some(format!(

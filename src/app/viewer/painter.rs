@@ -2,6 +2,7 @@
 
 use super::shot::Shot;
 use crate::app::Painting;
+use crate::app::device::Device;
 use crate::app::drawing::{DrawSample, Drawer};
 use crate::app::feed::SplatChange;
 use crate::app::software::{Effort, SoftwarePainter};
@@ -21,11 +22,11 @@ pub enum Painter {
 impl Painter {
     /// A GPU painter if the adapter is a real GPU; and a line on who draws.
     pub fn choose(
-        context: &eframe::CreationContext<'_>,
+        device: Option<&Device>,
         painting: Painting,
         waker: &Waker,
     ) -> std::io::Result<(Self, String)> {
-        let Some(state) = &context.wgpu_render_state else {
+        let Some(Device { state, faults, .. }) = device else {
             return Ok((Self::software(waker)?, "CPU renderer".to_owned()));
         };
         let capabilities = viewport::capabilities(state);
@@ -34,7 +35,7 @@ impl Painter {
             let who = format!("CPU renderer; window by {capabilities}");
             return Ok((Self::software(waker)?, who));
         }
-        match GpuPainter::new(state, waker.clone()) {
+        match GpuPainter::new(state, faults.clone(), waker.clone()) {
             Ok(painter) => Ok((Self::Gpu(Box::new(painter)), capabilities.to_string())),
             Err(error) => {
                 tracing::warn!("{error}");

@@ -31,6 +31,10 @@ pub struct Arguments {
     /// Threads that train and render [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
     pub threads: Option<usize>,
+    /// Graphics adapter of the window: part of its name, its number, `auto` or `software` [default:
+    /// the one chosen in Settings, else auto]
+    #[arg(long, value_name = "NAME")]
+    pub adapter: Option<String>,
     #[command(subcommand)]
     pub command: Option<Command>,
 }

@@ -12,6 +12,7 @@
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
+pub mod adapters;
 mod allocation;
 mod chooser;
 pub mod composite;

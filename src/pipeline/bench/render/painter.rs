@@ -3,10 +3,10 @@
 use crate::math::camera::Camera;
 use crate::model::splats::Splat;
 use crate::pipeline::machine;
+use crate::render::RenderOptions;
 use crate::render::cpu::{CpuRenderer, Stage};
 #[cfg(feature = "gui")]
 use crate::render::gpu::{GpuError, headless::HeadlessError};
-use crate::render::RenderOptions;
 use serde::Serialize;
 use std::time::Instant;
 

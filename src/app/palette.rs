@@ -1,0 +1,164 @@
+//! The splats that the viewport shows: with the colours that were learned, or with colours that
+//! stand for what is known of them.
+
+use super::feed::{Delivery, SplatChange, apply};
+use crate::model::attributes::Attributes;
+use crate::model::splats::Splat;
+use crate::render::attributes::{Attribute, Range};
+use std::sync::Arc;
+
+/// All splats of the scene and how they are coloured.
+#[derive(Default)]
+pub struct Palette {
+    learned: Arc<Vec<Splat>>,
+    /// What colours the splats, if it is not what was learned.
+    attribute: Option<Attribute>,
+    /// The rest is kept only while `attribute` is something: one for each splat.
+    attributes: Vec<Attributes>,
+    range: Option<Range>,
+    shown: Vec<Splat>,
+}
+
+impl Palette {
+    /// Takes what the trainer sent; returns what painters are to change.
+    pub fn change(&mut self, delivery: Delivery) -> SplatChange {
+        let Delivery { change, attributes } = delivery;
+        let changed = apply(Arc::make_mut(&mut self.learned), change.clone());
+        if self.attribute.is_none() {
+            return change;
+        }
+        self.attributes.resize(self.learned.len(), Attributes::default());
+        match &changed {
+            None if attributes.is_empty() => self.attributes.fill(Attributes::default()),
+            None => self.attributes = attributes,
+            Some(ids) => {
+                for (&id, new) in ids.iter().zip(attributes) {
+                    if let Some(slot) = self.attributes.get_mut(id as usize) {
+                        *slot = new;
+                    }
+                }
+            }
+        }
+        match changed {
+            Some(ids) if !self.moves_range() => self.color(ids),
+            _ => self.color_all(),
+        }
+    }
+
+    /// Colours by something else from now on; returns what painters are to change, if anything.
+    pub fn choose(&mut self, attribute: Option<Attribute>) -> Option<SplatChange> {
+        if attribute == self.attribute {
+            return None;
+        }
+        self.attribute = attribute;
+        if attribute.is_some() {
+            self.attributes.resize(self.learned.len(), Attributes::default());
+            self.moves_range();
+            return Some(self.color_all());
+        }
+        (self.attributes, self.range, self.shown) = (Vec::new(), None, Vec::new());
+        Some(SplatChange::All(self.learned.to_vec()))
+    }
+
+    /// The splats as they are shown.
+    pub fn splats(&self) -> &[Splat] {
+        if self.attribute.is_some() { &self.shown } else { &self.learned }
+    }
+
+    /// The splats as they were learned, to be looked at on another thread.
+    pub fn learned(&self) -> &Arc<Vec<Splat>> {
+        &self.learned
+    }
+
+    /// What the colours stand for, if not what was learned, and the values at the ends of the ramp,
+    /// if any value is known.
+    pub fn legend(&self) -> Option<(Attribute, Option<Range>)> {
+        Some((self.attribute?, self.range))
+    }
+
+    /// Whether the values have outgrown the range, which then follows.
+    fn moves_range(&mut self) -> bool {
+        let fresh = self.attribute.and_then(|a| Range::of(a, &self.attributes));
+        let stays = match (&self.range, &fresh) {
+            (Some(range), Some(fresh)) => range.is_close_to(fresh),
+            (range, fresh) => range.is_none() && fresh.is_none(),
+        };
+        if !stays {
+            self.range = fresh;
+        }
+        !stays
+    }
+
+    fn colored(&self, slot: usize) -> Splat {
+        let unknown = crate::render::attributes::UNKNOWN;
+        let color = self.range.map_or(unknown, |range| range.color(&self.attributes[slot]));
+        Splat { color, ..self.learned[slot] }
+    }
+
+    fn color(&mut self, mut ids: Vec<u32>) -> SplatChange {
+        ids.retain(|&id| (id as usize) < self.learned.len());
+        let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
+        for (&id, splat) in ids.iter().zip(&splats) {
+            self.shown[id as usize] = *splat;
+        }
+        SplatChange::Some { ids, splats }
+    }
+
+    fn color_all(&mut self) -> SplatChange {
+        self.shown = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
+        SplatChange::All(self.shown.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::attributes::UNKNOWN;
+    use crate::render::paint::ramp;
+
+    fn born(frame: Option<u32>) -> Attributes {
+        Attributes { birth: frame, ..Attributes::default() }
+    }
+
+    fn all(n: usize) -> SplatChange {
+        SplatChange::All(vec![
+            Splat { color: [0.5, 0.2, 0.1], opacity: 1.0, ..Splat::default() };
+            n
+        ])
+    }
+
+    #[test]
+    fn colours_follow_the_mode_and_come_back() {
+        let mut palette = Palette::default();
+        palette.change(all(3).into());
+        assert!(palette.legend().is_none());
+        let unknown = palette.choose(Some(Attribute::Birth)).unwrap();
+        assert!(matches!(unknown, SplatChange::All(s) if s.iter().all(|s| s.color == UNKNOWN)));
+        assert!(palette.choose(Some(Attribute::Birth)).is_none());
+        let attributes = vec![born(Some(0)), born(None), born(Some(10))];
+        palette.change(Delivery { change: all(3), attributes });
+        let colors: Vec<_> = palette.splats().iter().map(|s| s.color).collect();
+        assert_eq!(colors, [ramp(0.0), UNKNOWN, ramp(1.0)]);
+        palette.choose(None);
+        assert!(palette.splats().iter().all(|s| s.color == [0.5, 0.2, 0.1]));
+    }
+
+    #[test]
+    fn a_small_change_stays_small_while_the_range_holds() {
+        let mut palette = Palette::default();
+        palette.change(all(4).into());
+        palette.choose(Some(Attribute::Birth));
+        let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
+        palette.change(Delivery { change: all(4), attributes });
+        let change = |palette: &mut Palette, id, frame| {
+            let change = SplatChange::Some { ids: vec![id], splats: vec![Splat::default()] };
+            palette.change(Delivery { change, attributes: vec![born(Some(frame))] })
+        };
+        let within = change(&mut palette, 1, 5);
+        assert!(matches!(&within, SplatChange::Some { ids, splats }
+            if ids == &[1] && splats[0].color == ramp(0.5)));
+        assert!(matches!(change(&mut palette, 3, 1000), SplatChange::All(_)));
+        assert_eq!(palette.splats()[2].color, ramp(10.0 / 1000.0));
+        assert_eq!(palette.learned()[3], Splat::default());
+    }
+}

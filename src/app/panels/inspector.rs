@@ -1,0 +1,157 @@
+//! The selected splat: its posterior and how it is drawn.
+
+use super::legend::number;
+use crate::app::state::{Inspected, Snapshot};
+use crate::math::image::unit_to_byte;
+use crate::math::sym3::Sym3;
+use crate::model::splats::Splat;
+use crate::pipeline::inspection::Inspection;
+use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
+
+/// A heading and its lines: label, values and unit.
+struct Section {
+    title: &'static str,
+    lines: Vec<Line>,
+}
+
+struct Line {
+    label: &'static str,
+    text: String,
+    swatch: Option<[f32; 3]>,
+}
+
+/// Draws the panel.
+pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
+    let Some(inspected) = &snapshot.inspected else {
+        ui.label("Nothing is selected.");
+        ui.label(RichText::new("Click a splat in the viewport; Escape deselects it.").weak());
+        return;
+    };
+    let sections = sections(inspected);
+    let title = match **inspected {
+        Inspected::Component(_) => format!("Component {}", inspected.id()),
+        Inspected::Splat { .. } => format!("Splat {}", inspected.id()),
+    };
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(&title).strong());
+        let copy = ui.button("Copy").on_hover_text("Copies these values to the clipboard as text");
+        if copy.clicked() {
+            ui.ctx().copy_text(text(&title, &sections));
+        }
+    });
+    ScrollArea::vertical().show(ui, |ui| {
+        for section in &sections {
+            ui.add_space(6.0);
+            ui.label(RichText::new(section.title).strong());
+            let grid = Grid::new(section.title).num_columns(2).spacing([12.0, 4.0]);
+            grid.striped(true).show(ui, |ui| section.lines.iter().for_each(|l| row(l, ui)));
+        }
+    });
+}
+
+fn row(line: &Line, ui: &mut Ui) {
+    ui.label(RichText::new(line.label).weak());
+    ui.horizontal(|ui| {
+        if let Some(color) = line.swatch {
+            let (rect, _) = ui.allocate_exact_size(Vec2::splat(12.0), Sense::hover());
+            let [r, g, b] = color.map(unit_to_byte);
+            ui.painter().rect_filled(rect, 2.0, Color32::from_rgb(r, g, b));
+        }
+        ui.add(Label::new(RichText::new(&line.text).monospace()).wrap());
+    });
+    ui.end_row();
+}
+
+fn text(title: &str, sections: &[Section]) -> String {
+    let mut text = format!("{title}\n");
+    for section in sections {
+        text.push_str(&format!("\n{}\n", section.title));
+        for line in &section.lines {
+            text.push_str(&format!("  {}: {}\n", line.label, line.text.replace('\n', "\n    ")));
+        }
+    }
+    text
+}
+
+fn sections(inspected: &Inspected) -> Vec<Section> {
+    match inspected {
+        Inspected::Component(inspection) => {
+            let mut sections = posterior(inspection);
+            sections.push(drawn("As drawn", &inspection.splat));
+            sections
+        }
+        Inspected::Splat { splat, .. } => vec![drawn("In the file", splat)],
+    }
+}
+
+fn posterior(i: &Inspection) -> Vec<Section> {
+    let (p, a) = (&i.posterior, &i.attributes);
+    let known = |value: Option<String>| value.unwrap_or_else(|| "not known".to_owned());
+    let color = i.color.as_vec3().to_array();
+    let q = i.rotation;
+    let evidence = Section {
+        title: "Evidence",
+        lines: vec![
+            line("Points N", number(p.count)),
+            line("Weight", format!("{} %", number(100.0 * i.weight))),
+            line("Born in frame", known(a.birth.map(|frame| frame.to_string()))),
+            line("ELBO, frame", known(a.elbo.map(|e| format!("{} nats", number(e.into()))))),
+        ],
+    };
+    let space = Section {
+        title: "Posterior, world units",
+        lines: vec![
+            line("Mean", row_of(i.mean.to_array())),
+            line("Uncertainty", known(a.uncertainty.map(|u| format!("± {}", number(u.into()))))),
+            line("Covariance", matrix(i.covariance)),
+            line("Deviations", row_of(i.scales.to_array())),
+            line("Rotation wxyz", numbers(&[q.w, q.x, q.y, q.z])),
+        ],
+    };
+    let law = Section {
+        title: "Parameters",
+        lines: vec![
+            line("κ", number(p.kappa_space)),
+            line("ν", number(p.nu_space)),
+            line("α", number(p.alpha)),
+            line("κ colour", number(p.kappa_color)),
+            Line {
+                label: "Colour",
+                text: row_of(i.color.to_array()),
+                swatch: Some(color.map(|c| c.clamp(0.0, 1.0))),
+            },
+        ],
+    };
+    vec![evidence, space, law]
+}
+
+fn drawn(title: &'static str, splat: &Splat) -> Section {
+    let wide = |v: [f32; 3]| v.map(f64::from);
+    let lines = vec![
+        line("Centre", row_of(wide(splat.mean))),
+        line("Scales", row_of(wide(splat.scale))),
+        line("Rotation wxyz", numbers(&splat.rotation.map(f64::from))),
+        line("Opacity", number(splat.opacity.into())),
+        Line { label: "Colour", text: row_of(wide(splat.color)), swatch: Some(splat.color) },
+    ];
+    Section { title, lines }
+}
+
+fn line(label: &'static str, text: String) -> Line {
+    Line { label, text, swatch: None }
+}
+
+fn row_of(values: [f64; 3]) -> String {
+    numbers(&values)
+}
+
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(|&v| number(v)).collect::<Vec<_>>().join("  ")
+}
+
+fn matrix(m: Sym3) -> String {
+    let [xx, xy, xz, yy, yz, zz] = m.to_array();
+    let rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    let short = |v: f64| format!("{v:>9.2e}");
+    rows.map(|row| row.map(short).join(" ")).join("\n")
+}

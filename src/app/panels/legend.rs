@@ -1,0 +1,94 @@
+//! What the colours of the viewport stand for: a bar of the ramp between its two values.
+
+use crate::app::color_mode::ColorMode;
+use crate::render::attributes::{Attribute, Range, UNKNOWN};
+use crate::render::paint::ramp;
+use eframe::egui::{Align2, Area, Color32, Frame, Id, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2};
+
+/// Size of the bar, points.
+const BAR: Vec2 = Vec2::new(180.0, 12.0);
+/// Strips of one colour each that the bar is drawn in.
+const STRIPS: usize = 60;
+
+/// Draws the legend with its lower left corner at `corner`.
+pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
+    let area = Area::new(Id::unique("legend")).fixed_pos(corner).pivot(Align2::LEFT_BOTTOM);
+    area.interactable(false).show(ui.ctx(), |ui| {
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.set_width(BAR.x);
+            ui.label(RichText::new(title(attribute)).strong());
+            match range {
+                Some(range) => bar(range, ui),
+                None => {
+                    ui.label(RichText::new(why_unknown(attribute)).weak());
+                }
+            }
+            ui.horizontal(|ui| {
+                let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
+                ui.painter().rect_filled(swatch, 2.0, color(UNKNOWN));
+                ui.label(RichText::new("not known").weak());
+            });
+        });
+    });
+}
+
+fn title(attribute: Attribute) -> String {
+    let mode = ColorMode::ALL.into_iter().find(|mode| mode.attribute() == Some(attribute));
+    let name = mode.map_or("", ColorMode::label);
+    format!("{name}, {}", attribute.unit())
+}
+
+fn why_unknown(attribute: Attribute) -> &'static str {
+    match attribute {
+        Attribute::Elbo => "Known from the next trained frame on",
+        Attribute::Evidence | Attribute::Uncertainty | Attribute::Birth => {
+            "Known when a frame has been trained"
+        }
+    }
+}
+
+fn bar(range: &Range, ui: &mut Ui) {
+    let (rect, _) = ui.allocate_exact_size(BAR, Sense::hover());
+    let step = rect.width() / STRIPS as f32;
+    for strip in 0..STRIPS {
+        let left = rect.left() + step * strip as f32;
+        let strip_rect =
+            Rect::from_min_max(pos2(left, rect.top()), pos2(left + step, rect.bottom()));
+        let share = (strip as f32 + 0.5) / STRIPS as f32;
+        ui.painter().rect_filled(strip_rect, 0.0, color(ramp(share)));
+    }
+    let [lo, hi] = range.ends();
+    ui.horizontal(|ui| {
+        ui.label(number(lo));
+        ui.add_space((BAR.x - 110.0).max(0.0));
+        ui.label(number(hi));
+    });
+}
+
+fn color(c: [f32; 3]) -> Color32 {
+    let [r, g, b] = c.map(crate::math::image::unit_to_byte);
+    Color32::from_rgb(r, g, b)
+}
+
+/// Three digits, without an exponent where that reads well.
+pub fn number(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        a if (100.0..1e6).contains(&a) => format!("{value:.0}"),
+        a if (10.0..100.0).contains(&a) => format!("{value:.1}"),
+        a if (1.0..10.0).contains(&a) => format!("{value:.2}"),
+        a if (1e-3..1.0).contains(&a) => format!("{value:.4}"),
+        _ => format!("{value:.2e}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::number;
+
+    #[test]
+    fn numbers_are_short() {
+        let shown = [0.0, 12.345, 123456.0, -3.456, 0.01234, 1.234e-5, 5e7].map(number);
+        assert_eq!(shown, ["0", "12.3", "123456", "-3.46", "0.0123", "1.23e-5", "5.00e7"]);
+    }
+}

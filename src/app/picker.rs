@@ -1,0 +1,50 @@
+//! Finding the splat under the pointer, on a thread of its own.
+
+use super::worker::Waker;
+use crate::math::camera::Camera;
+use crate::model::splats::Splat;
+use crate::render::RenderOptions;
+use crate::render::pick::pick;
+use glam::DVec2;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+
+/// A question that may be open.
+#[derive(Default)]
+pub struct Picker(Option<Receiver<Option<u32>>>);
+
+impl Picker {
+    /// Asks which splat is seen at a position of the viewport, pixels. A question still open is
+    /// forgotten.
+    pub fn ask(
+        &mut self,
+        splats: Arc<Vec<Splat>>,
+        camera: Camera,
+        position: DVec2,
+        options: RenderOptions,
+        waker: Waker,
+    ) -> std::io::Result<()> {
+        let (answer, answers) = channel();
+        std::thread::Builder::new().name("picking".into()).spawn(move || {
+            let found = pick(&splats, &camera, position, &options).map(|p| p.index as u32);
+            // Let go first: whoever changes the splats next need not copy them then.
+            drop(splats);
+            // Nobody listens any more if something else was asked meanwhile.
+            let _ = answer.send(found);
+            waker();
+        })?;
+        self.0 = Some(answers);
+        Ok(())
+    }
+
+    /// The answer, once: the splat, or `Some(None)` if there is none at that place.
+    pub fn take(&mut self) -> Option<Option<u32>> {
+        match self.0.as_ref()?.try_recv() {
+            Err(TryRecvError::Empty) => None,
+            answer => {
+                self.0 = None;
+                Some(answer.ok().flatten())
+            }
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! The selected splat in the viewport: choosing it by a click, and its outline.
+
+use super::picker::Picker;
+use super::state::{Inspected, Snapshot};
+use super::viewer::shot::{Partner, Shot};
+use super::worker::Waker;
+use crate::model::splats::Splat;
+use crate::render::RenderOptions;
+use crate::render::compare::Combination;
+use crate::render::outline::outline;
+use eframe::egui::{Color32, Pos2, Rect, Response, Stroke, Ui};
+use glam::DVec2;
+use std::sync::Arc;
+
+/// Rims drawn, standard deviations, and their widths, points.
+const RIMS: [(f64, f32); 2] = [(1.0, 2.0), (2.0, 1.0)];
+/// Seen on every colour of the ramp.
+const LIGHT: Color32 = Color32::from_rgb(255, 90, 220);
+
+/// The open question of a click.
+#[derive(Default)]
+pub struct Selection(Picker);
+
+impl Selection {
+    /// Asks for the splat under a click and draws the outline of the one that is selected.
+    pub fn ui(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        shot: &Shot,
+        splats: &Arc<Vec<Splat>>,
+        snapshot: &Snapshot,
+        waker: &Waker,
+    ) -> std::io::Result<()> {
+        if let Some(inspected) = &snapshot.inspected {
+            draw(inspected, ui, response.rect, shot);
+        }
+        match response.interact_pointer_pos().filter(|_| response.clicked()) {
+            Some(at) => {
+                let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
+                let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
+                let options = options_at(shot, pixel);
+                self.0.ask(splats.clone(), shot.camera, pixel, options, waker.clone())
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// What the user clicked at, once: a splat, or `Some(None)` for none.
+    pub fn take_picked(&mut self) -> Option<Option<u32>> {
+        self.0.take()
+    }
+}
+
+/// How the picture is drawn at a place: a wipe has two sides.
+fn options_at(shot: &Shot, pixel: DVec2) -> RenderOptions {
+    let width = f64::from(shot.camera.intrinsics.width);
+    match &shot.second {
+        Some(second) => match (&second.partner, second.how) {
+            (Partner::Splats(options), Combination::Wipe(divider))
+                if pixel.x >= f64::from(divider) * width =>
+            {
+                *options
+            }
+            _ => shot.options,
+        },
+        None => shot.options,
+    }
+}
+
+fn draw(inspected: &Inspected, ui: &Ui, rect: Rect, shot: &Shot) {
+    let painter = ui.painter().with_clip_rect(rect);
+    let per_pixel = 1.0 / ui.ctx().pixels_per_point();
+    let point = |p: DVec2| Pos2::new(p.x as f32, p.y as f32) * per_pixel + rect.min.to_vec2();
+    let options = &shot.options;
+    for (radius, width) in RIMS {
+        let lines = outline(inspected.splat(), &shot.camera, options.method, &options.look, radius);
+        for line in lines {
+            painter.line_segment(line.map(point), Stroke::new(width, LIGHT));
+        }
+    }
+}

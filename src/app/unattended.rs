@@ -1,0 +1,86 @@
+//! A run whose window is gone for good: it goes on to its end and is written to files.
+
+use super::state::{NoticeKind, RunState};
+use super::worker::{Order, Worker};
+use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How often the run is looked at.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// A run without a window.
+pub struct Unattended(Arc<Worker>);
+
+impl fmt::Debug for Unattended {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Unattended").field(&self.0.snapshot().state).finish()
+    }
+}
+
+impl Unattended {
+    pub(super) fn new(worker: Arc<Worker>) -> Self {
+        Self(worker)
+    }
+
+    /// Waits until training ends and writes the checkpoint and the scene to a folder that exists.
+    /// Returns what the user should read of it, errors included.
+    pub fn finish(self, folder: &Path) -> Vec<(NoticeKind, String)> {
+        while self.0.snapshot().state == RunState::Training {
+            std::thread::sleep(LOOK);
+        }
+        let last = || self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
+        let before = last();
+        self.0.send(Order::Save(folder.join("checkpoint.vbgs")));
+        self.0.send(Order::Export(folder.join("scene.ply")));
+        self.0.send(Order::Export(folder.join("scene.glb")));
+        let done = Order::Report(NoticeKind::Info, DONE.to_owned());
+        self.0.send(done);
+        while self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {
+            std::thread::sleep(LOOK);
+        }
+        let snapshot = self.0.snapshot();
+        let fresh = snapshot.notices.iter().filter(|n| n.serial > before && n.text != DONE);
+        fresh.map(|n| (n.kind, n.text.clone())).collect()
+    }
+}
+
+/// Marks the end of the orders.
+const DONE: &str = "Training ended without a window";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::state::Subject;
+    use crate::dataset::synthetic::SyntheticParams;
+    use crate::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+
+    #[test]
+    fn a_run_goes_on_to_its_end_and_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let room = folder.path().join("room");
+        let params = SyntheticParams {
+            width: 64,
+            height: 48,
+            n_train: 3,
+            n_eval: 1,
+            seed: 1,
+            depth_noise: 0.0,
+        };
+        let layout = SyntheticLayout::Blender(DepthBits::Sixteen);
+        write(&params, &room, layout, &mut |_, _| {}).unwrap();
+        let worker = Arc::new(Worker::start(Arc::new(|| {})).unwrap());
+        worker.send(Order::Open(Subject::Path(room)));
+        worker.send(Order::Train);
+        while worker.snapshot().frames_done == 0 {
+            std::thread::sleep(LOOK);
+        }
+        let notices = Unattended::new(worker.clone()).finish(folder.path());
+        assert_eq!(worker.snapshot().frames_done, 3);
+        assert!(notices.iter().all(|(kind, _)| *kind == NoticeKind::Info), "{notices:?}");
+        for name in ["checkpoint.vbgs", "scene.ply", "scene.glb"] {
+            assert!(folder.path().join(name).is_file(), "{name}: {notices:?}");
+        }
+    }
+}

@@ -1,0 +1,277 @@
+//! Windows come and go, the trainer stays: a lost device or another adapter ends a window, and the
+//! next one shows the same run.
+
+use super::state::{NoticeKind, RunState, Subject};
+use super::studio::{Painting, Studio};
+use super::unattended::Unattended;
+use super::worker::{Order, Waker, Worker};
+use super::{WindowError, adapter_memory, viewport};
+use crate::render::gpu::adapters::AdapterChoice;
+use eframe::egui::{Context, Vec2, ViewportBuilder};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Why a window ended.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Leave {
+    /// The user closed it.
+    #[default]
+    Closed,
+    /// Its graphics device is gone.
+    DeviceLost,
+    /// The user chose another adapter.
+    Adapter(AdapterChoice),
+}
+
+/// Where a window leaves word why it ends.
+#[derive(Clone, Default)]
+pub struct Exit(Arc<Mutex<Leave>>);
+
+impl Exit {
+    /// Leaves word.
+    pub fn leave(&self, why: Leave) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = why;
+    }
+
+    /// The word left.
+    pub fn why(&self) -> Leave {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Losses in a row after which another adapter is tried.
+const MAX_LOSSES: usize = 3;
+/// A window that lived this long was well.
+const WELL_AFTER: Duration = Duration::from_secs(60);
+
+/// Opens windows until the user closes one. Adapters that fail are given up for wgpu's choice, that
+/// for the software adapter once there has been a window. Otherwise the last error, and whether there
+/// ever was a window.
+fn keep_open(
+    mut adapter: AdapterChoice,
+    mut open: impl FnMut(&AdapterChoice) -> Result<(Leave, Duration), WindowError>,
+    mut tell: impl FnMut(NoticeKind, String),
+) -> Result<(), (WindowError, bool)> {
+    let mut losses = 0;
+    let mut ever_open = false;
+    loop {
+        let failure = match open(&adapter) {
+            Ok((Leave::Closed, _)) => return Ok(()),
+            Ok((Leave::Adapter(chosen), _)) => {
+                (adapter, losses, ever_open) = (chosen, 0, true);
+                continue;
+            }
+            Ok((Leave::DeviceLost, lived)) => {
+                ever_open = true;
+                losses = if lived >= WELL_AFTER { 1 } else { losses + 1 };
+                if losses <= MAX_LOSSES {
+                    tell(NoticeKind::Error, "the graphics device was lost and the window with it; this is a new window, training went on meanwhile".to_owned());
+                    continue;
+                }
+                WindowError::DeviceLost(losses)
+            }
+            Err(error) => error,
+        };
+        let next = match (&adapter, ever_open) {
+            (AdapterChoice::Software, true) | (AdapterChoice::Auto, false) => {
+                return Err((failure, ever_open));
+            }
+            (AdapterChoice::Auto, true) => AdapterChoice::Software,
+            _ => AdapterChoice::Auto,
+        };
+        tell(
+            NoticeKind::Error,
+            format!(
+                "adapter `{adapter}`: {failure}; the window is drawn by adapter `{next}`, choose another one in Settings"
+            ),
+        );
+        (adapter, losses) = (next, 0);
+    }
+}
+
+/// Opens the window on `subject` and runs until it is closed. Without an `adapter` the one that was
+/// chosen in an earlier window draws. `started` is when the process began.
+pub fn run(
+    subject: Subject,
+    adapter: Option<AdapterChoice>,
+    started: Instant,
+) -> Result<(), WindowError> {
+    let adapter = adapter.unwrap_or_else(adapter_memory::remembered);
+    if !has_display() {
+        return Err(WindowError::NoDisplay);
+    }
+    let host = Host::new(started).map_err(|e| WindowError::Window(e.to_string()))?;
+    let mut subject = Some(subject);
+    let open = |adapter: &AdapterChoice| {
+        let opened = Instant::now();
+        let leave = host.open_window(&mut subject, adapter)?;
+        Ok((leave, opened.elapsed()))
+    };
+    let tell = |kind, text| host.worker.send(Order::Report(kind, text));
+    match keep_open(adapter, open, tell) {
+        Ok(()) => Ok(()),
+        Err((error, ever_open)) if ever_open && host.is_at_work() => {
+            Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
+        }
+        Err((error, _)) => Err(error),
+    }
+}
+
+/// What outlives a window.
+struct Host {
+    worker: Arc<Worker>,
+    /// The window to wake.
+    context: Arc<Mutex<Option<Context>>>,
+    /// What was last told of an adapter.
+    told: Arc<Mutex<Option<String>>>,
+    started: Instant,
+}
+
+impl Host {
+    fn new(started: Instant) -> std::io::Result<Self> {
+        let context: Arc<Mutex<Option<Context>>> = Arc::default();
+        let window = context.clone();
+        let waker: Waker = Arc::new(move || {
+            if let Some(context) = &*window.lock().unwrap_or_else(PoisonError::into_inner) {
+                context.request_repaint();
+            }
+        });
+        let worker = Arc::new(Worker::start(waker)?);
+        Ok(Self { worker, context, told: Arc::default(), started })
+    }
+
+    fn is_at_work(&self) -> bool {
+        !matches!(self.worker.snapshot().state, RunState::Empty | RunState::Loading)
+    }
+
+    /// Runs one window to its end; `subject` is opened in the first one.
+    fn open_window(
+        &self,
+        subject: &mut Option<Subject>,
+        adapter: &AdapterChoice,
+    ) -> Result<Leave, WindowError> {
+        let exit = Exit::default();
+        let (word, worker, context) = (exit.clone(), self.worker.clone(), self.context.clone());
+        let (started, told) = (self.started, self.told.clone());
+        let first = subject.clone();
+        let create = move |creation: &eframe::CreationContext<'_>| {
+            let window = creation.egui_ctx.clone();
+            *context.lock().unwrap_or_else(PoisonError::into_inner) = Some(window);
+            worker.send(first.map_or(Order::Deliver, Order::Open));
+            tell_caveat(creation, &worker, &told);
+            let studio = Studio::attach(creation, worker, word, Painting::Auto, started)?;
+            Ok(Box::new(studio) as Box<dyn eframe::App>)
+        };
+        let options = native_options(adapter);
+        // egui panics where a lost device gives it no memory to write to; that ends the window only.
+        let ended = catch_unwind(AssertUnwindSafe(|| {
+            eframe::run_native("vbgs-studio", options, Box::new(create))
+        }));
+        *self.context.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        match ended {
+            Ok(result) => result?,
+            Err(_) => exit.leave(Leave::DeviceLost),
+        }
+        *subject = None;
+        Ok(exit.why())
+    }
+}
+
+/// Tells, once, that an adapter draws which is not what a user expects.
+fn tell_caveat(
+    creation: &eframe::CreationContext<'_>,
+    worker: &Worker,
+    told: &Mutex<Option<String>>,
+) {
+    let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
+    let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(text) = caveat.clone().filter(|_| *told != caveat) {
+        worker.send(Order::Report(NoticeKind::Info, text));
+    }
+    *told = caveat;
+}
+
+fn native_options(adapter: &AdapterChoice) -> eframe::NativeOptions {
+    eframe::NativeOptions {
+        viewport: ViewportBuilder::default()
+            .with_title("VBGS Studio")
+            .with_app_id("vbgs-studio")
+            .with_inner_size(Vec2::new(1280.0, 800.0))
+            .with_min_inner_size(Vec2::new(640.0, 400.0))
+            .with_drag_and_drop(true),
+        wgpu_options: viewport::wgpu_configuration(adapter),
+        ..Default::default()
+    }
+}
+
+/// Whether a display server is announced; elsewhere than on X11 and Wayland there always is one.
+fn has_display() -> bool {
+    let named = |variable: &str| std::env::var_os(variable).is_some_and(|v| !v.is_empty());
+    !cfg!(all(unix, not(target_os = "macos"))) || named("DISPLAY") || named("WAYLAND_DISPLAY")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Runs windows that end as listed; returns the adapters asked for and how it ended.
+    fn windows(
+        first: &str,
+        ends: Vec<Result<(Leave, Duration), WindowError>>,
+    ) -> (Vec<String>, Result<(), bool>, usize) {
+        let (mut asked, mut told) = (Vec::new(), 0);
+        let mut ends = ends.into_iter();
+        let open = |adapter: &AdapterChoice| {
+            asked.push(adapter.to_string());
+            ends.next().unwrap_or_else(|| Err(WindowError::NoDisplay))
+        };
+        let choice = AdapterChoice::parse(first);
+        let ended = keep_open(choice, open, |_, _| told += 1).map_err(|(_, ever)| ever);
+        (asked, ended, told)
+    }
+
+    fn lost(lived_s: u64) -> Result<(Leave, Duration), WindowError> {
+        Ok((Leave::DeviceLost, Duration::from_secs(lived_s)))
+    }
+
+    fn closed() -> Result<(Leave, Duration), WindowError> {
+        Ok((Leave::Closed, Duration::ZERO))
+    }
+
+    #[test]
+    fn a_lost_window_is_opened_again_and_closing_ends_it() {
+        assert_eq!(windows("auto", vec![lost(1), closed()]), (vec!["auto".into(); 2], Ok(()), 1));
+        let many = (0..9).map(|_| lost(100)).chain([closed()]).collect();
+        assert_eq!(windows("auto", many).0, vec!["auto"; 10], "each was well for a while");
+    }
+
+    #[test]
+    fn losses_in_a_row_end_at_the_software_adapter_and_then_without_a_window() {
+        let (asked, ended, told) = windows("rtx", (0..12).map(|_| lost(1)).collect());
+        let expected: Vec<&str> =
+            [["rtx"; 4], ["auto"; 4], ["software"; 4]].into_iter().flatten().collect();
+        assert_eq!(
+            (asked, ended, told),
+            (expected.iter().map(|s| s.to_string()).collect(), Err(true), 11)
+        );
+    }
+
+    #[test]
+    fn another_adapter_is_opened_and_left_again_if_it_fails() {
+        let chosen = Ok((Leave::Adapter(AdapterChoice::Index(7)), Duration::ZERO));
+        let (asked, ended, told) =
+            windows("auto", vec![chosen, Err(WindowError::NoDisplay), closed()]);
+        assert_eq!(
+            (asked, ended, told),
+            (vec!["auto".into(), "7".into(), "auto".into()], Ok(()), 1)
+        );
+        for (first, expected) in [("auto", vec!["auto"]), ("software", vec!["software", "auto"])] {
+            let (asked, ended, _) = windows(first, Vec::new());
+            assert_eq!(
+                (asked, ended),
+                (expected.iter().map(|s| s.to_string()).collect(), Err(false))
+            );
+        }
+    }
+}

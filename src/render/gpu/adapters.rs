@@ -1,0 +1,181 @@
+//! The graphics adapters of this computer, and choosing among them.
+
+use std::fmt;
+use std::task::{Context, Poll, Waker};
+
+/// Which adapter is to draw.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum AdapterChoice {
+    /// The fastest.
+    #[default]
+    Auto,
+    /// This computer's CPU, pretending to be a GPU.
+    Software,
+    /// The first that contains this in what [`AdapterFacts`] says of it, whatever the case.
+    Named(String),
+    /// The one at this place in [`list`].
+    Index(usize),
+}
+
+impl AdapterChoice {
+    /// `auto`, `software`, a number, or anything else as part of a name.
+    pub fn parse(text: &str) -> Self {
+        match text {
+            "auto" => Self::Auto,
+            "software" => Self::Software,
+            _ => text.parse().map_or_else(|_| Self::Named(text.to_owned()), Self::Index),
+        }
+    }
+}
+
+impl fmt::Display for AdapterChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::Software => f.write_str("software"),
+            Self::Named(name) => f.write_str(name),
+            Self::Index(index) => index.fmt(f),
+        }
+    }
+}
+
+/// What an adapter is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterFacts {
+    /// Name of the device.
+    pub name: String,
+    /// What it is driven by.
+    pub backend: wgpu::Backend,
+    /// Discrete, integrated, virtual or software.
+    pub device_type: wgpu::DeviceType,
+}
+
+impl AdapterFacts {
+    /// Of an adapter.
+    pub fn new(adapter: &wgpu::Adapter) -> Self {
+        let info = adapter.get_info();
+        Self { name: info.name, backend: info.backend, device_type: info.device_type }
+    }
+
+    /// Why the user should know that this adapter draws, if so.
+    pub fn caveat(&self) -> Option<String> {
+        let what = if self.device_type == wgpu::DeviceType::Cpu {
+            "is no graphics card but this computer's CPU"
+        } else if self.backend == wgpu::Backend::Gl {
+            "is driven by OpenGL, the slower and less tested way"
+        } else {
+            return None;
+        };
+        Some(format!("{self} {what}; another adapter can be chosen in Settings or by --adapter"))
+    }
+}
+
+impl fmt::Display for AdapterFacts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = match self.device_type {
+            wgpu::DeviceType::DiscreteGpu => "discrete",
+            wgpu::DeviceType::IntegratedGpu => "integrated",
+            wgpu::DeviceType::VirtualGpu => "virtual",
+            wgpu::DeviceType::Cpu => "software",
+            wgpu::DeviceType::Other => "of unknown kind",
+        };
+        write!(f, "{} ({}, {kind})", self.name, self.backend)
+    }
+}
+
+/// No adapter fits what was asked for.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("adapter: expected auto, software, or the name or number of one of {}; found `{choice}`", listed(.there))]
+pub struct UnknownAdapter {
+    /// What was asked for.
+    pub choice: AdapterChoice,
+    /// What there is.
+    pub there: Vec<AdapterFacts>,
+}
+
+fn listed(adapters: &[AdapterFacts]) -> String {
+    let line = |(i, adapter): (usize, &AdapterFacts)| format!("{i}: {adapter}");
+    let lines: Vec<String> = adapters.iter().enumerate().map(line).collect();
+    if lines.is_empty() { "none at all".to_owned() } else { format!("[{}]", lines.join("; ")) }
+}
+
+/// The adapters of this computer that windows can be drawn with, in the order that
+/// [`AdapterChoice::Index`] counts them.
+pub fn list() -> Vec<AdapterFacts> {
+    let instance =
+        wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+    let found = std::pin::pin!(instance.enumerate_adapters(backends()));
+    // Futures of native wgpu are ready when they are made.
+    match found.poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(adapters) => adapters.iter().map(AdapterFacts::new).collect(),
+        Poll::Pending => Vec::new(),
+    }
+}
+
+/// What windows are drawn with: everything first-class, and OpenGL.
+fn backends() -> wgpu::Backends {
+    wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY | wgpu::Backends::GL)
+}
+
+/// Position of the adapter that is asked for; `None` if that is left to wgpu.
+pub fn choose(
+    choice: &AdapterChoice,
+    adapters: &[AdapterFacts],
+) -> Result<Option<usize>, UnknownAdapter> {
+    let is_named =
+        |a: &AdapterFacts, name: &str| a.to_string().to_lowercase().contains(&name.to_lowercase());
+    let found = match choice {
+        AdapterChoice::Auto => return Ok(None),
+        AdapterChoice::Software => {
+            adapters.iter().position(|a| a.device_type == wgpu::DeviceType::Cpu)
+        }
+        AdapterChoice::Named(name) => adapters.iter().position(|a| is_named(a, name)),
+        AdapterChoice::Index(index) => Some(*index).filter(|&i| i < adapters.len()),
+    };
+    let unknown = || UnknownAdapter { choice: choice.clone(), there: adapters.to_vec() };
+    found.map(Some).ok_or_else(unknown)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn there() -> Vec<AdapterFacts> {
+        let facts = |name: &str, backend, device_type| AdapterFacts {
+            name: name.to_owned(),
+            backend,
+            device_type,
+        };
+        vec![
+            facts("NVIDIA RTX", wgpu::Backend::Vulkan, wgpu::DeviceType::DiscreteGpu),
+            facts("llvmpipe", wgpu::Backend::Vulkan, wgpu::DeviceType::Cpu),
+            facts("NVIDIA RTX/PCIe", wgpu::Backend::Gl, wgpu::DeviceType::Other),
+        ]
+    }
+
+    #[test]
+    fn adapters_are_found_by_number_name_and_kind() {
+        let asked = |text: &str| choose(&AdapterChoice::parse(text), &there());
+        assert_eq!(asked("auto"), Ok(None));
+        assert_eq!(asked("software"), Ok(Some(1)));
+        assert_eq!(asked("nvidia"), Ok(Some(0)));
+        assert_eq!(asked("PCIe"), Ok(Some(2)));
+        assert_eq!(asked("llvmpipe (vulkan, software)"), Ok(Some(1)));
+        assert_eq!(asked("2"), Ok(Some(2)));
+        for wrong in ["3", "radeon"] {
+            let text = asked(wrong).unwrap_err().to_string();
+            assert!(
+                text.contains(wrong) && text.contains("1: llvmpipe (vulkan, software)"),
+                "{text}"
+            );
+        }
+        let none = choose(&AdapterChoice::Software, &[]).unwrap_err().to_string();
+        assert!(none.contains("none at all") && none.contains("`software`"), "{none}");
+    }
+
+    #[test]
+    fn only_software_and_opengl_are_worth_a_word() {
+        let worth: Vec<bool> = there().iter().map(|a| a.caveat().is_some()).collect();
+        assert_eq!(worth, [false, true, true]);
+    }
+}

@@ -1,0 +1,248 @@
+//! Which splat a pixel shows: the one with the largest weight in the blend of `rendering.md` (b)
+//! and (c), for that one pixel, in f64.
+
+use super::{
+    ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens,
+    Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, SCALE_FLOOR, TRANSMITTANCE_STOP,
+};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::model::splats::Splat;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use rayon::prelude::*;
+
+/// A splat in a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pick {
+    /// Its position in the list.
+    pub index: usize,
+    /// Its share of the pixel's colour, in `[0, 1]`.
+    pub weight: f64,
+}
+
+/// The splat that contributes most at a continuous position in the image, pixels; `None` where no
+/// splat does. The tiles of [`super::Support::Tile3Sigma`] are not looked at.
+pub fn pick(
+    splats: &[Splat],
+    camera: &Camera,
+    position: DVec2,
+    options: &RenderOptions,
+) -> Option<Pick> {
+    let eye = Eye::new(camera, position, options)?;
+    let mut layers: Vec<Layer> = splats
+        .par_iter()
+        .enumerate()
+        .filter_map(|(index, splat)| Some((index, eye.sees(splat)?)))
+        .map(|(index, (depth, alpha))| Layer { index, depth, alpha })
+        .collect();
+    layers.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
+    let mut transmittance = 1.0;
+    let mut best: Option<Pick> = None;
+    for Layer { index, alpha, .. } in layers {
+        let left = transmittance * (1.0 - alpha);
+        if left < TRANSMITTANCE_STOP {
+            break;
+        }
+        let weight = alpha * transmittance;
+        if best.is_none_or(|b| weight > b.weight) {
+            best = Some(Pick { index, weight });
+        }
+        transmittance = left;
+    }
+    best
+}
+
+struct Layer {
+    index: usize,
+    depth: f64,
+    alpha: f64,
+}
+
+/// One pixel of a view.
+struct Eye {
+    camera_from_world: DMat3,
+    centre: DVec3,
+    intrinsics: Intrinsics,
+    position: DVec2,
+    /// Through the pixel, camera space; any length.
+    ray: DVec3,
+    near: f64,
+    method: Method,
+    look: Look,
+}
+
+impl Eye {
+    /// `None` where the lens shows nothing.
+    fn new(camera: &Camera, position: DVec2, options: &RenderOptions) -> Option<Self> {
+        Some(Self {
+            camera_from_world: camera.pose.rotation().transpose(),
+            centre: camera.pose.centre(),
+            intrinsics: camera.intrinsics,
+            position,
+            ray: options.method.lens().ray(&camera.intrinsics, position)?,
+            near: options.near.max(0.0),
+            method: options.method,
+            look: options.look,
+        })
+    }
+
+    /// Depth in the order of blending, and alpha; `None` if the pixel does not show the splat.
+    fn sees(&self, splat: &Splat) -> Option<(f64, f64)> {
+        let opacity = f64::from(splat.opacity);
+        let is_cut = splat.opacity < self.look.opacity_cut || opacity < ALPHA_CUT;
+        if is_cut || !splat.is_drawable() {
+            return None;
+        }
+        let mean = DVec3::from_array(splat.mean.map(f64::from)) - self.centre;
+        let m = self.camera_from_world * mean;
+        let near_depth = match self.method.lens() {
+            Lens::Pinhole => m.z,
+            Lens::Fisheye => m.length(),
+        };
+        if near_depth <= self.near {
+            return None;
+        }
+        let [w, x, y, z] = splat.rotation.map(f64::from);
+        let axes =
+            self.camera_from_world * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let scale = floored(splat, self.look.scale);
+        let (depth, opacity, distance2) = match self.method {
+            Method::Projected(_) => (m.z, opacity, self.projected(m, axes, scale)?),
+            Method::Exact(exact) => {
+                let (opacity, distance2) = self.exact(exact, m, axes, scale, opacity)?;
+                (m.length(), opacity, distance2)
+            }
+        };
+        let alpha = ALPHA_CAP.min(opacity * (-0.5 * distance2).exp());
+        (alpha >= ALPHA_CUT).then_some((depth, alpha))
+    }
+
+    /// Squared distance in the projected covariance, `rendering.md` (b) 2 to 6.
+    fn projected(&self, m: DVec3, axes: DMat3, scale: DVec3) -> Option<f64> {
+        let k = &self.intrinsics;
+        let focal = DVec2::new(k.fx, k.fy);
+        let (principal, size) =
+            (DVec2::new(k.cx, k.cy), DVec2::new(k.width.into(), k.height.into()));
+        let tangent = m.truncate() / m.z;
+        let margin = FRUSTUM_MARGIN * 0.5 * size / focal;
+        let clamped =
+            tangent.max(-principal / focal - margin).min((size - principal) / focal + margin);
+        let row = |e: DVec3, tangent: f64, f: f64| {
+            axes.transpose_mul_vec3((e - DVec3::Z * tangent) * (f / m.z)) * scale
+        };
+        let (x, y) = (row(DVec3::X, clamped.x, k.fx), row(DVec3::Y, clamped.y, k.fy));
+        let (xx, yy, xy) =
+            (x.length_squared() + LOW_PASS_PX2, y.length_squared() + LOW_PASS_PX2, x.dot(y));
+        let det = xx * yy - xy * xy;
+        let d = self.position - (tangent * focal + principal);
+        let distance2 = (yy * d.x * d.x - 2.0 * xy * d.x * d.y + xx * d.y * d.y) / det;
+        (det > 0.0 && distance2 >= 0.0).then_some(distance2)
+    }
+
+    /// Opacity and squared distance of the ray, `rendering.md` (c).
+    fn exact(
+        &self,
+        exact: Exact,
+        m: DVec3,
+        axes: DMat3,
+        scale: DVec3,
+        opacity: f64,
+    ) -> Option<(f64, f64)> {
+        let k = &self.intrinsics;
+        let variance = match exact.antialias {
+            Antialias::None => 0.0,
+            Antialias::Footprint => FOOTPRINT_PX2 * m.length_squared() / (k.fx * k.fy),
+            Antialias::Reference => REFERENCE_VARIANCE,
+        };
+        let widened = (scale * scale + variance).map(f64::sqrt);
+        let opacity = match exact.antialias {
+            Antialias::Reference => opacity * (scale / widened).element_product(),
+            Antialias::None | Antialias::Footprint => opacity,
+        };
+        let p = axes.transpose_mul_vec3(m) / widened;
+        let g = axes.transpose_mul_vec3(self.ray) / widened;
+        let is_ahead = exact.response == Response::Line || g.dot(p) >= 0.0;
+        let distance2 = if is_ahead {
+            g.cross(p).length_squared() / g.length_squared()
+        } else {
+            p.length_squared()
+        };
+        (opacity >= ALPHA_CUT && distance2.is_finite()).then_some((opacity, distance2))
+    }
+}
+
+/// Standard deviations as renderers take them, world units (`rendering.md` (a)).
+pub(super) fn floored(splat: &Splat, factor: f32) -> DVec3 {
+    let scale = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(factor);
+    scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::pose::Pose;
+    use crate::render::cpu::CpuRenderer;
+
+    fn camera() -> Camera {
+        Camera { intrinsics: Intrinsics::from_horizontal_fov(64, 48, 1.0), pose: Pose::IDENTITY }
+    }
+
+    fn ball(x: f32, z: f32, opacity: f32) -> Splat {
+        Splat { mean: [x, 0.0, z], opacity, color: [1.0; 3], scale: [0.2; 3], ..Splat::default() }
+    }
+
+    fn exact(lens: Lens, antialias: Antialias) -> Method {
+        Method::Exact(Exact { response: Response::Ray, antialias, lens })
+    }
+
+    #[test]
+    fn the_heaviest_and_not_the_first_is_picked() {
+        let splats =
+            [ball(0.0, 5.0, 0.9), ball(0.0, 3.0, 0.3), Splat::default(), ball(1.0, 3.0, 0.9)];
+        let centre = DVec2::new(32.0, 24.0);
+        for method in [Method::PROJECTED, Method::EXACT, exact(Lens::Fisheye, Antialias::None)] {
+            let options = RenderOptions::evaluation(method, [0.0; 3]);
+            let pick_at = |at| pick(&splats, &camera(), at, &options);
+            let found = pick_at(centre).unwrap();
+            assert_eq!(found.index, 0, "{method:?}");
+            assert!((found.weight - 0.9 * 0.7).abs() < 1e-6, "{method:?} {}", found.weight);
+            let seen = method.lens().project(&camera().intrinsics, DVec3::new(1.0, 0.0, 3.0));
+            assert_eq!(pick_at(seen.unwrap()).unwrap().index, 3);
+            assert_eq!(pick_at(DVec2::new(1.0, 1.0)), None);
+            let look = Look { opacity_cut: 0.5, ..Look::PLAIN };
+            let cut = RenderOptions { look, ..options };
+            assert!((pick(&splats, &camera(), centre, &cut).unwrap().weight - 0.9).abs() < 1e-6);
+        }
+    }
+
+    /// With one splat its weight is the coverage of the image.
+    #[test]
+    fn weights_are_what_the_renderer_blends() {
+        let q = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);
+        let rotation = [q.w, q.x, q.y, q.z].map(|v| v as f32);
+        let splat = Splat { scale: [0.5, 0.1, 0.02], rotation, ..ball(0.7, 2.0, 0.8) };
+        let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let image = CpuRenderer::new().render(&[splat], &camera(), &options);
+        for (x, y) in [(50, 24), (56, 20), (44, 28), (54, 26)] {
+            let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            let weight = pick(&[splat], &camera(), at, &options).map_or(0.0, |p| p.weight);
+            assert!(
+                (weight - f64::from(*image.coverage.at(x, y))).abs() < 1e-4,
+                "{x} {y} {weight}"
+            );
+        }
+    }
+
+    #[test]
+    fn nothing_is_picked_of_what_is_not_drawn() {
+        let hidden = [
+            ball(0.0, 0.1, 0.9),
+            ball(0.0, -3.0, 0.9),
+            ball(f32::NAN, 3.0, 0.9),
+            ball(0.0, 3.0, 0.001),
+        ];
+        for method in [Method::PROJECTED, Method::EXACT] {
+            let options = RenderOptions::evaluation(method, [0.0; 3]);
+            assert_eq!(pick(&hidden, &camera(), DVec2::new(32.0, 24.0), &options), None);
+        }
+    }
+}
