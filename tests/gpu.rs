@@ -11,6 +11,7 @@ mod gpu {
     mod golden;
     mod hostile;
     mod images;
+    mod lego;
     mod options;
     mod streaming;
     mod targets;

@@ -1,7 +1,7 @@
 //! The graphics adapters of this computer, and choosing among them.
 
+use super::scene::ready;
 use std::fmt;
-use std::task::{Context, Poll, Waker};
 
 /// Which adapter is to draw.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -93,7 +93,7 @@ pub struct UnknownAdapter {
     pub there: Vec<AdapterFacts>,
 }
 
-fn listed(adapters: &[AdapterFacts]) -> String {
+pub(super) fn listed(adapters: &[AdapterFacts]) -> String {
     let line = |(i, adapter): (usize, &AdapterFacts)| format!("{i}: {adapter}");
     let lines: Vec<String> = adapters.iter().enumerate().map(line).collect();
     if lines.is_empty() { "none at all".to_owned() } else { format!("[{}]", lines.join("; ")) }
@@ -102,14 +102,14 @@ fn listed(adapters: &[AdapterFacts]) -> String {
 /// The adapters of this computer that windows can be drawn with, in the order that
 /// [`AdapterChoice::Index`] counts them.
 pub fn list() -> Vec<AdapterFacts> {
+    enumerate().iter().map(AdapterFacts::new).collect()
+}
+
+/// Those of [`list`].
+pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
     let instance =
         wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-    let found = std::pin::pin!(instance.enumerate_adapters(backends()));
-    // Futures of native wgpu are ready when they are made.
-    match found.poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(adapters) => adapters.iter().map(AdapterFacts::new).collect(),
-        Poll::Pending => Vec::new(),
-    }
+    ready(instance.enumerate_adapters(backends())).unwrap_or_default()
 }
 
 /// What windows are drawn with: everything first-class, and OpenGL.

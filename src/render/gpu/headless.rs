@@ -1,6 +1,7 @@
 //! A device without a window: for benches, and for pictures where there is no display.
 
 use super::GpuError;
+use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
 use super::faults::GpuFaults;
 use super::scene::ready;
@@ -8,16 +9,6 @@ use std::time::Duration;
 
 /// A GPU that takes longer than this for one frame is not coming back.
 const PATIENCE: Duration = Duration::from_secs(30);
-
-/// Which adapter to take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AdapterChoice<'a> {
-    /// The most capable that is no software.
-    Hardware,
-    /// The first whose name holds this text, or the one at this position of the list; software
-    /// counts.
-    Named(&'a str),
-}
 
 /// Why there is no device, or no more.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -31,15 +22,8 @@ pub enum HeadlessError {
         found: String,
     },
     /// Nothing goes by that name.
-    #[error(
-        "--adapter: expected the name or the number of an adapter, found `{asked}`; there are {found}"
-    )]
-    NotFound {
-        /// What was asked for.
-        asked: String,
-        /// What there is.
-        found: String,
-    },
+    #[error("--{0}")]
+    NotFound(#[from] UnknownAdapter),
     /// The driver gives no device.
     #[error(
         "{adapter}: expected a device, which the driver refused ({reason}); choose another with --adapter"
@@ -76,8 +60,8 @@ pub struct HeadlessGpu {
 }
 
 impl HeadlessGpu {
-    /// Opens a device with all that its adapter offers.
-    pub fn new(choice: AdapterChoice) -> Result<Self, HeadlessError> {
+    /// Opens a device with all that its adapter offers; [`AdapterChoice::Auto`] takes no software.
+    pub fn new(choice: &AdapterChoice) -> Result<Self, HeadlessError> {
         let adapter = choose(choice)?;
         let name = adapter.get_info().name;
         let refused = |reason: String| HeadlessError::Refused { adapter: name.clone(), reason };
@@ -104,61 +88,31 @@ impl HeadlessGpu {
     }
 }
 
-fn choose(choice: AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
-    let mut adapters = adapters();
-    let found = || list(&adapters);
-    let position = match choice {
-        AdapterChoice::Hardware => adapters
-            .iter()
-            .position(|a| a.get_info().device_type != wgpu::DeviceType::Cpu)
-            .ok_or_else(|| HeadlessError::NoHardware { found: found() })?,
-        AdapterChoice::Named(asked) => {
-            let names: Vec<String> = adapters.iter().map(|a| a.get_info().name).collect();
-            position(&names, asked).ok_or_else(|| HeadlessError::NotFound {
-                asked: asked.to_owned(),
-                found: found(),
-            })?
-        }
+fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
+    let mut adapters = adapters::enumerate();
+    let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
+    let position = match adapters::choose(choice, &facts)? {
+        Some(position) => position,
+        None => fastest(&facts)
+            .ok_or_else(|| HeadlessError::NoHardware { found: adapters::listed(&facts) })?,
     };
     Ok(adapters.swap_remove(position))
 }
 
-/// All adapters but those of GL, the most capable kind first.
-fn adapters() -> Vec<wgpu::Adapter> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
-        backends: wgpu::Backends::PRIMARY,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    });
-    let mut adapters =
-        ready(instance.enumerate_adapters(wgpu::Backends::PRIMARY)).unwrap_or_default();
-    adapters.sort_by_key(|adapter| match adapter.get_info().device_type {
-        wgpu::DeviceType::DiscreteGpu => 0,
-        wgpu::DeviceType::IntegratedGpu => 1,
-        wgpu::DeviceType::VirtualGpu => 2,
-        wgpu::DeviceType::Other => 3,
-        wgpu::DeviceType::Cpu => 4,
-    });
-    adapters
-}
-
-fn list(adapters: &[wgpu::Adapter]) -> String {
-    let named = |(i, adapter): (usize, &wgpu::Adapter)| {
-        let info = adapter.get_info();
-        format!("{i}: {} ({:?})", info.name, info.device_type)
+/// The first of the most capable kind that is there, software and OpenGL left out.
+fn fastest(adapters: &[AdapterFacts]) -> Option<usize> {
+    let rank = |adapter: &AdapterFacts| match adapter.device_type {
+        wgpu::DeviceType::DiscreteGpu => Some(0),
+        wgpu::DeviceType::IntegratedGpu => Some(1),
+        wgpu::DeviceType::VirtualGpu => Some(2),
+        wgpu::DeviceType::Other => Some(3),
+        wgpu::DeviceType::Cpu => None,
     };
-    match adapters {
-        [] => "none".to_owned(),
-        _ => adapters.iter().enumerate().map(named).collect::<Vec<_>>().join(", "),
-    }
-}
-
-/// By number, else by part of the name in any case.
-fn position(names: &[String], asked: &str) -> Option<usize> {
-    if let Ok(number) = asked.parse::<usize>() {
-        return (number < names.len()).then_some(number);
-    }
-    let asked = asked.to_lowercase();
-    names.iter().position(|name| name.to_lowercase().contains(&asked))
+    let hardware = adapters.iter().enumerate().filter(|(_, a)| a.backend != wgpu::Backend::Gl);
+    hardware
+        .filter_map(|(i, adapter)| Some((rank(adapter)?, i)))
+        .min()
+        .map(|(_, position)| position)
 }
 
 #[cfg(test)]
@@ -166,17 +120,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn adapters_go_by_number_or_part_of_their_name() {
-        let names = ["NVIDIA H200", "Intel Arc 770", "llvmpipe (LLVM 15)"].map(str::to_owned);
-        for (asked, expected) in [
-            ("nvidia", Some(0)),
-            ("Arc", Some(1)),
-            ("LLVMpipe", Some(2)),
-            ("2", Some(2)),
-            ("3", None),
-            ("radeon", None),
-        ] {
-            assert_eq!(position(&names, asked), expected, "{asked}");
-        }
+    fn left_to_itself_it_takes_the_most_capable_hardware() {
+        let facts = |backend, device_type| AdapterFacts { name: "any".into(), backend, device_type };
+        let (vulkan, gl) = (wgpu::Backend::Vulkan, wgpu::Backend::Gl);
+        let software = facts(vulkan, wgpu::DeviceType::Cpu);
+        let integrated = facts(vulkan, wgpu::DeviceType::IntegratedGpu);
+        let discrete = facts(vulkan, wgpu::DeviceType::DiscreteGpu);
+        let by_gl = facts(gl, wgpu::DeviceType::DiscreteGpu);
+        let there = [software.clone(), by_gl.clone(), integrated, discrete];
+        assert_eq!(fastest(&there), Some(3));
+        assert_eq!(fastest(&there[..3]), Some(2));
+        assert_eq!(fastest(&[software, by_gl]), None);
     }
 }

@@ -3,7 +3,8 @@
 use super::painter::{FrameMs, PaintError, Painter, Path, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splats::Splat;
-use crate::render::gpu::headless::{AdapterChoice, HeadlessError, HeadlessGpu};
+use crate::render::gpu::adapters::AdapterChoice;
+use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
 use crate::render::gpu::renderer::{self, SplatRenderer};
 use crate::render::gpu::scene::{GpuScene, OrderOf};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
@@ -32,7 +33,7 @@ struct Method {
 
 impl GpuPainter {
     /// Every path on the adapter chosen.
-    pub fn all(choice: AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
+    pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
         [renderer::Path::Quads, renderer::Path::Tiles]
             .into_iter()

@@ -17,7 +17,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splats::{Framing, Splat, framing};
 #[cfg(feature = "gui")]
-use crate::render::gpu::headless::AdapterChoice;
+use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::{RenderOptions, Renderer};
 use forms::{Summary, notes, panels, text};
 use glam::DVec3;
@@ -96,10 +96,10 @@ impl RenderPlan {
         }
         #[cfg(feature = "gui")]
         if matches!(self.device, Device::Gpu | Device::All) {
-            let named = self.adapter.as_deref().map(AdapterChoice::Named);
-            match GpuPainter::all(named.unwrap_or(AdapterChoice::Hardware)) {
+            let choice = self.adapter.as_deref().map_or(AdapterChoice::Auto, AdapterChoice::parse);
+            match GpuPainter::all(&choice) {
                 Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
-                Err(error) if self.device == Device::All && named.is_none() => {
+                Err(error) if self.device == Device::All && self.adapter.is_none() => {
                     notes.push(format!("CPU only: {error}"));
                 }
                 Err(error) => return Err(error.into()),
