@@ -175,7 +175,7 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
         for (mode, title) in [
             (ColorMode::Evidence, "Evidence, points"),
             (ColorMode::Uncertainty, "Uncertainty, world units"),
-            (ColorMode::Birth, "Birth frame, frame"),
+            (ColorMode::Birth, "Birth frame"),
             (ColorMode::Elbo, "Per-point ELBO, nats"),
         ] {
             choose_color(&mut window, mode);
@@ -186,7 +186,7 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
                 wait(&mut window, "a frame", |s| s.snapshot().frames_done == 4);
             }
             assert_ne!(settled(&mut window), own, "{mode:?} {painting:?}");
-            window.get_by_label(title);
+            window.get_all_by_label(title).next().unwrap();
             assert!(window.query_by_label("Known when a frame has been trained").is_none());
         }
         choose_color(&mut window, ColorMode::Color);

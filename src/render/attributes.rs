@@ -56,7 +56,7 @@ impl Attribute {
             Self::Evidence => "points",
             Self::Uncertainty => "world units",
             Self::Elbo => "nats",
-            Self::Birth => "frame",
+            Self::Birth => "",
         }
     }
 }

@@ -39,7 +39,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
             ui.ctx().copy_text(text(&title, &sections));
         }
     });
-    ScrollArea::vertical().show(ui, |ui| {
+    ScrollArea::both().show(ui, |ui| {
         for section in &sections {
             ui.add_space(6.0);
             ui.label(RichText::new(section.title).strong());
@@ -51,14 +51,16 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
 
 fn row(line: &Line, ui: &mut Ui) {
     ui.label(RichText::new(line.label).weak());
-    ui.horizontal(|ui| {
-        if let Some(color) = line.swatch {
+    let text = Label::new(RichText::new(&line.text).monospace());
+    match line.swatch {
+        None => drop(ui.add(text)),
+        Some(color) => drop(ui.horizontal(|ui| {
             let (rect, _) = ui.allocate_exact_size(Vec2::splat(12.0), Sense::hover());
             let [r, g, b] = color.map(unit_to_byte);
             ui.painter().rect_filled(rect, 2.0, Color32::from_rgb(r, g, b));
-        }
-        ui.add(Label::new(RichText::new(&line.text).monospace()).wrap());
-    });
+            ui.add(text);
+        })),
+    }
     ui.end_row();
 }
 
@@ -101,10 +103,10 @@ fn posterior(i: &Inspection) -> Vec<Section> {
     let space = Section {
         title: "Posterior, world units",
         lines: vec![
-            line("Mean", row_of(i.mean.to_array())),
+            line("Mean", numbers(&i.mean.to_array())),
             line("Uncertainty", known(a.uncertainty.map(|u| format!("± {}", number(u.into()))))),
             line("Covariance", matrix(i.covariance)),
-            line("Deviations", row_of(i.scales.to_array())),
+            line("Deviations", numbers(&i.scales.to_array())),
             line("Rotation wxyz", numbers(&[q.w, q.x, q.y, q.z])),
         ],
     };
@@ -117,7 +119,7 @@ fn posterior(i: &Inspection) -> Vec<Section> {
             line("κ colour", number(p.kappa_color)),
             Line {
                 label: "Colour",
-                text: row_of(i.color.to_array()),
+                text: numbers(&i.color.to_array()),
                 swatch: Some(color.map(|c| c.clamp(0.0, 1.0))),
             },
         ],
@@ -128,21 +130,17 @@ fn posterior(i: &Inspection) -> Vec<Section> {
 fn drawn(title: &'static str, splat: &Splat) -> Section {
     let wide = |v: [f32; 3]| v.map(f64::from);
     let lines = vec![
-        line("Centre", row_of(wide(splat.mean))),
-        line("Scales", row_of(wide(splat.scale))),
+        line("Centre", numbers(&wide(splat.mean))),
+        line("Scales", numbers(&wide(splat.scale))),
         line("Rotation wxyz", numbers(&splat.rotation.map(f64::from))),
         line("Opacity", number(splat.opacity.into())),
-        Line { label: "Colour", text: row_of(wide(splat.color)), swatch: Some(splat.color) },
+        Line { label: "Colour", text: numbers(&wide(splat.color)), swatch: Some(splat.color) },
     ];
     Section { title, lines }
 }
 
 fn line(label: &'static str, text: String) -> Line {
     Line { label, text, swatch: None }
-}
-
-fn row_of(values: [f64; 3]) -> String {
-    numbers(&values)
 }
 
 fn numbers(values: &[f64]) -> String {

@@ -3,7 +3,9 @@
 use crate::app::color_mode::ColorMode;
 use crate::render::attributes::{Attribute, Range, UNKNOWN};
 use crate::render::paint::ramp;
-use eframe::egui::{Align2, Area, Color32, Frame, Id, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2};
+use eframe::egui::{
+    Align, Align2, Area, Color32, Frame, Id, Layout, Pos2, Rect, RichText, Sense, Ui, Vec2, pos2,
+};
 
 /// Size of the bar, points.
 const BAR: Vec2 = Vec2::new(180.0, 12.0);
@@ -35,7 +37,10 @@ pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
 fn title(attribute: Attribute) -> String {
     let mode = ColorMode::ALL.into_iter().find(|mode| mode.attribute() == Some(attribute));
     let name = mode.map_or("", ColorMode::label);
-    format!("{name}, {}", attribute.unit())
+    match attribute.unit() {
+        "" => name.to_owned(),
+        unit => format!("{name}, {unit}"),
+    }
 }
 
 fn why_unknown(attribute: Attribute) -> &'static str {
@@ -60,8 +65,7 @@ fn bar(range: &Range, ui: &mut Ui) {
     let [lo, hi] = range.ends();
     ui.horizontal(|ui| {
         ui.label(number(lo));
-        ui.add_space((BAR.x - 110.0).max(0.0));
-        ui.label(number(hi));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(number(hi)));
     });
 }
 
