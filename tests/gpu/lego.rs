@@ -75,6 +75,9 @@ fn report(
     let worst = errors.iter().fold(0.0f64, |worst, &error| worst.max(error));
     let psnr = -10.0 * mse.max(1e-12).log10();
     let renderer = method.renderer();
-    println!("{who}, {renderer}: mean {:.4}/255, PSNR {psnr:.1} dB, worst {worst:.1e}", mean * 255.0);
+    println!(
+        "{who}, {renderer}: mean {:.4}/255, PSNR {psnr:.1} dB, worst {worst:.1e}",
+        mean * 255.0
+    );
     (mean, psnr)
 }

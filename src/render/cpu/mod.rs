@@ -14,6 +14,7 @@ mod prepare;
 mod projected;
 mod raster;
 mod record;
+mod rows;
 mod shade;
 mod sort;
 mod tile;
@@ -24,11 +25,11 @@ use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
 use crate::model::appearance::SplatView;
-use buckets::Buckets;
 use prepare::ChunkCount;
 use raster::{DrawRow, RowCanvas, Sheet};
 use rayon::prelude::*;
 use record::{Listing, Records};
+use rows::RowLists;
 use sort::{DepthSorter, Keyed};
 use view::View;
 
@@ -76,7 +77,7 @@ pub struct CpuRenderer {
     sorter: DepthSorter,
     /// Visible records by row of tiles, nearest first. Rows rather than tiles: the lists stay short
     /// even when every splat covers the image, and each row bins its own tiles in parallel.
-    rows: Buckets,
+    rows: RowLists,
     canvases: Vec<RowCanvas>,
 }
 
@@ -148,9 +149,7 @@ impl CpuRenderer {
         observer(Stage::Prepare);
         self.sorter.sort(&mut self.visible);
         observer(Stage::Sort);
-        let listings = &self.listings;
-        let sorted = self.visible.iter().map(|visible| visible.record);
-        self.rows.fill(height.div_ceil(TILE), sorted, |i| listings[i as usize].tile_rows());
+        self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
         observer(Stage::Bin);
         self.rasterise(camera, options, &mut image);
         observer(Stage::Raster);

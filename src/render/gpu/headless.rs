@@ -121,7 +121,8 @@ mod tests {
 
     #[test]
     fn left_to_itself_it_takes_the_most_capable_hardware() {
-        let facts = |backend, device_type| AdapterFacts { name: "any".into(), backend, device_type };
+        let facts =
+            |backend, device_type| AdapterFacts { name: "any".into(), backend, device_type };
         let (vulkan, gl) = (wgpu::Backend::Vulkan, wgpu::Backend::Gl);
         let software = facts(vulkan, wgpu::DeviceType::Cpu);
         let integrated = facts(vulkan, wgpu::DeviceType::IntegratedGpu);
