@@ -136,8 +136,15 @@ impl Command {
 
     /// Its keys as menus show them, empty if it has none.
     pub fn keys(self, ctx: &Context) -> String {
-        let names: Vec<String> = self.shortcuts().iter().map(|s| ctx.format_shortcut(s)).collect();
-        names.join(" or ")
+        let name = |shortcut: &KeyboardShortcut| {
+            // `[` says more than its name; other symbols, as of arrows, are in none of the fonts.
+            let symbol = shortcut.logical_key.symbol_or_name();
+            match shortcut.modifiers {
+                Modifiers::NONE if symbol.is_ascii() => symbol.to_owned(),
+                _ => ctx.format_shortcut(shortcut),
+            }
+        };
+        self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
     }
 
     /// What it does and its keys.

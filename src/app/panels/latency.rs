@@ -28,11 +28,22 @@ pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
         } else {
             ui.label(RichText::new("Milliseconds of training per frame").weak());
             plot(&snapshot.recent, ui);
-            ui.add_space(6.0);
-            table(&snapshot.recent, ui);
         }
         ui.add_space(6.0);
-        drawing(drawn, ui);
+        Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(
+            ui,
+            |ui| {
+                if !snapshot.recent.is_empty() {
+                    training_rows(&snapshot.recent, ui);
+                }
+                if drawn.samples().len() > 0 {
+                    drawing_rows(drawn, ui);
+                }
+            },
+        );
+        if drawn.drawer == Drawer::UntimedGpu {
+            ui.label(RichText::new("This adapter cannot time its passes.").weak());
+        }
         ui.add_space(6.0);
         if ui
             .button("Copy as CSV")
@@ -75,43 +86,32 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
         });
 }
 
-fn table(frames: &[FrameReport], ui: &mut Ui) {
-    Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(ui, |ui| {
-        headings("Stage, ms", ui);
-        for stage in 0..StageMs::NAMES.len() {
-            let values = frames.iter().map(|f| f.ms.stages.stages()[stage]);
-            row(ui, Some(COLORS[stage]), LABELS[stage], values);
-        }
-        row(ui, None, "Training, total", frames.iter().map(|f| f.ms.stages.train));
-        let beside = "Done on another thread where the machine has a core \
-                      to spare, else between two trainings";
-        row(ui, None, "Decode (not in total)", frames.iter().map(|f| f.ms.load))
-            .on_hover_text(beside);
-        row(ui, None, "Prepare (not in total)", frames.iter().map(|f| f.ms.prepare))
-            .on_hover_text(beside);
-    });
+fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
+    headings("Training, ms", ui);
+    for stage in 0..StageMs::NAMES.len() {
+        let values = frames.iter().map(|f| f.ms.stages.stages()[stage]);
+        row(ui, Some(COLORS[stage]), LABELS[stage], values);
+    }
+    row(ui, None, "Total", frames.iter().map(|f| f.ms.stages.train));
+    let beside = "Done on another thread where the machine has a core to spare, else between two \
+                  trainings";
+    row(ui, None, "Decode (not in total)", frames.iter().map(|f| f.ms.load)).on_hover_text(beside);
+    row(ui, None, "Prepare (not in total)", frames.iter().map(|f| f.ms.prepare))
+        .on_hover_text(beside);
 }
 
 /// What pictures of the viewport take.
-fn drawing(drawn: &DrawHistory, ui: &mut Ui) {
-    if drawn.samples().len() == 0 {
-        return;
+fn drawing_rows(drawn: &DrawHistory, ui: &mut Ui) {
+    headings("Drawing, ms", ui);
+    for stage in Stage::ALL {
+        let values: Vec<f64> = drawn.samples().filter_map(|s| s.ms(stage)).collect();
+        if !values.is_empty() {
+            row(ui, None, stage.label(), values.into_iter());
+        }
     }
-    Grid::new("drawing table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(ui, |ui| {
-        headings("Drawing, ms", ui);
-        for stage in Stage::ALL {
-            let values: Vec<f64> = drawn.samples().filter_map(|s| s.ms(stage)).collect();
-            if !values.is_empty() {
-                row(ui, None, stage.label(), values.into_iter());
-            }
-        }
-        if drawn.drawer != Drawer::Cpu {
-            let kib = drawn.samples().map(|s| s.uploaded_bytes as f64 / 1024.0);
-            row(ui, None, "Uploaded, KiB", kib).on_hover_text("Changed splats sent to the GPU");
-        }
-    });
-    if drawn.drawer == Drawer::UntimedGpu {
-        ui.label(RichText::new("This adapter cannot time its passes.").weak());
+    if drawn.drawer != Drawer::Cpu {
+        let kib = drawn.samples().map(|s| s.uploaded_bytes as f64 / 1024.0);
+        row(ui, None, "Uploaded, KiB", kib).on_hover_text("Changed splats sent to the GPU");
     }
 }
 

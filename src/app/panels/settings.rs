@@ -93,7 +93,8 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
     ui.horizontal(|ui| {
         let reset = match settings.lens {
             Lens::Pinhole => {
-                let mut fov = settings.pinhole_fov_deg.unwrap_or(own_fov_deg);
+                // Rounded as the slider rounds, which else would count as a change.
+                let mut fov = settings.pinhole_fov_deg.unwrap_or(own_fov_deg).round();
                 if ui.add(degrees(&mut fov, PINHOLE_FOV_DEG)).changed() {
                     settings.pinhole_fov_deg = Some(fov);
                 }

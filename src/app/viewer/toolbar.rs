@@ -124,8 +124,7 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) 
     let mut asked = None;
     let mut button = |ui: &mut Ui, command: Command, is_on: bool| {
         let legal = command.is_legal(snapshot.state, snapshot.source);
-        let response =
-            ui.add_enabled(legal, Button::selectable(is_on, command.label()).frame(true));
+        let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
         if response.on_hover_text(command.hint(ui.ctx())).clicked() {
             asked = Some(command);
         }

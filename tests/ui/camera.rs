@@ -1,0 +1,30 @@
+//! Steering the camera.
+
+use super::harness::{dataset, drag, settled, train, wait, window};
+use crate::common::adapter::turn;
+use eframe::egui::{Key, PointerButton};
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::Subject;
+
+#[test]
+fn the_camera_follows_the_pointer_and_keys() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    let home = settled(&mut window);
+    drag(&mut window, PointerButton::Primary);
+    let turned = settled(&mut window);
+    assert_ne!(home, turned, "orbit");
+    drag(&mut window, PointerButton::Secondary);
+    let panned = settled(&mut window);
+    assert_ne!(turned, panned, "pan");
+    window.key_press(Key::F);
+    window.step();
+    assert_ne!(panned, settled(&mut window), "frame");
+    window.key_press(Key::H);
+    window.step();
+    assert_eq!(home, settled(&mut window), "home");
+}

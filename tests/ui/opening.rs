@@ -1,0 +1,101 @@
+//! What is dropped on the window, and what of it cannot be used.
+
+use super::harness::{Window, click, dataset, is, train, wait, window};
+use crate::common::adapter::turn;
+use egui_kittest::kittest::Queryable;
+use std::path::{Path, PathBuf};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::{Painting, Studio};
+
+#[test]
+fn what_cannot_be_opened_is_said_and_what_was_open_stays() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.run_steps(2);
+    assert_eq!(window.state().snapshot().state, RunState::Empty);
+    window.get_by_label("Try the synthetic scene");
+
+    for (subject, word) in [
+        (folder.path().join("nothing-here"), "nothing-here"),
+        (folder.path().to_owned(), "expected"),
+    ] {
+        drop_on(&mut window, &subject);
+        let told = |s: &Studio| {
+            s.snapshot()
+                .notices
+                .last()
+                .is_some_and(|n| n.kind == NoticeKind::Error && n.text.contains(word))
+        };
+        wait(&mut window, "the message", told);
+        assert_eq!(window.state().snapshot().state, RunState::Empty);
+    }
+    drop_on(&mut window, &path);
+    wait(&mut window, "ready", is(RunState::Ready));
+    let opened = window.state().snapshot().opened.as_ref().unwrap().serial;
+    drop_on(&mut window, &folder.path().join("nothing-here"));
+    wait(&mut window, "the message", |s| s.snapshot().notices.len() >= 3);
+    let snapshot = window.state().snapshot();
+    assert_eq!(
+        (snapshot.state, snapshot.opened.as_ref().unwrap().serial),
+        (RunState::Ready, opened)
+    );
+    click(&mut window, "Dismiss");
+    assert!(window.query_by_label("Dismiss").is_none());
+}
+
+/// A file dropped on the window.
+#[derive(Debug)]
+struct Dropped(PathBuf);
+
+impl eframe::egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
+
+fn drop_on(window: &mut Window, path: &Path) {
+    window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_owned())));
+    window.step();
+}
+
+#[test]
+fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 4);
+    let depth = find(&path, |name| {
+        name.contains("depth") && name.contains("train") || name.contains("_depth_")
+    });
+    std::fs::write(&depth, b"not an image").unwrap();
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    let snapshot = window.state().snapshot();
+    assert_eq!(snapshot.skipped.len() + snapshot.frames_done, 4, "{:?}", snapshot.skipped);
+    assert_eq!(snapshot.skipped.len(), 1);
+    window.run_steps(2);
+    window.get_by_label("1 frames skipped");
+}
+
+/// First file below a folder whose path fits.
+fn find(folder: &Path, fits: impl Fn(&str) -> bool + Copy) -> PathBuf {
+    let mut folders = vec![folder.join("train"), folder.to_owned()];
+    while let Some(next) = folders.pop() {
+        let Ok(entries) = std::fs::read_dir(&next) else { continue };
+        let mut entries: Vec<PathBuf> = entries.map(|e| e.unwrap().path()).collect();
+        entries.sort();
+        for entry in entries {
+            if entry.is_dir() {
+                folders.push(entry);
+            } else if entry.to_string_lossy().contains("train") && fits(&entry.to_string_lossy()) {
+                return entry;
+            }
+        }
+    }
+    panic!("no such file below {}", folder.display())
+}

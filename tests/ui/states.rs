@@ -1,0 +1,77 @@
+//! Every state of a run, and what the window shows in it.
+
+use super::harness::{click, dataset, is, wait, wait_for_picture, window};
+use crate::common::adapter::turn;
+use eframe::egui::{Key, Vec2};
+use egui_kittest::kittest::Queryable;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Source, Subject};
+
+#[test]
+fn the_demo_trains_at_start_and_is_seen() {
+    let _turn = turn();
+    let Some(mut window) = window(Some(Subject::Demo), Painting::Auto) else { return };
+    wait(&mut window, "training", is(RunState::Training));
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    wait_for_picture(&mut window);
+    click(&mut window, "Pause");
+    wait(&mut window, "pause", is(RunState::Paused));
+    assert!(window.state().snapshot().frames_done > 0);
+    window.get_by_label("Candidate search");
+}
+
+#[test]
+fn the_gpu_painter_shows_the_same_scene() {
+    let _turn = turn();
+    let Some(mut window) = window(Some(Subject::Demo), Painting::Gpu) else { return };
+    wait(&mut window, "splats", |s| s.n_drawn() > 100 && s.snapshot().frames_done >= 3);
+    click(&mut window, "Pause");
+    wait(&mut window, "pause", is(RunState::Paused));
+    wait_for_picture(&mut window);
+}
+
+#[test]
+fn a_dataset_goes_through_every_state() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 4);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    assert_eq!(window.state().snapshot().source, Source::Dataset);
+
+    click(&mut window, "Step");
+    wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
+    assert_eq!(window.state().snapshot().state, RunState::Paused);
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+    assert_eq!(window.state().snapshot().frames_done, 4);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+
+    // Unsaved training is never dropped unasked.
+    click(&mut window, "Reset");
+    window.get_by_label("Discard the trained scene?");
+    click(&mut window, "Cancel");
+    assert_eq!(window.state().snapshot().frames_done, 4);
+    click(&mut window, "Reset");
+    click(&mut window, "Discard");
+    wait(&mut window, "ready again", is(RunState::Ready));
+    assert_eq!(window.state().snapshot().frames_done, 0);
+}
+
+#[test]
+fn help_lists_every_shortcut_and_tabs_switch() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.key_press(Key::F1);
+    window.run_steps(2);
+    window.get_by_label("Left drag");
+    window.get_by_label("Train exactly one frame");
+    window.key_press(Key::F1);
+    window.run_steps(2);
+    assert!(window.query_by_label("Left drag").is_none());
+    click(&mut window, "Scene");
+    window.get_by_label("Nothing is open.");
+    window.set_size(Vec2::new(640.0, 400.0));
+    window.run_steps(2);
+    window.render().unwrap();
+}

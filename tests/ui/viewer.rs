@@ -1,0 +1,225 @@
+//! The viewport's renderers, comparisons, colours and dataset cameras, with both painters.
+
+use super::harness::{
+    PATIENCE, Window, click, dataset, drag, drag_between, train, wait, wait_for_picture, window,
+};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Key, PointerButton, Pos2, Vec2};
+use egui_kittest::kittest::{NodeT, Queryable};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::color_mode::ColorMode;
+use vbgs_studio::app::state::Subject;
+use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::stops::Stop;
+use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::{self, LoadOptions};
+use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
+use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::render::{Lens, RenderOptions, Renderer};
+use vbgs_studio::train::config::TrainConfig;
+
+const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
+
+/// The window on a small trained dataset that lies in `folder`.
+fn trained(folder: &Path, painting: Painting) -> Option<Window> {
+    let path = folder.join("room");
+    let path = if path.exists() { path } else { dataset(folder, 3) };
+    let mut window = window(Some(Subject::Path(path)), painting)?;
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    wait_for_picture(&mut window);
+    Some(window)
+}
+
+/// Presses a key and lets the window act on it.
+pub fn press(window: &mut Window, key: Key) {
+    window.key_press(key);
+    window.run_steps(2);
+}
+
+/// Chooses an entry of one of the two menus above the viewport.
+pub fn choose(window: &mut Window, menu: usize, entry: &str) {
+    window.get_all_by_role(Role::ComboBox).nth(menu).unwrap().click();
+    window.run_steps(2);
+    click(window, entry);
+}
+
+/// Waits until a text is somewhere in the window.
+fn wait_for_label(window: &mut Window, text: &str) {
+    let started = Instant::now();
+    while window.query_all_by_label(text).next().is_none() {
+        assert!(started.elapsed() < PATIENCE, "`{text}` is never shown");
+        window.step();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn renderer(window: &Window) -> Renderer {
+    window.state().view().settings.renderer
+}
+
+#[test]
+fn tab_toggles_the_renderer_and_leaves_the_focus_alone() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    for painting in BOTH {
+        let Some(mut window) = trained(folder.path(), painting) else { return };
+        assert_eq!(renderer(&window), Renderer::Projected);
+        press(&mut window, Key::Tab);
+        assert_eq!(renderer(&window), Renderer::Exact);
+        wait_for_picture(&mut window);
+        // Were the focus on a button now, this key would not come through.
+        press(&mut window, Key::Tab);
+        assert_eq!(renderer(&window), Renderer::Projected);
+    }
+}
+
+#[test]
+fn a_fisheye_is_exact_and_tab_says_why() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path(), Painting::Auto) else { return };
+    choose(&mut window, 0, "Wipe renderers");
+    click(&mut window, "Settings");
+    click(&mut window, "Fisheye");
+    let view = window.state().view();
+    assert_eq!((view.settings.lens, view.settings.renderer), (Lens::Fisheye, Renderer::Exact));
+    assert_eq!(view.mode(), ViewMode::Single, "the projected renderer cannot be compared");
+    press(&mut window, Key::Tab);
+    assert_eq!(renderer(&window), Renderer::Exact);
+    wait_for_label(
+        &mut window,
+        "Only the exact renderer draws a fisheye: choose the pinhole first",
+    );
+}
+
+#[test]
+fn renderers_are_compared_and_the_divider_is_dragged() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    for painting in BOTH {
+        let Some(mut window) = trained(folder.path(), painting) else { return };
+        press(&mut window, Key::CloseBracket);
+        choose(&mut window, 0, "Wipe renderers");
+        assert_eq!(window.state().view().mode(), ViewMode::Wipe);
+        window.run_steps(2);
+        let left = window.get_all_by_label("Projected").last().unwrap().rect();
+        let right = window.get_all_by_label("Exact").last().unwrap().rect();
+        let middle = Pos2::new(0.5 * (left.left() + right.right()), 300.0);
+        drag_between(&mut window, PointerButton::Primary, middle, middle - Vec2::new(120.0, 0.0));
+        let view = window.state().view();
+        let moved = 0.5 - view.divider();
+        let expected = 120.0 / (right.right() - left.left());
+        assert!((moved - expected).abs() < 0.1 * expected, "{moved} for {expected}");
+        assert!(view.stop().is_some(), "dragging the divider does not turn the camera");
+        wait_for_picture(&mut window);
+
+        choose(&mut window, 0, "Renderer difference");
+        wait_for_label(&mut window, "|Projected − exact| × 8");
+        window.set_size(Vec2::new(700.0, 420.0));
+        window.run_steps(3);
+        window.render().unwrap();
+        // No room is left for the viewport: nothing to draw, and nothing wrong.
+        window.set_size(Vec2::new(240.0, 60.0));
+        window.run_steps(3);
+        assert!(window.state().snapshot().notices.is_empty());
+    }
+}
+
+#[test]
+fn every_colour_mode_is_offered_or_says_what_is_missing() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    for painting in BOTH {
+        let Some(mut window) = trained(folder.path(), painting) else { return };
+        let told = window.state().snapshot().opened.as_ref().unwrap().told_modes;
+        for mode in ColorMode::ALL.into_iter().rev() {
+            if mode.why_not(told).is_none() {
+                choose(&mut window, 1, mode.label());
+                assert_eq!(window.state().view().settings.color_mode, mode);
+                wait_for_picture(&mut window);
+            } else {
+                window.get_all_by_role(Role::ComboBox).nth(1).unwrap().click();
+                window.run_steps(2);
+                let entry = window.get_by_label(mode.label());
+                assert!(entry.accesskit_node().is_disabled(), "{mode:?}");
+                press(&mut window, Key::Escape);
+            }
+        }
+    }
+}
+
+/// The scene that the window trains, and its dataset.
+fn session(path: &Path) -> Session {
+    let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
+    let mut session = Session::new(dataset, TrainConfig::paper(), Selection::everything()).unwrap();
+    while !matches!(session.step().unwrap(), Step::Finished) {}
+    session
+}
+
+/// What `eval` prints for a view with the window's settings.
+fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
+    let options = EvalOptions { ground_truth: GroundTruth::Composited, render };
+    let views = [stop.index];
+    let (_, scores) =
+        evaluate(&session.splats(), session.dataset(), stop.split, &views, &options, |_| {})
+            .unwrap();
+    format!("PSNR {:.2} dB", scores[0].psnr)
+}
+
+#[test]
+fn photographs_are_stepped_through_and_measured_as_eval_does() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    for painting in BOTH {
+        let Some(mut window) = trained(folder.path(), painting) else { return };
+        let session = session(&folder.path().join("room"));
+        let stop = |window: &Window| window.state().view().stop();
+        press(&mut window, Key::CloseBracket);
+        assert_eq!(stop(&window), Some(Stop::FIRST));
+        window.get_by_label("Camera 1 of 4");
+        press(&mut window, Key::ArrowRight);
+        window.get_by_label("Camera 2 of 4");
+
+        press(&mut window, Key::G);
+        assert_eq!(window.state().view().mode(), ViewMode::PhotoWipe);
+        let options = window.state().view().settings.measured();
+        for key in [Key::ArrowLeft, Key::OpenBracket] {
+            let expected = evaluated(&session, stop(&window).unwrap(), options);
+            wait_for_label(&mut window, &expected);
+            assert_eq!(window.get_all_by_label("Photograph").count(), 2, "button and caption");
+            press(&mut window, key);
+        }
+        window.get_by_label("Camera 4 of 4");
+        choose(&mut window, 0, "Photograph difference");
+        wait_for_label(&mut window, "|Projected − photograph| × 8");
+
+        drag(&mut window, PointerButton::Primary);
+        assert_eq!(stop(&window), None, "turning leaves the dataset's camera");
+        window.get_by_label("Free camera");
+        window.get_by_label("No photograph was taken from here: [ and ] go to one");
+        press(&mut window, Key::CloseBracket);
+        window.get_by_label("Camera 4 of 4");
+        press(&mut window, Key::G);
+        assert_eq!(window.state().view().mode(), ViewMode::Single);
+        assert!(window.query_by_label_contains("PSNR").is_none());
+    }
+}
+
+#[test]
+fn the_latency_panel_tells_what_drawing_takes() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    for (painting, stage) in [(Painting::Auto, "Picture (CPU)"), (Painting::Gpu, "Order (CPU)")] {
+        let Some(mut window) = trained(folder.path(), painting) else { return };
+        wait_for_label(&mut window, stage);
+        let uploads = window.query_by_label("Uploaded, KiB").is_some();
+        assert_eq!(uploads, painting == Painting::Gpu);
+        let is_drawn = |s: &Studio| s.view().drawn().samples().len() > 0;
+        wait(&mut window, "figures", is_drawn);
+    }
+}
