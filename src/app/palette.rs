@@ -39,8 +39,9 @@ impl Palette {
                 }
             }
         }
+        let all_differ = self.moves_range();
         match changed {
-            Some(ids) if !self.moves_range() => self.color(ids),
+            Some(ids) if !all_differ => self.color(ids),
             _ => self.color_all(),
         }
     }

@@ -74,10 +74,10 @@ fn color(c: [f32; 3]) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-/// Three digits, without an exponent where that reads well.
+/// At most four digits behind the point, without an exponent where that reads well.
 pub fn number(value: f64) -> String {
     match value.abs() {
-        0.0 => "0".to_owned(),
+        a if a < 1e6 && a.fract() == 0.0 => format!("{value}"),
         a if (100.0..1e6).contains(&a) => format!("{value:.0}"),
         a if (10.0..100.0).contains(&a) => format!("{value:.1}"),
         a if (1.0..10.0).contains(&a) => format!("{value:.2}"),
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        let shown = [0.0, 12.345, 123456.0, -3.456, 0.01234, 1.234e-5, 5e7].map(number);
-        assert_eq!(shown, ["0", "12.3", "123456", "-3.46", "0.0123", "1.23e-5", "5.00e7"]);
+        let shown = [0.0, 32.0, 12.345, 123456.0, -3.456, 0.01234, 1.234e-5, 5e7].map(number);
+        assert_eq!(shown, ["0", "32", "12.3", "123456", "-3.46", "0.0123", "1.23e-5", "5.00e7"]);
     }
 }
