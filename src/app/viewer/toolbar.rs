@@ -9,7 +9,7 @@ use crate::app::command::Command;
 use crate::app::panels::settings::lens;
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{Button, ComboBox, RichText, Slider, Ui};
+use eframe::egui::{Button, ComboBox, DragValue, RichText, Ui};
 
 /// Draws the strip; what the user asked for beyond it.
 pub fn ui(
@@ -24,12 +24,12 @@ pub fn ui(
         ui.separator();
         modes(view, opened, ui);
         if view.mode.is_difference() {
-            let gain = Slider::new(&mut view.settings.difference_gain, GAINS)
-                .logarithmic(true)
+            let gain = DragValue::new(&mut view.settings.difference_gain)
+                .range(GAINS)
+                .speed(0.2)
                 .max_decimals(0)
                 .prefix("× ");
-            ui.spacing_mut().slider_width = 60.0;
-            ui.add(gain).on_hover_text("How much differences are amplified");
+            ui.add(gain).on_hover_text("How much differences are amplified: drag or click");
         }
         ui.separator();
         colors(view, opened, ui);
