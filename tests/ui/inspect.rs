@@ -171,9 +171,9 @@ fn settled(window: &mut Window) -> BTreeMap<[u8; 4], usize> {
     let started = Instant::now();
     let mut last = Default::default();
     loop {
-        for _ in 0..60 {
+        for _ in 0..8 {
             window.step();
-            std::thread::sleep(Duration::from_millis(15));
+            std::thread::sleep(Duration::from_millis(100));
         }
         let now = colors(window);
         if now == last {
