@@ -7,6 +7,7 @@ mod ui {
     mod camera;
     mod files;
     mod harness;
+    mod inspect;
     mod opening;
     mod states;
     mod viewer;

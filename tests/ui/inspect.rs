@@ -1,30 +1,21 @@
-//! Picking, the Inspector, what colours a scene, and a window that loses its device: the real window,
-//! driven without a display.
-#![cfg(feature = "gui")]
-#![allow(clippy::unwrap_used)]
+//! Picking, the Inspector, what colours a scene, adapters, and a window that loses its device.
 
-mod common;
-
-use common::adapter::{turn, vulkan};
+use super::harness::{PATIENCE, Window, dataset, train, wait, window};
+use crate::common::adapter::{turn, vulkan};
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::color_mode::ColorMode;
+use vbgs_studio::app::drawing::Drawer;
 use vbgs_studio::app::state::{Inspected, RunState, Subject};
 use vbgs_studio::app::{Leave, Painting, Studio};
-use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 use vbgs_studio::export::{Format, WriteOptions};
 use vbgs_studio::model::splats::Splat;
 
-type Window = Harness<'static, Studio>;
-
-/// Longest any condition may take on a loaded machine.
-const PATIENCE: Duration = Duration::from_secs(120);
 /// Middle of the viewport.
 const MIDDLE: Pos2 = Pos2::new(325.0, 340.0);
 
@@ -45,36 +36,6 @@ fn window_and_device(subject: Subject, painting: Painting) -> Option<(Window, wg
     Some((harness, device))
 }
 
-fn window(subject: Subject, painting: Painting) -> Option<Window> {
-    Some(window_and_device(subject, painting)?.0)
-}
-
-/// Steps the window until the condition holds.
-fn wait(window: &mut Window, what: &str, condition: impl Fn(&Studio) -> bool) {
-    let started = Instant::now();
-    while !condition(window.state()) {
-        let state = window.state().snapshot().state;
-        assert!(started.elapsed() < PATIENCE, "waited for {what}, still {state:?}");
-        window.step();
-        std::thread::sleep(Duration::from_millis(10));
-    }
-}
-
-fn train(window: &mut Window) {
-    wait(window, "ready", |s| s.snapshot().state == RunState::Ready);
-    window.key_press(Key::Space);
-    wait(window, "the end", |s| s.snapshot().state == RunState::Finished);
-    wait(window, "splats", |s| s.n_drawn() > 100);
-}
-
-fn dataset(folder: &Path, n_train: usize) -> PathBuf {
-    let path = folder.join("room");
-    let params =
-        SyntheticParams { width: 64, height: 48, n_train, n_eval: 1, seed: 1, depth_noise: 0.0 };
-    write(&params, &path, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {}).unwrap();
-    path
-}
-
 fn click_at(window: &mut Window, pos: Pos2) {
     let button = |pressed| Event::PointerButton {
         pos,
@@ -91,9 +52,9 @@ fn click_at(window: &mut Window, pos: Pos2) {
 }
 
 /// Colours in the middle of the picture, with how often each is there.
-fn colors(window: &mut Window) -> std::collections::BTreeMap<[u8; 4], usize> {
+fn colors(window: &mut Window) -> BTreeMap<[u8; 4], usize> {
     let image = window.render().unwrap();
-    let mut colors = std::collections::BTreeMap::new();
+    let mut colors = BTreeMap::new();
     for y in (200..440).step_by(3) {
         for x in (120..540).step_by(3) {
             *colors.entry(image.get_pixel(x, y).0).or_default() += 1;
@@ -107,8 +68,9 @@ fn a_click_shows_the_posterior_and_escape_forgets_it() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let subject = Subject::Path(dataset(folder.path(), 3));
-    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
     click_at(&mut window, MIDDLE);
     wait(&mut window, "the selection", |s| s.snapshot().inspected.is_some());
     window.run_steps(2);
@@ -140,7 +102,7 @@ fn a_splat_of_a_file_is_picked_where_it_is_and_nothing_beside_it() {
     };
     let splats = [splat(-3.0), splat(0.0), splat(3.0)];
     vbgs_studio::export::write(&file, &splats, &WriteOptions::new(Format::Ply)).unwrap();
-    let Some(mut window) = window(Subject::Path(file), Painting::Auto) else { return };
+    let Some(mut window) = window(Some(Subject::Path(file)), Painting::Auto) else { return };
     wait(&mut window, "splats", |s| s.n_drawn() == 3);
     click_at(&mut window, MIDDLE);
     wait(&mut window, "the selection", |s| s.snapshot().inspected.is_some());
@@ -165,7 +127,7 @@ fn every_colour_that_stands_for_something_is_shown_with_its_legend() {
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 6);
     for painting in [Painting::Auto, Painting::Gpu] {
-        let Some(mut window) = window(Subject::Path(path.clone()), painting) else { return };
+        let Some(mut window) = window(Some(Subject::Path(path.clone())), painting) else { return };
         wait(&mut window, "ready", |s| s.snapshot().state == RunState::Ready);
         for n in 1..=3 {
             window.get_by_label("Step").click();
@@ -205,13 +167,13 @@ fn choose_color(window: &mut Window, mode: ColorMode) {
 }
 
 /// The middle of the picture once it no longer changes.
-fn settled(window: &mut Window) -> std::collections::BTreeMap<[u8; 4], usize> {
+fn settled(window: &mut Window) -> BTreeMap<[u8; 4], usize> {
     let started = Instant::now();
     let mut last = Default::default();
     loop {
-        for _ in 0..60 {
+        for _ in 0..8 {
             window.step();
-            std::thread::sleep(Duration::from_millis(15));
+            std::thread::sleep(Duration::from_millis(100));
         }
         let now = colors(window);
         if now == last {
@@ -241,11 +203,38 @@ fn settings_list_the_adapters() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let subject = Subject::Path(dataset(folder.path(), 2));
-    let Some(mut window) = window(subject, Painting::Gpu) else { return };
+    let Some(mut window) = window(Some(subject), Painting::Gpu) else { return };
     wait(&mut window, "ready", |s| s.snapshot().state == RunState::Ready);
     window.get_by_label("Settings").click();
     window.run_steps(2);
     window.get_by_label("Graphics adapter");
     window.get_by_label("Choose automatically");
     assert!(window.query_by_label("Retry GPU").is_none(), "nothing failed");
+}
+
+#[test]
+fn after_a_fault_the_cpu_draws_until_the_gpu_is_tried_again() {
+    let _turn = turn();
+    let Some((mut window, device)) = window_and_device(Subject::Demo, Painting::Gpu) else {
+        return;
+    };
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    let impossible = wgpu::BufferDescriptor {
+        label: None,
+        size: 3,
+        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::MAP_WRITE,
+        mapped_at_creation: true,
+    };
+    drop(device.create_buffer(&impossible));
+    wait(&mut window, "the CPU", |s| s.view().drawn().drawer == Drawer::Cpu);
+    let told = |s: &Studio| s.snapshot().notices.iter().any(|n| n.text.contains("the CPU draws"));
+    wait(&mut window, "word of it", told);
+    window.get_by_label("Settings").click();
+    window.run_steps(2);
+    window.get_by_label("Retry GPU").click();
+    wait(&mut window, "the GPU", |s| s.view().drawn().drawer != Drawer::Cpu);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    assert_eq!(window.state().exit().why(), Leave::Closed, "the window stays");
+    window.run_steps(2);
+    assert!(window.query_by_label("Retry GPU").is_none());
 }
