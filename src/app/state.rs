@@ -110,10 +110,10 @@ pub struct Opened {
 }
 
 /// What is known of the splat that the user selected.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Inspected {
     /// A component of the model in training.
-    Component(Inspection),
+    Component(Box<Inspection>),
     /// A splat of a file.
     Splat {
         /// Its place in the file.

@@ -521,7 +521,7 @@ impl Trainer {
     fn inspect(&self) -> Option<Arc<Inspected>> {
         let id = self.inspecting?;
         let inspected = match self.content.as_ref()? {
-            Content::Session(session) => Inspected::Component(session.inspect(id)?),
+            Content::Session(session) => Inspected::Component(Box::new(session.inspect(id)?)),
             Content::Model(splats) => Inspected::Splat { id, splat: *splats.get(id as usize)? },
         };
         Some(Arc::new(inspected))

@@ -75,7 +75,7 @@ fn a_click_shows_the_posterior_and_escape_forgets_it() {
     wait(&mut window, "the selection", |s| s.snapshot().inspected.is_some());
     window.run_steps(2);
     let inspected = window.state().snapshot().inspected.clone().unwrap();
-    let Inspected::Component(component) = *inspected else { panic!("{inspected:?}") };
+    let Inspected::Component(component) = &*inspected else { panic!("{inspected:?}") };
     assert!(component.posterior.count > 0.0 && component.weight > 0.0);
     assert_eq!(component.posterior.alpha, component.posterior.count + 1e-5);
     window.get_by_label(&format!("Component {}", component.id));
