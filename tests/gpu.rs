@@ -7,6 +7,7 @@ mod gpu {
     mod borders;
     mod compare;
     mod device;
+    mod exactness;
     mod faults;
     mod golden;
     mod hostile;

@@ -1,0 +1,34 @@
+//! The exact renderer of the GPU against maxima found by search (see `common/exactness.rs`).
+
+use super::device::Gpu;
+use crate::common::exactness::{Tolerance, check};
+use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::gpu::renderer::Path;
+
+/// Half floats hold alpha to 5e-4; a real driver's arithmetic adds a little.
+const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };
+
+#[test]
+#[ignore = "half a minute or more: two thousand pictures"]
+fn no_awkward_splat_is_wrong_or_missing() {
+    let Some(gpu) = Gpu::new() else { return };
+    for path in [Path::Quads, Path::Tiles] {
+        let mut renderer = gpu.renderer();
+        renderer.set_path(path);
+        // One scene throughout: its pipelines take longer than a picture.
+        let mut scene = gpu.scene(&[Splat::default()]);
+        let figures = check(
+            |case| {
+                let splats = [case.splat];
+                scene.update(&gpu.device, &gpu.queue, &[0], &splats).unwrap();
+                gpu.draw(&mut renderer, &mut scene, &splats, &case.camera, &case.options);
+                gpu.read(&renderer).map(|&[.., alpha]| f64::from(alpha))
+            },
+            TOLERANCE,
+        );
+        println!("{path}: {figures:?}");
+        assert_eq!(figures.n_splats, 1000);
+        assert!(figures.n_on_cut * 100 < figures.n_rays, "{figures:?}");
+    }
+    gpu.assert_no_faults();
+}
