@@ -3,7 +3,7 @@
 use super::record::Rect;
 use super::view::{Placed, View};
 use crate::render::Response;
-use glam::{DMat3, DVec2};
+use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Pixels that the ellipsoid of the alpha cut covers; tight through a pinhole.
@@ -50,50 +50,93 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     }
 }
 
-/// Pixels of the box around the cone that holds the ellipsoid of the alpha cut.
+/// Pixels of a box around the ellipsoid of the alpha cut as a fisheye sees it.
+///
+/// The ellipsoid's shadow lies in a rectangle of the plane that touches the unit sphere at the
+/// centre's direction, one side along growing `θ`. Straight lines there are great circles, on which
+/// `θ` and the azimuth are largest and smallest at the corners or half way, see [`FisheyeBox`].
 pub(super) fn fisheye(
     view: &View,
     placed: &Placed,
     extent_squared: f64,
     response: Response,
 ) -> Option<Rect> {
-    let (m, k) = (placed.m, &view.intrinsics);
-    let sine = extent_squared.sqrt() * placed.scale.max_element() / m.length();
+    let (k, reach) = (&view.intrinsics, placed.m.length());
+    let ahead = placed.m / reach;
+    let azimuth = ahead.y.atan2(ahead.x);
+    let outwards = DVec2::from_angle(azimuth);
+    let tangential = DVec3::new(-outwards.y, outwards.x, 0.0);
+    let radial = tangential.cross(ahead);
+    let scaled = placed.axes * DMat3::from_diagonal(placed.scale * extent_squared.sqrt());
+    let [r, t, m] = [radial, tangential, ahead].map(|axis| scaled.transpose_mul_vec3(axis));
+    let mm = m.length_squared();
     // The line through a pixel also sees what lies opposite.
-    if sine >= 1.0 || response == Response::Line {
+    if mm >= reach * reach || response == Response::Line {
         return view.clip(DVec2::ZERO, DVec2::INFINITY);
     }
-    let half = sine.asin();
-    let theta = m.truncate().length().atan2(m.z);
-    let (inner, outer) = (theta - half, theta + half);
-    // Around the axis or its opposite the cone reaches every azimuth.
-    let (lo, hi) = if inner <= 0.0 || outer >= PI {
-        (DVec2::splat(-outer.min(PI)), DVec2::splat(outer.min(PI)))
-    } else {
-        let spread = (sine / theta.sin()).min(1.0).asin();
-        sector_box(m.y.atan2(m.x), spread, inner, outer)
+    let range = |side: DVec3| tangent_range(0.0, reach, side.length_squared(), side.dot(m), mm);
+    let shadow = FisheyeBox {
+        theta: ahead.truncate().length().atan2(ahead.z),
+        radial: range(r),
+        tangential: range(t),
     };
+    let (lo, hi) = shadow.bounds(azimuth);
     let focal = DVec2::new(k.fx, k.fy);
     let principal = DVec2::new(k.cx, k.cy);
     view.pixels(lo * focal + principal, hi * focal + principal)
 }
 
-/// Box of the points at an azimuth within `spread` of `middle` and a radius from `inner` to `outer`.
-fn sector_box(middle: f64, spread: f64, inner: f64, outer: f64) -> (DVec2, DVec2) {
+/// A rectangle of the plane that touches the unit sphere at an angle `theta` from the axis.
+struct FisheyeBox {
+    theta: f64,
+    /// Along growing `θ`.
+    radial: (f64, f64),
+    /// Along growing azimuth.
+    tangential: (f64, f64),
+}
+
+impl FisheyeBox {
+    /// Its box in an equidistant fisheye, radians from the principal point.
+    fn bounds(&self, azimuth: f64) -> (DVec2, DVec2) {
+        let (sin, cos) = self.theta.sin_cos();
+        let (mut inner, mut outer) = (f64::INFINITY, 0.0f64);
+        let (mut first, mut last, mut holds_axis) = (0.0f64, 0.0f64, false);
+        for a in [self.radial.0, self.radial.1] {
+            let (out, ahead) = (sin + a * cos, cos - a * sin);
+            // On the axis or past it: every azimuth.
+            holds_axis |= out <= 0.0;
+            for b in [self.tangential.0, 0.0, self.tangential.1] {
+                let theta = out.hypot(b).atan2(ahead);
+                inner = inner.min(theta);
+                outer = outer.max(theta);
+                first = first.min(b.atan2(out));
+                last = last.max(b.atan2(out));
+            }
+        }
+        if holds_axis {
+            // Past the opposite of the axis, the corners do not say how far.
+            let outer = if cos < 0.0 { PI } else { outer };
+            return (DVec2::splat(-outer), DVec2::splat(outer));
+        }
+        sector_box(azimuth + first, azimuth + last, inner, outer)
+    }
+}
+
+/// Box of the points at an azimuth from `first` to `last` and a radius from `inner` to `outer`.
+fn sector_box(first: f64, last: f64, inner: f64, outer: f64) -> (DVec2, DVec2) {
     let (mut lo, mut hi) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     let mut hold = |azimuth: f64, radius: f64| {
         let point = radius * DVec2::from_angle(azimuth);
         lo = lo.min(point);
         hi = hi.max(point);
     };
-    for azimuth in [middle - spread, middle + spread] {
+    for azimuth in [first, last] {
         hold(azimuth, inner);
         hold(azimuth, outer);
     }
     // Where the outer arc crosses an axis it reaches farther than at its ends.
-    let first = ((middle - spread) / FRAC_PI_2).ceil() as i32;
-    let last = ((middle + spread) / FRAC_PI_2).floor() as i32;
-    for quarter in first..=last {
+    let quarters = (first / FRAC_PI_2).ceil() as i32..=(last / FRAC_PI_2).floor() as i32;
+    for quarter in quarters {
         hold(quarter as f64 * FRAC_PI_2, outer);
     }
     (lo, hi)
