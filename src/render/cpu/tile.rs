@@ -142,7 +142,9 @@ impl Tile {
         let columns = span(splat.rect.x0, splat.rect.x1, self.left);
         let groups = columns.start / LANES..columns.end.div_ceil(LANES);
         let x0 = self.left as f32 + 0.5 - splat.u;
-        let x = LANE_COLUMNS.map(|columns| V::load(&columns) + V::splat(x0));
+        // Closures over vectors are not compiled for the instruction set; this is spelled out.
+        let x =
+            [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];
         for row in rows {
             if self.open_rows & (1 << row) == 0 {
                 continue;
@@ -153,7 +155,8 @@ impl Tile {
                 let group = row * GROUPS + half;
                 let response = match (frame, &self.rays) {
                     (Some(frame), Some(rays)) => {
-                        let ray = [0, 1, 2].map(|axis| V::load(&rays[axis][group]));
+                        let [x, y, z] = &**rays;
+                        let ray = [V::load(&x[group]), V::load(&y[group]), V::load(&z[group])];
                         through_fisheye(splat, frame, ray, least_front)
                     }
                     _ => through_plane::<V, FORM>(splat, [x[half], y], least_front),
@@ -254,10 +257,14 @@ fn through_fisheye<V: Vector>(
     ray: [V; 3],
     least_front: f32,
 ) -> Response<V> {
-    let [x, y, share] = frame.rows.map(|row| {
-        ray[0] * V::splat(row[0]) + ray[1] * V::splat(row[1]) + ray[2] * V::splat(row[2])
-    });
-    respond(splat, [x, y], numerator(splat, [x, y]), share, least_front)
+    let [to_x, to_y, ahead] = frame.rows;
+    let offset = [along(to_x, ray), along(to_y, ray)];
+    respond(splat, offset, numerator(splat, offset), along(ahead, ray), least_front)
+}
+
+#[inline(always)]
+fn along<V: Vector>(axis: [f32; 3], ray: [V; 3]) -> V {
+    ray[0] * V::splat(axis[0]) + ray[1] * V::splat(axis[1]) + ray[2] * V::splat(axis[2])
 }
 
 #[inline(always)]
