@@ -71,7 +71,7 @@ pub fn write(
     splats: &[Splat],
     options: &WriteOptions,
 ) -> Result<WriteSummary, ExportError> {
-    let n_written = splats.iter().filter(|s| s.is_drawable()).count();
+    let n_written = splats.iter().filter(|s| s.is_finite()).count();
     let n_skipped = splats.len() - n_written;
     if n_written == 0 {
         return Err(Fault::NothingToExport { n_splats: splats.len() }.at(path));
@@ -107,7 +107,7 @@ fn prepare<'a>(
 }
 
 fn drawable(splats: &[Splat]) -> impl Iterator<Item = gaussian::Gaussian> + Clone {
-    splats.iter().filter(|s| s.is_drawable()).map(gaussian::Gaussian::of)
+    splats.iter().filter(|s| s.is_finite()).map(gaussian::Gaussian::of)
 }
 
 fn check_comments(comments: &[String]) -> Result<(), Fault> {

@@ -56,6 +56,18 @@ impl Default for Splat {
 }
 
 impl Splat {
+    /// Whether the slot holds a splat whose every field is finite. Files can hold it: what else a
+    /// renderer could not draw is floored or normalised on the way.
+    pub fn is_finite(&self) -> bool {
+        let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
+        self.opacity > 0.0
+            && self.opacity.is_finite()
+            && finite(&self.mean)
+            && finite(&self.color)
+            && finite(&self.scale)
+            && finite(&self.rotation)
+    }
+
     /// Whether the slot holds a splat and that can be drawn.
     pub fn is_drawable(&self) -> bool {
         self.opacity > 0.0 && self.is_valid()
@@ -158,10 +170,10 @@ fn trace_formula_quaternion(m: DMat3) -> DQuat {
     if q.w < 0.0 { -q } else { q }
 }
 
-/// Axis-aligned bounds of the centres of drawable splats, or `None` if there is none.
+/// Axis-aligned bounds of the centres of finite splats, or `None` if there is none.
 pub fn bounds(splats: &[Splat]) -> Option<(DVec3, DVec3)> {
     let mut centres =
-        splats.iter().filter(|s| s.is_drawable()).map(|s| DVec3::from_array(s.mean.map(f64::from)));
+        splats.iter().filter(|s| s.is_finite()).map(|s| DVec3::from_array(s.mean.map(f64::from)));
     let first = centres.next()?;
     Some(centres.fold((first, first), |(lo, hi), c| (lo.min(c), hi.max(c))))
 }
@@ -185,11 +197,11 @@ impl Framing {
     }
 }
 
-/// Framing of the drawable splats, or `None` if there is none.
+/// Framing of the finite splats, or `None` if there is none.
 pub fn framing(splats: &[Splat]) -> Option<Framing> {
     let centres: Vec<DVec3> = splats
         .iter()
-        .filter(|s| s.is_drawable())
+        .filter(|s| s.is_finite())
         .map(|s| DVec3::from_array(s.mean.map(f64::from)))
         .collect();
     let quantile = |mut values: Vec<f64>, share: f64| {

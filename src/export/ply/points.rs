@@ -47,7 +47,7 @@ pub(in crate::export) fn points(
     out.write_all(header.as_bytes())?;
     let turn = turn(options.axes);
     let vector = |v: DVec3| turn.vector(v).to_array().map(|x| (x as f32).to_le_bytes());
-    for (i, splat) in splats.iter().enumerate().filter(|(_, s)| s.is_drawable()) {
+    for (i, splat) in splats.iter().enumerate().filter(|(_, s)| s.is_finite()) {
         let point = Gaussian::of(splat);
         out.write_all(vector(point.mean).as_flattened())?;
         if let Some(normal) = normal(&point, options.camera_centres) {
