@@ -26,5 +26,5 @@ gate cargo build --locked --release --no-default-features
 gate cargo test --release
 gate cargo test --release -- --ignored
 # What machines without AVX2 run passes the same tests.
-gate env VBGS_SIMD=portable cargo test --release --lib --test inference --test engine
+gate env VBGS_SIMD=portable cargo test --release --lib --test inference --test engine --test render
 printf '\n=== every gate passed in %d s\n' "$SECONDS"
