@@ -2,7 +2,6 @@
 
 use super::pose::Pose;
 use glam::{DVec2, DVec3};
-use std::f64::consts::PI;
 
 /// Pinhole intrinsics in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,15 +70,6 @@ impl Intrinsics {
             1.0,
         )
     }
-
-    /// Unit direction through the centre of a pixel of an equidistant fisheye, where `fx` and `fy`
-    /// are pixels per radian; `None` beyond half a turn (`rendering.md` (c)).
-    pub fn fisheye_ray(&self, column: usize, row: usize) -> Option<DVec3> {
-        let angles = self.ray(column, row).truncate();
-        let theta = angles.length();
-        let sinc = if theta > 0.0 { theta.sin() / theta } else { 1.0 };
-        (theta <= PI).then(|| (angles * sinc).extend(theta.cos()))
-    }
 }
 
 /// Intrinsics and pose.
@@ -116,15 +106,6 @@ mod tests {
         assert!((pixel - DVec2::new(10.5, 40.5)).length() < 1e-10);
         assert!((z - 2.5).abs() < 1e-12);
         assert!((camera.intrinsics.fov_x() - 0.9).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_fisheye_pixel_is_an_angle() {
-        let k = Intrinsics { width: 400, height: 300, fx: 100.0, fy: 100.0, cx: 0.5, cy: 100.5 };
-        assert_eq!(k.fisheye_ray(0, 100), Some(DVec3::Z));
-        let half_turn = k.fisheye_ray(157, 100).unwrap();
-        assert!((half_turn - DVec3::X).length() < 1e-3);
-        assert!(k.fisheye_ray(314, 100).is_some() && k.fisheye_ray(315, 100).is_none());
     }
 
     #[test]

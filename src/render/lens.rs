@@ -6,8 +6,8 @@ use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
 
 impl Lens {
-    /// Direction in camera space, of any length, of a continuous position in the image (pixels);
-    /// `None` where the lens shows nothing (`rendering.md` (c), wide field of view and fisheye).
+    /// Direction in camera space of a continuous position in the image (pixels), with `z = 1` through
+    /// a pinhole and of unit length through a fisheye; `None` where the lens shows nothing (`rendering.md` (c), wide field of view and fisheye).
     pub fn ray(self, k: &Intrinsics, position: DVec2) -> Option<DVec3> {
         let offset = (position - DVec2::new(k.cx, k.cy)) / DVec2::new(k.fx, k.fy);
         match self {
@@ -40,6 +40,15 @@ impl Lens {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_fisheye_pixel_is_an_angle() {
+        let k = Intrinsics { width: 400, height: 300, fx: 100.0, fy: 100.0, cx: 0.5, cy: 100.5 };
+        let ray = |column: f64| Lens::Fisheye.ray(&k, DVec2::new(column + 0.5, 100.5));
+        assert_eq!(ray(0.0), Some(DVec3::Z));
+        assert!((ray(157.0).unwrap() - DVec3::X).length() < 1e-3);
+        assert!(ray(314.0).is_some() && ray(315.0).is_none());
+    }
 
     #[test]
     fn points_along_a_ray_are_seen_where_it_starts() {

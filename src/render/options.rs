@@ -1,6 +1,8 @@
 //! What a view needs besides splats and camera.
 
-use super::{EVALUATION_NEAR, VIEWPORT_NEAR_SHARE};
+use super::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
+use crate::model::splats::Splat;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
@@ -156,6 +158,13 @@ pub struct Look {
 impl Look {
     /// Splats as they are.
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
+
+    /// A splat's standard deviations as they are drawn, world units: the factor and the floor of
+    /// `rendering.md` (a) applied.
+    pub fn scales(&self, splat: &Splat) -> DVec3 {
+        let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
+        scales.max(DVec3::splat(SCALE_FLOOR * scales.max_element().max(1.0)))
+    }
 }
 
 /// What a view needs besides splats and camera.

@@ -1,6 +1,5 @@
 //! The rim of a splat as a camera sees it.
 
-use super::pick::floored;
 use super::{Look, Method};
 use crate::math::camera::Camera;
 use crate::model::splats::Splat;
@@ -30,7 +29,7 @@ pub fn outline(
     let [w, x, y, z] = splat.rotation.map(f64::from);
     let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
     let axes = camera.pose.rotation().transpose() * rotation;
-    let scale = floored(splat, look.scale);
+    let scale = look.scales(splat);
     let mean = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
     let p = rotation.transpose_mul_vec3(mean) / scale;
     let depth = 1.0 - radius * radius / p.length_squared();

@@ -3,7 +3,7 @@
 
 use super::{
     ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens,
-    Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, SCALE_FLOOR, TRANSMITTANCE_STOP,
+    Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, TRANSMITTANCE_STOP,
 };
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splats::Splat;
@@ -104,7 +104,7 @@ impl Eye {
         let [w, x, y, z] = splat.rotation.map(f64::from);
         let axes =
             self.camera_from_world * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
-        let scale = floored(splat, self.look.scale);
+        let scale = self.look.scales(splat);
         let (depth, opacity, distance2) = match self.method {
             Method::Projected(_) => (m.z, opacity, self.projected(m, axes, scale)?),
             Method::Exact(exact) => {
@@ -168,12 +168,6 @@ impl Eye {
         };
         (opacity >= ALPHA_CUT && distance2.is_finite()).then_some((opacity, distance2))
     }
-}
-
-/// Standard deviations as renderers take them, world units (`rendering.md` (a)).
-pub(super) fn floored(splat: &Splat, factor: f32) -> DVec3 {
-    let scale = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(factor);
-    scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0)))
 }
 
 #[cfg(test)]

@@ -4,7 +4,8 @@ use super::lanes::exp2;
 use super::record::{Frame, Gradient, Record, Records};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, Vector};
-use crate::render::{ALPHA_CAP, GRADIENT_LIMIT, TILE, TRANSMITTANCE_STOP};
+use crate::render::{ALPHA_CAP, GRADIENT_LIMIT, Lens, TILE, TRANSMITTANCE_STOP};
+use glam::DVec2;
 
 /// Groups of lanes per row of a tile.
 const GROUPS: usize = TILE / LANES;
@@ -85,7 +86,8 @@ impl Tile {
             for lane in 0..LANES {
                 let column = self.left + group % GROUPS * LANES + lane;
                 let row = self.top + group / GROUPS;
-                let ray = k.fisheye_ray(column, row);
+                let centre = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let ray = Lens::Fisheye.ray(k, centre);
                 if ray.is_none() {
                     self.transmittance[group][lane] = -1.0;
                 }

@@ -6,7 +6,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splats::Splat;
 use crate::render::{
     ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
-    REFERENCE_VARIANCE, RenderOptions, SCALE_FLOOR,
+    REFERENCE_VARIANCE, RenderOptions,
 };
 use glam::{DMat3, DVec2, DVec3};
 
@@ -74,9 +74,7 @@ impl View {
             return None;
         }
         let axes = self.camera_from_world * axes_of(splat.rotation);
-        let scale = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.look.scale);
-        let scale = scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0)));
-        Some(Placed { m, axes, scale, opacity })
+        Some(Placed { m, axes, scale: self.look.scales(splat), opacity })
     }
 
     /// Casts saturate: far outside is empty, infinite is the whole image.

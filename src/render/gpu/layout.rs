@@ -57,13 +57,13 @@ pub struct GpuSplat {
 }
 
 impl GpuSplat {
-    /// The record of a splat. One that cannot be drawn (empty, non-finite, no rotation) becomes all
+    /// The record of a splat. One that cannot be drawn (empty or not valid) becomes all
     /// zeros, so no shader meets a NaN.
     pub fn new(splat: &Splat) -> Self {
-        let norm = splat.rotation.iter().map(|&q| f64::from(q).powi(2)).sum::<f64>().sqrt();
-        if !splat.is_drawable() || norm == 0.0 {
+        if !splat.is_drawable() {
             return bytemuck::Zeroable::zeroed();
         }
+        let norm = splat.rotation.iter().map(|&q| f64::from(q).powi(2)).sum::<f64>().sqrt();
         let [w, x, y, z] = splat.rotation.map(|q| (f64::from(q) / norm) as f32);
         Self {
             mean: splat.mean,
