@@ -58,7 +58,10 @@ pub fn train(window: &mut Window) {
     wait(window, "the end", is(RunState::Finished));
 }
 
+/// Presses what is labelled so. What the worker published since the last frame is laid out first:
+/// otherwise the press lands where the button was.
 pub fn click(window: &mut Window, label: &str) {
+    window.run_steps(2);
     window.get_by_label(label).click();
     window.run_steps(2);
 }
