@@ -6,6 +6,7 @@
 pub mod camera;
 pub mod fixed;
 pub mod image;
+pub mod observation;
 pub mod orbit;
 pub mod points;
 pub mod pose;
