@@ -4,7 +4,7 @@ use super::args::{ComparisonArgs, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
-use super::settings::{asked, selection, train_config};
+use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
 use std::path::Path;
@@ -15,13 +15,13 @@ use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Lens, Method};
-use vbgs_studio::train::config::TrainConfig;
+use vbgs_studio::pipeline::method::Asked as AskedMethod;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = match &args.resume {
-        None => Start::New(Box::new(train_config(args)?)),
+        None => Start::New(Box::new(method(args)?)),
         Some(path) => {
             let asked = Box::new(asked(args)?);
             Start::Saved(Box::new(saved_run(path, &asked)?), asked)
@@ -83,12 +83,12 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
 
 /// Frames learnt over the whole run.
 fn learnt(session: &Session) -> usize {
-    session.engine().frames() as usize
+    session.learner().frames() as usize
 }
 
 /// Where training starts from.
 enum Start {
-    New(Box<TrainConfig>),
+    New(Box<AskedMethod>),
     Saved(Box<SavedRun>, Box<Asked>),
 }
 
@@ -143,11 +143,11 @@ const CHECKPOINT: &str = "checkpoint.vbgs";
 
 /// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
 fn save_model(session: &Session, out: &Path) -> Result<&'static str, Failure> {
-    if session.engine().used() == 0 {
+    if session.learner().used() == 0 {
         return Ok("");
     }
     session.save(&out.join(CHECKPOINT))?;
-    let comments = conversion_comments(&session.config().train);
+    let comments = conversion_comments(&session.config().method);
     let options =
         WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
     write(&out.join("scene.ply"), &session.splats(), &options)?;

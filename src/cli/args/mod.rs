@@ -4,12 +4,14 @@ mod eval;
 mod parse;
 mod render;
 mod renderer;
+mod scene;
 mod train;
 
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
 pub use parse::{choice, parse_count, parse_size};
 pub use render::{AxisName, PaintName, RenderArgs};
 pub use renderer::RendererArgs;
+pub use scene::{Part, SceneArgs, SensorName};
 pub use train::{ConversionName, TrainArgs};
 
 use super::bench::BenchArgs;

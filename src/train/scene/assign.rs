@@ -17,8 +17,7 @@ struct Near {
     seeds: Vec<[f32; 3]>,
 }
 
-/// Replaces `owners` by the component of every point; [`NONE`] where no seed is near enough. Points
-/// must be within the grid's reach.
+/// Replaces `owners` by the component of every point; [`NONE`] where no seed is near enough.
 pub fn assign(grid: &SeedGrid, reach: f32, points: &[SurfacePoint], owners: &mut Vec<u32>) {
     owners.clear();
     owners.resize(points.len(), NONE);
@@ -36,7 +35,7 @@ fn assign_group(
     near: &mut Near,
 ) {
     let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-    for point in points {
+    for point in points.iter().filter(|p| grid.reaches(p.position)) {
         let cell = grid.cell_of(point.position);
         for axis in 0..3 {
             low[axis] = low[axis].min(cell[axis] - 1);
@@ -44,6 +43,9 @@ fn assign_group(
         }
     }
     let cells: i64 = (0..3).map(|i| i64::from(high[i]) - i64::from(low[i]) + 1).product();
+    if cells <= 0 {
+        return; // no point within reach
+    }
     if cells > MOST_CELLS {
         for (point, owner) in points.iter().zip(owners) {
             *owner = grid.nearest(point.position).unwrap_or(NONE);

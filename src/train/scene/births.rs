@@ -12,6 +12,8 @@ pub struct Births {
     pub born: usize,
     /// Points that found no component because there may be no more.
     pub refused: usize,
+    /// Points too far from the origin to be told from their neighbours.
+    pub out_of_reach: usize,
 }
 
 /// Gives the points of [`NONE`] an owner: a seed of this frame within the structural scale, or one
@@ -33,6 +35,10 @@ pub fn give_birth(
         };
         *owner = match found {
             Some(id) => id,
+            None if !grid.reaches(place) => {
+                births.out_of_reach += 1;
+                NONE
+            }
             None if grid.len() < most => {
                 births.born += 1;
                 grid.insert(place)

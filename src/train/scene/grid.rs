@@ -112,6 +112,9 @@ impl SeedGrid {
 
     /// The nearest seed within a cell's width of a place; of equals the oldest.
     pub fn nearest(&self, position: [f32; 3]) -> Option<u32> {
+        if !self.reaches(position) {
+            return None;
+        }
         let (mut best, mut found) = (self.cell * self.cell, NONE);
         let cell = self.cell_of(position);
         self.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |id, seed| {
@@ -125,6 +128,9 @@ impl SeedGrid {
 
     /// The seed at exactly this place.
     pub fn at(&self, position: [f32; 3]) -> Option<u32> {
+        if !self.reaches(position) {
+            return None;
+        }
         let cell = self.cell_of(position);
         let mut found = None;
         self.visit(cell, cell, |id, seed| {

@@ -42,26 +42,32 @@ impl Word for i32 {
     }
 }
 
-/// The oracle.
-impl Word for f64 {
-    type Term = f64;
-    const MOST: u32 = u32::MAX;
+macro_rules! plain_word {
+    ($t:ty) => {
+        impl Word for $t {
+            type Term = $t;
+            const MOST: u32 = u32::MAX;
 
-    #[inline(always)]
-    fn of(term: f64) -> Self {
-        term
-    }
+            #[inline(always)]
+            fn of(term: $t) -> Self {
+                term
+            }
 
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self + other
-    }
+            #[inline(always)]
+            fn plus(self, other: Self) -> Self {
+                self + other
+            }
 
-    #[inline(always)]
-    fn value(self) -> f64 {
-        self
-    }
+            #[inline(always)]
+            fn value(self) -> f64 {
+                self.into()
+            }
+        }
+    };
 }
+
+plain_word!(f32);
+plain_word!(f64);
 
 /// Quanta per unit of the integer sums.
 const QUANTA: f32 = 32768.0;

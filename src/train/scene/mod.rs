@@ -6,6 +6,8 @@
 //! responsibility is the one with the nearest seed.
 
 pub mod config;
+pub mod engine;
+pub mod trainer;
 
 mod accumulate;
 mod assign;
@@ -16,4 +18,3 @@ mod ledger;
 mod lattice;
 mod observe;
 mod refine;
-pub mod trainer;

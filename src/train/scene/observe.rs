@@ -1,7 +1,7 @@
 //! Which components a frame could see: evidence for and against them (`accuracy.md` 3, step 4).
 
 use super::grid::SeedGrid;
-use super::ledger::{Ledger, Look, Row, Word};
+use super::ledger::{Ledger, Look, Word};
 use crate::math::observation::Observation;
 use glam::{DMat3, DVec3};
 

@@ -5,15 +5,19 @@ use super::assign::assign;
 use super::births::{Births, assign_to_lattice, give_birth};
 use super::config::{BirthRule, LookRule, SceneConfig};
 use super::gain::gain;
-use super::grid::{NONE, SeedGrid};
+use super::grid::{NONE, SeedGrid, squared_distance};
 use super::ledger::{Ledger, Word};
 use super::observe::observe;
 use super::refine::shift;
 use crate::math::observation::{Observation, SurfacePoint};
-use crate::model::appearance::Appearance;
+use crate::model::appearance::{Appearance, SplatSet};
+use crate::model::posterior::ComponentPosterior;
+use crate::model::prior::Hyper;
 use crate::model::scene::native::Anchor;
 use crate::model::scene::sums::SceneSums;
 use crate::model::splats::Splat;
+use crate::train::estep::Scoring;
+use crate::train::ownership::Ownership;
 use crate::train::timing::{StageMs, Stopwatch};
 use crate::train::trainer::FrameOutcome;
 use glam::DVec3;
@@ -23,28 +27,36 @@ use rayon::prelude::*;
 pub struct SceneTrainer<W> {
     config: SceneConfig,
     origin: DVec3,
-    most: usize,
+    hyper: Hyper,
+    scoring: Scoring,
     grid: SeedGrid,
     ledger: Ledger<W>,
     owners: Vec<u32>,
     shifts: Vec<f32>,
+    /// Squared distance of every point of the last frame from its seed.
+    q: Vec<f64>,
+    /// Kept only while somebody asks for it.
+    ownership: Option<Ownership>,
     touched: Vec<u32>,
     frames: u64,
     births: Births,
 }
 
 impl<W: Word> SceneTrainer<W> {
-    /// A scene without components, whose positions are kept relative to `origin` (world units);
-    /// at most `most` components will be born.
-    pub fn new(config: &SceneConfig, origin: DVec3, most: usize) -> Self {
+    /// A scene without components, whose positions are kept relative to `origin` (world units).
+    pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
+        let hyper = Hyper::scene(config.h);
         Self {
             config: config.clone(),
             origin,
-            most,
+            hyper,
+            scoring: Scoring::new(&hyper),
             grid: SeedGrid::new(config.h),
             ledger: Ledger::default(),
             owners: Vec::new(),
             shifts: Vec::new(),
+            q: Vec::new(),
+            ownership: None,
             touched: Vec::new(),
             frames: 0,
             births: Births::default(),
@@ -64,9 +76,10 @@ impl<W: Word> SceneTrainer<W> {
             &mut self.grid,
             &frame.points,
             &mut self.owners,
-            self.most,
+            self.config.most,
         );
         ms.reassign = clock.lap_ms();
+        let (points, elbo_mean) = self.explain(&frame.points);
         self.refine(frame);
         let gain = self.gain(&frame.points);
         ms.e_step = clock.lap_ms();
@@ -83,8 +96,25 @@ impl<W: Word> SceneTrainer<W> {
         ms.update = clock.lap_ms();
         self.frames += 1;
         ms.train = wall.elapsed_ms();
-        let points = self.owners.iter().filter(|&&owner| owner != NONE).count();
-        FrameOutcome { points, elbo_mean: 0.0, reassigned: self.births.born, ms }
+        FrameOutcome { points, elbo_mean, reassigned: self.births.born, ms }
+    }
+
+    /// Points that have a component, and the mean of their ELBO under the initial model; 0 without
+    /// points.
+    fn explain(&mut self, points: &[SurfacePoint]) -> (usize, f64) {
+        let grid = &self.grid;
+        let q = |(point, &owner): (&SurfacePoint, &u32)| match owner {
+            NONE => f64::NAN,
+            id => f64::from(squared_distance(point.position, grid.position(id as usize))),
+        };
+        points.par_iter().zip(&self.owners).with_min_len(1024).map(q).collect_into_vec(&mut self.q);
+        if let Some(ownership) = &mut self.ownership {
+            ownership.owners.clone_from(&self.owners);
+            ownership.grow(grid.len());
+            ownership.count(&self.q);
+        }
+        let (sum, n) = self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
+        (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
     }
 
     fn assign(&mut self, points: &[SurfacePoint]) {
@@ -131,7 +161,7 @@ impl<W: Word> SceneTrainer<W> {
         self.ledger.bytes() + self.grid.bytes()
     }
 
-    /// Components that received points from the last frame, ascending.
+    /// Components that the last frame changed, ascending.
     pub fn touched(&self) -> &[u32] {
         &self.touched
     }
@@ -153,8 +183,49 @@ impl<W: Word> SceneTrainer<W> {
         self.config.native.splat(&self.sums(id), &self.anchor(id))
     }
 
-    /// What renderers draw of all components.
-    pub fn splats(&self) -> (Vec<Splat>, Vec<Appearance>) {
-        (0..self.components()).into_par_iter().with_min_len(256).map(|id| self.splat(id)).unzip()
+    /// What renderers draw of all components; slot `k` is component `k`.
+    pub fn splats(&self) -> SplatSet {
+        let splats = (0..self.components()).into_par_iter().with_min_len(256);
+        let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
+        SplatSet::new(splats, appearance)
+    }
+
+    /// What renderers draw of the listed components, in their order.
+    pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
+        let splats = ids.par_iter().with_min_len(256);
+        let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
+        SplatSet::new(splats, appearance)
+    }
+
+    /// Posterior of a component, world units relative to the scene's origin, colours normalised.
+    /// Its prior mean is the seed (`model.md` 14, quirk 2).
+    pub fn posterior(&self, id: usize) -> ComponentPosterior {
+        let moments = self.sums(id).moments();
+        let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
+        posterior.mean_space += DVec3::from_array(self.grid.position(id).map(f64::from));
+        posterior
+    }
+
+    /// Sums the ELBO of the points of every frame to come by their component. Without it that costs
+    /// neither time nor memory.
+    pub fn start_component_elbo(&mut self) {
+        self.ownership.get_or_insert_with(|| Ownership::new(self.grid.len()));
+    }
+
+    /// Ends what [`Self::start_component_elbo`] began.
+    pub fn stop_component_elbo(&mut self) {
+        self.ownership = None;
+    }
+
+    /// Mean ELBO and number of a component's points of the last frame; `None` if it has none, or if
+    /// nobody asked before that frame.
+    pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
+        let (q, n) = self.ownership.as_ref()?.of(component)?;
+        Some((self.scoring.elbo(q), n))
+    }
+
+    /// Components that [`Self::component_elbo`] knows of, each once.
+    pub fn components_with_elbo(&self) -> &[u32] {
+        self.ownership.as_ref().map_or(&[], Ownership::ids)
     }
 }
