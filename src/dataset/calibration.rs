@@ -3,7 +3,7 @@
 
 use super::seven_scenes::DEFAULT_INTRINSICS;
 use super::{Dataset, Layout};
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -93,7 +93,7 @@ impl Calibration {
     pub fn known(dataset: &Dataset) -> Option<Self> {
         let depth_camera = dataset.splits.first()?.frames.first()?.camera.intrinsics;
         let is_kinect = dataset.layout == Layout::SevenScenes && depth_camera == DEFAULT_INTRINSICS;
-        is_kinect.then(|| Self { color_camera: Some(ColorCamera::KINECT), ..Self::NONE })
+        is_kinect.then_some(Self { color_camera: Some(ColorCamera::KINECT), ..Self::NONE })
     }
 
     /// Reads and checks a RON file.
@@ -176,12 +176,16 @@ impl ColorCamera {
         rotation: [0.0; 3],
     };
 
+    /// Rotation from the depth camera's axes to its own.
+    pub(super) fn color_from_depth(&self) -> DMat3 {
+        DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_array(self.rotation)).inverse())
+    }
+
     /// Pixel coordinates (centres at +½) of a point of the depth camera's frame; `None` behind the
     /// camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
-        let turn = DQuat::from_scaled_axis(DVec3::from_array(self.rotation)).inverse();
-        let p = turn * (point - DVec3::from_array(self.offset));
+        let p = self.color_from_depth() * (point - DVec3::from_array(self.offset));
         let [focal, principal] = [self.focal, self.principal].map(DVec2::from_array);
-        (p.z > 0.0).then(|| focal * DVec2::new(p.x, p.y) / p.z + principal)
+        (p.z > 0.0).then(|| focal * p.truncate() / p.z + principal)
     }
 }

@@ -3,7 +3,7 @@
 
 use super::sensor::{Profile, Thresholds};
 use super::settings::SurfaceSettings;
-use super::{MIN_INLIERS, MIN_SHARE, PixelFate, RADIUS, ROUNDS, TILE};
+use super::{LENGTHS, MIN_INLIERS, MIN_SHARE, PixelFate, RADIUS, ROUNDS, TILE};
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::{DepthKind, Frame};
@@ -11,7 +11,7 @@ use crate::dataset::points::MAX_COORDINATE;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::observation::{Observation, SurfacePoint};
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 
 /// Pixels of the window.
 const WINDOW: f64 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
@@ -40,13 +40,15 @@ pub fn prepare(
                 ranges.data[i] = if alpha == 0 { f32::INFINITY } else { f32::NAN };
                 continue;
             };
+            let length =
+                value * calibration.depth_scale + profile.offset + calibration.depth_offset;
             if alpha != 255 {
                 fates.data[i] = PixelFate::Alpha;
-            } else if !depth.trusts(value) {
+            } else if !depth.trusts(value) || length <= 0.0 {
                 fates.data[i] = PixelFate::Range;
+            } else if !LENGTHS.contains(&length) {
+                fates.data[i] = PixelFate::Far;
             } else {
-                let length =
-                    value * calibration.depth_scale + profile.offset + calibration.depth_offset;
                 let per_z = camera.intrinsics.ray(column, row).length();
                 z.data[i] = match depth.kind {
                     DepthKind::RayDistance => length / per_z,
@@ -167,7 +169,7 @@ fn fit(neighbours: &[Neighbour], z: f64, noise: f64, thresholds: &Thresholds) ->
     let n = inliers.len() as f64;
     let squares: f64 = inliers.iter().map(|i| residual(plane, i).powi(2)).sum();
     let is_smooth = (squares / n).sqrt() < thresholds.residual * unit;
-    let is_near = (1.0 / plane[0] - z).abs() < thresholds.deviation * noise;
+    let is_near = plane[0] > 0.0 && (1.0 / plane[0] - z).abs() < thresholds.deviation * noise;
     (n / WINDOW > MIN_SHARE && is_smooth && is_near).then_some(plane)
 }
 
@@ -214,8 +216,7 @@ fn point(
     }
     let pose = &frame.camera.pose;
     let position = (pose.transform_point(ray * z) - settings.origin).as_vec3();
-    // Written so that NaN is far too.
-    if !(position.abs().max_element() <= MAX_COORDINATE) || position.is_nan() {
+    if !position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
         return Err(PixelFate::Far);
     }
     let color = painter.color(surface.pixel, ray * z).ok_or(PixelFate::NoColor)?;
