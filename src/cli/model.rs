@@ -5,13 +5,14 @@ use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
-use vbgs_studio::model::splats::{CovarianceForm, Splat};
+use vbgs_studio::model::appearance::SplatSet;
+use vbgs_studio::model::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::train::config::TrainConfig;
 
 /// What commands need of a model, whatever file it came from.
 pub struct Model {
-    pub splats: Vec<Splat>,
+    pub splats: SplatSet,
     /// Direction that points up, where the file says so.
     pub up: Option<DVec3>,
     /// What this program said about the conversion to splats.
@@ -23,7 +24,7 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
         let comments = conversion_comments(&run.config.train);
-        return Ok(Model { splats: run.splats()?, up: Some(run.up()), comments });
+        return Ok(Model { splats: run.splats()?.into(), up: Some(run.up()), comments });
     }
     let model = export::read(path)?;
     for note in &model.notes {

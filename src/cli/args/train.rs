@@ -1,6 +1,6 @@
 //! Arguments of `train`.
 
-use super::{ComparisonArgs, DepthArgs, RendererArgs, choice, parse_count};
+use super::{ComparisonArgs, DepthArgs, MappingArgs, RendererArgs, choice, parse_count};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::pipeline::plan::{Order, Shard};
@@ -100,6 +100,8 @@ pub struct TrainArgs {
     /// Factor on the splats' standard deviations [default: that of the conversion]
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub scale_factor: Option<f64>,
+    #[command(flatten)]
+    pub mapping: MappingArgs,
     #[command(flatten)]
     pub depth: DepthArgs,
 }
