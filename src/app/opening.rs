@@ -190,7 +190,7 @@ fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+    Ok(view(path, model.splats.into_splats(), up, model.bytes, notices, serial))
 }
 
 /// Splats to look at.

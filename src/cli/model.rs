@@ -40,7 +40,7 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats.into(), up, comments })
+    Ok(Model { splats: model.splats, up, comments })
 }
 
 /// Comment lines of files that name a conversion other than the plain one.

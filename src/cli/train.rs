@@ -64,7 +64,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         return end.map(drop);
     }
     // Whatever happens next, the model is safe.
-    let files = save_model(&session, &args.out)?;
+    let files = save_model(&session, args)?;
     let (eval, failure) = match (&args.eval, &end) {
         (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison, &methods) {
             Ok(reports) => (reports, None),
@@ -142,15 +142,19 @@ pub fn train(
 const CHECKPOINT: &str = "checkpoint.vbgs";
 
 /// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
-fn save_model(session: &Session, out: &Path) -> Result<&'static str, Failure> {
+fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failure> {
     if session.learner().used() == 0 {
         return Ok("");
     }
-    session.save(&out.join(CHECKPOINT))?;
+    session.save(&args.out.join(CHECKPOINT))?;
     let comments = conversion_comments(&session.config().method);
-    let options =
-        WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
-    write(&out.join("scene.ply"), &session.splats(), &options)?;
+    let options = WriteOptions {
+        comments: &comments,
+        up: session.up(),
+        mapping: args.mapping.mapping(),
+        ..WriteOptions::new(Format::Ply)
+    };
+    write(&args.out.join("scene.ply"), &session.splats(), &options)?;
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 

@@ -1,6 +1,8 @@
 //! Arguments of `train`.
 
-use super::{ComparisonArgs, DepthArgs, RendererArgs, SceneArgs, choice, parse_count};
+use super::{
+    ComparisonArgs, DepthArgs, MappingArgs, RendererArgs, SceneArgs, choice, parse_count,
+};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::pipeline::plan::{Order, Shard};
@@ -102,6 +104,8 @@ pub struct TrainArgs {
     pub scale_factor: Option<f64>,
     #[command(flatten)]
     pub scene: SceneArgs,
+    #[command(flatten)]
+    pub mapping: MappingArgs,
     #[command(flatten)]
     pub depth: DepthArgs,
 }
