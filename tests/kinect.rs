@@ -23,10 +23,8 @@ fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let [lo, hi] = session.config().position_range;
     let normalization = Normalization::from_range(lo.into(), hi.into());
     let splats = session.engine().splats(&config, &normalization);
-    let options = EvalOptions {
-        ground_truth: GroundTruth::Composited,
-        render: RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
-    };
+    let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = EvalOptions::plain(GroundTruth::Composited, render);
     let dataset = session.dataset();
     let split = dataset.split_named("eval").unwrap();
     let views: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();

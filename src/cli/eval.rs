@@ -23,18 +23,14 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     announce(&dataset);
     let (split, frames) = choose_views(&dataset, args)?;
     let views = (split, &frames[..]);
-    let found = quality::measure(&model.splats, &dataset, views, &args.comparison, &methods)?;
+    let found =
+        quality::measure((&model.splats).into(), &dataset, views, &args.comparison, &methods)?;
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
         return output::json(&EvalOutput { eval, views: views.concat() });
     }
     for (report, views) in &found {
-        for view in views {
-            output::line(format!(
-                "{:>5} {:24} {:9} PSNR {:6.2} dB  SSIM {:.4}",
-                view.index, view.frame, view.renderer, view.psnr, view.ssim
-            ));
-        }
+        views.iter().for_each(|view| output::line(output::view(view)));
         output::line(output::quality(report));
     }
     Ok(())

@@ -9,7 +9,9 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
-use vbgs_studio::eval::report::EvalReport;
+use vbgs_studio::eval::cracks::{CrackReport, Cracks};
+use vbgs_studio::eval::report::{EvalReport, ViewReport};
+use vbgs_studio::eval::seen::Seen;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::math::image::RgbImage;
 
@@ -74,7 +76,18 @@ pub fn skipped_views(dataset: &Dataset, eval: &EvalReport) {
     untold.for_each(|view| eprintln!("warning: {}", view.message));
 }
 
-/// The quality of one split in a sentence.
+/// The quality of one view in a line.
+pub fn view(view: &ViewReport) -> String {
+    let aligned = view
+        .psnr_aligned_covered
+        .map_or_else(String::new, |psnr| format!("  covered, colours aligned {psnr:6.2} dB"));
+    format!(
+        "{:>5} {:24} {:9} PSNR {:6.2} dB  SSIM {:.4}{aligned}",
+        view.index, view.frame, view.renderer, view.psnr, view.ssim
+    )
+}
+
+/// The quality of one split in a few lines.
 pub fn quality(eval: &EvalReport) -> String {
     let depth =
         eval.depth_mae_mean.map_or_else(String::new, |mae| format!(", depth error {mae:.4}"));
@@ -88,14 +101,48 @@ pub fn quality(eval: &EvalReport) -> String {
         (Some(antialias), Some(response)) => format!(" (antialias {antialias}, {response})"),
         _ => String::new(),
     };
-    format!(
-        "{}{settings} on {} views of `{}` ({} ground truth): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
+    let plain = format!(
+        "{}{settings} on {} views of `{}` ({} ground truth, partial coverage {}): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,
         eval.ground_truth,
+        eval.partial_coverage,
         eval.psnr_mean,
         eval.psnr_std,
         eval.ssim_mean,
+    );
+    let more = [aligned(eval), eval.seen_mean.as_ref().map(seen), eval.cracks.as_ref().map(cracks)];
+    std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
+}
+
+fn aligned(eval: &EvalReport) -> Option<String> {
+    Some(format!(
+        "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}",
+        eval.psnr_aligned_covered_mean?, eval.psnr_aligned_mean?, eval.ssim_aligned_mean?
+    ))
+}
+
+fn seen(seen: &Seen) -> String {
+    let interior = seen
+        .coverage_interior
+        .map_or_else(String::new, |share| format!(", {:.2} % away from edges", 100.0 * share));
+    format!(
+        "where depth was measured: {:.2} dB, {:.2} % covered{interior}",
+        seen.psnr,
+        100.0 * seen.coverage
+    )
+}
+
+fn cracks(report: &CrackReport) -> String {
+    let shares = |cracks: &Cracks| {
+        format!("{:.2} % ({:.2} %)", 100.0 * cracks.over_01, 100.0 * cracks.over_03)
+    };
+    let half = report.half_distance.as_ref().map_or("not in sight".to_owned(), shares);
+    format!(
+        "cracks, interior pixels with transmittance > 0.1 (> 0.3) on {} views of `{}`: {}; at half the distance {half}",
+        report.views,
+        report.split,
+        shares(&report.training_distance),
     )
 }

@@ -4,25 +4,35 @@ use super::args::{ComparisonArgs, GroundTruthName};
 use super::failure::Failure;
 use super::{output, progress};
 use vbgs_studio::dataset::Dataset;
+use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::appearance::SplatView;
 use vbgs_studio::render::{Method, RenderOptions};
 
 /// Measures the listed views renderer by renderer; the views of one renderer stay together.
 pub fn measure(
-    splats: &[Splat],
+    splats: SplatView,
     dataset: &Dataset,
     (split, frames): (usize, &[usize]),
     comparison: &ComparisonArgs,
     methods: &[Method],
 ) -> Result<Vec<(EvalReport, Vec<ViewReport>)>, Failure> {
-    let bar = progress::bar(methods.len() * frames.len(), "view");
+    let crack_views = cracks::views(dataset, split, frames);
+    let n_crack_views = crack_views.as_ref().map_or(0, |(_, frames)| frames.len());
+    let n_views = frames.len() + n_crack_views;
+    let bar = progress::bar(methods.len() * n_views, "view");
     let mut found = Vec::with_capacity(methods.len());
     for (i, &method) in methods.iter().enumerate() {
         let options = options(comparison, method);
-        let tell = |done| bar.set_position((i * frames.len() + done) as u64);
-        found.push(views::evaluate(splats, dataset, split, frames, &options, tell)?);
+        let tell = |done| bar.set_position((i * n_views + done) as u64);
+        let (mut report, scores) = views::evaluate(splats, dataset, split, frames, &options, tell)?;
+        if let Some((split, crack_frames)) = &crack_views {
+            let tell = |done| tell(frames.len() + done);
+            report.cracks =
+                cracks::measure(splats, dataset, (*split, crack_frames), &options.render, tell);
+        }
+        found.push((report, scores));
     }
     bar.finish_and_clear();
     // What cannot be read is the same for every renderer.
@@ -33,11 +43,11 @@ pub fn measure(
 }
 
 fn options(comparison: &ComparisonArgs, method: Method) -> EvalOptions {
-    EvalOptions {
-        ground_truth: match comparison.ground_truth {
-            GroundTruthName::Composited => GroundTruth::Composited,
-            GroundTruthName::Rgb => GroundTruth::Rgb,
-        },
-        render: RenderOptions::evaluation(method, comparison.background),
-    }
+    let ground_truth = match comparison.ground_truth {
+        GroundTruthName::Composited => GroundTruth::Composited,
+        GroundTruthName::Rgb => GroundTruth::Rgb,
+    };
+    let render = RenderOptions::evaluation(method, comparison.background);
+    let plain = EvalOptions::plain(ground_truth, render);
+    EvalOptions { partial_coverage: comparison.partial_coverage, ..plain }
 }

@@ -196,7 +196,8 @@ fn evaluate(
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
     let views = (split, &frames[..]);
-    let found = quality::measure(&session.splats(), dataset, views, comparison, methods)?;
+    let splats = session.splats();
+    let found = quality::measure((&splats).into(), dataset, views, comparison, methods)?;
     Ok(found.into_iter().map(|(report, _)| report).collect())
 }
 

@@ -89,9 +89,13 @@ fn psnr_of<'a, R: Real>(
     if n_values == 0 {
         return Err(MetricError::NoPixels);
     }
-    let mse = sum / n_values as f64;
+    Ok(decibels(sum / n_values as f64))
+}
+
+/// PSNR of a mean squared error at a value range of 1, dB.
+pub(super) fn decibels(mse: f64) -> f64 {
     // Not `max`: it would turn NaN into a perfect score.
-    Ok(-10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10())
+    -10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10()
 }
 
 /// What the SSIM window sees beyond the border.
@@ -287,7 +291,7 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     (mean, variance.sqrt())
 }
 
-fn same_size<A, B>(
+pub(super) fn same_size<A, B>(
     prediction: &Image<A>,
     other: &Image<B>,
     what: &'static str,

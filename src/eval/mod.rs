@@ -1,5 +1,12 @@
 //! Quality of a model, and how runs report themselves.
 
+pub mod color_camera;
+pub mod comparison;
+pub mod cracks;
 pub mod metrics;
 pub mod report;
+pub mod seen;
+pub mod surfaces;
 pub mod views;
+
+mod reproject;

@@ -1,5 +1,9 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
 
+use super::color_camera::ColorCamera;
+use super::cracks::CrackReport;
+use super::seen::Seen;
+use super::views::PartialCoverage;
 use crate::dataset::error::FrameError;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::timing::StageMs;
@@ -144,6 +148,10 @@ pub struct EvalReport {
     pub response: Option<Response>,
     /// What the render was compared with: `composited` or `rgb`.
     pub ground_truth: String,
+    /// What the render shows where splats cover a pixel in part.
+    pub partial_coverage: PartialCoverage,
+    /// The camera that took the photographs; `None` if it measured depth as well.
+    pub color_camera: Option<ColorCamera>,
     /// Background of the render, sRGB-encoded.
     pub background: [f32; 3],
     /// Views evaluated.
@@ -156,13 +164,25 @@ pub struct EvalReport {
     pub psnr_std: f64,
     /// Mean of the views' PSNR over covered pixels, dB; `None` if nothing is covered in any view.
     pub psnr_covered_mean: Option<f64>,
-    /// Mean share of pixels that splats cover (A ≥ 0.5).
+    /// Coverage from which a pixel counts as covered.
+    pub covered_from: f32,
+    /// Mean share of pixels that splats cover.
     pub coverage_mean: f64,
     /// Mean SSIM, `valid` padding.
     pub ssim_mean: f64,
+    /// Mean PSNR over the whole frame with colours aligned view by view, dB.
+    pub psnr_aligned_mean: Option<f64>,
+    /// Mean PSNR over covered pixels with colours aligned view by view, dB.
+    pub psnr_aligned_covered_mean: Option<f64>,
+    /// Mean SSIM with colours aligned view by view.
+    pub ssim_aligned_mean: Option<f64>,
+    /// Means on the pixels where the views' depth cameras saw a surface; `None` without depth.
+    pub seen_mean: Option<Seen>,
     /// Mean absolute depth error where both have depth, world units: of depth z for the projected
     /// renderer, of distance along the ray for the exact one; `None` without true depth.
     pub depth_mae_mean: Option<f64>,
+    /// Background that shows inside surfaces; `None` if no view has depth to tell.
+    pub cracks: Option<CrackReport>,
 }
 
 /// Quality of one view.
@@ -182,6 +202,16 @@ pub struct ViewReport {
     pub coverage: f64,
     /// SSIM, `valid` padding.
     pub ssim: f64,
+    /// PSNR over the whole frame with colours aligned
+    /// ([`Alignment`](super::comparison::Alignment)), dB; `None` if nothing is covered, like the
+    /// next two.
+    pub psnr_aligned: Option<f64>,
+    /// PSNR over covered pixels with colours aligned, dB.
+    pub psnr_aligned_covered: Option<f64>,
+    /// SSIM with colours aligned.
+    pub ssim_aligned: Option<f64>,
+    /// On the pixels where the view's depth camera saw a surface; `None` without depth.
+    pub seen: Option<Seen>,
     /// Mean absolute depth error, world units, as in [`EvalReport::depth_mae_mean`].
     pub depth_mae: Option<f64>,
 }

@@ -1,17 +1,20 @@
 //! Rendering dataset views and scoring them against their photographs (`rendering.md` (f)).
 
-use super::metrics::{self, MetricError, SsimPadding};
+use super::color_camera::{ColorCamera, beside};
+use super::comparison::{COVERED, Comparison, compare};
+use super::metrics::{self, MetricError};
 use super::report::{EvalReport, SkippedFrame, ViewReport};
+use super::seen::Seen;
+use super::surfaces::Surfaces;
 use crate::dataset::Dataset;
 use crate::dataset::frame::{DepthKind, Frame};
+use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
-use crate::render::{Method, RenderOptions, Renderer};
+use crate::render::{EVALUATION_NEAR, Method, RenderOptions, Renderer};
 use serde::{Deserialize, Serialize};
-
-/// A pixel counts as covered from this accumulated opacity on.
-pub const COVERED: f32 = 0.5;
+use strum::{Display, EnumString, VariantNames};
 
 /// What a render is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,13 +26,43 @@ pub enum GroundTruth {
     Rgb,
 }
 
+/// What a render shows where splats cover a pixel in part.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum PartialCoverage {
+    /// The background through them, as renderers draw it.
+    Composited,
+    /// The splats' colour alone, divided by its coverage, where that is at least
+    /// [`COVERED`]: what is left when cracks are filled (`accuracy.md` 7).
+    Divided,
+}
+
 /// How views are rendered and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvalOptions {
     /// What a render is compared with.
     pub ground_truth: GroundTruth,
+    /// What it shows where splats cover a pixel in part.
+    pub partial_coverage: PartialCoverage,
+    /// The camera that took the photographs, where it is not the one that measured depth.
+    pub color_camera: Option<ColorCamera>,
     /// Settings of the render; its background is the comparison's.
     pub render: RenderOptions,
+}
+
+impl EvalOptions {
+    /// As viewers show a model and as photographs are stored, by the camera that measured depth.
+    pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
+        let partial_coverage = PartialCoverage::Composited;
+        Self { ground_truth, partial_coverage, color_camera: None, render }
+    }
+
+    fn photo_camera(&self, frame: &Frame) -> Camera {
+        self.color_camera.map_or(frame.camera, |color| beside(&frame.camera, &color))
+    }
 }
 
 /// A view could not be scored.
@@ -71,14 +104,15 @@ pub enum EvalError {
 
 /// Scores the listed views of a split one after the other; `progress` hears how many are done. Views
 /// whose files are unusable are left out and listed in the report.
-pub fn evaluate(
-    splats: &[Splat],
+pub fn evaluate<'a>(
+    splats: impl Into<SplatView<'a>>,
     dataset: &Dataset,
     split: usize,
     views: &[usize],
     options: &EvalOptions,
     mut progress: impl FnMut(usize),
 ) -> Result<(EvalReport, Vec<ViewReport>), EvalError> {
+    let splats = splats.into();
     let mut renderer = CpuRenderer::new();
     let mut scores = Vec::with_capacity(views.len());
     let split_name = dataset.splits[split].name.clone();
@@ -87,7 +121,8 @@ pub fn evaluate(
     for (done, &index) in views.iter().enumerate() {
         match dataset.load(split, index) {
             Ok(frame) => {
-                let rendered = renderer.render(splats, &frame.camera, &options.render);
+                let camera = options.photo_camera(&frame);
+                let rendered = renderer.render(splats, &camera, &options.render);
                 let score = score(index, &frame, &rendered, options);
                 let named = |source| EvalError::Metric { frame: frame.name.clone(), source };
                 scores.push(score.map_err(named)?);
@@ -136,16 +171,22 @@ fn score(
     options: &EvalOptions,
 ) -> Result<ViewReport, MetricError> {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
-    let covered: Image<bool> = rendered.coverage.map(|&a| a >= COVERED);
-    let n_covered = covered.data.iter().filter(|&&c| c).count();
-    let psnr_covered = match n_covered {
-        0 => None,
-        _ => Some(metrics::psnr_masked(&rendered.color, &truth, &covered)?),
+    let Rendered { coverage, .. } = rendered;
+    let divided = match options.partial_coverage {
+        PartialCoverage::Composited => None,
+        PartialCoverage::Divided => Some(divided(rendered, options.render.background)),
     };
-    let method = options.render.method;
-    let depth_mae = match frame.depth_as(depth_kind(method)) {
-        Some(depth) if n_covered > 0 => {
-            let error = metrics::depth_error(&rendered.depth, &rendered.coverage, &depth)?;
+    let shown = divided.as_ref().unwrap_or(&rendered.color);
+    let Comparison { psnr, ssim, coverage: covered_share, covered } =
+        compare(shown, coverage, &truth)?;
+    let surfaces = photographed_surfaces(frame, options);
+    let seen = match &surfaces {
+        None => None,
+        Some(surfaces) => Seen::compare(shown, coverage, &truth, surfaces)?,
+    };
+    let depth_mae = match measured_depth(frame, surfaces.as_ref(), options) {
+        Some(depth) if covered.is_some() => {
+            let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
             error.mae.is_finite().then_some(error.mae)
         }
         _ => None,
@@ -153,13 +194,54 @@ fn score(
     Ok(ViewReport {
         index,
         frame: frame.name.clone(),
-        renderer: method.renderer(),
-        psnr: metrics::psnr(&rendered.color, &truth)?,
-        psnr_covered,
-        coverage: n_covered as f64 / covered.data.len().max(1) as f64,
-        ssim: metrics::ssim(&rendered.color, &truth, SsimPadding::Valid)?,
+        renderer: options.render.method.renderer(),
+        psnr,
+        psnr_covered: covered.map(|c| c.psnr),
+        coverage: covered_share,
+        ssim,
+        psnr_aligned: covered.map(|c| c.aligned_psnr_frame),
+        psnr_aligned_covered: covered.map(|c| c.aligned_psnr),
+        ssim_aligned: covered.map(|c| c.aligned_ssim),
+        seen,
         depth_mae,
     })
+}
+
+/// The splats' colours without the background, where they cover enough of a pixel to know it.
+fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
+    let (color, coverage) = (&rendered.color, &rendered.coverage);
+    let pixel = |(color, &coverage): (&[f32; 3], &f32)| {
+        if coverage < COVERED {
+            return *color;
+        }
+        let behind = background.map(|b| (1.0 - coverage) * b);
+        std::array::from_fn(|i| ((color[i] - behind[i]) / coverage).clamp(0.0, 1.0))
+    };
+    let pixels = color.data.iter().zip(&coverage.data).map(pixel);
+    Image::from_vec(color.width, color.height, pixels.collect())
+}
+
+/// What the depth camera saw, in the photograph's image.
+fn photographed_surfaces(frame: &Frame, options: &EvalOptions) -> Option<Surfaces> {
+    let surfaces = Surfaces::of(frame)?;
+    match options.color_camera {
+        None => Some(surfaces),
+        Some(_) => Some(surfaces.seen_by(&options.photo_camera(frame), EVALUATION_NEAR as f32)),
+    }
+}
+
+/// Depth in the photograph's image as the renderer measures it: all that the file holds, or what
+/// another camera sees of it.
+fn measured_depth(
+    frame: &Frame,
+    surfaces: Option<&Surfaces>,
+    options: &EvalOptions,
+) -> Option<Image<f32>> {
+    let kind = depth_kind(options.render.method);
+    match options.color_camera {
+        None => frame.depth_as(kind),
+        Some(_) => surfaces.map(|s| s.depth_as(kind)),
+    }
 }
 
 /// What a renderer's depth plane measures: the truth is converted to it, not the render.
@@ -171,11 +253,15 @@ fn depth_kind(method: Method) -> DepthKind {
 }
 
 fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> EvalReport {
-    let mean = |values: Vec<f64>| metrics::mean_std(&values).0;
-    let psnr: Vec<f64> = scores.iter().map(|s| s.psnr).collect();
-    let depth: Vec<f64> = scores.iter().filter_map(|s| s.depth_mae).collect();
-    let covered: Vec<f64> = scores.iter().filter_map(|s| s.psnr_covered).collect();
-    let (psnr_mean, psnr_std) = metrics::mean_std(&psnr);
+    // Of the views that have a value.
+    let mean = |value: fn(&ViewReport) -> Option<f64>| {
+        let values: Vec<f64> = scores.iter().filter_map(value).collect();
+        (!values.is_empty()).then(|| metrics::mean_std(&values).0)
+    };
+    let of_all = |value: fn(&ViewReport) -> f64| {
+        metrics::mean_std(&scores.iter().map(value).collect::<Vec<_>>())
+    };
+    let (psnr_mean, psnr_std) = of_all(|s| s.psnr);
     let exact = match options.render.method {
         Method::Projected(_) => None,
         Method::Exact(exact) => Some(exact),
@@ -184,21 +270,30 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         GroundTruth::Composited => "composited",
         GroundTruth::Rgb => "rgb",
     };
+    let seen: Vec<Seen> = scores.iter().filter_map(|s| s.seen).collect();
     EvalReport {
         split,
         renderer: options.render.method.renderer(),
         antialias: exact.map(|e| e.antialias),
         response: exact.map(|e| e.response),
         ground_truth: ground_truth.to_owned(),
+        partial_coverage: options.partial_coverage,
+        color_camera: options.color_camera,
         background: options.render.background,
         views: scores.len(),
         skipped: Vec::new(),
         psnr_mean,
         psnr_std,
-        psnr_covered_mean: (!covered.is_empty()).then(|| mean(covered)),
-        coverage_mean: mean(scores.iter().map(|s| s.coverage).collect()),
-        ssim_mean: mean(scores.iter().map(|s| s.ssim).collect()),
-        depth_mae_mean: (!depth.is_empty()).then(|| mean(depth)),
+        psnr_covered_mean: mean(|s| s.psnr_covered),
+        covered_from: COVERED,
+        coverage_mean: of_all(|s| s.coverage).0,
+        ssim_mean: of_all(|s| s.ssim).0,
+        psnr_aligned_mean: mean(|s| s.psnr_aligned),
+        psnr_aligned_covered_mean: mean(|s| s.psnr_aligned_covered),
+        ssim_aligned_mean: mean(|s| s.ssim_aligned),
+        seen_mean: Seen::mean(&seen),
+        depth_mae_mean: mean(|s| s.depth_mae),
+        cracks: None,
     }
 }
 
@@ -209,47 +304,105 @@ mod tests {
     use crate::math::camera::{Camera, Intrinsics};
     use crate::math::pose::Pose;
 
-    /// A wall two units ahead, as every renderer would draw it.
-    #[test]
-    fn depth_is_compared_as_the_renderer_measures_it() {
-        let (width, height) = (32, 24);
-        let camera = Camera {
-            intrinsics: Intrinsics::from_horizontal_fov(width as u32, height as u32, 1.5),
-            pose: Pose::IDENTITY,
-        };
+    const SIZE: (usize, usize) = (32, 24);
+
+    /// A black wall two units ahead.
+    fn wall() -> Frame {
+        let (width, height) = SIZE;
+        let intrinsics = Intrinsics::from_horizontal_fov(width as u32, height as u32, 1.5);
         let codes = DepthCodes::Linear16 { codes: Image::filled(width, height, 2000), unit: 1e-3 };
-        let frame = Frame {
+        Frame {
             name: "wall".to_owned(),
-            camera,
+            camera: Camera { intrinsics, pose: Pose::IDENTITY },
             color: Image::filled(width, height, [0, 0, 0, 255]),
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0] }),
-        };
-        let along_ray = |i: usize| 2.0 * camera.intrinsics.ray(i % width, i / width).length();
+        }
+    }
+
+    fn rendered(depth: &Image<f32>) -> Rendered {
+        let (width, height) = SIZE;
+        Rendered {
+            color: Image::filled(width, height, [0.0; 3]),
+            coverage: Image::filled(width, height, 1.0),
+            depth: depth.clone(),
+            n_invalid: 0,
+        }
+    }
+
+    fn plain(method: Method) -> EvalOptions {
+        EvalOptions::plain(GroundTruth::Rgb, RenderOptions::evaluation(method, [0.0; 3]))
+    }
+
+    /// As every renderer would draw it.
+    #[test]
+    fn depth_is_compared_as_the_renderer_measures_it() {
+        let (width, height) = SIZE;
+        let frame = wall();
+        let along_ray =
+            |i: usize| 2.0 * frame.camera.intrinsics.ray(i % width, i / width).length() as f32;
+        let distances = (0..width * height).map(along_ray).collect();
         let planes = [
             (Method::PROJECTED, Image::filled(width, height, 2.0)),
-            (
-                Method::EXACT,
-                Image::from_vec(
-                    width,
-                    height,
-                    (0..width * height).map(|i| along_ray(i) as f32).collect(),
-                ),
-            ),
+            (Method::EXACT, Image::from_vec(width, height, distances)),
         ];
-        let error = |method, depth: &Image<f32>| {
-            let rendered = Rendered {
-                color: Image::filled(width, height, [0.0; 3]),
-                coverage: Image::filled(width, height, 1.0),
-                depth: depth.clone(),
-                n_invalid: 0,
-            };
-            let render = RenderOptions::evaluation(method, [0.0; 3]);
-            let options = EvalOptions { ground_truth: GroundTruth::Rgb, render };
-            score(0, &frame, &rendered, &options).unwrap().depth_mae.unwrap()
+        // A colour camera in the same place must see the same.
+        let k = frame.camera.intrinsics;
+        let same = ColorCamera {
+            focal: [k.fx, k.fy],
+            principal: [k.cx, k.cy],
+            offset: [0.0; 3],
+            rotation: [0.0; 3],
+        };
+        let error = |method, depth: &Image<f32>, color_camera| {
+            let options = EvalOptions { color_camera, ..plain(method) };
+            score(0, &frame, &rendered(depth), &options).unwrap().depth_mae.unwrap()
         };
         for (method, depth) in &planes {
-            assert!(error(*method, depth) < 1e-6, "{method:?}");
+            assert!(error(*method, depth, None) < 1e-6, "{method:?}");
+            assert!(error(*method, depth, Some(same)) < 1e-5, "{method:?}");
         }
-        assert!(error(Method::EXACT, &planes[0].1) > 0.1, "z is no distance along the ray");
+        assert!(error(Method::EXACT, &planes[0].1, None) > 0.1, "z is no distance along the ray");
+    }
+
+    #[test]
+    fn coverage_is_divided_out_where_it_is_known() {
+        let background = [0.5, 0.0, 1.0];
+        let color = [0.4, 0.2, 0.6];
+        let over = |coverage: f32| -> [f32; 3] {
+            std::array::from_fn(|i| coverage * color[i] + (1.0 - coverage) * background[i])
+        };
+        let shares = [1.0, 0.75, 0.5, 0.25];
+        let image = Rendered {
+            color: Image::from_vec(4, 1, shares.map(over).to_vec()),
+            coverage: Image::from_vec(4, 1, shares.to_vec()),
+            depth: Image::filled(4, 1, 0.0),
+            n_invalid: 0,
+        };
+        let found = divided(&image, background).data;
+        let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(found[..3].iter().all(|&pixel| near(pixel, color)), "{found:?}");
+        assert!(near(found[3], over(0.25)));
+    }
+
+    /// The photograph's own camera draws: half as long a focal length shows twice as much, and its
+    /// rim lies beyond what depth saw.
+    #[test]
+    fn photographs_are_drawn_and_judged_by_the_camera_that_took_them() {
+        let frame = wall();
+        let k = frame.camera.intrinsics;
+        let wide = ColorCamera {
+            focal: [0.5 * k.fx, 0.5 * k.fy],
+            principal: [k.cx, k.cy],
+            offset: [0.0, 0.0, 0.5],
+            rotation: [0.0; 3],
+        };
+        let options = EvalOptions { color_camera: Some(wide), ..plain(Method::PROJECTED) };
+        let camera = options.photo_camera(&frame);
+        assert_eq!((camera.intrinsics.fx, camera.intrinsics.width), (0.5 * k.fx, k.width));
+        assert_eq!(camera.pose.centre().z, 0.5);
+        let surfaces = photographed_surfaces(&frame, &options).unwrap();
+        let known = surfaces.z.data.iter().filter(|z| (**z - 1.5).abs() < 1e-5).count();
+        // 31 of 32 columns and 23 of 24 rows between the outer centres, two thirds as large.
+        assert_eq!(known, 20 * 16);
     }
 }

@@ -93,6 +93,13 @@ impl Pose {
         self.rotation.z_axis
     }
 
+    /// A camera fixed to this one: its centre at `offset` in this camera's frame, world units, its
+    /// axes turned from this camera's by `turn`.
+    pub fn attached(&self, offset: DVec3, turn: DQuat) -> Self {
+        let rotation = self.rotation * DMat3::from_quat(turn.normalize());
+        Self { rotation, translation: self.transform_point(offset) }
+    }
+
     /// Camera coordinates to world coordinates.
     pub fn transform_point(&self, camera_point: DVec3) -> DVec3 {
         self.rotation * camera_point + self.translation
@@ -159,6 +166,18 @@ mod tests {
         assert!(above.y < 0.0, "up in the world is negative y in the image");
         assert!((pose.rotation().determinant() - 1.0).abs() < 1e-12);
         assert!(Pose::look_at(DVec3::Z, DVec3::ZERO, DVec3::Z).is_none());
+    }
+
+    /// What the attached camera sees is what this one sees, told in its own frame.
+    #[test]
+    fn an_attached_camera_rides_along() {
+        let pose = Pose::look_at(DVec3::new(3.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
+        let (offset, turn) = (DVec3::new(0.1, -0.2, 0.5), DQuat::from_rotation_y(0.3));
+        let attached = pose.attached(offset, turn);
+        let point = DVec3::new(0.4, 0.5, -1.0);
+        let expected = pose.transform_point(offset + turn * point);
+        assert!((attached.transform_point(point) - expected).length() < 1e-14);
+        assert_eq!(pose.attached(DVec3::ZERO, DQuat::IDENTITY), pose);
     }
 
     #[test]

@@ -48,16 +48,40 @@ dataset.split string
 dataset.width number
 eval[].antialias null
 eval[].background[] number
+eval[].color_camera null
 eval[].coverage_mean number
+eval[].covered_from number
+eval[].cracks.frames[].frame string
+eval[].cracks.frames[].half_distance.interior number
+eval[].cracks.frames[].half_distance.over_01 number
+eval[].cracks.frames[].half_distance.over_03 number
+eval[].cracks.frames[].training_distance.interior number
+eval[].cracks.frames[].training_distance.over_01 number
+eval[].cracks.frames[].training_distance.over_03 number
+eval[].cracks.half_distance.interior number
+eval[].cracks.half_distance.over_01 number
+eval[].cracks.half_distance.over_03 number
+eval[].cracks.split string
+eval[].cracks.training_distance.interior number
+eval[].cracks.training_distance.over_01 number
+eval[].cracks.training_distance.over_03 number
+eval[].cracks.views number
 eval[].depth_mae_mean number
 eval[].ground_truth string
+eval[].partial_coverage string
+eval[].psnr_aligned_covered_mean number
+eval[].psnr_aligned_mean number
 eval[].psnr_covered_mean number
 eval[].psnr_mean number
 eval[].psnr_std number
 eval[].renderer string
 eval[].response null
+eval[].seen_mean.coverage number
+eval[].seen_mean.coverage_interior number
+eval[].seen_mean.psnr number
 eval[].skipped[]
 eval[].split string
+eval[].ssim_aligned_mean number
 eval[].ssim_mean number
 eval[].views number
 format string
@@ -99,9 +123,15 @@ views[].depth_mae number
 views[].frame string
 views[].index number
 views[].psnr number
+views[].psnr_aligned number
+views[].psnr_aligned_covered number
 views[].psnr_covered number
 views[].renderer string
+views[].seen.coverage number
+views[].seen.coverage_interior number
+views[].seen.psnr number
 views[].ssim number
+views[].ssim_aligned number
 ";
 
 /// Every path of a document with its type; the elements of a list share one path.
@@ -245,6 +275,21 @@ fn the_reports_numbers_make_sense() {
     assert!((-1.0..1.0).contains(&number(&eval["ssim_mean"])), "{eval}");
     assert!((0.0..=1.0).contains(&number(&eval["coverage_mean"])), "{eval}");
     assert!((0.0..5.0).contains(&number(&eval["depth_mae_mean"])), "{eval}");
+    let covered = number(&eval["psnr_covered_mean"]);
+    assert!(number(&eval["psnr_aligned_covered_mean"]) > covered, "{eval}");
+    let seen = &eval["seen_mean"];
+    assert!((5.0..60.0).contains(&number(&seen["psnr"])), "{eval}");
+    for share in [&seen["coverage"], &seen["coverage_interior"]] {
+        assert!((0.5..=1.0).contains(&number(share)), "{eval}");
+    }
+    let cracks = &eval["cracks"];
+    assert_eq!((&cracks["split"], &cracks["views"]), (&"eval".into(), &3.into()));
+    for shares in [&cracks["training_distance"], &cracks["half_distance"]] {
+        let [interior, over_01, over_03] =
+            ["interior", "over_01", "over_03"].map(|name| number(&shares[name]));
+        assert!((0.1..=1.0).contains(&interior), "{cracks}");
+        assert!(0.0 <= over_03 && over_03 <= over_01 && over_01 <= 1.0, "{cracks}");
+    }
 }
 
 /// A scene that covers nothing has no covered PSNR; the report says null, not a made-up number.
@@ -262,7 +307,10 @@ fn what_cannot_be_measured_is_null() {
     let eval = scratch.run("eval far.ply room --json").succeeds().json();
     let (total, view) = (&eval["eval"][0], &eval["views"][0]);
     assert!(total["psnr_covered_mean"].is_null() && total["depth_mae_mean"].is_null(), "{eval}");
-    assert!(view["psnr_covered"].is_null() && view["depth_mae"].is_null(), "{eval}");
+    let null =
+        ["psnr_covered", "psnr_aligned", "psnr_aligned_covered", "ssim_aligned", "depth_mae"];
+    assert!(null.iter().all(|name| view[*name].is_null()), "{eval}");
+    assert_eq!(number(&total["cracks"]["training_distance"]["over_03"]), 1.0, "{eval}");
     assert_eq!(number(&total["coverage_mean"]), 0.0);
     let said = scratch.run("eval far.ply room").succeeds().stdout;
     assert!(said.contains("nothing covered") && !said.contains("NaN"), "{said}");

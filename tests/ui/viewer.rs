@@ -163,7 +163,7 @@ fn session(path: &Path) -> Session {
 
 /// What `eval` prints for a view with the window's settings.
 fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
-    let options = EvalOptions { ground_truth: GroundTruth::Composited, render };
+    let options = EvalOptions::plain(GroundTruth::Composited, render);
     let views = [stop.index];
     let (_, scores) =
         evaluate(&session.splats(), session.dataset(), stop.split, &views, &options, |_| {})

@@ -1,9 +1,10 @@
 //! Arguments of `eval`.
 
 use super::parse::parse_color;
-use super::{DepthArgs, RendererArgs, parse_count};
+use super::{DepthArgs, RendererArgs, choice, parse_count};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use vbgs_studio::eval::views::PartialCoverage;
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum GroundTruthName {
@@ -22,6 +23,10 @@ pub struct ComparisonArgs {
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
+    /// What shows where splats cover a pixel in part: the background through them, or their colour
+    /// divided by coverage (from 0.5 on)
+    #[arg(long, value_parser = choice::<PartialCoverage>(), default_value = "composited")]
+    pub partial_coverage: PartialCoverage,
 }
 
 #[derive(Args)]

@@ -65,10 +65,8 @@ impl Sample {
     /// paper compares.
     pub fn psnr(&self, engine: &Engine, config: &TrainConfig) -> Result<f64, BenchError> {
         let splats = engine.splats(config, &self.normalization);
-        let options = EvalOptions {
-            ground_truth: GroundTruth::Rgb,
-            render: RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
-        };
+        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let options = EvalOptions::plain(GroundTruth::Rgb, render);
         let (split, views) = &self.views;
         let (report, _) = views::evaluate(&splats, &self.dataset, *split, views, &options, |_| ())?;
         Ok(report.psnr_mean)

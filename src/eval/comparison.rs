@@ -1,0 +1,281 @@
+//! One render against one photograph: as it is, over covered pixels, and after the colours were
+//! aligned (`accuracy.md` 7).
+
+use super::metrics::{MetricError, SsimPadding, decibels, same_size, ssim};
+use crate::math::image::{Image, RgbImage};
+use rayon::prelude::*;
+
+/// A pixel counts as covered from this accumulated opacity on.
+pub const COVERED: f32 = 0.5;
+
+/// How well a render shows a photograph.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comparison {
+    /// PSNR over the whole frame, dB.
+    pub psnr: f64,
+    /// SSIM of the whole frame, `valid` padding.
+    pub ssim: f64,
+    /// Share of pixels with coverage ≥ [`COVERED`].
+    pub coverage: f64,
+    /// The covered pixels; `None` if there is none.
+    pub covered: Option<Covered>,
+}
+
+/// What only covered pixels can tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Covered {
+    /// PSNR over covered pixels, dB.
+    pub psnr: f64,
+    /// PSNR over covered pixels after the alignment, dB.
+    pub aligned_psnr: f64,
+    /// PSNR over the whole frame after the alignment, dB.
+    pub aligned_psnr_frame: f64,
+    /// SSIM of the whole frame after the alignment, `valid` padding.
+    pub aligned_ssim: f64,
+    /// What the alignment did to the colours.
+    pub alignment: Alignment,
+}
+
+/// Per channel `gain · colour + offset`: the least-squares fit of a render to its photograph, which
+/// takes differences of exposure and white balance out of the comparison.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alignment {
+    /// Factor of each channel.
+    pub gain: [f64; 3],
+    /// Added to each channel.
+    pub offset: [f64; 3],
+}
+
+/// Compares a render with its photograph. The alignment is fitted on covered pixels and applied to
+/// them: the others show the background, whose colour is not the model's.
+///
+/// ```
+/// use vbgs_studio::eval::comparison::compare;
+/// use vbgs_studio::math::image::Image;
+///
+/// let grey = |i: usize| [0.2 + 0.002 * (i % 16) as f32; 3];
+/// let render = Image::from_vec(16, 12, (0..192).map(grey).collect());
+/// let brighter = render.map(|p| p.map(|v| 1.5 * v + 0.1));
+/// let found = compare(&render, &Image::filled(16, 12, 1.0), &brighter).unwrap();
+/// let covered = found.covered.unwrap();
+/// assert!(found.psnr < 16.0 && covered.aligned_psnr > 100.0);
+/// assert!((covered.alignment.gain[0] - 1.5).abs() < 1e-4);
+/// ```
+pub fn compare(
+    render: &RgbImage,
+    coverage: &Image<f32>,
+    truth: &RgbImage,
+) -> Result<Comparison, MetricError> {
+    same_size(render, truth, "ground truth")?;
+    same_size(render, coverage, "coverage")?;
+    let n_pixels = render.data.len();
+    if n_pixels == 0 {
+        return Err(MetricError::NoPixels);
+    }
+    let sums = Sums::of(render, coverage, truth);
+    let covered = match sums.n_covered {
+        0 => None,
+        _ => {
+            let alignment = sums.alignment();
+            let aligned = alignment.applied(render, coverage);
+            let after = Sums::of(&aligned, coverage, truth);
+            Some(Covered {
+                psnr: sums.psnr_covered(),
+                aligned_psnr: after.psnr_covered(),
+                aligned_psnr_frame: after.psnr(n_pixels),
+                aligned_ssim: ssim(&aligned, truth, SsimPadding::Valid)?,
+                alignment,
+            })
+        }
+    };
+    Ok(Comparison {
+        psnr: sums.psnr(n_pixels),
+        ssim: ssim(render, truth, SsimPadding::Valid)?,
+        coverage: sums.n_covered as f64 / n_pixels as f64,
+        covered,
+    })
+}
+
+impl Alignment {
+    fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
+        let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
+            if coverage < COVERED {
+                return pixel;
+            }
+            std::array::from_fn(|i| {
+                (self.gain[i] * f64::from(pixel[i]) + self.offset[i]).clamp(0.0, 1.0) as f32
+            })
+        });
+        Image::from_vec(render.width, render.height, aligned.collect())
+    }
+}
+
+/// Sums over the pixels of an image, or of a part of it.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    n_covered: usize,
+    /// Squared errors of all pixels and channels.
+    error: f64,
+    /// The same of covered pixels.
+    error_covered: f64,
+    /// Of covered pixels, by channel.
+    moments: [Moments; 3],
+}
+
+/// Sums of a channel: render `x`, photograph `y`.
+#[derive(Clone, Copy, Default)]
+struct Moments {
+    x: f64,
+    y: f64,
+    xx: f64,
+    xy: f64,
+}
+
+impl Sums {
+    /// Row by row in parallel; rows are added up in order, so the sums have the same bits for any
+    /// number of threads.
+    fn of(render: &RgbImage, coverage: &Image<f32>, truth: &RgbImage) -> Self {
+        let width = render.width;
+        let rows: Vec<Self> = render
+            .data
+            .par_chunks(width)
+            .zip(coverage.data.par_chunks(width))
+            .zip(truth.data.par_chunks(width))
+            .map(|((render, coverage), truth)| Self::of_row(render, coverage, truth))
+            .collect();
+        rows.iter().fold(Self::default(), |sums, row| sums.plus(row))
+    }
+
+    fn of_row(render: &[[f32; 3]], coverage: &[f32], truth: &[[f32; 3]]) -> Self {
+        let mut sums = Self::default();
+        for ((render, &coverage), truth) in render.iter().zip(coverage).zip(truth) {
+            let (x, y) = (render.map(f64::from), truth.map(f64::from));
+            let error: f64 = x.iter().zip(&y).map(|(x, y)| (x - y) * (x - y)).sum();
+            sums.error += error;
+            if coverage >= COVERED {
+                sums.n_covered += 1;
+                sums.error_covered += error;
+                for (moments, (x, y)) in sums.moments.iter_mut().zip(x.into_iter().zip(y)) {
+                    moments.x += x;
+                    moments.y += y;
+                    moments.xx += x * x;
+                    moments.xy += x * y;
+                }
+            }
+        }
+        sums
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        let moments = |i: usize| {
+            let (a, b) = (self.moments[i], other.moments[i]);
+            Moments { x: a.x + b.x, y: a.y + b.y, xx: a.xx + b.xx, xy: a.xy + b.xy }
+        };
+        Self {
+            n_covered: self.n_covered + other.n_covered,
+            error: self.error + other.error,
+            error_covered: self.error_covered + other.error_covered,
+            moments: std::array::from_fn(moments),
+        }
+    }
+
+    fn psnr(&self, n_pixels: usize) -> f64 {
+        decibels(self.error / (3 * n_pixels) as f64)
+    }
+
+    fn psnr_covered(&self) -> f64 {
+        decibels(self.error_covered / (3 * self.n_covered) as f64)
+    }
+
+    /// Least squares over at least one covered pixel.
+    fn alignment(&self) -> Alignment {
+        let fits = self.moments.map(|m| m.fit(self.n_covered as f64));
+        Alignment { gain: fits.map(|f| f[0]), offset: fits.map(|f| f[1]) }
+    }
+}
+
+/// Variance of a channel, in (0 to 1)², below which no factor can be told: that of a channel whose
+/// pixels all have the same byte.
+const LEAST_VARIANCE: f64 = 1e-8;
+
+impl Moments {
+    /// Factor and offset.
+    fn fit(&self, n: f64) -> [f64; 2] {
+        let (x, y) = (self.x / n, self.y / n);
+        let variance = self.xx / n - x * x;
+        let gain = if variance > LEAST_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
+        [gain, y - gain * x]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eval::metrics::{psnr, psnr_masked};
+    use crate::math::rng::{Purpose, Rng};
+
+    fn noise(width: usize, height: usize, seed: u64) -> RgbImage {
+        let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+        let pixel = |_| std::array::from_fn(|_| rng.uniform() as f32);
+        Image::from_vec(width, height, (0..width * height).map(pixel).collect())
+    }
+
+    #[test]
+    fn the_plain_scores_are_those_of_the_metrics() {
+        let (render, truth) = (noise(40, 30, 1), noise(40, 30, 2));
+        let coverage = noise(40, 30, 3).map(|p| p[0]);
+        let found = compare(&render, &coverage, &truth).unwrap();
+        let mask = coverage.map(|&a| a >= COVERED);
+        let covered = found.covered.unwrap();
+        assert!((found.psnr - psnr(&render, &truth).unwrap()).abs() < 1e-10);
+        let expected = psnr_masked(&render, &truth, &mask).unwrap();
+        assert!((covered.psnr - expected).abs() < 1e-10);
+        let share = mask.data.iter().filter(|&&c| c).count() as f64 / 1200.0;
+        assert_eq!(found.coverage, share);
+        assert_eq!(found.ssim, ssim(&render, &truth, SsimPadding::Valid).unwrap());
+    }
+
+    /// No other factor and offset comes nearer to the photograph.
+    #[test]
+    fn the_alignment_is_the_best_one() {
+        let (render, other) =
+            (noise(40, 30, 4).map(|p| p.map(|v| 0.3 + 0.3 * v)), noise(40, 30, 5));
+        let mix = |(a, b): (&[f32; 3], &[f32; 3])| {
+            std::array::from_fn(|i| 0.6 * a[i] + 0.1 * b[i] + [0.0, 0.05, 0.1][i])
+        };
+        let truth = Image::from_vec(40, 30, render.data.iter().zip(&other.data).map(mix).collect());
+        let coverage = Image::filled(40, 30, 1.0);
+        let covered = compare(&render, &coverage, &truth).unwrap().covered.unwrap();
+        for i in 0..3 {
+            for (gain, offset) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 0.004), (0.0, -0.004)] {
+                let mut off = covered.alignment;
+                off.gain[i] += gain;
+                off.offset[i] += offset;
+                let worse = Sums::of(&off.applied(&render, &coverage), &coverage, &truth);
+                assert!(worse.psnr_covered() < covered.aligned_psnr, "channel {i} {gain} {offset}");
+            }
+        }
+    }
+
+    #[test]
+    fn uncovered_pixels_keep_the_background() {
+        let mut coverage = Image::filled(16, 12, 1.0);
+        coverage.data[..16].fill(0.2);
+        let render = Image::filled(16, 12, [0.25; 3]);
+        let truth = Image::filled(16, 12, [0.5; 3]);
+        let covered = compare(&render, &coverage, &truth).unwrap().covered.unwrap();
+        assert_eq!(covered.alignment, Alignment { gain: [1.0; 3], offset: [0.25; 3] });
+        assert!(covered.aligned_psnr > 100.0);
+        let expected = -10.0 * (0.0625f64 / 12.0).log10();
+        assert!((covered.aligned_psnr_frame - expected).abs() < 1e-9);
+    }
+
+    #[test]
+    fn nothing_covered_has_no_covered_score() {
+        let image = Image::filled(16, 12, [0.0; 3]);
+        let found = compare(&image, &Image::filled(16, 12, 0.4), &image).unwrap();
+        assert_eq!((found.coverage, found.covered), (0.0, None));
+        let small = Image::filled(16, 11, 1.0);
+        assert!(matches!(compare(&image, &small, &image), Err(MetricError::SizeMismatch { .. })));
+    }
+}

@@ -1,0 +1,245 @@
+//! Cracks: background that shows between splats inside a measured surface (`accuracy.md` 7, Cracks),
+//! at the distance of training and at half of it.
+//!
+//! Half the distance is a camera moved along its optical axis by half the median depth z of the
+//! view's interior pixels. Its interior pixels are those of the view's depth, drawn forward into the
+//! moved camera ([`Surfaces::seen_by`]): inside by the rule in both images.
+
+use super::surfaces::Surfaces;
+use crate::dataset::Dataset;
+use crate::math::camera::Camera;
+use crate::math::image::Image;
+use crate::model::appearance::SplatView;
+use crate::render::RenderOptions;
+use crate::render::cpu::CpuRenderer;
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Where the measured split has no depth, every so-many-th training view shows cracks.
+pub const TRAINING_VIEWS_EVERY: usize = 10;
+
+/// Surfaces nearer than this many near planes do not count: the renderer drops splats there.
+const NEAR_PLANES: f64 = 2.0;
+
+/// Shares of the interior pixels of one image, or their means over images.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cracks {
+    /// Share of all pixels that are interior.
+    pub interior: f64,
+    /// Share of interior pixels with transmittance > 0.1.
+    pub over_01: f64,
+    /// Share of interior pixels with transmittance > 0.3.
+    pub over_03: f64,
+}
+
+/// Cracks in one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewCracks {
+    /// Name of the view within its split.
+    pub frame: String,
+    /// From where the depth was measured.
+    pub training_distance: Cracks,
+    /// From half way to the surfaces; `None` if none is left in sight.
+    pub half_distance: Option<Cracks>,
+}
+
+/// Cracks over the views of a split.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CrackReport {
+    /// Split whose depth says where surfaces are.
+    pub split: String,
+    /// Views with interior pixels.
+    pub views: usize,
+    /// Means over the views.
+    pub training_distance: Cracks,
+    /// Means over the views; `None` if nothing is in sight there in any.
+    pub half_distance: Option<Cracks>,
+    /// View by view.
+    pub frames: Vec<ViewCracks>,
+}
+
+/// The views that show cracks when `frames` of `split` are measured: the same where they have depth,
+/// else every tenth of the training split. `None` if no split has depth.
+pub fn views(dataset: &Dataset, split: usize, frames: &[usize]) -> Option<(usize, Vec<usize>)> {
+    if dataset.splits[split].has_depth {
+        return Some((split, frames.to_vec()));
+    }
+    let training = dataset.training_split().ok()?;
+    let n_frames = dataset.splits[training].frames.len();
+    Some((training, (0..n_frames).step_by(TRAINING_VIEWS_EVERY).collect()))
+}
+
+/// Looks for cracks in the listed views of a split; `progress` hears how many are done. Views that
+/// cannot be loaded, and those without interior pixels, do not count; `None` if none is left.
+pub fn measure<'a>(
+    splats: impl Into<SplatView<'a>>,
+    dataset: &Dataset,
+    (split, frames): (usize, &[usize]),
+    render: &RenderOptions,
+    mut progress: impl FnMut(usize),
+) -> Option<CrackReport> {
+    let splats = splats.into();
+    let mut renderer = CpuRenderer::new();
+    let mut found = Vec::with_capacity(frames.len());
+    for (done, &index) in frames.iter().enumerate() {
+        if let Ok(frame) = dataset.load(split, index)
+            && let Some(surfaces) = Surfaces::of(&frame)
+        {
+            found.extend(in_view(frame.name, &surfaces, splats, render, &mut renderer));
+        }
+        progress(done + 1);
+    }
+    let far: Vec<Cracks> = found.iter().map(|view| view.training_distance).collect();
+    let near: Vec<Cracks> = found.iter().filter_map(|view| view.half_distance).collect();
+    Some(CrackReport {
+        split: dataset.splits[split].name.clone(),
+        views: found.len(),
+        training_distance: Cracks::mean(&far)?,
+        half_distance: Cracks::mean(&near),
+        frames: found,
+    })
+}
+
+/// Cracks in one view, from both distances; `None` if the view has no interior pixels.
+fn in_view(
+    frame: String,
+    surfaces: &Surfaces,
+    splats: SplatView,
+    render: &RenderOptions,
+    renderer: &mut CpuRenderer,
+) -> Option<ViewCracks> {
+    let mut shares = |surfaces: &Surfaces| {
+        let coverage = renderer.render(splats, &surfaces.camera, render).coverage;
+        Cracks::of(&coverage, &surfaces.interior)
+    };
+    let nearer = half_distance(surfaces)?;
+    let near = (NEAR_PLANES * render.near) as f32;
+    Some(ViewCracks {
+        frame,
+        training_distance: shares(surfaces)?,
+        half_distance: shares(&surfaces.seen_by(&nearer, near)),
+    })
+}
+
+/// The view's camera, moved along its axis by half the median depth of its interior pixels.
+fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
+    let step = 0.5 * f64::from(surfaces.median_interior_z()?);
+    let Camera { intrinsics, pose } = surfaces.camera;
+    Some(Camera { intrinsics, pose: pose.attached(step * DVec3::Z, DQuat::IDENTITY) })
+}
+
+impl Cracks {
+    /// Shares in one image; `None` if it has no interior pixels.
+    fn of(coverage: &Image<f32>, interior: &Image<bool>) -> Option<Self> {
+        let (mut n_interior, mut n_over) = (0usize, [0usize; 2]);
+        for (&coverage, _) in coverage.data.iter().zip(&interior.data).filter(|(_, i)| **i) {
+            n_interior += 1;
+            let transmittance = 1.0 - coverage;
+            n_over[0] += usize::from(transmittance > 0.1);
+            n_over[1] += usize::from(transmittance > 0.3);
+        }
+        let [over_01, over_03] = n_over.map(|n| n as f64 / n_interior as f64);
+        let interior = n_interior as f64 / interior.data.len() as f64;
+        (n_interior > 0).then_some(Self { interior, over_01, over_03 })
+    }
+
+    fn mean(views: &[Self]) -> Option<Self> {
+        let mean =
+            |share: fn(&Self) -> f64| views.iter().map(share).sum::<f64>() / views.len() as f64;
+        (!views.is_empty()).then(|| Self {
+            interior: mean(|v| v.interior),
+            over_01: mean(|v| v.over_01),
+            over_03: mean(|v| v.over_03),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
+    use crate::math::camera::Intrinsics;
+    use crate::math::pose::Pose;
+    use crate::model::splats::Splat;
+    use crate::render::Method;
+    use std::ops::Range;
+
+    const WIDTH: usize = 96;
+    const HEIGHT: usize = 64;
+
+    fn frame() -> Frame {
+        let camera = Camera {
+            intrinsics: Intrinsics::from_horizontal_fov(WIDTH as u32, HEIGHT as u32, 0.8),
+            pose: Pose::IDENTITY,
+        };
+        let codes = DepthCodes::Linear16 { codes: Image::filled(WIDTH, HEIGHT, 2000), unit: 1e-3 };
+        Frame {
+            name: "wall".to_owned(),
+            camera,
+            color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]),
+            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0] }),
+        }
+    }
+
+    /// A splat with a flat top behind every pixel of the frame and around it, but for those of some
+    /// columns.
+    fn wall(camera: &Camera, gap: Range<i32>) -> Vec<Splat> {
+        let k = &camera.intrinsics;
+        let pixels =
+            (-10..HEIGHT as i32 + 10).flat_map(|y| (-10..WIDTH as i32 + 10).map(move |x| (x, y)));
+        let splat = |(x, y): (i32, i32)| {
+            let at = [f64::from(x) + 0.5 - k.cx, f64::from(y) + 0.5 - k.cy];
+            Splat {
+                mean: [(2.0 * at[0] / k.fx) as f32, (2.0 * at[1] / k.fy) as f32, 2.0],
+                opacity: 3.0,
+                scale: [(0.7 * 2.0 / k.fx) as f32; 3],
+                ..Splat::default()
+            }
+        };
+        pixels.filter(|(x, _)| !gap.contains(x)).map(splat).collect()
+    }
+
+    fn cracks(splats: &[Splat]) -> ViewCracks {
+        let frame = frame();
+        let surfaces = Surfaces::of(&frame).unwrap();
+        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let renderer = &mut CpuRenderer::new();
+        in_view(frame.name, &surfaces, splats.into(), &render, renderer).unwrap()
+    }
+
+    #[test]
+    fn a_closed_wall_has_none() {
+        let found = cracks(&wall(&frame().camera, 0..0));
+        let closed = Cracks { interior: 1.0, over_01: 0.0, over_03: 0.0 };
+        assert_eq!((found.training_distance, found.half_distance), (closed, Some(closed)));
+    }
+
+    /// Ten columns are left out: from three splats at one pixel's distance alpha is capped, from
+    /// those at two pixels 0.42 come through (3·exp(−d²/2σ²) with σ² = 0.7² + 0.3). So the outer
+    /// two columns are closed and the other eight are not.
+    #[test]
+    fn a_gap_counts_by_its_pixels() {
+        let found = cracks(&wall(&frame().camera, 40..50));
+        let share = 8.0 / WIDTH as f64;
+        assert_eq!(
+            found.training_distance,
+            Cracks { interior: 1.0, over_01: share, over_03: share }
+        );
+        // Twenty columns of the moved camera; a splat's own blur reaches two into it.
+        let half = found.half_distance.unwrap();
+        let columns = half.over_03 * WIDTH as f64;
+        assert_eq!((half.interior, columns), (1.0, 16.0));
+    }
+
+    #[test]
+    fn an_empty_scene_is_all_crack() {
+        let open = Cracks { interior: 1.0, over_01: 1.0, over_03: 1.0 };
+        assert_eq!(cracks(&[]).training_distance, open);
+    }
+
+    #[test]
+    fn the_moved_camera_stands_half_way() {
+        let surfaces = Surfaces::of(&frame()).unwrap();
+        assert_eq!(half_distance(&surfaces).unwrap().pose.centre(), DVec3::Z);
+    }
+}

@@ -1,0 +1,84 @@
+//! A grid of measured points drawn as squares into another image, nearest first.
+
+use crate::math::image::Image;
+
+/// One point of the grid in the other image.
+#[derive(Clone, Copy, Debug)]
+pub struct Corner {
+    /// Continuous pixel coordinates.
+    pub at: [f32; 2],
+    /// Depth, positive.
+    pub z: f32,
+    /// Whether it carries the mark.
+    pub is_marked: bool,
+}
+
+/// The other image.
+pub struct Drawn {
+    /// Depth of the nearest square; 0 where there is none.
+    pub z: Image<f32>,
+    /// Whether all corners of that square are marked.
+    pub marked: Image<bool>,
+}
+
+/// How far outside a triangle a pixel centre may lie, px²: neighbours must leave no gap.
+const EDGE_SLACK: f32 = 1e-3;
+
+/// Draws the squares of a grid of `width` columns that have four corners and pass `is_square` (told
+/// the indices of the upper left, upper right, lower left and lower right corner).
+pub fn draw(
+    corners: &[Option<Corner>],
+    width: usize,
+    is_square: impl Fn([usize; 4]) -> bool,
+    [columns, rows]: [usize; 2],
+) -> Drawn {
+    let mut drawn =
+        Drawn { z: Image::filled(columns, rows, 0.0), marked: Image::filled(columns, rows, false) };
+    for upper_left in 0..corners.len().saturating_sub(width + 1) {
+        let square = [upper_left, upper_left + 1, upper_left + width, upper_left + width + 1];
+        let [Some(a), Some(b), Some(c), Some(d)] = square.map(|i| corners[i]) else { continue };
+        if (upper_left + 1) % width != 0 && is_square(square) {
+            let is_marked = [a, b, c, d].iter().all(|corner| corner.is_marked);
+            drawn.triangle([a, b, c], is_marked);
+            drawn.triangle([d, c, b], is_marked);
+        }
+    }
+    drawn
+}
+
+impl Drawn {
+    fn triangle(&mut self, corners: [Corner; 3], is_marked: bool) {
+        let [a, b, c] = corners.map(|corner| corner.at);
+        let area = cross(a, b, c);
+        if area == 0.0 {
+            return;
+        }
+        let span = |axis: usize, size: usize| {
+            let (lo, hi) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
+            // Casts saturate, so what lies outside ends at the border.
+            (lo - 0.5).ceil() as usize..((hi + 0.5).floor() as usize).min(size)
+        };
+        let inverse_z = corners.map(|corner| 1.0 / corner.z);
+        for row in span(1, self.z.height) {
+            for column in span(0, self.z.width) {
+                let pixel = [column as f32 + 0.5, row as f32 + 0.5];
+                let parts = [cross(b, c, pixel), cross(c, a, pixel), cross(a, b, pixel)];
+                if parts.iter().any(|part| part * area.signum() < -EDGE_SLACK) {
+                    continue;
+                }
+                let weighted: f32 = parts.iter().zip(inverse_z).map(|(part, w)| part * w).sum();
+                let z = area / weighted;
+                let nearest = &mut self.z.data[row * self.z.width + column];
+                if *nearest == 0.0 || z < *nearest {
+                    *nearest = z;
+                    self.marked.data[row * self.z.width + column] = is_marked;
+                }
+            }
+        }
+    }
+}
+
+/// Twice the signed area of a triangle.
+fn cross(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
+    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}

@@ -1,0 +1,98 @@
+//! Quality on the pixels where a view's own depth camera saw a surface: what a model that has learnt
+//! the view must show, however little of the scene it knows yet.
+
+use super::comparison::COVERED;
+use super::metrics::{MetricError, mean_std, psnr_masked};
+use super::surfaces::Surfaces;
+use crate::math::image::{Image, RgbImage};
+use serde::{Deserialize, Serialize};
+
+/// Quality on the seen pixels of one view, or its mean over views.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    /// PSNR over them, dB.
+    pub psnr: f64,
+    /// Share of them with coverage ≥ 0.5.
+    pub coverage: f64,
+    /// The same of those inside a surface ([`Surfaces::interior`]); `None` if there is none.
+    pub coverage_interior: Option<f64>,
+}
+
+impl Seen {
+    /// Compares a render with its photograph; `surfaces` are those of the view in the same image.
+    /// `None` if there are none.
+    pub fn compare(
+        render: &RgbImage,
+        coverage: &Image<f32>,
+        truth: &RgbImage,
+        surfaces: &Surfaces,
+    ) -> Result<Option<Self>, MetricError> {
+        let mask = surfaces.z.map(|&z| z > 0.0);
+        let Some(share) = covered_share(coverage, &mask) else { return Ok(None) };
+        Ok(Some(Self {
+            psnr: psnr_masked(render, truth, &mask)?,
+            coverage: share,
+            coverage_interior: covered_share(coverage, &surfaces.interior),
+        }))
+    }
+
+    /// Mean over views; `None` for none.
+    pub fn mean(views: &[Self]) -> Option<Self> {
+        let mean = |values: Vec<f64>| (!values.is_empty()).then(|| mean_std(&values).0);
+        Some(Self {
+            psnr: mean(views.iter().map(|v| v.psnr).collect())?,
+            coverage: mean(views.iter().map(|v| v.coverage).collect())?,
+            coverage_interior: mean(views.iter().filter_map(|v| v.coverage_interior).collect()),
+        })
+    }
+}
+
+/// Share of the masked pixels that splats cover; `None` if no pixel is masked.
+fn covered_share(coverage: &Image<f32>, mask: &Image<bool>) -> Option<f64> {
+    let (mut n_masked, mut n_covered) = (0usize, 0usize);
+    for (&coverage, _) in coverage.data.iter().zip(&mask.data).filter(|(_, masked)| **masked) {
+        n_masked += 1;
+        n_covered += usize::from(coverage >= COVERED);
+    }
+    (n_masked > 0).then(|| n_covered as f64 / n_masked as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::camera::{Camera, Intrinsics};
+    use crate::math::pose::Pose;
+
+    /// A quarter of the image has no depth, another is not covered and shows the wrong colour.
+    #[test]
+    fn only_pixels_with_depth_count() {
+        let (width, height) = (64, 32);
+        let quarter = |i: usize| i % width / 16;
+        let image = |value: &dyn Fn(usize) -> f32| {
+            Image::from_vec(width, height, (0..width * height).map(value).collect())
+        };
+        let surfaces = Surfaces::new(
+            Camera {
+                intrinsics: Intrinsics::from_horizontal_fov(64, 32, 0.9),
+                pose: Pose::IDENTITY,
+            },
+            image(&|i| if quarter(i) == 0 { 0.0 } else { 2.0 }),
+            [0.05, 0.0],
+        );
+        let coverage = image(&|i| if quarter(i) == 3 { 0.4 } else { 0.9 });
+        let render = coverage.map(|&a| if a < 0.5 { [0.0; 3] } else { [0.5; 3] });
+        let truth = image(&|i| if quarter(i) == 0 { 1.0 } else { 0.5 }).map(|&v| [v; 3]);
+        let seen = Seen::compare(&render, &coverage, &truth, &surfaces).unwrap().unwrap();
+        assert!((seen.psnr - -10.0 * (0.25f64 / 3.0).log10()).abs() < 1e-9);
+        assert_eq!(seen.coverage, 2.0 / 3.0);
+        // The edge takes six columns: the first with depth and five beyond it.
+        assert_eq!(seen.coverage_interior, Some((32.0 - 6.0) / (48.0 - 6.0)));
+
+        let nothing = Surfaces::new(surfaces.camera, image(&|_| 0.0), [0.05, 0.0]);
+        assert_eq!(Seen::compare(&render, &coverage, &truth, &nothing), Ok(None));
+        let mean = Seen::mean(&[seen, Seen { psnr: 0.0, coverage: 0.0, coverage_interior: None }]);
+        let mean = mean.unwrap();
+        assert_eq!((mean.coverage, mean.coverage_interior), (1.0 / 3.0, seen.coverage_interior));
+        assert_eq!(Seen::mean(&[]), None);
+    }
+}

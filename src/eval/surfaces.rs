@@ -1,0 +1,275 @@
+//! The surfaces that a view's depth measured: how far they are, which pixels lie well inside them,
+//! and how another camera sees them.
+
+use super::reproject::{self, Corner};
+use crate::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::image::Image;
+use rayon::prelude::*;
+
+/// Interior pixels have no edge in the square of this many pixels around them (`accuracy.md` 7,
+/// Cracks).
+pub const EDGE_MARGIN: usize = 5;
+
+/// Jumps ([`Surfaces::new`]) are the margins of `accuracy.md` 3, step 4: 1.6 codes of 8-bit ray
+/// depth, metres of a depth camera otherwise.
+const INVERSE8_JUMP: [f32; 2] = [0.05, 0.0];
+const SENSOR_JUMP: [f32; 2] = [0.03, 0.02];
+
+/// Surfaces in one camera's image.
+#[derive(Clone, Debug)]
+pub struct Surfaces {
+    /// The camera.
+    pub camera: Camera,
+    /// Depth along the optical axis of every pixel, world units; 0 where no surface is known.
+    pub z: Image<f32>,
+    /// Pixels inside a surface: more than [`EDGE_MARGIN`] pixels (along rows and columns) from
+    /// where depth jumps or ends. The border of the image is no edge.
+    pub interior: Image<bool>,
+    jump: [f32; 2],
+}
+
+impl Surfaces {
+    /// What the frame's depth camera measured where it is trusted and nothing shines through
+    /// (alpha 255); `None` in frames without depth.
+    pub fn of(frame: &Frame) -> Option<Self> {
+        let depth = frame.depth.as_ref()?;
+        let mut z = frame.depth_z()?;
+        for (i, z) in z.data.iter_mut().enumerate() {
+            let (column, row) = (i % frame.color.width, i / frame.color.width);
+            let is_trusted = depth.value_at(column, row).is_some_and(|value| depth.trusts(value));
+            if !is_trusted || frame.color.data[i][3] < u8::MAX {
+                *z = 0.0;
+            }
+        }
+        Some(Self::new(frame.camera, z, jump(depth)))
+    }
+
+    /// From depth z, 0 where no surface is known. Neighbouring pixels whose depths differ by more
+    /// than `jump[0] + jump[1]·z` belong to two surfaces; world units.
+    pub fn new(camera: Camera, z: Image<f32>, jump: [f32; 2]) -> Self {
+        Self { camera, interior: interior(&z, jump), z, jump }
+    }
+
+    /// The same surfaces in the image of another camera, as far as this one saw them: squares
+    /// between the centres of four neighbouring pixels without a jump are drawn, the nearest wins,
+    /// and what is not beyond `near` (world units) is left out. Interior is what is inside by the
+    /// rule in both images.
+    pub fn seen_by(&self, camera: &Camera, near: f32) -> Self {
+        let corners = self.corners(camera, near);
+        let width = self.z.width;
+        let are_one = |a: usize, b: usize| !is_jump(self.z.data[a], self.z.data[b], self.jump);
+        let is_square = |[a, b, c, d]: [usize; 4]| {
+            are_one(a, b) && are_one(c, d) && are_one(a, c) && are_one(b, d)
+        };
+        let Intrinsics { width: columns, height: rows, .. } = camera.intrinsics;
+        let drawn = reproject::draw(&corners, width, is_square, [columns as usize, rows as usize]);
+        let mut interior = interior(&drawn.z, self.jump);
+        for (inside, &was_inside) in interior.data.iter_mut().zip(&drawn.marked.data) {
+            *inside &= was_inside;
+        }
+        Self { camera: *camera, z: drawn.z, interior, jump: self.jump }
+    }
+
+    fn corners(&self, camera: &Camera, near: f32) -> Vec<Option<Corner>> {
+        let (rotation, translation) = camera.pose.inverse();
+        let there_from_here = rotation * self.camera.pose.rotation();
+        let shift = rotation * self.camera.pose.centre() + translation;
+        let (here, there) = (&self.camera.intrinsics, &camera.intrinsics);
+        let width = self.z.width;
+        let corner = |(i, &z): (usize, &f32)| {
+            let p = there_from_here * (here.ray(i % width, i / width) * f64::from(z)) + shift;
+            (z > 0.0 && p.z as f32 > near).then(|| Corner {
+                at: [there.fx * p.x / p.z + there.cx, there.fy * p.y / p.z + there.cy]
+                    .map(|x| x as f32),
+                z: p.z as f32,
+                is_marked: self.interior.data[i],
+            })
+        };
+        self.z.data.par_iter().enumerate().map(corner).collect()
+    }
+
+    /// Depth measured as a renderer does, 0 where no surface is known.
+    pub fn depth_as(&self, kind: DepthKind) -> Image<f32> {
+        let mut depth = self.z.clone();
+        if kind == DepthKind::RayDistance {
+            for (i, value) in depth.data.iter_mut().enumerate() {
+                let ray = self.camera.intrinsics.ray(i % depth.width, i / depth.width);
+                *value *= ray.length() as f32;
+            }
+        }
+        depth
+    }
+
+    /// Median depth z of the interior pixels, world units.
+    pub fn median_interior_z(&self) -> Option<f32> {
+        let pixels = self.z.data.iter().zip(&self.interior.data);
+        let mut inside: Vec<f32> = pixels.filter(|(_, inside)| **inside).map(|(z, _)| *z).collect();
+        let middle = inside.len() / 2;
+        (!inside.is_empty()).then(|| *inside.select_nth_unstable_by(middle, f32::total_cmp).1)
+    }
+}
+
+fn jump(depth: &Depth) -> [f32; 2] {
+    match depth.codes {
+        DepthCodes::Inverse8(_) => INVERSE8_JUMP,
+        DepthCodes::Linear16 { .. } => SENSOR_JUMP,
+    }
+}
+
+/// Whether two neighbouring pixels do not show one surface: one shows none, or they are far apart.
+fn is_jump(a: f32, b: f32, jump: [f32; 2]) -> bool {
+    let nearer = a.min(b);
+    nearer <= 0.0 || (a - b).abs() > jump[0] + jump[1] * nearer
+}
+
+fn interior(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
+    let near_edge = widened(&edges(z, jump));
+    near_edge.map(|&near| !near)
+}
+
+/// Pixels without a surface, and those on both sides of a jump.
+fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
+    let (width, height) = (z.width, z.height);
+    let mut edges = z.map(|&z| z <= 0.0);
+    let mut mark = |a: usize, b: usize| {
+        if is_jump(z.data[a], z.data[b], jump) {
+            edges.data[a] = true;
+            edges.data[b] = true;
+        }
+    };
+    for row in 0..height {
+        for i in row * width..(row + 1) * width {
+            if i + 1 < (row + 1) * width {
+                mark(i, i + 1);
+            }
+            if row + 1 < height {
+                mark(i, i + width);
+            }
+        }
+    }
+    edges
+}
+
+/// Every pixel with a marked one in the square of [`EDGE_MARGIN`] around it: first along rows, then
+/// along columns.
+fn widened(marks: &Image<bool>) -> Image<bool> {
+    let (width, height) = (marks.width, marks.height);
+    let mut along = Image::filled(width, height, false);
+    let mut square = along.clone();
+    if width == 0 || height == 0 {
+        return square;
+    }
+    along.data.par_chunks_mut(width).zip(marks.data.par_chunks(width)).for_each(|(out, row)| {
+        for (i, out) in out.iter_mut().enumerate() {
+            *out =
+                row[i.saturating_sub(EDGE_MARGIN)..width.min(i + EDGE_MARGIN + 1)].contains(&true);
+        }
+    });
+    square.data.par_chunks_mut(width).enumerate().for_each(|(row, out)| {
+        let rows = row.saturating_sub(EDGE_MARGIN)..height.min(row + EDGE_MARGIN + 1);
+        for above in along.data[rows.start * width..rows.end * width].chunks(width) {
+            out.iter_mut().zip(above).for_each(|(out, mark)| *out |= mark);
+        }
+    });
+    square
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::pose::Pose;
+    use glam::{DQuat, DVec3};
+
+    fn camera(width: u32, height: u32) -> Camera {
+        Camera {
+            intrinsics: Intrinsics::from_horizontal_fov(width, height, 0.9),
+            pose: Pose::IDENTITY,
+        }
+    }
+
+    /// A wall 2 units ahead, with millimetre codes changed by `edit`.
+    fn wall(camera: Camera, edit: impl Fn(usize, usize) -> u16) -> Frame {
+        let (width, height) = (camera.intrinsics.width as usize, camera.intrinsics.height as usize);
+        let codes = (0..width * height).map(|i| edit(i % width, i / width)).collect();
+        let codes = Image::from_vec(width, height, codes);
+        let codes = DepthCodes::Linear16 { codes, unit: 1e-3 };
+        Frame {
+            name: "wall".to_owned(),
+            camera,
+            color: Image::filled(width, height, [0, 0, 0, 255]),
+            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0] }),
+        }
+    }
+
+    fn count(image: &Image<bool>) -> usize {
+        image.data.iter().filter(|&&x| x).count()
+    }
+
+    #[test]
+    fn a_hole_a_jump_and_distrust_are_edges_and_the_border_is_none() {
+        let camera = camera(64, 48);
+        let plain = Surfaces::of(&wall(camera, |_, _| 2000)).unwrap();
+        assert_eq!(count(&plain.interior), 64 * 48);
+        for code in [0, 5000] {
+            let hole = |x, y| if (x, y) == (30, 20) { code } else { 2000 };
+            let holed = Surfaces::of(&wall(camera, hole)).unwrap();
+            // The hole's neighbours end at it, so their squares count as well.
+            assert_eq!(count(&holed.interior), 64 * 48 - (13 * 13 - 4), "code {code}");
+            assert_eq!(*holed.z.at(30, 20), 0.0);
+        }
+        let step = Surfaces::of(&wall(camera, |x, _| if x < 30 { 2000 } else { 2080 })).unwrap();
+        assert_eq!(count(&step.interior), (64 - 12) * 48);
+        let slope = Surfaces::of(&wall(camera, |x, _| 2000 + 60 * x as u16 / 2)).unwrap();
+        assert_eq!(count(&slope.interior), 64 * 48, "a slope of 60 mm in two pixels is none");
+    }
+
+    #[test]
+    fn what_shines_through_is_no_surface() {
+        let mut frame = wall(camera(64, 48), |_, _| 2000);
+        frame.color.data[0][3] = 254;
+        let found = Surfaces::of(&frame).unwrap();
+        assert_eq!((found.z.data[0], found.z.data[1]), (0.0, 2.0));
+    }
+
+    /// Half way to the wall, its middle half fills the image.
+    #[test]
+    fn another_camera_sees_the_same_surfaces() {
+        let here = camera(64, 48);
+        let frame = wall(here, |x, y| if (24..40).contains(&x) && y < 24 { 0 } else { 2000 });
+        let surfaces = Surfaces::of(&frame).unwrap();
+        assert_eq!(surfaces.median_interior_z(), Some(2.0));
+        let half = Camera { pose: here.pose.attached(DVec3::Z, DQuat::IDENTITY), ..here };
+        let seen = surfaces.seen_by(&half, 0.2);
+        for row in 0..48 {
+            for column in 0..64 {
+                let z = *seen.z.at(column, row);
+                // A pixel of the hole has grown to two, and squares with a corner in it are gone.
+                let is_hole = (15..49).contains(&column) && row < 25;
+                let expected = if is_hole { 0.0 } else { 1.0 };
+                assert!((z - expected).abs() < 1e-5, "{column} {row}: {z}");
+            }
+        }
+        assert!(!seen.interior.at(49 + 5, 10) && *seen.interior.at(49 + 13, 10));
+        let outside =
+            seen.interior.data.iter().zip(&seen.z.data).filter(|(i, z)| **i && **z == 0.0);
+        assert_eq!(outside.count(), 0);
+    }
+
+    /// What is near hides what is behind, and grows more when the camera moves towards it.
+    #[test]
+    fn the_nearest_surface_wins() {
+        let here = camera(64, 48);
+        let post = |x: usize, _| if (28..36).contains(&x) { 1000 } else { 2000 };
+        let surfaces = Surfaces::of(&wall(here, post)).unwrap();
+        let closer = Camera { pose: here.pose.attached(0.5 * DVec3::Z, DQuat::IDENTITY), ..here };
+        let seen = surfaces.seen_by(&closer, 0.2);
+        // Centres at ±3.5 pixels move to ±7, the wall's at ±4.5 to ±6: hidden by the post.
+        let expected = |x| if (25..39).contains(&x) { 0.5 } else { 1.5 };
+        assert!((0..64).all(|x| (*seen.z.at(x, 24) - expected(x)).abs() < 1e-5));
+        assert_eq!(seen.depth_as(DepthKind::Z), seen.z);
+        let along = *seen.depth_as(DepthKind::RayDistance).at(0, 0);
+        assert!((along - 1.5 * here.intrinsics.ray(0, 0).length() as f32).abs() < 1e-5);
+        assert!(surfaces.seen_by(&closer, 0.6).z.data.iter().all(|&z| z == 0.0 || z > 1.4));
+    }
+}
