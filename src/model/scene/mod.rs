@@ -4,4 +4,5 @@
 
 pub mod native;
 pub mod opacity;
+pub mod state;
 pub mod sums;

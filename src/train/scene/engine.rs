@@ -5,6 +5,7 @@ use super::trainer::SceneTrainer;
 use crate::math::observation::Observation;
 use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
+use crate::model::scene::state::SceneState;
 use crate::model::splats::Splat;
 use crate::train::trainer::FrameOutcome;
 use glam::DVec3;
@@ -52,6 +53,26 @@ impl SceneEngine {
             SumForm::F32 => Self::F32(Box::new(SceneTrainer::new(config, origin))),
             SumForm::F64 => Self::F64(Box::new(SceneTrainer::new(config, origin))),
         }
+    }
+
+    /// See [`SceneTrainer::restore`].
+    pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
+        match config.sums {
+            SumForm::Mixed => {
+                SceneTrainer::restore(config, state, frames).map(|t| Self::Mixed(Box::new(t)))
+            }
+            SumForm::F32 => {
+                SceneTrainer::restore(config, state, frames).map(|t| Self::F32(Box::new(t)))
+            }
+            SumForm::F64 => {
+                SceneTrainer::restore(config, state, frames).map(|t| Self::F64(Box::new(t)))
+            }
+        }
+    }
+
+    /// The scene as it stands.
+    pub fn state(&self) -> SceneState {
+        either!(self, t => t.state())
     }
 
     /// See [`SceneTrainer::train`].

@@ -1,5 +1,6 @@
 //! The sums of all components, and how often each was looked at.
 
+use crate::model::scene::state::{StoredSums, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use crate::math::real::Real;
 use rayon::prelude::*;
@@ -17,6 +18,10 @@ pub trait Word: Copy + Default + Send + Sync + 'static {
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
     fn value(self) -> f64;
+    /// Rows as checkpoints hold them.
+    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums;
+    /// The rows of a checkpoint, if they are of this form.
+    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
 }
 
 /// Quanta of 2⁻¹⁵: integer sums are the same in any order. Terms within ±4 take 18 bits.
@@ -40,10 +45,21 @@ impl Word for i32 {
     fn value(self) -> f64 {
         f64::from(self) * (1.0 / f64::from(QUANTA))
     }
+
+    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums {
+        StoredSums::Mixed { rows, wide }
+    }
+
+    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
+        match sums {
+            StoredSums::Mixed { rows, wide } => Some((rows, wide)),
+            StoredSums::F32(_) | StoredSums::F64(_) => None,
+        }
+    }
 }
 
 macro_rules! plain_word {
-    ($t:ty) => {
+    ($t:ty, $stored:ident) => {
         impl Word for $t {
             type Term = $t;
             const MOST: u32 = u32::MAX;
@@ -62,12 +78,23 @@ macro_rules! plain_word {
             fn value(self) -> f64 {
                 self.into()
             }
+
+            fn stored(rows: Vec<[Self; N_SUMS]>, _: Vec<WideRow>) -> StoredSums {
+                StoredSums::$stored(rows)
+            }
+
+            fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
+                match sums {
+                    StoredSums::$stored(rows) => Some((rows, Vec::new())),
+                    _ => None,
+                }
+            }
         }
     };
 }
 
-plain_word!(f32);
-plain_word!(f64);
+plain_word!(f32, F32);
+plain_word!(f64, F64);
 
 /// Quanta per unit of the integer sums.
 const QUANTA: f32 = 32768.0;
@@ -210,6 +237,37 @@ impl<W: Word> Ledger<W> {
         (sum(0), [sum(10), sum(11), sum(12)])
     }
 
+    /// Sums and looks as checkpoints hold them, of the components in `order`. Equal sums are stored
+    /// alike, whatever the order they were added in.
+    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<[u32; 2]>) {
+        let (mut rows, mut wide, mut looks) = (Vec::new(), Vec::new(), Vec::new());
+        for (&id, at) in order.iter().zip(0u32..) {
+            let row = &self.rows[id as usize];
+            looks.push([row.expected, u32::from(row.seen) | u32::from(row.missed) << 16]);
+            if self.wide.contains_key(&id) || is_full(row) {
+                rows.push([W::default(); N_SUMS]);
+                wide.push(WideRow { id: at, sums: self.sums(id as usize) });
+            } else {
+                rows.push(row.sums);
+            }
+        }
+        (W::stored(rows, wide), looks)
+    }
+
+    /// The ledger that [`Self::state`] describes; `None` if its sums have another form.
+    pub fn restore(sums: StoredSums, looks: &[[u32; 2]]) -> Option<Self> {
+        let (sums, wide) = W::restored(sums)?;
+        let row = |(sums, &[expected, looks]): ([W; N_SUMS], &[u32; 2])| Row {
+            sums,
+            expected,
+            seen: looks as u16,
+            missed: (looks >> 16) as u16,
+        };
+        let rows = sums.into_iter().zip(looks).map(row).collect();
+        let wide = wide.into_iter().map(|row| (row.id, row.sums)).collect();
+        Some(Self { rows, wide })
+    }
+
     /// Runs `f` on disjoint runs of consecutive rows, each with the number of its first.
     pub fn for_each_part(
         &mut self,
@@ -226,7 +284,7 @@ impl<W: Word> Ledger<W> {
     pub fn carry_over(&mut self, touched: &[u32]) {
         for &id in touched {
             let row = &mut self.rows[id as usize];
-            if row.sums[0].value() < f64::from(W::MOST / 2) {
+            if !is_full(row) {
                 continue;
             }
             let wide = self.wide.entry(id).or_insert([0.0; N_SUMS]);
@@ -237,6 +295,11 @@ impl<W: Word> Ledger<W> {
             }
         }
     }
+}
+
+/// Whether another frame might make a row overflow.
+fn is_full<W: Word>(row: &Row<W>) -> bool {
+    row.sums[0].value() >= f64::from(W::MOST / 2)
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
 use crate::model::prior::Hyper;
 use crate::model::scene::native::Anchor;
+use crate::model::scene::state::SceneState;
 use crate::model::scene::sums::SceneSums;
 use crate::model::splats::Splat;
 use crate::train::estep::Scoring;
@@ -61,6 +62,32 @@ impl<W: Word> SceneTrainer<W> {
             frames: 0,
             births: Births::default(),
         }
+    }
+
+    /// A scene that goes on where another, configured alike, stopped after `frames` frames; `None` if
+    /// its sums have another form.
+    pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
+        let mut trainer = Self::new(config, DVec3::from_array(state.origin));
+        for seed in state.seeds {
+            trainer.grid.insert(seed);
+        }
+        trainer.ledger = Ledger::restore(state.sums, &state.looks)?;
+        trainer.frames = frames;
+        Some(trainer)
+    }
+
+    /// The scene as it stands. Where components do not depend on the order of frames, their order
+    /// does not either.
+    pub fn state(&self) -> SceneState {
+        let seed = |id: u32| self.grid.position(id as usize);
+        let mut order: Vec<u32> = (0..self.components() as u32).collect();
+        if self.config.births.is_order_invariant() {
+            let key = |id: &u32| seed(*id).map(|x| (f64::from(x) / self.config.h * 2.0).round() as i64);
+            order.sort_unstable_by_key(key);
+        }
+        let (sums, looks) = self.ledger.state(&order);
+        let seeds = order.into_iter().map(seed).collect();
+        SceneState { origin: self.origin.to_array(), seeds, sums, looks }
     }
 
     /// Learns from one frame, whole: nothing in it can fail.
