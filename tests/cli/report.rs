@@ -287,7 +287,7 @@ fn the_reports_numbers_make_sense() {
     for shares in [&cracks["training_distance"], &cracks["half_distance"]] {
         let [interior, over_01, over_03] =
             ["interior", "over_01", "over_03"].map(|name| number(&shares[name]));
-        assert!((0.1..=1.0).contains(&interior), "{cracks}");
+        assert!((0.01..=1.0).contains(&interior), "{cracks}");
         assert!(0.0 <= over_03 && over_03 <= over_01 && over_01 <= 1.0, "{cracks}");
     }
 }
