@@ -88,6 +88,14 @@ impl Learner {
         }
     }
 
+    /// The same in the order in which checkpoints hold the components.
+    pub fn stored_splats(&self) -> SplatSet {
+        match self {
+            Self::Paper { .. } => self.splats(),
+            Self::Scene(engine) => engine.splats_of(&engine.stored_order()),
+        }
+    }
+
     /// Splats of the listed components, in their order.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         match self {
