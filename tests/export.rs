@@ -8,6 +8,8 @@ mod atomic;
 #[path = "export/checkpoint/mod.rs"]
 mod checkpoint;
 mod common;
+#[path = "export/degree_1.rs"]
+mod degree_1;
 #[path = "export/glb.rs"]
 mod glb;
 #[path = "export/glb_file.rs"]
@@ -18,6 +20,8 @@ mod glb_foreign;
 mod golden;
 #[path = "export/hostile.rs"]
 mod hostile;
+#[path = "export/mapping.rs"]
+mod mapping;
 #[path = "export/ply.rs"]
 mod ply;
 #[path = "export/ply_foreign.rs"]
@@ -28,6 +32,7 @@ mod round_trip;
 use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read, write};
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
 use vbgs_studio::model::splats::Splat;
 
 /// A path under the golden folder, or `None` if it is not there.
@@ -44,7 +49,7 @@ fn read_bytes(bytes: &[u8]) -> Result<Imported, ExportError> {
 }
 
 /// The bytes `write` makes of some splats.
-fn written(splats: &[Splat], options: &WriteOptions) -> Vec<u8> {
+fn written<'a>(splats: impl Into<SplatView<'a>>, options: &WriteOptions) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model");
     let summary = write(&path, splats, options).unwrap();
@@ -53,7 +58,7 @@ fn written(splats: &[Splat], options: &WriteOptions) -> Vec<u8> {
     bytes
 }
 
-fn written_as(format: Format, splats: &[Splat]) -> Vec<u8> {
+fn written_as<'a>(format: Format, splats: impl Into<SplatView<'a>>) -> Vec<u8> {
     written(splats, &WriteOptions::new(format))
 }
 
@@ -81,6 +86,13 @@ fn random_splats(n: usize, seed: u64) -> Vec<Splat> {
             }
         })
         .collect()
+}
+
+/// Splats with an appearance.
+fn set(splats: &[Splat], appearance: &[Appearance]) -> SplatSet {
+    let mut set = SplatSet::default();
+    splats.iter().zip(appearance).for_each(|(splat, appearance)| set.push(*splat, *appearance));
+    set
 }
 
 /// Largest absolute difference between two arrays.

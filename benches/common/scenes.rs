@@ -89,7 +89,7 @@ pub fn together(frames: &[Points<f32>]) -> Points<f32> {
 }
 
 /// The same view with every pixel four times.
-fn doubled(mut frame: Frame) -> Frame {
+pub fn doubled(mut frame: Frame) -> Frame {
     let k = &mut frame.camera.intrinsics;
     (k.width, k.height) = (2 * k.width, 2 * k.height);
     (k.fx, k.fy, k.cx, k.cy) = (2.0 * k.fx, 2.0 * k.fy, 2.0 * k.cx, 2.0 * k.cy);

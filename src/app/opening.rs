@@ -11,6 +11,7 @@ use crate::math::orbit::Orbit;
 use crate::model::splats::{Framing, Splat, framing};
 use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
+use crate::pipeline::method::Method;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{Session, SessionError, layout_name};
 use crate::train::config::TrainConfig;
@@ -98,8 +99,8 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
             ColorMode::Birth,
         ],
     };
-    let splats = match session.engine().used() {
-        0 => vec![Splat::default(); session.engine().components()],
+    let splats = match session.learner().used() {
+        0 => vec![Splat::default(); session.learner().components()],
         _ => session.splats(),
     };
     Result { splats, facts, notices, content: Content::Session(Box::new(session)) }
@@ -122,10 +123,18 @@ fn dataset_facts(session: &Session) -> Vec<(String, String)> {
         let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
         facts.push((format!("Split {}", split.name), text));
     }
-    let train = &session.config().train;
-    facts.push(("Preset".to_owned(), "paper".to_owned()));
-    facts.push(("Components".to_owned(), train.components.to_string()));
-    facts.push(("Range from".to_owned(), session.config().position_range_source.clone()));
+    match &session.config().method {
+        Method::Paper(train) => {
+            facts.push(("Preset".to_owned(), "paper".to_owned()));
+            facts.push(("Components".to_owned(), train.components.to_string()));
+            facts.push(("Range from".to_owned(), session.config().position_range_source.clone()));
+        }
+        Method::Scene(run) => {
+            facts.push(("Preset".to_owned(), "scene".to_owned()));
+            facts.push(("Structural scale".to_owned(), format!("{:.4}", run.engine.h)));
+            facts.push(("Most components".to_owned(), run.engine.most.to_string()));
+        }
+    }
     facts
 }
 
@@ -181,7 +190,7 @@ fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+    Ok(view(path, model.splats.into_splats(), up, model.bytes, notices, serial))
 }
 
 /// Splats to look at.

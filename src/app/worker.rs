@@ -296,7 +296,7 @@ impl Trainer {
             Content::Session(session) => {
                 self.snapshot.source = Source::Dataset;
                 self.snapshot.n_frames = session.plan().frames.len();
-                self.snapshot.frames_done = session.engine().frames() as usize;
+                self.snapshot.frames_done = session.learner().frames() as usize;
                 self.snapshot.state = match session.visited() {
                     0 if self.subject == Some(Subject::Demo) => RunState::Training,
                     0 => RunState::Ready,
@@ -324,11 +324,11 @@ impl Trainer {
     fn step(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
         // What the frame before told of them is over, whether or not the next one touches them.
-        let components = session.engine().components();
-        self.dirty.mark(session.engine().components_with_elbo(), components);
+        let components = session.learner().components();
+        self.dirty.mark(session.learner().components_with_elbo(), components);
         match session.step() {
             Ok(Step::Trained(frame)) => {
-                self.dirty.mark(session.engine().touched(), components);
+                self.dirty.mark(session.learner().touched(), components);
                 self.learned(frame);
             }
             Ok(Step::Skipped(skipped)) => {
@@ -371,9 +371,9 @@ impl Trainer {
 
     fn refresh_session_facts(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
-        self.snapshot.components = session.engine().components();
-        self.snapshot.used = session.engine().used();
-        self.snapshot.model_bytes = session.engine().model_bytes();
+        self.snapshot.components = session.learner().components();
+        self.snapshot.used = session.learner().used();
+        self.snapshot.model_bytes = session.learner().model_bytes();
         if self.snapshot.skipped.len() != session.skipped().len() {
             self.snapshot.skipped = Arc::new(session.skipped().to_vec());
         }
@@ -512,7 +512,7 @@ impl Trainer {
             _ => session.stop_component_elbo(),
         }
         if attribute.is_some() {
-            let components = session.engine().components();
+            let components = session.learner().components();
             let all: Vec<u32> = (0..components as u32).collect();
             self.dirty.mark(&all, components);
         }

@@ -35,11 +35,11 @@ struct CheckpointInfo {
 /// Reads all of it, and looks whether its dataset is still there.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
-    let used = run.engine()?.used();
+    let learner = run.learner()?;
+    let (used, components) = (learner.used(), learner.components());
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
     let SavedRun { version, bytes, config, meta, content, .. } = run;
     let cursor = &content.cursor;
-    let components = config.train.components;
     let info = CheckpointInfo {
         path: args.path.display().to_string(),
         kind: "checkpoint",

@@ -4,6 +4,7 @@ use super::args::{AxesName, ExportArgs, FormatName};
 use super::failure::Failure;
 use super::{model, output};
 use glam::DVec3;
+use vbgs_studio::export::mapping;
 use vbgs_studio::export::{Axes, Format, WriteOptions, write};
 
 /// Converts as asked.
@@ -14,7 +15,19 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         Some(FormatName::Glb) => Format::Glb,
         None => Format::from_path(&args.output)?,
     };
+    let asked = args.mapping.said();
+    if let (Some(option), Format::PointCloudPly) = (asked, format) {
+        return Err(Failure::Usage(format!(
+            "{option}: a setting of splats, found with the format point-cloud, which holds none; leave it out or export ply or glb"
+        )));
+    }
     let model = model::load(&args.model)?;
+    if let Some(option) = asked.filter(|_| mapping::is_plain(model.splats.view())) {
+        eprintln!(
+            "note: {}: no splat has an opacity above 1 or a colour gradient: {option} changes nothing",
+            args.model.display()
+        );
+    }
     let up = model.up.unwrap_or(DVec3::Z);
     let options = WriteOptions {
         axes: match args.axes {
@@ -22,6 +35,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             AxesName::Viewer => Axes::Viewer,
         },
         sh3_padding: args.sh3_padding,
+        mapping: args.mapping.mapping(),
         comments: &model.comments,
         up,
         ..WriteOptions::new(format)

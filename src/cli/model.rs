@@ -5,13 +5,14 @@ use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
-use vbgs_studio::model::splats::{CovarianceForm, Splat};
+use vbgs_studio::model::appearance::SplatSet;
+use vbgs_studio::model::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
-use vbgs_studio::train::config::TrainConfig;
+use vbgs_studio::pipeline::method::Method;
 
 /// What commands need of a model, whatever file it came from.
 pub struct Model {
-    pub splats: Vec<Splat>,
+    pub splats: SplatSet,
     /// Direction that points up, where the file says so.
     pub up: Option<DVec3>,
     /// What this program said about the conversion to splats.
@@ -22,7 +23,7 @@ pub struct Model {
 pub fn load(path: &Path) -> Result<Model, Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
-        let comments = conversion_comments(&run.config.train);
+        let comments = conversion_comments(&run.config.method);
         return Ok(Model { splats: run.splats()?, up: Some(run.up()), comments });
     }
     let model = export::read(path)?;
@@ -43,9 +44,11 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
 }
 
 /// Comment lines of files that name a conversion other than the plain one.
-pub fn conversion_comments(config: &TrainConfig) -> Vec<String> {
-    match config.conversion.form {
-        CovarianceForm::LegacyCholesky => vec!["vbgs legacy-cov".to_owned()],
-        CovarianceForm::Eigen => Vec::new(),
+pub fn conversion_comments(method: &Method) -> Vec<String> {
+    match method {
+        Method::Paper(config) if config.conversion.form == CovarianceForm::LegacyCholesky => {
+            vec!["vbgs legacy-cov".to_owned()]
+        }
+        Method::Paper(_) | Method::Scene(_) => Vec::new(),
     }
 }

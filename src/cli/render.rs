@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::orbit::Orbit;
-use vbgs_studio::model::splats::{Framing, Splat, framing};
+use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splats::{Framing, framing};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Lens, Look, Method, Paint, RenderOptions};
 
@@ -30,7 +31,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let model = model::load(&args.model)?;
     let mut painter = Painter {
         framing: framing(&model.splats),
-        splats: &model.splats,
+        splats: model.splats.view(),
         paint: args.paint,
         methods,
         renderer: CpuRenderer::new(),
@@ -100,7 +101,7 @@ fn render_view(painter: &mut Painter, path: &Path, args: &RenderArgs) -> Result<
 
 /// Draws views of one model.
 struct Painter<'a> {
-    splats: &'a [Splat],
+    splats: SplatView<'a>,
     framing: Option<Framing>,
     paint: PaintName,
     methods: Vec<Method>,

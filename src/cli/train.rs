@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
 use super::quality::SEEN_AFTER;
-use super::settings::{asked, selection, train_config};
+use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
 use std::path::Path;
@@ -13,17 +13,17 @@ use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Lens, Method};
-use vbgs_studio::train::config::TrainConfig;
+use vbgs_studio::pipeline::method::Asked as AskedMethod;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = match &args.resume {
-        None => Start::New(Box::new(train_config(args)?)),
+        None => Start::New(Box::new(method(args)?)),
         Some(path) => {
             let asked = Box::new(asked(args)?);
             Start::Saved(Box::new(saved_run(path, &asked)?), asked)
@@ -56,7 +56,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     );
     let checkpoint = args.out.join(CHECKPOINT);
     // Measured after the run, whose times they must not change.
-    let mut early: Vec<(usize, Vec<Splat>)> = Vec::new();
+    let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let end = train(&mut session, &interrupt, |session, bar| {
         if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
             early.push((session.visited(), session.splats()));
@@ -71,7 +71,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         return end.map(drop);
     }
     // Whatever happens next, the model is safe.
-    let files = save_model(&session, &args.out)?;
+    let files = save_model(&session, args)?;
     let measured = match (&args.eval, &end) {
         (Some(split), Ok(true)) => measure(&session, split, &early, &args.comparison, &methods),
         _ => Ok(Measured::default()),
@@ -91,12 +91,12 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
 
 /// Frames learnt over the whole run.
 fn learnt(session: &Session) -> usize {
-    session.engine().frames() as usize
+    session.learner().frames() as usize
 }
 
 /// Where training starts from.
 enum Start {
-    New(Box<TrainConfig>),
+    New(Box<AskedMethod>),
     Saved(Box<SavedRun>, Box<Asked>),
 }
 
@@ -150,15 +150,19 @@ pub fn train(
 const CHECKPOINT: &str = "checkpoint.vbgs";
 
 /// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
-fn save_model(session: &Session, out: &Path) -> Result<&'static str, Failure> {
-    if session.engine().used() == 0 {
+fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failure> {
+    if session.learner().used() == 0 {
         return Ok("");
     }
-    session.save(&out.join(CHECKPOINT))?;
-    let comments = conversion_comments(&session.config().train);
-    let options =
-        WriteOptions { comments: &comments, up: session.up(), ..WriteOptions::new(Format::Ply) };
-    write(&out.join("scene.ply"), &session.splats(), &options)?;
+    session.save(&args.out.join(CHECKPOINT))?;
+    let comments = conversion_comments(&session.config().method);
+    let options = WriteOptions {
+        comments: &comments,
+        up: session.up(),
+        mapping: args.mapping.mapping(),
+        ..WriteOptions::new(Format::Ply)
+    };
+    write(&args.out.join("scene.ply"), &session.splats(), &options)?;
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 
@@ -203,7 +207,7 @@ struct Measured {
 fn measure(
     session: &Session,
     split: &str,
-    early: &[(usize, Vec<Splat>)],
+    early: &[(usize, SplatSet)],
     comparison: &ComparisonArgs,
     methods: &[Method],
 ) -> Result<Measured, Failure> {

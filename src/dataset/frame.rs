@@ -1,5 +1,6 @@
 //! One frame in memory: camera, colour and depth, already checked.
 
+use super::error::{FrameError, FrameProblem};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 
@@ -92,6 +93,15 @@ impl Depth {
 }
 
 impl Frame {
+    /// Its depth, where points are to be made of it.
+    pub(super) fn depth_to_use(&self) -> Result<&Depth, FrameError> {
+        self.depth.as_ref().ok_or_else(|| FrameError {
+            file: self.name.clone().into(),
+            frame: self.name.clone(),
+            problem: FrameProblem::NoDepth,
+        })
+    }
+
     /// Depth along the optical axis in world units, 0 at holes, for evaluation and plane fits;
     /// `None` in frames without depth. The trusted interval is not applied.
     pub fn depth_z(&self) -> Option<Image<f32>> {
@@ -134,8 +144,12 @@ pub(super) fn decode_linear16(code: u16, unit: f64) -> Option<f64> {
     (code != 0 && code != HOLE16).then(|| f64::from(code) * unit)
 }
 
-/// Noise half-width of a metric depth camera, metres (`accuracy.md` 2, step 2).
+/// Noise half-width of a metric depth camera up to 1 m, metres; beyond it grows with the square of
+/// the distance (`accuracy.md` 2, step 2).
+pub(super) const SENSOR_NOISE: f64 = 0.003;
+
+/// Noise half-width of a metric depth camera, metres.
 #[inline]
 pub(super) fn sensor_noise(value: f32) -> f32 {
-    0.003 * (value * value).max(1.0)
+    SENSOR_NOISE as f32 * (value * value).max(1.0)
 }

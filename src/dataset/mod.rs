@@ -7,11 +7,13 @@
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
 
+pub mod calibration;
 pub mod error;
 pub mod frame;
 pub mod points;
 pub mod range;
 pub mod splits;
+pub mod surface;
 pub mod synthetic;
 
 mod blender;

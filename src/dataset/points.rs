@@ -1,7 +1,7 @@
 //! Frames to coloured points: unprojection (`model.md` 13), validity, tile order (`engine.md` 2).
 
 use super::edges::{Padded, mixed_lengths, mixed_levels};
-use super::error::{FrameError, FrameProblem};
+use super::error::FrameError;
 use super::frame::{Depth, DepthCodes, DepthKind, Frame, decode_inverse8, decode_linear16};
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
@@ -176,13 +176,7 @@ impl Unprojector {
         out: &mut Points<f32>,
     ) -> Result<PointCounts, FrameError> {
         out.clear();
-        let Some(depth) = &frame.depth else {
-            return Err(FrameError {
-                file: frame.name.clone().into(),
-                frame: frame.name.clone(),
-                problem: FrameProblem::NoDepth,
-            });
-        };
+        let depth = frame.depth_to_use()?;
         let mut tally = [0usize; 5];
         match &depth.codes {
             DepthCodes::Inverse8(codes) => {

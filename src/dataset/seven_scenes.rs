@@ -34,7 +34,7 @@ const DEPTH_UNIT: f64 = 0.001;
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 /// The dataset's published intrinsics, for images of 640×480 only.
-const DEFAULT_INTRINSICS: Intrinsics =
+pub(super) const DEFAULT_INTRINSICS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 };
 
 fn recognise(folder: &Folder) -> Option<String> {

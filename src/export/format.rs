@@ -1,6 +1,7 @@
 //! What to write: formats, axes and the options of each.
 
 use super::error::{ExportError, Fault};
+use super::mapping::Mapping;
 use glam::DVec3;
 use std::fmt;
 use std::path::Path;
@@ -93,9 +94,11 @@ pub struct WriteOptions<'a> {
     pub format: Format,
     /// Axes of both PLY formats.
     pub axes: Axes,
-    /// 45 zero coefficients per splat (248 instead of 68 bytes) for readers that insist on
-    /// spherical harmonics of degree 3. 3DGS PLY only.
+    /// 45 coefficients per splat above degree 0 (248 instead of 68 or 104 bytes), zeros above degree
+    /// 1, for readers that insist on spherical harmonics of degree 3. 3DGS PLY only.
     pub sh3_padding: bool,
+    /// How splats of native appearance become plain ones; plain splats and point clouds ignore it.
+    pub mapping: Mapping,
     /// Lines kept with the file, such as `vbgs legacy-cov`: PLY comments, `asset.extras.comments`
     /// of a GLB. Printable ASCII.
     pub comments: &'a [String],
@@ -111,12 +114,13 @@ pub struct WriteOptions<'a> {
 }
 
 impl WriteOptions<'_> {
-    /// Axes as they are, z up, no padding, no comments, no normals, no confidence, unknown units.
+    /// Axes as they are, z up, no padding, one splat for each, no comments, no normals, no confidence, unknown units.
     pub fn new(format: Format) -> Self {
         Self {
             format,
             axes: Axes::AsIs,
             sh3_padding: false,
+            mapping: Mapping::default(),
             comments: &[],
             camera_centres: &[],
             confidence: None,

@@ -1,13 +1,12 @@
 //! A splat on its way to or from a file: f64, floored, normalised, turned to other axes.
 
+use crate::model::appearance::{Appearance, SplatView};
 use crate::model::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Spherical harmonic of degree 0, `1/(2√π)`.
-const SH_C0: f64 = 0.282_094_791_773_878_14;
 /// Smallest scale written, so that its logarithm is finite (`export.md` 0).
-const SCALE_FLOOR: f64 = 1e-7;
+pub(super) const SCALE_FLOOR: f64 = 1e-7;
 /// Opacities are kept this far from 0 and 1 where their logit is written (`export.md` 0).
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Quaternions shorter than this have no direction.
@@ -15,7 +14,7 @@ const SHORTEST_QUATERNION: f64 = 1e-12;
 /// Colours this far outside `[0, 1]` are reported when clamped; less is rounding.
 const COLOR_SLACK: f64 = 1e-4;
 
-/// One splat in f64; fields as in [`Splat`], the rotation a unit quaternion.
+/// One splat in f64; fields as in [`Splat`] and [`Appearance`], the rotation a unit quaternion.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gaussian {
     pub mean: DVec3,
@@ -23,45 +22,86 @@ pub(super) struct Gaussian {
     pub color: DVec3,
     pub scale: DVec3,
     pub rotation: DQuat,
+    /// Takes the unit direction from the camera to a change of colour.
+    pub directional: DMat3,
+}
+
+/// Splats that files can hold, with their positions in the list.
+pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian)> + Clone {
+    let appearance = view.appearance();
+    view.splats().iter().enumerate().filter_map(move |(i, splat)| {
+        let appearance = appearance.get(i).copied().unwrap_or_default();
+        let is_sound = splat.is_finite() && appearance.is_valid();
+        is_sound.then(|| (i, Gaussian::of(splat, &appearance)))
+    })
 }
 
 impl Gaussian {
-    /// A drawable splat with the floors every format needs.
-    pub fn of(splat: &Splat) -> Self {
+    /// A drawable splat with the floors every format needs; its gradient is left behind.
+    fn of(splat: &Splat, appearance: &Appearance) -> Self {
         let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let [w, x, y, z] = splat.rotation.map(f64::from);
-        Self {
+        let raw = Self {
             mean: wide(splat.mean),
-            opacity: f64::from(splat.opacity).clamp(0.0, 1.0),
-            color: wide(splat.color).clamp(DVec3::ZERO, DVec3::ONE),
+            opacity: f64::from(splat.opacity),
+            color: wide(splat.color),
             scale: wide(splat.scale).max(DVec3::splat(SCALE_FLOOR)),
             rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
-        }
+            directional: from_rows(appearance.directional),
+        };
+        Self { color: raw.bounded_color(), ..raw }
     }
 
     /// The same splat seen in turned axes.
     pub fn turned(self, turn: &Turn) -> Self {
-        Self { mean: turn.vector(self.mean), rotation: turn.rotation(self.rotation), ..self }
+        Self {
+            mean: turn.vector(self.mean),
+            rotation: turn.rotation(self.rotation),
+            directional: self.directional * turn.matrix.transpose(),
+            ..self
+        }
     }
 
-    /// As a record, or `None` if a field is not finite in f32. Colours end in `[0, 1]`.
-    pub fn to_splat(self) -> Option<Splat> {
+    /// The colour seen from a point.
+    pub fn color_from(&self, eye: DVec3) -> DVec3 {
+        self.color + self.directional * (self.mean - eye).normalize_or_zero()
+    }
+
+    /// As records, or `None` if a field is not finite in f32. Opacities end in `[0, 1]`, and so do
+    /// colours that are the same from everywhere.
+    pub fn to_splat(self) -> Option<(Splat, Appearance)> {
         let narrow = |v: DVec3| v.as_vec3().to_array();
         let splat = Splat {
             mean: narrow(self.mean),
             opacity: self.opacity.clamp(0.0, 1.0) as f32,
-            color: narrow(self.color).map(|c| c.clamp(0.0, 1.0)),
+            color: narrow(self.bounded_color()),
             scale: narrow(self.scale),
             rotation: wxyz(self.rotation).map(|v| v as f32),
         };
+        let directional = self.directional.transpose().to_cols_array_2d();
+        let directional = directional.map(|row| row.map(|v| v as f32));
+        let appearance = Appearance { directional, ..Appearance::default() };
         let fields = bytemuck::cast_ref::<Splat, [f32; 14]>(&splat);
-        fields.iter().all(|v| v.is_finite()).then_some(splat)
+        let is_finite = fields.iter().all(|v| v.is_finite()) && appearance.is_valid();
+        is_finite.then_some((splat, appearance))
     }
 
-    /// Whether the colour lies outside `[0, 1]` by more than rounding.
+    /// Whether the colour is the same from everywhere.
+    fn is_diffuse(&self) -> bool {
+        self.directional == DMat3::ZERO
+    }
+
+    /// The colour within `[0, 1]`, unless it is only the constant term of what is seen.
+    fn bounded_color(&self) -> DVec3 {
+        match self.is_diffuse() {
+            true => self.color.map(|c| c.clamp(0.0, 1.0)),
+            false => self.color,
+        }
+    }
+
+    /// Whether the colour was clamped by more than rounding.
     pub fn has_wild_color(&self) -> bool {
-        let range = -COLOR_SLACK..=1.0 + COLOR_SLACK;
-        self.color.to_array().iter().any(|c| !range.contains(c))
+        (self.color - self.bounded_color()).abs().max_element() > COLOR_SLACK
     }
 }
 
@@ -77,14 +117,9 @@ pub(super) fn wxyz(q: DQuat) -> [f64; 4] {
     [q.w, q.x, q.y, q.z]
 }
 
-/// Coefficient of degree 0 that stands for a colour.
-pub(super) fn color_to_sh(color: DVec3) -> DVec3 {
-    (color - 0.5) / SH_C0
-}
-
-/// Colour a coefficient of degree 0 stands for.
-pub(super) fn sh_to_color(coefficient: DVec3) -> DVec3 {
-    coefficient * SH_C0 + 0.5
+/// A matrix from its rows.
+pub(super) fn from_rows(rows: [[f32; 3]; 3]) -> DMat3 {
+    DMat3::from_cols_array_2d(&rows.map(|row| row.map(f64::from))).transpose()
 }
 
 /// `ln(o / (1 − o))`, with `o` kept away from 0 and 1.

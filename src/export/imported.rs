@@ -2,6 +2,7 @@
 
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
+use crate::model::appearance::SplatSet;
 use crate::model::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
 use std::fmt;
@@ -10,8 +11,9 @@ use std::fmt;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
     /// Finite splats in file order, in the file's axes (PLY) or turned to z-up (glTF). Those of a
-    /// point cloud are opaque balls about as wide as half the spacing of the points.
-    pub splats: Vec<Splat>,
+    /// point cloud are opaque balls about as wide as half the spacing of the points. With degree-1
+    /// colour where the file has it.
+    pub splats: SplatSet,
     /// What the rows were.
     pub kind: ModelKind,
     /// Rows left out because a field was NaN or infinite.
@@ -48,7 +50,8 @@ pub enum ModelKind {
 /// Something a user should know about an import that succeeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Note {
-    /// Spherical harmonics above degree 0 were dropped: this program's colour has no direction.
+    /// Spherical harmonics above degree 1 were dropped, or all above degree 0 where they are
+    /// incomplete or linear.
     ViewDependentColorIgnored {
         /// Coefficients per splat that were ignored, over all channels.
         n_coefficients: usize,
@@ -100,7 +103,7 @@ impl fmt::Display for Note {
 
 /// Rows as they come in, counted and checked.
 pub(super) struct Rows {
-    splats: Vec<Splat>,
+    splats: SplatSet,
     skipped: usize,
     n_zero_rotations: usize,
     n_wild_colors: usize,
@@ -109,8 +112,8 @@ pub(super) struct Rows {
 impl Rows {
     /// Room for `n` rows, of which the file is known to hold the bytes.
     pub fn with_room(n: usize) -> Result<Self, Fault> {
-        let splats = reserved(n)?;
-        Ok(Self { splats, skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
+        let splats: Vec<Splat> = reserved(n)?;
+        Ok(Self { splats: splats.into(), skipped: 0, n_zero_rotations: 0, n_wild_colors: 0 })
     }
 
     /// The rotation of `w x y z`; one without direction is the identity, and counted.
@@ -124,9 +127,9 @@ impl Rows {
     /// Adds a row, or counts it as skipped.
     pub fn push(&mut self, row: Gaussian) {
         match row.to_splat() {
-            Some(splat) => {
+            Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.has_wild_color());
-                self.splats.push(splat);
+                self.splats.push(splat, appearance);
             }
             None => self.skipped += 1,
         }
@@ -143,7 +146,7 @@ impl Rows {
             return Err(Fault::NothingToImport { skipped: self.skipped });
         }
         if kind == ModelKind::PointCloud {
-            give_points_a_size(&mut self.splats);
+            give_points_a_size(self.splats.splats_mut());
         }
         if self.n_zero_rotations > 0 {
             notes.push(Note::ZeroRotation { n_splats: self.n_zero_rotations });

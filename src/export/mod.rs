@@ -32,16 +32,19 @@ pub mod checkpoint;
 pub mod error;
 pub mod format;
 pub mod imported;
+pub mod mapping;
 
 mod gaussian;
 mod glb;
+mod harmonics;
 mod ply;
 
 pub use error::{ExportError, Fault};
 pub use format::{Axes, Format, WriteOptions};
 pub use imported::{Imported, ModelKind, Note};
 
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatView;
+use gaussian::drawable;
 use std::io::{self, Read, Write};
 use std::path::Path;
 
@@ -51,7 +54,7 @@ pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 /// What an export wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteSummary {
-    /// Splats in the file.
+    /// Splats in the file: as many as were drawable, times two or four if they were split.
     pub n_written: usize,
     /// Splats left out: not finite, or of opacity 0 (unused components).
     pub n_skipped: usize,
@@ -59,55 +62,56 @@ pub struct WriteSummary {
     pub bytes: u64,
 }
 
-/// Writes the drawable splats to `path`, whole or not at all (see [`atomic::write_atomic`]).
+/// Writes the drawable splats to `path`, whole or not at all (see [`atomic::write_atomic`]), mapped
+/// to plain ones where they are more than that (see [`mapping`]).
 ///
 /// Positions are exact, scales at least 1e-7; opacities in PLY are kept within `[1e-6, 1 − 1e-6]`.
 ///
 /// # Errors
 /// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::Setting`] for options that do not
 /// fit the splats, [`Fault::TooLargeForGlb`] from 4 GiB, and whatever writing the file can meet.
-pub fn write(
+pub fn write<'a>(
     path: &Path,
-    splats: &[Splat],
+    splats: impl Into<SplatView<'a>>,
     options: &WriteOptions,
 ) -> Result<WriteSummary, ExportError> {
-    let n_written = splats.iter().filter(|s| s.is_finite()).count();
-    let n_skipped = splats.len() - n_written;
-    if n_written == 0 {
-        return Err(Fault::NothingToExport { n_splats: splats.len() }.at(path));
+    let view: SplatView = splats.into();
+    let n_splats = view.splats().len();
+    let n_drawable = drawable(view).count();
+    if n_drawable == 0 {
+        return Err(Fault::NothingToExport { n_splats }.at(path));
     }
-    let content = prepare(splats, n_written, options).map_err(|fault| fault.at(path))?;
+    let mapped = match options.format {
+        Format::Ply | Format::Glb => mapping::to_plain(view, options.mapping),
+        Format::PointCloudPly => None,
+    };
+    let view = mapped.as_ref().map_or(view, Into::into);
+    let content = prepare(view, options).map_err(|fault| fault.at(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
-    Ok(WriteSummary { n_written, n_skipped, bytes })
+    let n_written = drawable(view).count();
+    Ok(WriteSummary { n_written, n_skipped: n_splats - n_drawable, bytes })
 }
 
 type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
 
 /// Checks everything that can be wrong with the options before a file is created.
-fn prepare<'a>(
-    splats: &'a [Splat],
-    n: usize,
-    options: &'a WriteOptions,
-) -> Result<Content<'a>, Fault> {
+fn prepare<'a>(view: SplatView<'a>, options: &'a WriteOptions) -> Result<Content<'a>, Fault> {
     check_comments(options.comments)?;
+    let rows = move || drawable(view).map(|(_, gaussian)| gaussian);
     Ok(match options.format {
         Format::Ply => {
-            let header = ply::write::splat_header(n, options)?;
-            Box::new(move |out| ply::write::splats(out, &header, drawable(splats), options))
+            let layout = ply::write::Layout::new(rows(), options)?;
+            Box::new(move |out| layout.write(out, rows()))
         }
         Format::PointCloudPly => {
-            let header = ply::points::header(n, splats, options)?;
-            Box::new(move |out| ply::points::points(out, &header, splats, options))
+            let header = ply::points::header(rows().count(), view.splats().len(), options)?;
+            Box::new(move |out| ply::points::points(out, &header, view, options))
         }
         Format::Glb => {
-            let json = glb::write::json(n, drawable(splats), options)?;
-            Box::new(move |out| glb::write::glb(out, &json, drawable(splats)))
+            let layout = glb::write::Layout::new(rows(), options)?;
+            Box::new(move |out| layout.write(out, rows()))
         }
     })
-}
-
-fn drawable(splats: &[Splat]) -> impl Iterator<Item = gaussian::Gaussian> + Clone {
-    splats.iter().filter(|s| s.is_finite()).map(gaussian::Gaussian::of)
 }
 
 fn check_comments(comments: &[String]) -> Result<(), Fault> {

@@ -1,7 +1,8 @@
 //! What one frame says of the surfaces in it: the input of the scene model.
 
-use super::camera::Camera;
+use super::camera::{Camera, Intrinsics};
 use super::image::Image;
+use super::pose::Pose;
 use glam::DVec3;
 
 /// One measured point of a surface. Positions are relative to [`Observation::origin`], in world
@@ -50,4 +51,18 @@ pub struct Observation {
     pub ranges: Image<f32>,
     /// How far depths may differ.
     pub tolerance: DepthTolerance,
+}
+
+impl Observation {
+    /// Says nothing; memory to be filled.
+    pub fn empty() -> Self {
+        let intrinsics = Intrinsics { width: 0, height: 0, fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 };
+        Self {
+            origin: DVec3::ZERO,
+            camera: Camera { intrinsics, pose: Pose::IDENTITY },
+            points: Vec::new(),
+            ranges: Image::filled(0, 0, f32::NAN),
+            tolerance: DepthTolerance { margin: [0.0; 2], refinement: 0.0 },
+        }
+    }
 }

@@ -1,15 +1,20 @@
 //! What a scene's splats carry beyond position, shape and one colour (`rendering.md` (h)).
 
 use super::splats::Splat;
+use std::ops::Deref;
+
+/// A pixel's change of colour by a splat's gradient is held within this.
+pub const GRADIENT_LIMIT: f64 = 0.5;
 
 /// Colour that varies over a splat and with the direction it is seen from. Zero is a plain splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Appearance {
     /// Colour gradient: row per channel, column per world axis; change per world unit from the
-    /// mean. A pixel's change is held within ±0.5.
+    /// mean. A pixel's change is held within ±[`GRADIENT_LIMIT`].
     pub gradient: [[f32; 3]; 3],
-    /// Degree-1 colour: row per channel, times the unit direction from the camera to the mean.
+    /// Degree-1 colour: row per channel, times the unit direction from the camera to the mean. The
+    /// splat's own colour is the constant term then and may lie outside `[0, 1]`.
     pub directional: [[f32; 3]; 3],
 }
 
@@ -20,7 +25,7 @@ impl Appearance {
     }
 }
 
-/// Splats as renderers take them.
+/// Splats as renderers take them; [`SplatSet`] owns what this borrows.
 #[derive(Clone, Copy, Debug)]
 pub struct SplatView<'a> {
     splats: &'a [Splat],
@@ -43,6 +48,67 @@ impl<'a> SplatView<'a> {
     /// Their appearance: one each, or none at all.
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
+    }
+}
+
+/// Splats together with their appearance. Dereferences to the splats; of plain ones there is nothing
+/// else.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SplatSet {
+    splats: Vec<Splat>,
+    /// Empty until a splat comes that is not plain.
+    appearance: Vec<Appearance>,
+}
+
+impl SplatSet {
+    /// Splats with one appearance each.
+    pub fn new(splats: Vec<Splat>, appearance: Vec<Appearance>) -> Self {
+        assert_eq!(splats.len(), appearance.len(), "a splat has one appearance");
+        Self { splats, appearance }
+    }
+
+    /// Adds a splat.
+    pub fn push(&mut self, splat: Splat, appearance: Appearance) {
+        if !self.appearance.is_empty() || appearance != Appearance::default() {
+            self.appearance.resize(self.splats.len(), Appearance::default());
+            self.appearance.push(appearance);
+        }
+        self.splats.push(splat);
+    }
+
+    /// The splats, to be changed in place.
+    pub fn splats_mut(&mut self) -> &mut [Splat] {
+        &mut self.splats
+    }
+
+    /// The splats without their appearance.
+    pub fn into_splats(self) -> Vec<Splat> {
+        self.splats
+    }
+
+    /// What renderers take.
+    pub fn view(&self) -> SplatView<'_> {
+        SplatView { splats: &self.splats, appearance: &self.appearance }
+    }
+}
+
+impl Deref for SplatSet {
+    type Target = [Splat];
+
+    fn deref(&self) -> &[Splat] {
+        &self.splats
+    }
+}
+
+impl From<Vec<Splat>> for SplatSet {
+    fn from(splats: Vec<Splat>) -> Self {
+        Self { splats, appearance: Vec::new() }
+    }
+}
+
+impl<'a> From<&'a SplatSet> for SplatView<'a> {
+    fn from(set: &'a SplatSet) -> Self {
+        set.view()
     }
 }
 

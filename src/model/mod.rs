@@ -13,6 +13,7 @@ pub mod mixture;
 pub mod niw;
 pub mod posterior;
 pub mod prior;
+pub mod scene;
 pub mod splats;
 pub mod state;
 pub mod statistics;

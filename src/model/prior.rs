@@ -47,6 +47,21 @@ impl Hyper {
         }
     }
 
+    /// Those of a scene of structural scale `h` (world units), for sums in world units about the
+    /// seeds. The prior of the covariance is two points of standard deviation 0.3 h
+    /// (`accuracy.md` 3, Export). How many components there will be is not known, so each counts as
+    /// one before it has points.
+    pub fn scene(h: f64) -> Self {
+        let prior_scatter = 2.0 * (0.3 * h).powi(2);
+        Self {
+            components: 1,
+            alpha0: 1.0,
+            kappa_init_space: 1.0,
+            u0_space: 1.0 / prior_scatter,
+            ..Self::paper(1, 1.0)
+        }
+    }
+
     /// `E[Λ^s] = ν U`, the (isotropic) expected spatial precision of the E-step.
     pub fn expected_precision_space(&self) -> f64 {
         self.nu0 * self.u0_space

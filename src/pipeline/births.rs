@@ -1,6 +1,6 @@
 //! When components came into use.
 
-use crate::train::engine::Engine;
+use super::learner::Learner;
 
 /// No points yet.
 const UNBORN: u32 = u32::MAX;
@@ -13,7 +13,7 @@ pub(super) struct Births(Vec<u32>);
 
 impl Births {
     /// Of a model as it is when a session begins: what is in use came from elsewhere.
-    pub fn new(engine: &Engine) -> Self {
+    pub fn new(engine: &Learner) -> Self {
         let is_used = |k| engine.used() > 0 && engine.posterior(k).count > 0.0;
         let birth = |k| if is_used(k) { UNKNOWN } else { UNBORN };
         Self((0..engine.components()).map(birth).collect())
@@ -22,6 +22,9 @@ impl Births {
     /// Notes the components that the frame at a position of the run has touched.
     pub fn record(&mut self, touched: &[u32], position: usize) {
         for &id in touched {
+            if id as usize >= self.0.len() {
+                self.0.resize(id as usize + 1, UNBORN);
+            }
             let birth = &mut self.0[id as usize];
             if *birth == UNBORN {
                 *birth = position as u32;
@@ -31,6 +34,6 @@ impl Births {
 
     /// Position of the frame; `None` if there was none, or none in this session.
     pub fn of(&self, component: usize) -> Option<u32> {
-        Some(self.0[component]).filter(|&birth| birth < UNKNOWN)
+        self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
     }
 }

@@ -40,7 +40,7 @@ impl Session {
     }
 
     fn attributes(&self, component: usize) -> Attributes {
-        let engine = self.engine();
+        let engine = self.learner();
         let elbo = engine.component_elbo(component).map(|(mean, _)| mean);
         let posterior = engine.posterior(component);
         Attributes::new(&posterior, self.normalization(), elbo, self.birth_of(component))
@@ -49,16 +49,16 @@ impl Session {
     /// Everything known of a component; `None` if there is none of that number.
     pub fn inspect(&self, id: u32) -> Option<Inspection> {
         let component = id as usize;
-        if component >= self.engine().components() {
+        if component >= self.learner().components() {
             return None;
         }
-        let posterior = self.engine().posterior(component);
+        let posterior = self.learner().posterior(component);
         let normalization = self.normalization();
         let covariance = posterior.world_covariance(normalization);
         let (scales, rotation) = decompose(covariance, CovarianceForm::Eigen);
         // Responsibilities of a point add up to 1, so the counts add up to the points learnt.
         let alpha0 = posterior.alpha - posterior.count;
-        let total = alpha0 * self.engine().components() as f64 + self.points() as f64;
+        let total = alpha0 * self.learner().components() as f64 + self.points() as f64;
         Some(Inspection {
             id,
             mean: normalization.denormalize(posterior.mean_space),
@@ -68,7 +68,7 @@ impl Session {
             color: Normalization::denormalize_color(posterior.mean_color),
             weight: posterior.alpha / total,
             attributes: self.attributes(component),
-            splat: self.config().train.conversion.splat(&posterior, normalization),
+            splat: self.learner().splat(component),
             posterior,
         })
     }

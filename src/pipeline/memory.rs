@@ -1,11 +1,14 @@
 //! What a run will take of the machine's memory, before it is taken.
 
 use super::machine;
+use crate::math::observation::SurfacePoint;
+use crate::model::appearance::Appearance;
 use crate::model::splats::Splat;
 use crate::model::statistics::N_SUMS;
 use crate::train::config::{
     Batch, Candidates, IndexKind, Precision, StatisticsForm, TrainConfig, UpdateWidth,
 };
+use crate::train::scene::config::SceneConfig;
 
 /// Bytes of a point in memory: six f32 coordinates.
 const POINT_BYTES: usize = 24;
@@ -27,6 +30,11 @@ const INDEX_BYTES: usize = 16 + 16 + 8;
 const SLOT_BYTES: usize = 8;
 /// Entry of the KD-tree and the widened means it is built from.
 const TREE_BYTES: usize = 32 + 24;
+
+/// Sums, seed and its place in the index.
+const SCENE_COMPONENT_BYTES: usize = 204;
+/// Owner, shift and distance of a point.
+const SCENE_POINT_BYTES: usize = 16;
 
 /// Bytes that a run is expected to take at most.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,6 +97,17 @@ impl Estimate {
         Self {
             model: (config.components as u64).saturating_mul(per_component as u64),
             frames: (PROGRAM_BYTES + (of_points + records) as u64).saturating_add(pairs),
+        }
+    }
+
+    /// For a scene of as many components as its settings allow.
+    pub fn of_scene(config: &SceneConfig, pixels: usize) -> Self {
+        let per_component = SCENE_COMPONENT_BYTES + size_of::<Splat>() + size_of::<Appearance>();
+        let point = size_of::<SurfacePoint>() + size_of::<f32>();
+        let of_points = pixels * (FRAMES_AT_ONCE * point + SCENE_POINT_BYTES + PIXEL_BYTES);
+        Self {
+            model: (config.most as u64).saturating_mul(per_component as u64),
+            frames: PROGRAM_BYTES + of_points as u64,
         }
     }
 

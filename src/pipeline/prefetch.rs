@@ -3,10 +3,9 @@
 //! all train, a decoding thread doubles the time of the trainings it runs beside (`engine.md` 10).
 
 use super::plan::Plan;
+use super::prepared::{Counts, Desk, Material, Preparation};
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
-use crate::dataset::points::{PointCounts, UnprojectSettings, Unprojector};
-use crate::math::points::Points;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -27,15 +26,15 @@ pub struct Prepared {
     /// Name within the split.
     pub name: String,
     /// Its points, or why it is skipped.
-    pub result: Result<PreparedPoints, String>,
+    pub result: Result<PreparedFrame, String>,
 }
 
-/// Points of a frame and what it took to get them.
-pub struct PreparedPoints {
-    /// Normalised points in tile order.
-    pub points: Points<f32>,
+/// What a frame holds for the model, and what it took to get it.
+pub struct PreparedFrame {
+    /// What the model learns from.
+    pub material: Material,
     /// What became of the pixels.
-    pub counts: PointCounts,
+    pub counts: Counts,
     /// Reading and decoding, milliseconds.
     pub load_ms: f64,
     /// Filtering, unprojecting and normalising, milliseconds.
@@ -47,7 +46,7 @@ pub struct Prefetch(Source);
 
 enum Source {
     /// A thread that runs ahead.
-    Ahead { frames: Receiver<Prepared>, recycle: Sender<Points<f32>> },
+    Ahead { frames: Receiver<Prepared>, recycle: Sender<Material> },
     /// Threads of the trainer, while it waits.
     Between { frames: Frames, desks: Vec<Desk>, ready: VecDeque<Prepared> },
 }
@@ -64,11 +63,11 @@ impl Prefetch {
         dataset: Arc<Dataset>,
         plan: &Plan,
         first: usize,
-        settings: UnprojectSettings,
+        preparation: Preparation,
     ) -> Result<Self, SpawnError> {
         let threads = rayon::current_num_threads();
         let cores = thread::available_parallelism().map_or(1, usize::from);
-        let frames = Frames { dataset, plan: plan.clone(), next: first, settings };
+        let frames = Frames { dataset, plan: plan.clone(), next: first, preparation };
         if threads < cores { Self::ahead(frames) } else { Ok(Self::between(frames, threads)) }
     }
 
@@ -107,20 +106,20 @@ impl Prefetch {
     }
 
     /// Gives a frame's memory back for another frame.
-    pub fn recycle(&mut self, points: Points<f32>) {
+    pub fn recycle(&mut self, material: Material) {
         match &mut self.0 {
             // The thread may have ended already: then the memory is simply freed.
-            Source::Ahead { recycle, .. } => drop(recycle.send(points)),
+            Source::Ahead { recycle, .. } => drop(recycle.send(material)),
             Source::Between { desks, .. } => {
                 if let Some(desk) = desks.iter_mut().find(|desk| desk.memory.is_none()) {
-                    desk.memory = Some(points);
+                    desk.memory = Some(material);
                 }
             }
         }
     }
 }
 
-fn run_ahead(frames: &mut Frames, sender: &SyncSender<Prepared>, recycled: &Receiver<Points<f32>>) {
+fn run_ahead(frames: &mut Frames, sender: &SyncSender<Prepared>, recycled: &Receiver<Material>) {
     let mut desk = Desk::default();
     for position in frames.next..frames.plan.frames.len() {
         desk.memory = recycled.try_recv().ok();
@@ -136,14 +135,7 @@ struct Frames {
     plan: Plan,
     /// Position in the plan.
     next: usize,
-    settings: UnprojectSettings,
-}
-
-/// Memory of one preparation at a time.
-#[derive(Default)]
-struct Desk {
-    unprojector: Unprojector,
-    memory: Option<Points<f32>>,
+    preparation: Preparation,
 }
 
 impl Frames {
@@ -151,32 +143,26 @@ impl Frames {
         let index = self.plan.frames[position];
         let name = self.dataset.splits[self.plan.split].frames[index].name.clone();
         // A decoder that panics on a damaged file costs that frame, not the scene.
-        let result = catch_unwind(AssertUnwindSafe(|| self.points(index, desk)));
+        let result = catch_unwind(AssertUnwindSafe(|| self.frame(index, desk)));
         let result = result.unwrap_or_else(|_| {
             Err(format!("{name}: decoding this frame crashed; check or remove its files"))
         });
         Prepared { position, name, result }
     }
 
-    fn points(&self, index: usize, desk: &mut Desk) -> Result<PreparedPoints, String> {
+    fn frame(&self, index: usize, desk: &mut Desk) -> Result<PreparedFrame, String> {
         let message = |e: FrameError| e.to_string();
         let mut clock = Stopwatch::start();
         let frame = self.dataset.load(self.plan.split, index).map_err(message)?;
         let load_ms = clock.lap_ms();
-        let mut points = desk.memory.take().unwrap_or_default();
-        let counts =
-            desk.unprojector.unproject(&frame, &self.settings, &mut points).map_err(message)?;
+        let (material, counts) = desk.prepare(&frame, &self.preparation).map_err(message)?;
         let prepare_ms = clock.lap_ms();
-        if points.is_empty() {
+        if material.is_empty() {
             return Err(format!(
-                "{}: expected pixels with usable depth, found none ({} holes, {} at edges, {} out of range, {} transparent); check the depth unit and range",
-                frame.name,
-                counts.holes,
-                counts.dropped_edge,
-                counts.dropped_range,
-                counts.dropped_alpha
+                "{}: expected pixels with usable depth, found none ({counts}); check the depth unit and range",
+                frame.name
             ));
         }
-        Ok(PreparedPoints { points, counts, load_ms, prepare_ms })
+        Ok(PreparedFrame { material, counts, load_ms, prepare_ms })
     }
 }

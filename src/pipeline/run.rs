@@ -1,6 +1,8 @@
 //! The settings of a run, and the model they start from.
 
+use super::method::Method;
 use super::plan::{Plan, Selection};
+use super::prepared::Preparation;
 use crate::dataset::error::DatasetError;
 use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use crate::dataset::range::PositionRange;
@@ -13,9 +15,9 @@ use serde::{Deserialize, Serialize};
 /// Every setting that shaped a run, for the report.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunConfig {
-    /// Settings of the trainer.
+    /// Settings of the model.
     #[serde(flatten)]
-    pub train: TrainConfig,
+    pub method: Method,
     /// Frames and their order.
     #[serde(flatten)]
     pub selection: Selection,
@@ -36,23 +38,30 @@ impl RunConfig {
     /// For a dataset whose positions lie in `range`.
     pub fn new(
         dataset: &Dataset,
-        train: TrainConfig,
+        method: Method,
         selection: Selection,
         range: &PositionRange,
     ) -> Self {
         Self {
             load: dataset.options,
-            camera_convention: camera_convention(train.preset, dataset.layout),
+            camera_convention: camera_convention(method.preset(), dataset.layout),
             edge_filter: EdgeFilter::DropMixed,
             position_range: [range.lo().to_array(), range.hi().to_array()],
             position_range_source: range.source.clone(),
-            train,
+            method,
             selection,
         }
     }
 
     /// How frames become points.
-    pub fn unprojection(&self, normalization: Normalization) -> UnprojectSettings {
+    pub fn preparation(&self, normalization: Normalization) -> Preparation {
+        match &self.method {
+            Method::Paper(_) => Preparation::Points(self.unprojection(normalization)),
+            Method::Scene(run) => Preparation::Surfaces(Box::new(run.surface.clone())),
+        }
+    }
+
+    fn unprojection(&self, normalization: Normalization) -> UnprojectSettings {
         UnprojectSettings {
             convention: self.camera_convention,
             filter: self.edge_filter,
@@ -65,7 +74,9 @@ impl RunConfig {
 fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
     match (preset, layout) {
         (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
-        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) => CameraConvention::Exact,
+        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) | (Preset::Scene, _) => {
+            CameraConvention::Exact
+        }
     }
 }
 
@@ -74,9 +85,9 @@ fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
 pub(super) fn initial_draw(
     dataset: &Dataset,
     config: &RunConfig,
+    train: &TrainConfig,
     normalization: Normalization,
 ) -> Result<InitialDraw, DatasetError> {
-    let train = &config.train;
     if train.init == Init::Random {
         return Ok(InitialDraw::random(train.components, train.seed));
     }

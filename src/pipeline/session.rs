@@ -1,13 +1,15 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
 use super::births::Births;
+use super::learner::Learner;
 use super::machine;
 use super::memory::{Estimate, MemoryError};
+use super::method::{Asked, Method};
 use super::plan::{Plan, Selection};
-use super::prefetch::{Prefetch, Prepared, PreparedPoints, SpawnError};
+use super::prefetch::{Prefetch, Prepared, PreparedFrame, SpawnError};
 use super::run::{RunConfig, initial_draw};
+use super::scene::{SceneError, SceneRun};
 use crate::dataset::error::DatasetError;
-use crate::dataset::points::UnprojectSettings;
 use crate::dataset::range::{self, RangeError};
 use crate::dataset::{Dataset, Layout};
 use crate::eval::report::{
@@ -15,10 +17,10 @@ use crate::eval::report::{
 };
 use crate::math::orbit::mean_up;
 use crate::math::points::Normalization;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::train::candidates::IndexError;
-use crate::train::config::TrainConfig;
 use crate::train::engine::Engine;
+use crate::train::scene::engine::SceneEngine;
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::Instant;
@@ -29,6 +31,12 @@ pub enum SessionError {
     /// The dataset does not hold what was asked for.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The scene preset does not suit the dataset.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// Scenes are not stored.
+    #[error("checkpoints of the scene preset cannot be written")]
+    NotStored,
     /// The range of positions could not be found.
     #[error(transparent)]
     Range(#[from] RangeError),
@@ -88,8 +96,8 @@ pub struct Session {
     dataset: Arc<Dataset>,
     config: RunConfig,
     plan: Plan,
-    settings: UnprojectSettings,
-    engine: Engine,
+    normalization: Normalization,
+    learner: Learner,
     births: Births,
     prefetch: Prefetch,
     /// Everything up to the last step.
@@ -104,19 +112,33 @@ impl Session {
     /// as skipped.
     pub fn new(
         dataset: Arc<Dataset>,
-        train: TrainConfig,
+        asked: impl Into<Asked>,
         selection: Selection,
     ) -> Result<Self, SessionError> {
-        let plan = Plan::new(&dataset, &selection, train.seed)?;
+        let asked = asked.into();
+        let plan = Plan::new(&dataset, &selection, asked.seed())?;
         let range = range::estimate(&dataset, plan.split)?;
-        let config = RunConfig::new(&dataset, train, selection, &range);
-        let normalization = range.normalization();
-        Estimate::new(&config.train, plan.pixels(&dataset), rayon::current_num_threads())
-            .check(config.train.components)?;
-        let draw = initial_draw(&dataset, &config, normalization)?;
-        let engine = Engine::new(&config.train, &draw)?;
+        let method = match asked {
+            Asked::Paper(config) => Method::Paper(config),
+            Asked::Scene(overrides) => Method::Scene(SceneRun::new(&dataset, &plan, &overrides)?),
+        };
+        let config = RunConfig::new(&dataset, method, selection, &range);
+        let (learner, normalization) = match &config.method {
+            Method::Paper(train) => {
+                let normalization = range.normalization();
+                let threads = rayon::current_num_threads();
+                Estimate::new(train, plan.pixels(&dataset), threads).check(train.components)?;
+                let draw = initial_draw(&dataset, &config, train, normalization)?;
+                let engine = Engine::new(train, &draw)?;
+                (Learner::Paper { engine, config: train.clone(), normalization }, normalization)
+            }
+            Method::Scene(run) => {
+                let engine = SceneEngine::new(&run.engine, run.surface.origin);
+                (Learner::Scene(engine), run.normalization())
+            }
+        };
         let past = Past::none(&dataset, plan.split);
-        Self::begin(dataset, config, plan, normalization, engine, past)
+        Self::begin(dataset, config, plan, normalization, learner, past)
     }
 
     /// Starts decoding behind what the run has behind it.
@@ -125,19 +147,19 @@ impl Session {
         config: RunConfig,
         plan: Plan,
         normalization: Normalization,
-        engine: Engine,
+        learner: Learner,
         past: Past,
     ) -> Result<Self, SessionError> {
-        let settings = config.unprojection(normalization);
-        let prefetch = Prefetch::start(dataset.clone(), &plan, past.visited, settings)?;
+        let preparation = config.preparation(normalization);
+        let prefetch = Prefetch::start(dataset.clone(), &plan, past.visited, preparation)?;
         let (started, wall_before_s) = (Instant::now(), past.wall_s);
         let session = Self {
             dataset,
             config,
             plan,
-            settings,
-            births: Births::new(&engine),
-            engine,
+            normalization,
+            births: Births::new(&learner),
+            learner,
             prefetch,
             past,
             started,
@@ -146,7 +168,7 @@ impl Session {
         Ok(session)
     }
 
-    /// Trains on the next frame, waiting for it to be decoded. On errors see [`Engine::train`].
+    /// Trains on the next frame, waiting for it to be decoded. On errors see [`crate::train::engine::Engine::train`].
     pub fn step(&mut self) -> Result<Step, SessionError> {
         let Some(Prepared { position, name, result }) = self.prefetch.next_frame() else {
             return self.finish();
@@ -166,7 +188,7 @@ impl Session {
     }
 
     fn finish(&self) -> Result<Step, SessionError> {
-        if self.engine.frames() > 0 {
+        if self.learner.frames() > 0 {
             return Ok(Step::Finished);
         }
         Err(SessionError::NoUsableFrame {
@@ -184,19 +206,19 @@ impl Session {
         &mut self,
         position: usize,
         frame: String,
-        prepared: PreparedPoints,
+        prepared: PreparedFrame,
     ) -> Result<FrameReport, SessionError> {
-        let PreparedPoints { points, counts, load_ms, prepare_ms } = prepared;
-        let outcome = self.engine.train(&points)?;
-        self.prefetch.recycle(points);
-        self.births.record(self.engine.touched(), position);
+        let PreparedFrame { material, counts, load_ms, prepare_ms } = prepared;
+        let outcome = self.learner.train(&material)?;
+        self.prefetch.recycle(material);
+        self.births.record(self.learner.touched(), position);
         let report = FrameReport {
             index: position,
             frame,
             points: outcome.points,
             points_dropped: counts.dropped(),
-            components: self.engine.components(),
-            used: self.engine.used(),
+            components: self.learner.components(),
+            used: self.learner.used(),
             reassigned: outcome.reassigned,
             elbo_mean: outcome.elbo_mean,
             ms: FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms },
@@ -222,18 +244,18 @@ impl Session {
     }
 
     /// The model.
-    pub fn engine(&self) -> &Engine {
-        &self.engine
+    pub fn learner(&self) -> &Learner {
+        &self.learner
     }
 
     /// Sums the ELBO of the frames to come by component, for [`Self::attributes_of`].
     pub fn start_component_elbo(&mut self) {
-        self.engine.start_component_elbo();
+        self.learner.start_component_elbo();
     }
 
     /// Ends what [`Self::start_component_elbo`] began.
     pub fn stop_component_elbo(&mut self) {
-        self.engine.stop_component_elbo();
+        self.learner.stop_component_elbo();
     }
 
     /// Position in the run of the frame in which a component first received points, if that was in
@@ -249,7 +271,7 @@ impl Session {
 
     /// World to model coordinates.
     pub fn normalization(&self) -> &Normalization {
-        &self.settings.normalization
+        &self.normalization
     }
 
     /// What lies behind the next step.
@@ -260,7 +282,10 @@ impl Session {
     /// What the run takes of the machine's memory at most.
     pub fn memory(&self) -> Estimate {
         let pixels = self.plan.pixels(&self.dataset);
-        Estimate::new(&self.config.train, pixels, rayon::current_num_threads())
+        match &self.config.method {
+            Method::Paper(train) => Estimate::new(train, pixels, rayon::current_num_threads()),
+            Method::Scene(run) => Estimate::of_scene(&run.engine, pixels),
+        }
     }
 
     /// Positions of the plan gone through, by learning a frame or by skipping it.
@@ -284,13 +309,13 @@ impl Session {
     }
 
     /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
-    pub fn splats(&self) -> Vec<Splat> {
-        self.engine.splats(&self.config.train, &self.settings.normalization)
+    pub fn splats(&self) -> SplatSet {
+        self.learner.splats()
     }
 
     /// Splats of the listed components.
-    pub fn splats_of(&self, ids: &[u32]) -> Vec<Splat> {
-        self.engine.splats_of(ids, &self.config.train, &self.settings.normalization)
+    pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
+        self.learner.splats_of(ids)
     }
 
     /// The report so far; `adapter` names the graphics adapter that draws, if any.
@@ -316,9 +341,9 @@ impl Session {
             frames: self.past.frames.clone(),
             skipped: self.past.skipped.clone(),
             summary: Summary {
-                components: self.engine.components(),
-                used: self.engine.used(),
-                model_bytes: self.engine.model_bytes(),
+                components: self.learner.components(),
+                used: self.learner.used(),
+                model_bytes: self.learner.model_bytes(),
                 peak_rss_bytes: machine::peak_rss_bytes(),
                 ..Summary::of_frames(&self.past.frames, self.past.wall_s)
             },

@@ -56,6 +56,3 @@ pub const FOOTPRINT_PX2: f64 = 0.3;
 
 /// Variance in world units² that the published exact renderer adds (`rendering.md` (c)).
 pub const REFERENCE_VARIANCE: f64 = 1e-7;
-
-/// A pixel's change of colour by a splat's gradient is held within this (`rendering.md` (h)).
-pub const GRADIENT_LIMIT: f64 = 0.5;

@@ -16,6 +16,7 @@ pub mod pass;
 mod plain;
 pub mod reassign;
 pub mod scalar;
+pub mod scene;
 mod slots;
 pub mod timing;
 pub mod trainer;

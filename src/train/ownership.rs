@@ -29,6 +29,11 @@ impl Ownership {
         Self { owners: Vec::new(), rows, ids: Vec::with_capacity(components) }
     }
 
+    /// Makes room for components up to `n`.
+    pub fn grow(&mut self, n: usize) {
+        self.rows.resize(n.max(self.rows.len()), (0.0, 0));
+    }
+
     /// Replaces the sums by those of the points whose effective distances are `q`, one for each of
     /// `owners`, in their order.
     pub fn count(&mut self, q: &[f64]) {
@@ -50,7 +55,7 @@ impl Ownership {
 
     /// Mean effective distance and number of a component's points; `None` if it owns none.
     pub fn of(&self, component: usize) -> Option<(f64, u32)> {
-        let (sum, n) = self.rows[component];
+        let &(sum, n) = self.rows.get(component)?;
         (n > 0).then(|| (sum / f64::from(n), n))
     }
 

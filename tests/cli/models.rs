@@ -3,7 +3,8 @@
 
 use super::runner::Scratch;
 use std::fs;
-use vbgs_studio::export::ModelKind;
+use vbgs_studio::export::{Format, ModelKind, WriteOptions, write};
+use vbgs_studio::model::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splats::Splat;
 
 /// The largest difference between two models, splat by splat.
@@ -48,13 +49,56 @@ fn a_point_cloud_keeps_centres_and_colours() {
     scratch.run("export out/scene.ply -o cloud.ply --format point-cloud").succeeds();
     let cloud = scratch.model("cloud.ply");
     assert_eq!((cloud.kind, cloud.splats.len()), (ModelKind::PointCloud, original.len()));
-    for (a, b) in original.iter().zip(&cloud.splats) {
+    for (a, b) in original.iter().zip(cloud.splats.iter()) {
         assert_eq!(a.mean, b.mean);
         let off = a.color.iter().zip(b.color).any(|(a, b)| (a - b).abs() > 0.5 / 255.0 + 1e-6);
         assert!(!off, "{:?} {:?}", a.color, b.color);
     }
     let info = scratch.run("info cloud.ply --json").succeeds().json();
     assert_eq!(info["kind"], "point-cloud");
+}
+
+#[test]
+fn mappings_do_not_touch_plain_scenes() {
+    let scratch = Scratch::with_scene();
+    let options = "--export-mapping clip --export-split 4";
+    scratch.run(&format!("train room --out mapped --components 2000 {options}")).succeeds();
+    assert!(scratch.bytes("mapped/scene.ply") == scratch.bytes("out/scene.ply"));
+    for name in ["a.ply", "a.glb"] {
+        scratch.run(&format!("export out/scene.ply -o {name}")).succeeds();
+        let said = scratch.run(&format!("export out/scene.ply -o mapped-{name} {options}"));
+        let said = said.succeeds().stderr;
+        assert!(said.contains("note: out/scene.ply: no splat has an opacity above 1"), "{said}");
+        assert!(said.contains("--export-mapping changes nothing"), "{said}");
+        assert!(scratch.bytes(name) == scratch.bytes(&format!("mapped-{name}")));
+    }
+}
+
+#[test]
+fn view_dependent_colour_passes_through() {
+    let scratch = Scratch::empty();
+    let splat = Splat { opacity: 0.9, color: [0.3, -0.2, 1.1], ..Splat::default() };
+    let directional = [[0.5, -0.25, 0.0], [0.0, 0.125, 0.75], [-0.5, 0.0, 0.25]];
+    let mut splats = SplatSet::default();
+    splats.push(splat, Appearance { directional, ..Appearance::default() });
+    write(&scratch.path("a.ply"), &splats, &WriteOptions::new(Format::Ply)).unwrap();
+    for (from, to) in [("a.ply", "b.glb"), ("b.glb", "c.ply")] {
+        scratch.run(&format!("export {from} -o {to}")).succeeds();
+        let model = scratch.model(to);
+        assert!(difference(&model.splats, &splats) < 1e-6);
+        let back = model.splats.view().appearance()[0].directional;
+        for (a, b) in back.iter().flatten().zip(directional.iter().flatten()) {
+            assert!((a - b).abs() < 1e-6, "{to}: {back:?}");
+        }
+    }
+    // Seen along x and along −x the splat differs in red by 1, and in blue.
+    let side = |name: &str, azimuth: u32| {
+        let view = format!("render c.ply -o {name} --orbit {azimuth},0,8 --size 9x9");
+        scratch.run(&view).succeeds();
+        image::open(scratch.path(name)).unwrap().to_rgb8().get_pixel(4, 4).0
+    };
+    let (ahead, behind) = (side("a.png", 0), side("b.png", 180));
+    assert!(ahead[0] == 0 && behind[0] > 150, "{ahead:?} {behind:?}");
 }
 
 #[test]

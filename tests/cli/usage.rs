@@ -66,6 +66,12 @@ fn arguments_of_the_other_commands() {
         ("render out/scene.ply -o a.png --view 1", &["required arguments"]),
         ("render out/scene.ply -o a.png --dataset room --view 3", &["--view", "0 to 2", "found 3"]),
         ("export out/scene.ply -o a.ply --format stl", &["'stl'", "--format"]),
+        ("export out/scene.ply -o a.ply --export-split 3", &["'3'", "--export-split"]),
+        ("train room --out a --export-mapping wide", &["'wide'", "--export-mapping"]),
+        (
+            "export out/scene.ply -o a.ply --format point-cloud --export-split 2",
+            &["--export-split", "a setting of splats", "export ply or glb"],
+        ),
         ("synth new --layout tum", &["'tum'", "--layout"]),
         ("synth new --frames 0", &["training frames", "1 to 100000", "found 0"]),
         ("synth new --depth-noise -1", &["depth noise", "0 to 100", "found -1"]),

@@ -320,21 +320,50 @@ fn linear_colours_are_encoded_with_a_note() {
 }
 
 #[test]
-fn higher_harmonics_zero_quaternions_and_nan() {
+fn zero_quaternions_and_nan() {
     let (_, mut glb) = sample(3);
-    for n in 0..3 {
-        let name = format!("KHR_gaussian_splatting:SH_DEGREE_1_COEF_{n}");
-        glb.primitive()["attributes"][name] = 5.into();
-    }
     let at = |g: &mut Glb, name: &str| g.view(name)["byteOffset"].as_u64().unwrap() as usize;
     let (rotation, position) = (at(&mut glb, ROTATION), at(&mut glb, "POSITION"));
     glb.bin[rotation..rotation + 16].fill(0);
     glb.bin[position + 12..position + 16].copy_from_slice(&f32::NAN.to_le_bytes());
     let model = read_bytes(&glb.to_bytes()).unwrap();
     assert_eq!((model.splats.len(), model.skipped), (2, 1));
-    let expected =
-        [Note::ViewDependentColorIgnored { n_coefficients: 9 }, Note::ZeroRotation { n_splats: 1 }];
-    assert_eq!(model.notes, expected);
+    assert_eq!(model.notes, [Note::ZeroRotation { n_splats: 1 }]);
+}
+
+#[test]
+fn harmonics_that_cannot_be_read_are_ignored_with_a_note() {
+    let ignored = |change: &dyn Fn(&mut Glb), n_coefficients| {
+        let model = read_bytes(&changed(change)).unwrap();
+        assert!(model.notes.contains(&Note::ViewDependentColorIgnored { n_coefficients }));
+        model
+    };
+    let name = |degree, n| format!("KHR_gaussian_splatting:SH_DEGREE_{degree}_COEF_{n}");
+    let add = |g: &mut Glb, degree: u32, n: u32| {
+        (0..n).for_each(|n| g.primitive()["attributes"][name(degree, n)] = 5.into());
+    };
+    // Degree 1 is not whole.
+    let model = ignored(&|g| add(g, 1, 2), 6);
+    assert!(model.splats.view().appearance().is_empty());
+    // Linear coefficients have no counterpart of degree 1 in sRGB.
+    let model = ignored(
+        &|g| {
+            add(g, 1, 3);
+            g.primitive()["extensions"]["KHR_gaussian_splatting"]["colorSpace"] =
+                "lin_rec709_display".into();
+        },
+        9,
+    );
+    assert!(model.splats.view().appearance().is_empty());
+    // Degree 1 is kept, degree 2 not.
+    let model = ignored(
+        &|g| {
+            add(g, 1, 3);
+            add(g, 2, 5);
+        },
+        15,
+    );
+    assert_eq!(model.splats.view().appearance().len(), 3);
 }
 
 #[test]

@@ -219,7 +219,7 @@ fn axis_changes_move_covariances_as_a_sigma_a_transposed() {
     let options = WriteOptions { axes: Axes::Viewer, ..WriteOptions::new(Format::Ply) };
     let ply = super::read_bytes(&written(&splats, &options)).unwrap();
     let a = DMat3::from_cols_slice(&numbers(&cases["zup_to_ply_ydown"]["matrix"])).transpose();
-    for (before, after) in splats.iter().zip(&ply.splats) {
+    for (before, after) in splats.iter().zip(ply.splats.iter()) {
         let mean = |s: &Splat| DVec3::from_array(s.mean.map(f64::from));
         assert_eq!(a * mean(before), mean(after));
         assert_turned(a, before.covariance(), after.covariance());

@@ -2,7 +2,8 @@
 
 use super::allocations::largest_during;
 use super::glb_file::Glb;
-use super::{assert_fails, random_splats, written, written_as};
+use super::{assert_fails, random_splats, set, written, written_as};
+use crate::common::scenes::random_appearance;
 use std::path::Path;
 use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read};
 use vbgs_studio::math::rng::{Purpose, Rng};
@@ -10,6 +11,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 /// Small files of every kind that can be read.
 fn files() -> Vec<(&'static str, Vec<u8>)> {
     let splats = random_splats(2, 41);
+    let native = set(&splats, &random_appearance(&splats, 41));
     let padded = WriteOptions { sh3_padding: true, ..WriteOptions::new(Format::Ply) };
     let glb = written_as(Format::Glb, &splats);
     let mut gltf = Glb::parse(&glb);
@@ -20,11 +22,13 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
                 1 2 3 4 5 6\n-1e-3 2 3 4 5 6\n";
     vec![
         ("ply", written_as(Format::Ply, &splats)),
-        ("ply sh3", written(&splats, &padded)),
+        ("ply sh1", written_as(Format::Ply, &native)),
+        ("ply sh3", written(&native, &padded)),
         ("point cloud", written_as(Format::PointCloudPly, &splats)),
         ("ascii", text.as_bytes().to_vec()),
         ("ascii big", text.replace("ascii", "binary_big_endian").into_bytes()),
         ("glb", glb),
+        ("glb sh1", written_as(Format::Glb, &native)),
         ("gltf", gltf.json.to_string().into_bytes()),
     ]
 }
@@ -71,10 +75,12 @@ fn random_damage() {
                 Ok(model) => {
                     n_models += 1;
                     assert!(!model.splats.is_empty());
-                    for splat in &model.splats {
+                    for splat in model.splats.iter() {
                         let fields: [f32; 14] = bytemuck::cast(*splat);
                         assert!(fields.iter().all(|v| v.is_finite()), "{splat:?}");
                     }
+                    let appearance = model.splats.view().appearance();
+                    assert!(appearance.iter().all(|a| a.is_valid()), "{appearance:?}");
                 }
                 Err(error) => {
                     n_errors += 1;

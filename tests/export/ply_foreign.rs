@@ -197,18 +197,48 @@ fn zero_quaternions_and_wild_colours_are_repaired_and_counted() {
 }
 
 #[test]
-fn higher_harmonics_are_ignored_with_a_note() {
-    for n_coefficients in [9, 24, 45] {
+fn harmonics_above_degree_1_are_ignored_with_a_note() {
+    // Degrees 1 to 4, and counts of no whole degree.
+    for (n_coefficients, n_read) in [(9, 9), (24, 9), (45, 9), (72, 9), (10, 0), (12, 0)] {
         let names: Vec<String> = (0..n_coefficients).map(|i| format!("float f_rest_{i}")).collect();
         let mut properties = SPLAT.to_vec();
         properties.splice(6..6, names.iter().map(String::as_str));
         let mut row = splat_row();
-        row.splice(6..6, vec![0.25; n_coefficients]);
+        row.splice(6..6, (0..n_coefficients).map(f64::from));
         let model = read_bytes(&file(Encoding::Little, &properties, &[row])).unwrap();
-        assert_eq!(model.notes, [Note::ViewDependentColorIgnored { n_coefficients }]);
         assert_eq!(model.splats[0].scale, [1.0; 3]);
-        assert!(model.notes[0].to_string().starts_with("view-dependent colour ignored"));
+        let n_ignored = n_coefficients as usize - n_read;
+        if n_ignored == 0 {
+            assert_eq!(model.notes, []);
+        } else {
+            assert_eq!(
+                model.notes,
+                [Note::ViewDependentColorIgnored { n_coefficients: n_ignored }]
+            );
+            assert!(model.notes[0].to_string().starts_with("view-dependent colour ignored"));
+        }
+        let appearance = model.splats.view().appearance();
+        assert_eq!(appearance.is_empty(), n_read == 0);
+        for (channel, row) in appearance.iter().flat_map(|a| a.directional).enumerate() {
+            // Coefficients go channel by channel, in the order −y, z, −x.
+            let first = (channel * n_coefficients as usize / 3) as f32;
+            let expected = [-first - 2.0, -first, first + 1.0].map(|v| 0.488_602_5 * v);
+            assert!(distance(row, expected) < 1e-5, "{n_coefficients}: {row:?} {expected:?}");
+        }
     }
+}
+
+#[test]
+fn harmonics_with_a_gap_are_ignored() {
+    let names: Vec<String> =
+        (0..9).map(|i| format!("float f_rest_{}", if i == 4 { 99 } else { i })).collect();
+    let mut properties = SPLAT.to_vec();
+    properties.splice(6..6, names.iter().map(String::as_str));
+    let mut row = splat_row();
+    row.splice(6..6, vec![0.25; 9]);
+    let model = read_bytes(&file(Encoding::Little, &properties, &[row])).unwrap();
+    assert_eq!(model.notes, [Note::ViewDependentColorIgnored { n_coefficients: 9 }]);
+    assert!(model.splats.view().appearance().is_empty());
 }
 
 #[test]

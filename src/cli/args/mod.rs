@@ -1,15 +1,19 @@
 //! Arguments of every command.
 
 mod eval;
+mod mapping;
 mod parse;
 mod render;
 mod renderer;
+mod scene;
 mod train;
 
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
+pub use mapping::MappingArgs;
 pub use parse::{choice, parse_count, parse_size};
 pub use render::{AxisName, PaintName, RenderArgs};
 pub use renderer::RendererArgs;
+pub use scene::{Part, SceneArgs, SensorName};
 pub use train::{ConversionName, TrainArgs};
 
 use super::bench::BenchArgs;
@@ -119,9 +123,11 @@ pub struct ExportArgs {
     /// Axes of a PLY
     #[arg(long, value_enum, default_value = "as-is")]
     pub axes: AxesName,
-    /// Pad a splat PLY with 45 zero coefficients for readers that insist on them
+    /// Pad the harmonics of a splat PLY to 45 coefficients for readers that insist on them
     #[arg(long)]
     pub sh3_padding: bool,
+    #[command(flatten)]
+    pub mapping: MappingArgs,
 }
 
 #[derive(Clone, Copy, ValueEnum)]

@@ -80,8 +80,11 @@ fn render_plan(args: &RenderBenchArgs) -> Result<(Scene, RenderPlan), Failure> {
 
 fn scene_of(path: &Path) -> Result<Scene, Failure> {
     let model = model::load(path)?;
-    let scene =
-        Scene::model(path.display().to_string(), model.up.unwrap_or(DVec3::Z), model.splats);
+    let scene = Scene::model(
+        path.display().to_string(),
+        model.up.unwrap_or(DVec3::Z),
+        model.splats.into_splats(),
+    );
     Ok(scene.ok_or_else(|| {
         anyhow!("{}: expected splats to draw, found none that can be drawn", path.display())
     })?)

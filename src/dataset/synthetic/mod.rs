@@ -195,6 +195,11 @@ impl SyntheticScene {
         Intrinsics::from_horizontal_fov(self.params.width, self.params.height, FIELD_OF_VIEW)
     }
 
+    /// Noise of its training depth; see [`SyntheticParams::depth_noise`].
+    pub(super) fn depth_noise(&self) -> f64 {
+        self.params.depth_noise
+    }
+
     /// Colour and exact depth of one view; `camera` may be any pinhole.
     pub fn view(&self, camera: &Camera) -> View {
         view::render(&self.room, &self.light, camera)

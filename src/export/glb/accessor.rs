@@ -1,7 +1,7 @@
 //! Attribute values behind accessors, buffer views and buffers, checked before any is read.
 
 use super::schema::{Accessor, Root};
-use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0};
+use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
 use crate::export::error::{Fault, shorten};
 
 const I8: u32 = 5120;
@@ -37,6 +37,7 @@ fn rule(semantic: &str) -> Rule {
             components: &[(F32, false), (U8, true), (U16, true)],
         },
         POSITION | SH_0 => Rule { kinds: VEC3, components: FLOATS },
+        _ if SH_1.contains(&semantic) => Rule { kinds: VEC3, components: FLOATS },
         _ => Rule { kinds: &[], components: &[] },
     }
 }

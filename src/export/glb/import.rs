@@ -4,13 +4,14 @@ use super::accessor::Column;
 use super::nodes::{Placement, placed_meshes};
 use super::schema::{GaussianSplatting, Primitive, Root};
 use super::{
-    COLOR_0, EXTENSION, KERNEL, LINEAR, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0,
+    COLOR_0, EXTENSION, KERNEL, LINEAR, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1,
     SH_PREFIX, SRGB,
 };
 use crate::export::error::{Fault, shorten};
-use crate::export::gaussian::{Gaussian, Turn, linear_to_srgb, sh_to_color};
+use crate::export::gaussian::{Gaussian, Turn, linear_to_srgb};
+use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 /// `TRIANGLES`, the mode of a primitive that names none.
 const DEFAULT_MODE: u32 = 4;
@@ -107,6 +108,7 @@ struct Shape<'a> {
     rotation: Column<'a>,
     scale: Column<'a>,
     opacity: Column<'a>,
+    degree_1: Option<[Column<'a>; 3]>,
 }
 
 enum Color<'a> {
@@ -130,10 +132,18 @@ impl<'a> Columns<'a> {
             rotation: open(root, buffers, part, ROTATION, count)?,
             scale: open(root, buffers, part, SCALE, count)?,
             opacity: open(root, buffers, part, OPACITY, count)?,
+            degree_1: match has_degree_1(part) && !linear {
+                true => {
+                    let [y, z, x] = SH_1.map(|name| open(root, buffers, part, name, count));
+                    Some([y?, z?, x?])
+                }
+                false => None,
+            },
         };
         let above_0 = |name: &&str| name.starts_with(SH_PREFIX) && *name != SH_0;
         let names = part.primitive.attributes.0.iter().map(|(name, _)| name.as_str());
-        let n_coefficients = 3 * names.filter(above_0).count();
+        let n_read = shape.degree_1.as_ref().map_or(0, |columns| columns.len());
+        let n_coefficients = 3 * (names.filter(above_0).count() - n_read);
         if n_coefficients > 0 {
             note_once(notes, Note::ViewDependentColorIgnored { n_coefficients });
         }
@@ -161,30 +171,39 @@ impl<'a> Columns<'a> {
 
     fn read(&self, placement: &Placement, rows: &mut Rows) -> Result<(), Fault> {
         for row in 0..self.position.count {
-            let mean = placement.position(DVec3::from_array(self.position.get(row)));
             let point = Gaussian {
-                mean: Turn::Y_UP_TO_Z_UP.vector(mean),
+                mean: placement.position(DVec3::from_array(self.position.get(row))),
                 opacity: 1.0,
                 color: self.color.get(row),
                 scale: DVec3::ZERO,
                 rotation: DQuat::IDENTITY,
+                directional: DMat3::ZERO,
             };
-            let Some(shape) = &self.shape else {
-                rows.push(point);
-                continue;
+            let gaussian = match &self.shape {
+                None => point,
+                Some(shape) => {
+                    let [x, y, z, w] = shape.rotation.get(row);
+                    let rotation = rows.rotation([w, x, y, z]);
+                    let (scale, rotation) = placement.shape(shape.scale(row)?, rotation);
+                    let [opacity] = shape.opacity.get(row);
+                    let directional = placement.directional(shape.directional(row));
+                    Gaussian { opacity, scale, rotation, directional, ..point }
+                }
             };
-            let [x, y, z, w] = shape.rotation.get(row);
-            let rotation = rows.rotation([w, x, y, z]);
-            let (scale, rotation) = placement.shape(shape.scale(row)?, rotation);
-            let rotation = Turn::Y_UP_TO_Z_UP.rotation(rotation);
-            let [opacity] = shape.opacity.get(row);
-            rows.push(Gaussian { opacity, scale, rotation, ..point });
+            rows.push(gaussian.turned(&Turn::Y_UP_TO_Z_UP));
         }
         Ok(())
     }
 }
 
 impl Shape<'_> {
+    fn directional(&self, row: usize) -> DMat3 {
+        let coefficient = |column: &Column| DVec3::from_array(column.get(row));
+        self.degree_1.as_ref().map_or(DMat3::ZERO, |columns| {
+            harmonics::to_directional(columns.each_ref().map(coefficient))
+        })
+    }
+
     fn scale(&self, row: usize) -> Result<DVec3, Fault> {
         let scale: [f64; 3] = self.scale.get(row);
         match scale.iter().find(|s| **s < 0.0) {
@@ -203,13 +222,18 @@ impl Color<'_> {
     fn get(&self, row: usize) -> DVec3 {
         match self {
             Color::Sh { coefficient, linear } => {
-                let color = sh_to_color(DVec3::from_array(coefficient.get(row)));
+                let color = harmonics::to_color(DVec3::from_array(coefficient.get(row)));
                 if *linear { color.map(linear_to_srgb) } else { color }
             }
             Color::Linear(column) => DVec3::from_array(column.get(row)).map(linear_to_srgb),
             Color::None => DVec3::splat(0.5),
         }
     }
+}
+
+/// Whether degree 1 is there, and whole.
+fn has_degree_1(part: &Part) -> bool {
+    SH_1.iter().all(|name| part.primitive.attributes.get(name).is_some())
 }
 
 fn open<'a>(

@@ -16,6 +16,11 @@ const ROTATION: &str = "KHR_gaussian_splatting:ROTATION";
 const SCALE: &str = "KHR_gaussian_splatting:SCALE";
 const OPACITY: &str = "KHR_gaussian_splatting:OPACITY";
 const SH_0: &str = "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0";
+const SH_1: [&str; 3] = [
+    "KHR_gaussian_splatting:SH_DEGREE_1_COEF_0",
+    "KHR_gaussian_splatting:SH_DEGREE_1_COEF_1",
+    "KHR_gaussian_splatting:SH_DEGREE_1_COEF_2",
+];
 const SH_PREFIX: &str = "KHR_gaussian_splatting:SH_DEGREE_";
 const EXTENSION: &str = "KHR_gaussian_splatting";
 /// The only kernel of the extension.

@@ -105,6 +105,15 @@ impl Placement {
         self.linear * p + self.translation
     }
 
+    /// A change of colour per unit direction in the scene.
+    pub fn directional(&self, w: DMat3) -> DMat3 {
+        // The columns are orthogonal: without their lengths they are the rotation.
+        let m = self.linear;
+        let rotation =
+            DMat3::from_cols(m.x_axis.normalize(), m.y_axis.normalize(), m.z_axis.normalize());
+        w * rotation.transpose()
+    }
+
     /// Scales and rotation of `M Σ Mᵀ` for `Σ` of the given scales and rotation.
     pub fn shape(&self, scale: DVec3, rotation: DQuat) -> (DVec3, DQuat) {
         if self.linear == DMat3::IDENTITY {

@@ -2,11 +2,13 @@
 
 use super::schema::*;
 use super::{
-    COLOR_0, EXTENSION, KERNEL, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SRGB, container,
+    COLOR_0, EXTENSION, KERNEL, OPACITY, POINTS, POSITION, ROTATION, SCALE, SH_0, SH_1, SRGB,
+    container,
 };
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
-use crate::export::gaussian::{Gaussian, Turn, color_to_sh, srgb_to_linear};
+use crate::export::gaussian::{Gaussian, Turn, srgb_to_linear};
+use crate::export::harmonics::{self, Degree};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -37,6 +39,7 @@ impl Column {
     }
 }
 
+/// What every file has.
 const COLUMNS: [Column; 6] = [
     Column::floats(POSITION, "VEC3", 3, |g, row| put(row, &g.mean.to_array())),
     Column {
@@ -49,11 +52,22 @@ const COLUMNS: [Column; 6] = [
     Column::floats(ROTATION, "VEC4", 4, |g, row| put(row, &g.rotation.to_array())),
     Column::floats(SCALE, "VEC3", 3, |g, row| put(row, &g.scale.to_array())),
     Column::floats(OPACITY, "SCALAR", 1, |g, row| put(row, &[g.opacity])),
-    Column::floats(SH_0, "VEC3", 3, |g, row| put(row, &color_to_sh(g.color).to_array())),
+    Column::floats(SH_0, "VEC3", 3, |g, row| put(row, &harmonics::of_color(g.color).to_array())),
+];
+
+/// What files have besides where colour depends on the direction.
+const DEGREE_1: [Column; 3] = [
+    Column::floats(SH_1[0], "VEC3", 3, |g, row| put_degree_1(g, 0, row)),
+    Column::floats(SH_1[1], "VEC3", 3, |g, row| put_degree_1(g, 1, row)),
+    Column::floats(SH_1[2], "VEC3", 3, |g, row| put_degree_1(g, 2, row)),
 ];
 
 fn put(row: &mut Vec<u8>, values: &[f64]) {
     row.extend(values.iter().flat_map(|&v| (v as f32).to_le_bytes()));
+}
+
+fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
+    put(row, &harmonics::of_directional(splat.directional)[coefficient].to_array());
 }
 
 /// What viewers without the extension draw. 16 bits, because linear values in 8 band in the darks.
@@ -64,43 +78,52 @@ fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
     }
 }
 
-/// The JSON chunk for `n` splats; fails if the file would not fit GLB's 32-bit lengths.
-pub(in crate::export) fn json(
-    n: usize,
-    gaussians: impl Iterator<Item = Gaussian>,
-    options: &WriteOptions,
-) -> Result<String, Fault> {
-    let (min, max) = extremes(gaussians);
-    let root = root(n, min, max, options);
-    let text = serde_json::to_string(&root)
-        .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
-    let needed = container::file_size(text.len(), bin_length(n));
-    if needed > u64::from(u32::MAX) {
-        return Err(Fault::TooLargeForGlb { n_splats: n, needed });
-    }
-    Ok(text)
+/// A file before its columns.
+pub(in crate::export) struct Layout {
+    pub(in crate::export) json: String,
+    columns: Vec<&'static Column>,
+    bin_length: u64,
 }
 
-/// The whole file, given its JSON.
-pub(in crate::export) fn glb(
-    out: &mut dyn Write,
-    json: &str,
-    gaussians: impl Iterator<Item = Gaussian> + Clone,
-) -> io::Result<()> {
-    container::write_start(out, json, bin_length(gaussians.clone().count()))?;
-    let mut row = Vec::new();
-    for column in &COLUMNS {
-        for gaussian in gaussians.clone() {
-            row.clear();
-            (column.encode)(&gaussian.turned(&Turn::Z_UP_TO_Y_UP), &mut row);
-            out.write_all(&row)?;
+impl Layout {
+    /// For these splats; fails if the file would not fit GLB's 32-bit lengths.
+    pub fn new(
+        gaussians: impl Iterator<Item = Gaussian> + Clone,
+        options: &WriteOptions,
+    ) -> Result<Self, Fault> {
+        let n = gaussians.clone().count();
+        let columns: Vec<&Column> = match Degree::of(gaussians.clone()) {
+            Degree::Zero => COLUMNS.iter().collect(),
+            Degree::One => COLUMNS.iter().chain(&DEGREE_1).collect(),
+        };
+        let root = root(n, &columns, extremes(gaussians), options);
+        let json = serde_json::to_string(&root)
+            .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
+        let bin_length = n as u64 * columns.iter().map(|c| c.row_bytes as u64).sum::<u64>();
+        let needed = container::file_size(json.len(), bin_length);
+        if needed > u64::from(u32::MAX) {
+            return Err(Fault::TooLargeForGlb { n_splats: n, needed });
         }
+        Ok(Self { json, columns, bin_length })
     }
-    Ok(())
-}
 
-fn bin_length(n: usize) -> u64 {
-    n as u64 * COLUMNS.iter().map(|c| c.row_bytes as u64).sum::<u64>()
+    /// The whole file.
+    pub fn write(
+        &self,
+        out: &mut dyn Write,
+        gaussians: impl Iterator<Item = Gaussian> + Clone,
+    ) -> io::Result<()> {
+        container::write_start(out, &self.json, self.bin_length)?;
+        let mut row = Vec::new();
+        for column in &self.columns {
+            for gaussian in gaussians.clone() {
+                row.clear();
+                (column.encode)(&gaussian.turned(&Turn::Z_UP_TO_Y_UP), &mut row);
+                out.write_all(&row)?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Exact extremes of the positions as written: validators compare them with the data.
@@ -116,11 +139,16 @@ fn extremes(gaussians: impl Iterator<Item = Gaussian>) -> ([f32; 3], [f32; 3]) {
     (min, max)
 }
 
-fn root(n: usize, min: [f32; 3], max: [f32; 3], options: &WriteOptions) -> Root {
+fn root(
+    n: usize,
+    columns: &[&Column],
+    (min, max): ([f32; 3], [f32; 3]),
+    options: &WriteOptions,
+) -> Root {
     let mut accessors = Vec::new();
     let mut buffer_views = Vec::new();
     let mut offset = 0;
-    for (i, column) in COLUMNS.iter().enumerate() {
+    for (i, column) in columns.iter().enumerate() {
         let is_position = column.semantic == POSITION;
         accessors.push(Accessor {
             buffer_view: Some(i),
@@ -155,15 +183,15 @@ fn root(n: usize, min: [f32; 3], max: [f32; 3], options: &WriteOptions) -> Root 
         scene: Some(0),
         scenes: vec![Scene { nodes: vec![0] }],
         nodes: vec![Node { mesh: Some(0), ..Node::default() }],
-        meshes: vec![Mesh { primitives: vec![primitive()] }],
+        meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,
         buffer_views,
         buffers: vec![Buffer { byte_length: offset, uri: None }],
     }
 }
 
-fn primitive() -> Primitive {
-    let attributes = COLUMNS.iter().enumerate().map(|(i, c)| (c.semantic.to_owned(), i)).collect();
+fn primitive(columns: &[&Column]) -> Primitive {
+    let attributes = columns.iter().enumerate().map(|(i, c)| (c.semantic.to_owned(), i)).collect();
     let splatting = GaussianSplatting {
         kernel: KERNEL.to_owned(),
         color_space: SRGB.to_owned(),

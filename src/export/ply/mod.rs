@@ -6,5 +6,7 @@ pub(super) mod points;
 pub(super) mod read;
 pub(super) mod write;
 
-/// Coefficients per splat above degree 0 when the full degree 3 is there, over three channels.
-const N_REST_DEGREE_3: usize = 45;
+/// Coefficients per channel above degree 0 when degree 1 is all there is.
+const N_REST_DEGREE_1: usize = 3;
+/// The same for the full degree 3.
+const N_REST_DEGREE_3: usize = 15;

@@ -3,22 +3,22 @@
 use super::write::{end_header, header_start, push_property, turn};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
-use crate::export::gaussian::Gaussian;
+use crate::export::gaussian::{Gaussian, drawable};
 use crate::math::image::unit_to_byte;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatView;
 use glam::DVec3;
 use std::io::{self, Write};
 
-/// The header of `n` points, those of `splats` that are drawable.
+/// The header of `n` points, those of `n_splats` that are drawable.
 pub(in crate::export) fn header(
     n: usize,
-    splats: &[Splat],
+    n_splats: usize,
     options: &WriteOptions,
 ) -> Result<String, Fault> {
-    if let Some(confidence) = options.confidence.filter(|c| c.len() != splats.len()) {
+    if let Some(confidence) = options.confidence.filter(|c| c.len() != n_splats) {
         return Err(Fault::Setting {
             setting: "confidence",
-            expected: format!("one value for each of {} splats", splats.len()),
+            expected: format!("one value for each of {n_splats} splats"),
             found: format!("{} values", confidence.len()),
         });
     }
@@ -41,19 +41,20 @@ pub(in crate::export) fn header(
 pub(in crate::export) fn points(
     out: &mut dyn Write,
     header: &str,
-    splats: &[Splat],
+    view: SplatView,
     options: &WriteOptions,
 ) -> io::Result<()> {
     out.write_all(header.as_bytes())?;
     let turn = turn(options.axes);
     let vector = |v: DVec3| turn.vector(v).to_array().map(|x| (x as f32).to_le_bytes());
-    for (i, splat) in splats.iter().enumerate().filter(|(_, s)| s.is_finite()) {
-        let point = Gaussian::of(splat);
+    for (i, point) in drawable(view) {
         out.write_all(vector(point.mean).as_flattened())?;
-        if let Some(normal) = normal(&point, options.camera_centres) {
-            out.write_all(vector(normal).as_flattened())?;
+        let camera = nearest(point.mean, options.camera_centres);
+        if let Some(camera) = camera {
+            out.write_all(vector(normal(&point, camera)).as_flattened())?;
         }
-        out.write_all(&point.color.to_array().map(|c| unit_to_byte(c as f32)))?;
+        let color = camera.map_or(point.color, |camera| point.color_from(camera));
+        out.write_all(&color.to_array().map(|c| unit_to_byte(c as f32)))?;
         if let Some(confidence) = options.confidence {
             out.write_all(&(confidence[i] as f32).to_le_bytes())?;
         }
@@ -61,11 +62,13 @@ pub(in crate::export) fn points(
     Ok(())
 }
 
-/// The axis along which the splat is thinnest, on the side of the nearest camera.
-fn normal(splat: &Gaussian, camera_centres: &[DVec3]) -> Option<DVec3> {
-    let distances = camera_centres.iter().map(|c| (c.distance_squared(splat.mean), c));
-    let (_, nearest) = distances.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let thinnest = splat.scale.min_position();
-    let axis = splat.rotation * DVec3::AXES[thinnest];
-    Some(if axis.dot(nearest - splat.mean) < 0.0 { -axis } else { axis })
+fn nearest(point: DVec3, camera_centres: &[DVec3]) -> Option<DVec3> {
+    let distances = camera_centres.iter().map(|&c| (c.distance_squared(point), c));
+    distances.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, centre)| centre)
+}
+
+/// The axis along which the splat is thinnest, on the side of a camera.
+fn normal(splat: &Gaussian, camera: DVec3) -> DVec3 {
+    let axis = splat.rotation * DVec3::AXES[splat.scale.min_position()];
+    if axis.dot(camera - splat.mean) < 0.0 { -axis } else { axis }
 }

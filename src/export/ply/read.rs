@@ -1,14 +1,19 @@
 //! PLY of other programs and our own: splats if there are scales and rotations, points otherwise.
 
+use super::N_REST_DEGREE_1;
 use super::body::Body;
 use super::header::{Element, Header, Kind};
 use crate::export::error::Fault;
-use crate::export::gaussian::{Gaussian, sh_to_color, sigmoid};
+use crate::export::gaussian::{Gaussian, sigmoid};
+use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 
 /// The third scale of flat splats, as a fraction of the larger of the other two (`export.md` 1).
 const FLATNESS: f64 = 1e-6;
+
+/// Highest degree of harmonics that trainers write.
+const HIGHEST_DEGREE: usize = 4;
 
 /// Reads the model in a PLY of at most `max_splats` vertices.
 pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
@@ -71,6 +76,27 @@ impl Columns<'_> {
         Ok(columns)
     }
 
+    /// The coefficients of degree 1, by coefficient, then channel; the rest is noted as ignored.
+    fn degree_1(&self, notes: &mut Vec<Note>) -> Option<[[usize; 3]; N_REST_DEGREE_1]> {
+        let names = self.element.properties.iter().map(|p| p.name.as_str());
+        let n = names.filter(|name| name.starts_with("f_rest_")).count();
+        // Channel by channel, each with the coefficients of whole degrees.
+        let mut counts = (1..=HIGHEST_DEGREE).map(|degree| (degree + 1) * (degree + 1) - 1);
+        let found = counts.find(|per_channel| 3 * per_channel == n).and_then(|k| {
+            let column = |i, channel| self.find(&format!("f_rest_{}", channel * k + i));
+            let mut columns = [[0; 3]; N_REST_DEGREE_1];
+            for (i, row) in columns.iter_mut().enumerate() {
+                *row = [column(i, 0)?, column(i, 1)?, column(i, 2)?];
+            }
+            Some(columns)
+        });
+        let n_coefficients = n - found.map_or(0, |columns| columns.as_flattened().len());
+        if n_coefficients > 0 {
+            notes.push(Note::ViewDependentColorIgnored { n_coefficients });
+        }
+        found
+    }
+
     fn missing(&self, name: &str) -> Fault {
         let names: Vec<&str> =
             self.element.properties.iter().take(20).map(|p| p.name.as_str()).collect();
@@ -93,6 +119,8 @@ struct Shape {
     scale_2: Option<usize>,
     /// w x y z.
     rotation: [usize; 4],
+    /// By coefficient, then channel.
+    degree_1: Option<[[usize; 3]; N_REST_DEGREE_1]>,
 }
 
 enum Color {
@@ -115,11 +143,7 @@ impl Layout {
         if !is_splat {
             return Ok(Self { mean, color, shape: None });
         }
-        let n_coefficients =
-            columns.element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
-        if n_coefficients > 0 {
-            notes.push(Note::ViewDependentColorIgnored { n_coefficients });
-        }
+        let degree_1 = columns.degree_1(notes);
         let [opacity] = columns.need(["opacity"])?;
         let scale = columns.need(["scale_0", "scale_1"])?;
         let scale_2 = columns.find("scale_2");
@@ -127,7 +151,8 @@ impl Layout {
             notes.push(Note::FlatSplats);
         }
         let rotation = columns.need(["rot_0", "rot_1", "rot_2", "rot_3"])?;
-        Ok(Self { mean, color, shape: Some(Shape { opacity, scale, scale_2, rotation }) })
+        let shape = Shape { opacity, scale, scale_2, rotation, degree_1 };
+        Ok(Self { mean, color, shape: Some(shape) })
     }
 
     /// A row's values as a splat.
@@ -137,12 +162,13 @@ impl Layout {
             mean: vector(self.mean),
             opacity: 1.0,
             color: match &self.color {
-                Color::Sh(columns) => sh_to_color(vector(*columns)),
+                Color::Sh(columns) => harmonics::to_color(vector(*columns)),
                 Color::Rgb { columns, full } => vector(*columns) / *full,
                 Color::None => DVec3::splat(0.5),
             },
             scale: DVec3::ZERO,
             rotation: DQuat::IDENTITY,
+            directional: DMat3::ZERO,
         };
         match &self.shape {
             None => point,
@@ -150,6 +176,9 @@ impl Layout {
                 opacity: sigmoid(values[shape.opacity]),
                 scale: shape.scale(values),
                 rotation: rows.rotation(shape.rotation.map(|c| values[c])),
+                directional: shape.degree_1.map_or(DMat3::ZERO, |coefficients| {
+                    harmonics::to_directional(coefficients.map(vector))
+                }),
                 ..point
             },
         }

@@ -1,9 +1,10 @@
 //! Splats in the 3DGS layout (`export.md` 1).
 
-use super::N_REST_DEGREE_3;
+use super::{N_REST_DEGREE_1, N_REST_DEGREE_3};
 use crate::export::error::Fault;
 use crate::export::format::{Axes, WriteOptions};
-use crate::export::gaussian::{Gaussian, Turn, color_to_sh, logit, wxyz};
+use crate::export::gaussian::{Gaussian, Turn, logit, wxyz};
+use crate::export::harmonics::{self, Degree};
 use crate::export::imported::VERTICAL_AXIS;
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -15,50 +16,67 @@ const BEFORE_REST: [&str; 9] = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc
 const AFTER_REST: [&str; 8] =
     ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
 
-/// The header of `n` splats.
-pub(in crate::export) fn splat_header(n: usize, options: &WriteOptions) -> Result<String, Fault> {
-    let mut header = header_start(n, options);
-    let rest = (0..n_rest(options)).map(|i| format!("f_rest_{i}"));
-    let names = BEFORE_REST.map(str::to_owned).into_iter().chain(rest);
-    for name in names.chain(AFTER_REST.map(str::to_owned)) {
-        push_property(&mut header, "float", &name);
+/// A file of splats before its rows.
+pub(in crate::export) struct Layout {
+    header: String,
+    /// Coefficients per channel above degree 0.
+    n_rest: usize,
+    turn: Turn,
+}
+
+impl Layout {
+    /// For these splats.
+    pub fn new(
+        gaussians: impl Iterator<Item = Gaussian> + Clone,
+        options: &WriteOptions,
+    ) -> Result<Self, Fault> {
+        let n_rest = match (options.sh3_padding, Degree::of(gaussians.clone())) {
+            (true, _) => N_REST_DEGREE_3,
+            (false, Degree::One) => N_REST_DEGREE_1,
+            (false, Degree::Zero) => 0,
+        };
+        let mut header = header_start(gaussians.count(), options);
+        let rest = (0..3 * n_rest).map(|i| format!("f_rest_{i}"));
+        let names = BEFORE_REST.map(str::to_owned).into_iter().chain(rest);
+        for name in names.chain(AFTER_REST.map(str::to_owned)) {
+            push_property(&mut header, "float", &name);
+        }
+        Ok(Self { header: end_header(header)?, n_rest, turn: turn(options.axes) })
     }
-    end_header(header)
-}
 
-/// Header and rows.
-pub(in crate::export) fn splats(
-    out: &mut dyn Write,
-    header: &str,
-    gaussians: impl Iterator<Item = Gaussian>,
-    options: &WriteOptions,
-) -> io::Result<()> {
-    out.write_all(header.as_bytes())?;
-    let turn = turn(options.axes);
-    let mut row = Vec::new();
-    for gaussian in gaussians {
-        row.clear();
-        encode_row(&mut row, &gaussian.turned(&turn), n_rest(options));
-        out.write_all(&row)?;
+    /// Header and rows.
+    pub fn write(
+        &self,
+        out: &mut dyn Write,
+        gaussians: impl Iterator<Item = Gaussian>,
+    ) -> io::Result<()> {
+        out.write_all(self.header.as_bytes())?;
+        let mut row = Vec::new();
+        for gaussian in gaussians {
+            row.clear();
+            self.encode_row(&mut row, &gaussian.turned(&self.turn));
+            out.write_all(&row)?;
+        }
+        Ok(())
     }
-    Ok(())
-}
 
-fn encode_row(row: &mut Vec<u8>, gaussian: &Gaussian, n_rest: usize) {
-    let mut put = |values: &[f64]| {
-        row.extend(values.iter().flat_map(|&v| (v as f32).to_le_bytes()));
-    };
-    put(&gaussian.mean.to_array());
-    put(&[0.0; 3]); // normals: readers of this layout skip them
-    put(&color_to_sh(gaussian.color).to_array());
-    put(&[0.0; N_REST_DEGREE_3][..n_rest]);
-    put(&[logit(gaussian.opacity)]);
-    put(&gaussian.scale.map(f64::ln).to_array());
-    put(&wxyz(gaussian.rotation));
-}
-
-fn n_rest(options: &WriteOptions) -> usize {
-    if options.sh3_padding { N_REST_DEGREE_3 } else { 0 }
+    fn encode_row(&self, row: &mut Vec<u8>, gaussian: &Gaussian) {
+        let mut put = |values: &[f64]| {
+            row.extend(values.iter().flat_map(|&v| (v as f32).to_le_bytes()));
+        };
+        put(&gaussian.mean.to_array());
+        put(&[0.0; 3]); // normals: readers of this layout skip them
+        put(&harmonics::of_color(gaussian.color).to_array());
+        let degree_1 = harmonics::of_directional(gaussian.directional);
+        for channel in 0..3 {
+            let mut rest = [0.0; N_REST_DEGREE_3];
+            rest[..N_REST_DEGREE_1].copy_from_slice(&degree_1.map(|f| f[channel]));
+            put(&rest[..self.n_rest]);
+        }
+        put(&[logit(gaussian.opacity)]);
+        put(&gaussian.scale.map(f64::ln).to_array());
+        put(&wxyz(gaussian.rotation));
+    }
 }
 
 /// Everything up to the first property of the vertex element.

@@ -2,7 +2,6 @@
 
 use super::BenchError;
 use crate::dataset::Dataset;
-use crate::dataset::points::UnprojectSettings;
 use crate::eval::views::{self, EvalOptions, GroundTruth};
 use crate::math::points::{Normalization, Points};
 use crate::pipeline::plan::{Plan, Selection};
@@ -11,7 +10,6 @@ use crate::pipeline::session::Session;
 use crate::render::{Method, RenderOptions};
 use crate::train::config::{Overrides, TrainConfig};
 use crate::train::engine::Engine;
-use glam::DVec3;
 use std::sync::Arc;
 
 /// Points of evenly spaced training frames, ready to be trained on again and again.
@@ -38,20 +36,16 @@ impl Sample {
         let config = TrainConfig::paper().with(&small)?;
         let session = Session::new(dataset.clone(), config, Selection::everything())?;
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n_frames));
-        let [lo, hi] = session.config().position_range.map(DVec3::from_array);
-        let settings = UnprojectSettings {
-            convention: session.config().camera_convention,
-            filter: session.config().edge_filter,
-            normalization: Normalization::from_range(lo, hi),
-        };
+        let normalization = *session.normalization();
+        let preparation = session.config().preparation(normalization);
         drop(session);
         let plan = Plan { split, frames: chosen, held_out: None };
-        let mut prefetch = Prefetch::start(dataset.clone(), &plan, 0, settings)?;
+        let mut prefetch = Prefetch::start(dataset.clone(), &plan, 0, preparation)?;
         let results = std::iter::from_fn(|| prefetch.next_frame()).map(|frame| frame.result);
         let mut first_problem = None;
         let frames: Vec<_> = results
             .filter_map(|result| match result {
-                Ok(prepared) => Some(prepared.points),
+                Ok(prepared) => prepared.material.into_points(),
                 Err(problem) => {
                     first_problem.get_or_insert(problem);
                     None
@@ -64,7 +58,7 @@ impl Sample {
         }
         let evaluation = dataset.evaluation(split);
         let views = (evaluation.split, spaced(&evaluation.frames, n_views));
-        Ok(Self { dataset, normalization: settings.normalization, frames, views })
+        Ok(Self { dataset, normalization, frames, views })
     }
 
     /// Mean PSNR over the held-out views, dB, black background, against the photographs' RGB as the

@@ -2,7 +2,9 @@
 
 use super::{RunError, SavedRun};
 use crate::dataset::LoadOptions;
+use crate::pipeline::method::Method;
 use crate::pipeline::plan::{Order, Shard};
+use crate::pipeline::scene::SceneOverrides;
 use crate::train::config::{Overrides, Preset};
 use serde::Serialize;
 use serde_json::Value;
@@ -12,9 +14,12 @@ use serde_json::Value;
 pub struct Asked {
     /// Origin of the defaults.
     pub preset: Option<Preset>,
-    /// Settings of the trainer.
-    #[serde(flatten)]
-    pub train: Overrides,
+    /// Settings of a model of the paper's preset; others have no use for them.
+    #[serde(skip)]
+    pub paper: Overrides,
+    /// Settings of a model of the scene's.
+    #[serde(skip)]
+    pub scene: SceneOverrides,
     /// Split to train on.
     pub split: Option<String>,
     /// Order of the frames.
@@ -34,15 +39,24 @@ pub struct Asked {
 impl SavedRun {
     /// Refuses the first setting that contradicts the run's.
     pub fn check(&self, asked: &Asked) -> Result<(), RunError> {
-        let (Ok(Value::Object(asked)), Ok(stored)) =
-            (serde_json::to_value(asked), serde_json::to_value(&self.config))
+        let of_method = match &self.config.method {
+            Method::Paper(_) => serde_json::to_value(&asked.paper),
+            Method::Scene(_) => serde_json::to_value(&asked.scene),
+        };
+        let (Ok(Value::Object(asked)), Ok(Value::Object(of_method)), Ok(stored)) =
+            (serde_json::to_value(asked), of_method, serde_json::to_value(&self.config))
         else {
             return Ok(()); // settings are always JSON objects
         };
-        for (name, value) in asked.iter().filter(|(_, value)| !value.is_null()) {
+        let given = asked.iter().chain(&of_method).filter(|(_, value)| !value.is_null());
+        for (name, value) in given {
             let before = match name.as_str() {
                 "covariance_form" => &stored["conversion"]["form"],
                 "scale_factor" => &stored["conversion"]["scale_factor"],
+                "gradient" | "directional" => &stored["native"][name],
+                "plane_fit" | "flying_pixels" | "cosine" | "sensor" | "calibration" => {
+                    &stored["surface"][name]
+                }
                 other => &stored[other],
             };
             if before != value {
@@ -62,6 +76,9 @@ impl SavedRun {
 fn option_name(name: &str) -> String {
     match name {
         "covariance_form" => "--conversion".to_owned(),
+        "sums" => "--precision".to_owned(),
+        "refine" | "gain" | "gradient" | "directional" | "plane_fit" | "flying_pixels"
+        | "cosine" => format!("--with or --without {}", name.replace('_', "-")),
         other => format!("--{}", other.replace('_', "-")),
     }
 }

@@ -10,16 +10,18 @@ pub use asked::Asked;
 pub use fingerprint::Fingerprint;
 pub use merge::merge;
 
+use super::learner::Learner;
 use super::machine;
+use super::method::Method;
 use super::run::RunConfig;
 use super::session::SessionError;
 use crate::dataset::error::DatasetError;
 use crate::export::checkpoint::{self, Checkpoint, CheckpointError, Loaded};
+use crate::model::appearance::SplatSet;
 use crate::model::merging::AddError;
-use crate::model::splats::Splat;
 use crate::model::state::Totals;
 use crate::train::candidates::IndexError;
-use crate::train::config::UpdateWidth;
+use crate::train::config::{TrainConfig, UpdateWidth};
 use crate::train::engine::Engine;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -186,11 +188,12 @@ impl SavedRun {
         let Loaded { checkpoint: content, version, bytes } = checkpoint::read(path)?;
         let config: RunConfig = parse(path, "CONF", &content.config)?;
         let meta = parse(path, "META", &content.meta)?;
+        let train = paper(&config).ok_or(SessionError::NotStored)?;
         // Among them the number of components, for which the engine makes room.
-        if config.train.hyper() != content.hyper {
+        if train.hyper() != content.hyper {
             return Err(RunError::Prior { path: path.to_owned() });
         }
-        let expected = config.train.operations.update;
+        let expected = train.operations.update;
         if !fits(expected, &content.model.totals) {
             return Err(RunError::Form { path: path.to_owned(), expected });
         }
@@ -198,14 +201,16 @@ impl SavedRun {
     }
 
     /// The model, ready to go on.
-    pub fn engine(&self) -> Result<Engine, IndexError> {
-        let Checkpoint { model, cursor, .. } = &self.content;
-        Engine::restore(&self.config.train, model.clone(), cursor.frames)
+    pub fn learner(&self) -> Result<Learner, RunError> {
+        let Checkpoint { model, cursor, normalization, .. } = &self.content;
+        let config = paper(&self.config).ok_or(SessionError::NotStored)?.clone();
+        let engine = Engine::restore(&config, model.clone(), cursor.frames)?;
+        Ok(Learner::Paper { engine, config, normalization: *normalization })
     }
 
     /// Splats of all components, as the session's that was saved.
-    pub fn splats(&self) -> Result<Vec<Splat>, IndexError> {
-        Ok(self.engine()?.splats(&self.config.train, &self.content.normalization))
+    pub fn splats(&self) -> Result<SplatSet, RunError> {
+        Ok(self.learner()?.splats())
     }
 
     /// Direction that points up in the world.
@@ -223,6 +228,13 @@ impl SavedRun {
                 self.content.numerics
             )
         })
+    }
+}
+
+fn paper(config: &RunConfig) -> Option<&TrainConfig> {
+    match &config.method {
+        Method::Paper(train) => Some(train),
+        Method::Scene(_) => None,
     }
 }
 

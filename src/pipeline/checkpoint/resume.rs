@@ -6,7 +6,6 @@ use crate::dataset::Dataset;
 use crate::export::checkpoint::Checkpoint;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::session::{Past, Session};
-use crate::train::engine::Engine;
 use std::sync::Arc;
 
 impl SavedRun {
@@ -22,10 +21,11 @@ impl SavedRun {
         force: bool,
     ) -> Result<Session, RunError> {
         self.check(asked)?;
+        let learner = self.learner()?;
         let Self { path, mut config, meta, content, .. } = self;
-        let Checkpoint { history, cursor, normalization, model, .. } = content;
+        let Checkpoint { history, cursor, normalization, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
-        let plan = Plan::after(&dataset, &config.selection, config.train.seed, &cursor.visited)?;
+        let plan = Plan::after(&dataset, &config.selection, config.method.seed(), &cursor.visited)?;
         let found = Fingerprint::of(&dataset, plan.split);
         if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
             return Err(RunError::OtherDataset { path, difference });
@@ -43,7 +43,6 @@ impl SavedRun {
             let history: History = parse(&path, "HIST", &history)?;
             (past.frames, past.skipped) = (history.frames, history.skipped);
         }
-        let engine = Engine::restore(&config.train, model, cursor.frames)?;
-        Ok(Session::begin(dataset, config, plan, normalization, engine, past)?)
+        Ok(Session::begin(dataset, config, plan, normalization, learner, past)?)
     }
 }

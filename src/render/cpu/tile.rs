@@ -4,7 +4,8 @@ use super::lanes::exp2;
 use super::record::{Frame, Gradient, Record, Records};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, Vector};
-use crate::render::{ALPHA_CAP, GRADIENT_LIMIT, Lens, TILE, TRANSMITTANCE_STOP};
+use crate::model::appearance::GRADIENT_LIMIT;
+use crate::render::{ALPHA_CAP, Lens, TILE, TRANSMITTANCE_STOP};
 use glam::DVec2;
 
 /// Groups of lanes per row of a tile.

@@ -17,8 +17,6 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self", default = "TrainConfig::paper")]
 pub struct TrainConfig {
-    /// Origin of the defaults.
-    pub preset: Preset,
     /// Seed of every random stream.
     pub seed: u64,
     /// Number of components, the paper's N.
@@ -128,7 +126,6 @@ impl TrainConfig {
     /// The published algorithm: N = 100,000, C = 4, random start, reassignment before the fit.
     pub fn paper() -> Self {
         Self {
-            preset: Preset::Paper,
             seed: 0,
             components: 100_000,
             candidates: Candidates::Nearest(4),

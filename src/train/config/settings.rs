@@ -10,6 +10,8 @@ use strum::{EnumString, VariantNames};
 pub enum Preset {
     /// The algorithm as published.
     Paper,
+    /// Only what a scene needs.
+    Scene,
 }
 
 /// A number or one word, as a setting that allows both is written.

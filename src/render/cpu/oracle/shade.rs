@@ -3,7 +3,8 @@
 
 use super::SplatF64;
 use crate::math::camera::Camera;
-use crate::render::{GRADIENT_LIMIT, Paint, paint};
+use crate::model::appearance::GRADIENT_LIMIT;
+use crate::render::{Paint, paint};
 use glam::{DMat3, DVec3};
 
 /// Colour of one splat in one view.

@@ -1,0 +1,191 @@
+//! What the files of a recording do not say of its cameras: where the colour camera stands, how
+//! depth is biased, how bright each frame was exposed. A RON file that people may edit.
+
+use super::seven_scenes::DEFAULT_INTRINSICS;
+use super::{Dataset, Layout};
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Corrections of a dataset's cameras; [`Calibration::NONE`] changes nothing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Calibration {
+    /// The camera that took the colour images; `None` where they are registered to depth.
+    pub color_camera: Option<ColorCamera>,
+    /// Added to every depth after scaling, world units, along whatever the files measure.
+    pub depth_offset: f64,
+    /// Factor of every depth, positive.
+    pub depth_scale: f64,
+    /// Gains of frames whose exposure is known; the others keep their colours.
+    pub exposure: Vec<FrameGain>,
+}
+
+/// A pinhole camera fixed to the depth camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColorCamera {
+    /// Focal lengths, pixels of the colour image.
+    pub focal: [f64; 2],
+    /// Principal point, pixels of the colour image.
+    pub principal: [f64; 2],
+    /// Where it stands in the depth camera's frame (x right, y down, z forward), world units.
+    pub offset: [f64; 3],
+    /// How it is turned against the depth camera: axis times angle in radians of the rotation that
+    /// takes its axes to those of the depth camera.
+    #[serde(default)]
+    pub rotation: [f64; 3],
+}
+
+/// Exposure of one frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameGain {
+    /// Its name within the split.
+    pub frame: String,
+    /// Factors of red, green and blue, positive; products are clamped to 1.
+    pub gain: [f64; 3],
+}
+
+/// Why a calibration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// The file cannot be read.
+    #[error("{}: expected a calibration file, found: {source}; check the path and its permissions", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is no calibration.
+    #[error("{}: expected a calibration as `calibrate` writes it (RON), found: {source}; correct this place or calibrate again", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where parsing stopped and why.
+        source: Box<ron::error::SpannedError>,
+    },
+    /// A number outside its range.
+    #[error(
+        "calibration: `{setting}`: expected {expected}, found {found}; correct it or calibrate again"
+    )]
+    Value {
+        /// Name of the field.
+        setting: String,
+        /// Its legal values.
+        expected: &'static str,
+        /// Its value.
+        found: String,
+    },
+    /// It cannot be written as RON.
+    #[error(transparent)]
+    Ron(#[from] ron::Error),
+}
+
+impl Calibration {
+    /// Registered colour, depth as decoded, exposures as they are.
+    pub const NONE: Self =
+        Self { color_camera: None, depth_offset: 0.0, depth_scale: 1.0, exposure: Vec::new() };
+
+    /// What is known of a dataset that comes without a calibration: the colour camera of a Kinect
+    /// where depth has the published Kinect's intrinsics. `None` where nothing is known.
+    pub fn known(dataset: &Dataset) -> Option<Self> {
+        let depth_camera = dataset.splits.first()?.frames.first()?.camera.intrinsics;
+        let is_kinect = dataset.layout == Layout::SevenScenes && depth_camera == DEFAULT_INTRINSICS;
+        is_kinect.then_some(Self { color_camera: Some(ColorCamera::KINECT), ..Self::NONE })
+    }
+
+    /// Reads and checks a RON file.
+    ///
+    /// # Errors
+    /// [`CalibrationError`], all but its last variant.
+    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| CalibrationError::Read { path: path.to_owned(), source })?;
+        let calibration: Self = options().from_str(&text).map_err(|source| {
+            CalibrationError::Parse { path: path.to_owned(), source: Box::new(source) }
+        })?;
+        calibration.check()?;
+        Ok(calibration)
+    }
+
+    /// The text that [`Self::read`] reads.
+    ///
+    /// # Errors
+    /// [`CalibrationError::Value`] if it could not be read back.
+    pub fn to_text(&self) -> Result<String, CalibrationError> {
+        self.check()?;
+        Ok(options().to_string_pretty(self, ron::ser::PrettyConfig::new())?)
+    }
+
+    /// Whether every number lies in its range.
+    ///
+    /// # Errors
+    /// [`CalibrationError::Value`] names the first that does not.
+    pub fn check(&self) -> Result<(), CalibrationError> {
+        let all = |setting: &str, values: &[f64], expected, is_legal: fn(f64) -> bool| match values
+            .iter()
+            .find(|v| !is_legal(**v))
+        {
+            None => Ok(()),
+            Some(found) => {
+                let (setting, found) = (setting.to_owned(), found.to_string());
+                Err(CalibrationError::Value { setting, expected, found })
+            }
+        };
+        let is_positive = |v: f64| v.is_finite() && v > 0.0;
+        all("depth_offset", &[self.depth_offset], "a finite length", f64::is_finite)?;
+        all("depth_scale", &[self.depth_scale], "a positive number", is_positive)?;
+        if let Some(camera) = &self.color_camera {
+            all("focal", &camera.focal, "positive numbers of pixels", is_positive)?;
+            all("principal", &camera.principal, "finite numbers of pixels", f64::is_finite)?;
+            all("offset", &camera.offset, "finite lengths", f64::is_finite)?;
+            all("rotation", &camera.rotation, "finite angles in radians", f64::is_finite)?;
+        }
+        for FrameGain { frame, gain } in &self.exposure {
+            all(&format!("gain of {frame}"), gain, "positive numbers", is_positive)?;
+        }
+        Ok(())
+    }
+
+    /// Gain of a frame by its name; 1 where none is known.
+    pub fn gain(&self, frame: &str) -> [f64; 3] {
+        self.exposure.iter().find(|e| e.frame == frame).map_or([1.0; 3], |e| e.gain)
+    }
+}
+
+impl Default for Calibration {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
+/// `Some(..)` need not be written.
+fn options() -> ron::Options {
+    ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME)
+}
+
+impl ColorCamera {
+    /// That of the Kinect of 7-Scenes, whose colour images are not registered: found by minimising
+    /// the variance of colour inside components (`accuracy.md` 7).
+    pub const KINECT: Self = Self {
+        focal: [522.0, 522.0],
+        principal: [320.0, 238.5],
+        offset: [0.023, 0.0015, 0.0],
+        rotation: [0.0; 3],
+    };
+
+    /// Rotation from the depth camera's axes to its own.
+    pub(super) fn color_from_depth(&self) -> DMat3 {
+        DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_array(self.rotation)).inverse())
+    }
+
+    /// Pixel coordinates (centres at +½) of a point of the depth camera's frame; `None` behind the
+    /// camera.
+    pub fn project(&self, point: DVec3) -> Option<DVec2> {
+        let p = self.color_from_depth() * (point - DVec3::from_array(self.offset));
+        let [focal, principal] = [self.focal, self.principal].map(DVec2::from_array);
+        (p.z > 0.0).then(|| focal * p.truncate() / p.z + principal)
+    }
+}

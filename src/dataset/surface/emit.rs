@@ -1,0 +1,140 @@
+//! Fitted pixels to points (`accuracy.md` 2, steps 4 to 7).
+
+use super::fates::PixelFate;
+use super::fit::Fitted;
+use super::painter::Painter;
+use super::planes::Planes;
+use super::sensor::Profile;
+use super::settings::SurfaceSettings;
+use crate::dataset::frame::Frame;
+use crate::dataset::points::MAX_COORDINATE;
+use crate::math::image::Image;
+use crate::math::observation::SurfacePoint;
+use crate::math::simd::LANES;
+use glam::{Mat3, Vec3};
+use std::ops::Range;
+
+/// Makes the points of one frame.
+pub(super) struct Emitter<'a> {
+    planes: &'a Planes,
+    settings: &'a SurfaceSettings,
+    painter: Painter<'a>,
+    rotation: Mat3,
+    /// Of the camera, relative to the origin.
+    centre: Vec3,
+    focal: [f32; 2],
+    least_cosine: f32,
+}
+
+/// A pixel's surface in the camera's frame, scaled by its measured depth.
+struct Tilt {
+    /// Depth over that measured.
+    stretch: f32,
+    /// Away from the camera, of any length.
+    normal: Vec3,
+    /// Product of the normal with the ray.
+    along: f32,
+}
+
+impl<'a> Emitter<'a> {
+    pub fn new(
+        frame: &'a Frame,
+        planes: &'a Planes,
+        settings: &'a SurfaceSettings,
+        profile: &Profile,
+    ) -> Self {
+        let pose = &frame.camera.pose;
+        let k = &frame.camera.intrinsics;
+        let cosine = profile.thresholds.cosine as f32;
+        Self {
+            planes,
+            settings,
+            painter: Painter::new(frame, settings.calibration()),
+            rotation: pose.rotation().as_mat3(),
+            centre: (pose.centre() - settings.origin).as_vec3(),
+            focal: [k.fx as f32, k.fy as f32],
+            least_cosine: if settings.cosine { cosine } else { f32::NEG_INFINITY },
+        }
+    }
+
+    /// Appends the points of a row of tiles and says what became of its pixels.
+    pub fn emit(
+        &self,
+        fitted: &Fitted,
+        rows: Range<usize>,
+        points: &mut Vec<SurfacePoint>,
+        fates: &mut Image<PixelFate>,
+    ) {
+        let blocks = self.planes.blocks();
+        for block in 0..blocks {
+            for row in rows.clone() {
+                let at = (row - rows.start) * blocks + block;
+                let mut left = fitted.usable[at];
+                while left != 0 {
+                    let lane = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    let is_accepted = fitted.accepted[at] >> lane & 1 == 1;
+                    let tilt = is_accepted.then_some(at * LANES + lane);
+                    let column = block * LANES + lane;
+                    let fate = &mut fates.data[row * fates.width + column];
+                    match self.point(fitted, tilt, column, row) {
+                        Ok(point) => points.push(point),
+                        Err(why) => *fate = why,
+                    }
+                }
+            }
+        }
+    }
+
+    /// `tilt` is the place of the pixel's plane, if one explains it.
+    #[inline(always)]
+    fn point(
+        &self,
+        fitted: &Fitted,
+        tilt: Option<usize>,
+        column: usize,
+        row: usize,
+    ) -> Result<SurfacePoint, PixelFate> {
+        let at = self.planes.at(column, row);
+        let ray = Vec3::new(self.planes.slope_x[column], self.planes.slope_y[row], 1.0);
+        let per_z = ray.length();
+        let tilt = match tilt {
+            Some(place) => self.tilt(fitted, place, ray),
+            None if self.settings.flying_pixels => return Err(PixelFate::Flying),
+            None => Tilt { stretch: 1.0, normal: ray, along: per_z * per_z },
+        };
+        let normal_length = tilt.normal.length();
+        if tilt.along <= self.least_cosine * (normal_length * per_z) {
+            return Err(PixelFate::Slant);
+        }
+        let z = self.planes.z[at] * tilt.stretch;
+        let local = ray * z;
+        let position = self.rotation * local + self.centre;
+        if !position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
+            return Err(PixelFate::Far);
+        }
+        let pixel = row * self.planes.slope_x.len() + column;
+        let color = self.painter.color(pixel, local).ok_or(PixelFate::NoColor)?;
+        let range = z * per_z;
+        Ok(SurfacePoint {
+            position: position.to_array(),
+            range,
+            color,
+            noise: self.planes.noise[at] * per_z,
+            normal: (self.rotation * (tilt.normal / -normal_length)).to_array(),
+            footprint: range / self.focal[0],
+            direction: (self.rotation * (ray / per_z)).to_array(),
+            pixel: pixel as u32,
+        })
+    }
+
+    /// Step 5. Turned away from the camera, so that the product with the ray is what remains of
+    /// the inverse depth itself.
+    #[inline(always)]
+    fn tilt(&self, fitted: &Fitted, place: usize, ray: Vec3) -> Tilt {
+        let along = 1.0 + fitted.excess[place];
+        let (x, y) = (fitted.step_x[place] * self.focal[0], fitted.step_y[place] * self.focal[1]);
+        let stretch = if self.settings.plane_fit { 1.0 / along } else { 1.0 };
+        Tilt { stretch, normal: Vec3::new(x, y, along - x * ray.x - y * ray.y), along }
+    }
+}

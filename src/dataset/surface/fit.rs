@@ -1,0 +1,279 @@
+//! The robust plane fit, eight pixels at a time (`accuracy.md` 2, steps 3 and 4).
+//!
+//! Inverse depths are taken relative to the pixel's own and in units of `q / z²`: thresholds are
+//! then the same for every pixel, and f32 loses nothing to the depth itself. The sums of the normal
+//! equations are integers, so their determinant is exact.
+
+use super::planes::{NOTHING, Planes};
+use super::sensor::Profile;
+use super::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
+use crate::math::simd::{Kernel, LANES, Vector};
+use std::ops::Range;
+
+/// Pixels on a side of the window.
+const SIDE: usize = 2 * RADIUS + 1;
+/// Pixels of the window.
+const WINDOW: usize = SIDE * SIDE;
+/// Residual that no neighbour has; those that the gate shuts out do.
+const FAR: f32 = 1e30;
+/// Between [`FAR`] and every residual of a neighbour that the gate lets in.
+const ANY: f32 = 1e29;
+
+/// Planes of some rows of pixels, in blocks of eight.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Fitted {
+    /// Bit `i` of a block is set if its pixel `i` is usable.
+    pub usable: Vec<u8>,
+    /// The same for usable pixels that a plane explains.
+    pub accepted: Vec<u8>,
+    /// Inverse depth of the plane at the pixel over that measured there, less 1.
+    pub excess: Vec<f32>,
+    /// Its step from column to column, over that measured.
+    pub step_x: Vec<f32>,
+    /// Its step from row to row, over that measured.
+    pub step_y: Vec<f32>,
+}
+
+/// Fits the pixels of some rows; the rest of `out` says nothing.
+pub(super) struct FitRows<'a> {
+    pub planes: &'a Planes,
+    pub rows: Range<usize>,
+    pub profile: &'a Profile,
+    pub out: &'a mut Fitted,
+}
+
+impl Kernel for FitRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { planes, rows, profile, out } = self;
+        let limits = Limits::<V>::new(profile);
+        let blocks = planes.blocks();
+        out.resize(rows.len() * blocks);
+        for (line, row) in rows.enumerate() {
+            for block in 0..blocks {
+                let at = planes.at(block * LANES, row);
+                let usable = V::load(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
+                let to = line * blocks + block;
+                out.usable[to] = usable as u8;
+                if usable != 0 {
+                    let accepted = fit_block(planes, at, &limits, out, to * LANES);
+                    out.accepted[to] = (accepted & usable) as u8;
+                }
+            }
+        }
+    }
+}
+
+impl Fitted {
+    fn resize(&mut self, blocks: usize) {
+        if self.accepted.len() < blocks {
+            self.usable.resize(blocks, 0);
+            self.accepted.resize(blocks, 0);
+            for plane in [&mut self.excess, &mut self.step_x, &mut self.step_y] {
+                plane.resize(blocks * LANES, 0.0);
+            }
+        }
+    }
+}
+
+/// Thresholds in every lane.
+struct Limits<V> {
+    steepness: V,
+    inlier: V,
+    /// Of the mean square residual.
+    square: V,
+    deviation: V,
+}
+
+impl<V: Vector> Limits<V> {
+    #[inline(always)]
+    fn new(profile: &Profile) -> Self {
+        let t = &profile.thresholds;
+        Self {
+            steepness: V::splat(profile.steepness as f32),
+            inlier: V::splat(t.inlier as f32),
+            square: V::splat((t.residual * t.residual) as f32),
+            deviation: V::splat(t.deviation as f32),
+        }
+    }
+}
+
+/// Fits eight pixels whose first is `at`; the lanes that a plane explains.
+#[inline(always)]
+fn fit_block<V: Vector>(
+    planes: &Planes,
+    at: usize,
+    limits: &Limits<V>,
+    out: &mut Fitted,
+    to: usize,
+) -> u32 {
+    let noise = V::load(&planes.noise[at..]);
+    let inverse = V::load(&planes.inverse[at..]);
+    let residuals = window(planes, at, noise, limits.steepness);
+    let mut plane = [V::splat(0.0); 3];
+    let mut limit = V::splat(ANY);
+    let mut sums = inliers(&residuals, plane, limit);
+    let mut sound = sums.are_enough();
+    for _ in 1..ROUNDS {
+        plane = sums.solve();
+        limit = limits.inlier;
+        sums = inliers(&residuals, plane, limit);
+        sound &= sums.are_enough();
+    }
+    plane = sums.solve();
+    // From units of q / z² to multiples of 1 / z.
+    let unit = noise * inverse;
+    let [excess, step_x, step_y] = [plane[0] * unit, plane[1] * unit, plane[2] * unit];
+    excess.store(&mut out.excess[to..]);
+    step_x.store(&mut out.step_x[to..]);
+    step_y.store(&mut out.step_y[to..]);
+    let least = V::splat((MIN_SHARE * WINDOW as f64) as f32);
+    // |1/A − z| ≤ dev·q, times A/z.
+    let near = abs(excess).at_most(limits.deviation * unit * (V::splat(1.0) + excess));
+    let smooth = sums.residual(plane).at_most(limits.square * sums.n);
+    sound & least.at_most(sums.n) & near & smooth
+}
+
+/// Inverse depths around eight pixels, relative to theirs, in units of `q / z²`; [`FAR`] where the
+/// gate shuts a neighbour out.
+#[inline(always)]
+fn window<V: Vector>(planes: &Planes, at: usize, noise: V, steepness: V) -> [V; WINDOW] {
+    let z = V::load(&planes.z[at..]);
+    let inverse = V::load(&planes.inverse[at..]);
+    let per_unit = z * z / noise;
+    let far = V::splat(FAR);
+    let mut gates = [noise * V::splat(1.5); RADIUS + 1];
+    for (distance, gate) in gates.iter_mut().enumerate().skip(1) {
+        let distance = V::splat(distance as f32);
+        *gate = noise * (V::splat(1.5) + V::splat(0.6) * distance) + steepness * distance * z;
+    }
+    let mut residuals = [far; WINDOW];
+    for row in 0..SIDE {
+        let start = at + row * planes.stride() - RADIUS * planes.stride() - RADIUS;
+        let depths = &planes.z[start..start + SIDE - 1 + LANES];
+        let inverses = &planes.inverse[start..start + SIDE - 1 + LANES];
+        for column in 0..SIDE {
+            let gate = gates[row.abs_diff(RADIUS).max(column.abs_diff(RADIUS))];
+            let inside = abs(V::load(&depths[column..]) - z).mask_at_most(gate);
+            let residual = (V::load(&inverses[column..]) - inverse) * per_unit;
+            residuals[row * SIDE + column] = V::select(inside, residual, far);
+        }
+    }
+    residuals
+}
+
+/// Sums over the inliers of eight pixels: `a` and `b` are offsets of columns and rows, `d` inverse
+/// depths.
+struct Sums<V> {
+    n: V,
+    a: V,
+    b: V,
+    aa: V,
+    ab: V,
+    bb: V,
+    d: V,
+    ad: V,
+    bd: V,
+    dd: V,
+}
+
+/// Sums over the neighbours whose residual against `plane` is at most `limit`.
+#[inline(always)]
+fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<V> {
+    let (zero, one, two) = (V::splat(0.0), V::splat(1.0), V::splat(2.0));
+    let mut sums = Sums {
+        n: zero,
+        a: zero,
+        b: zero,
+        aa: zero,
+        ab: zero,
+        bb: zero,
+        d: zero,
+        ad: zero,
+        bd: zero,
+        dd: zero,
+    };
+    let [middle, step, step_down] = plane;
+    let double_step = step + step;
+    for row in 0..SIDE {
+        let offset = V::splat(row as f32 - RADIUS as f32);
+        let centre = middle + offset * step_down;
+        let expected =
+            [centre - double_step, centre - step, centre, centre + step, centre + double_step];
+        let mut count = [zero; SIDE];
+        let mut depth = [zero; SIDE];
+        for column in 0..SIDE {
+            let residual = residuals[row * SIDE + column];
+            let inside = abs(residual - expected[column]).mask_at_most(limit);
+            count[column] = one.and(inside);
+            depth[column] = residual.and(inside);
+            sums.dd = sums.dd + depth[column] * depth[column];
+        }
+        let (n, a) = (total(count), (count[4] - count[0]) * two + (count[3] - count[1]));
+        let (d, ad) = (total(depth), (depth[4] - depth[0]) * two + (depth[3] - depth[1]));
+        let aa = (count[4] + count[0]) * V::splat(4.0) + (count[3] + count[1]);
+        sums.n = sums.n + n;
+        sums.a = sums.a + a;
+        sums.aa = sums.aa + aa;
+        sums.b = sums.b + offset * n;
+        sums.ab = sums.ab + offset * a;
+        sums.bb = sums.bb + offset * offset * n;
+        sums.d = sums.d + d;
+        sums.ad = sums.ad + ad;
+        sums.bd = sums.bd + offset * d;
+    }
+    sums
+}
+
+impl<V: Vector> Sums<V> {
+    /// Lanes with enough neighbours that are not all on one line.
+    #[inline(always)]
+    fn are_enough(&self) -> u32 {
+        let [c00, c01, c02] = self.first_row();
+        let determinant = self.n * c00 + self.a * c01 + self.b * c02;
+        V::splat(MIN_INLIERS as f32).at_most(self.n) & V::splat(0.5).at_most(determinant)
+    }
+
+    /// First row of the adjugate of the normal matrix.
+    #[inline(always)]
+    fn first_row(&self) -> [V; 3] {
+        [
+            self.aa * self.bb - self.ab * self.ab,
+            self.ab * self.b - self.a * self.bb,
+            self.a * self.ab - self.aa * self.b,
+        ]
+    }
+
+    /// The plane of least squares; NaN where there is none.
+    #[inline(always)]
+    fn solve(&self) -> [V; 3] {
+        let [c00, c01, c02] = self.first_row();
+        let c11 = self.n * self.bb - self.b * self.b;
+        let c12 = self.a * self.b - self.n * self.ab;
+        let c22 = self.n * self.aa - self.a * self.a;
+        let determinant = self.n * c00 + self.a * c01 + self.b * c02;
+        [
+            (c00 * self.d + c01 * self.ad + c02 * self.bd) / determinant,
+            (c01 * self.d + c11 * self.ad + c12 * self.bd) / determinant,
+            (c02 * self.d + c12 * self.ad + c22 * self.bd) / determinant,
+        ]
+    }
+
+    /// Sum of the squared residuals against the plane of least squares.
+    #[inline(always)]
+    fn residual(&self, plane: [V; 3]) -> V {
+        self.dd - (plane[0] * self.d + plane[1] * self.ad + plane[2] * self.bd)
+    }
+}
+
+#[inline(always)]
+fn total<V: Vector>([a, b, c, d, e]: [V; SIDE]) -> V {
+    (a + b) + (d + e) + c
+}
+
+#[inline(always)]
+fn abs<V: Vector>(v: V) -> V {
+    v.and(V::splat(f32::from_bits(0x7FFF_FFFF)))
+}

@@ -1,0 +1,85 @@
+//! Colours of points: their own pixel's, or what a colour camera of its own saw there.
+
+use crate::dataset::calibration::{Calibration, ColorCamera};
+use crate::dataset::frame::Frame;
+use crate::math::image::Image;
+use glam::{Mat3, Vec2, Vec3};
+
+/// Colours of one frame's points.
+pub(super) struct Painter<'a> {
+    image: &'a Image<[u8; 4]>,
+    camera: Option<Projection>,
+    gain: Vec3,
+}
+
+/// A colour camera in f32.
+struct Projection {
+    turn: Mat3,
+    offset: Vec3,
+    focal: Vec2,
+    principal: Vec2,
+}
+
+impl<'a> Painter<'a> {
+    pub fn new(frame: &'a Frame, calibration: &Calibration) -> Self {
+        let gain = Vec3::from_array(calibration.gain(&frame.name).map(|g| g as f32));
+        let camera = calibration.color_camera.as_ref().map(Projection::new);
+        Self { image: &frame.color, camera, gain }
+    }
+
+    /// Colour of a pixel of the depth image, whose point in the depth camera's frame is given;
+    /// `None` outside the colour image.
+    #[inline(always)]
+    pub fn color(&self, pixel: usize, point: Vec3) -> Option<[f32; 3]> {
+        let bytes = match &self.camera {
+            None => texel(self.image.data[pixel]),
+            Some(camera) => self.bilinear(camera.project(point)?)?,
+        };
+        Some((bytes * (1.0 / 255.0) * self.gain).min(Vec3::ONE).to_array())
+    }
+
+    #[inline(always)]
+    fn bilinear(&self, at: Vec2) -> Option<Vec3> {
+        let Image { width, height, data } = self.image;
+        let corner = at - 0.5;
+        let last = Vec2::new(*width as f32 - 1.0, *height as f32 - 1.0);
+        if !(corner.cmpge(Vec2::ZERO).all() && corner.cmple(last).all()) {
+            return None;
+        }
+        let (x, y) = (corner.x as usize, corner.y as usize);
+        let t = corner - Vec2::new(x as f32, y as f32);
+        let right = usize::from(x + 1 < *width);
+        let below = if y + 1 < *height { *width } else { 0 };
+        let i = y * width + x;
+        let above = mix(texel(data[i]), texel(data[i + right]), t.x);
+        let under = mix(texel(data[i + below]), texel(data[i + below + right]), t.x);
+        Some(mix(above, under, t.y))
+    }
+}
+
+impl Projection {
+    fn new(camera: &ColorCamera) -> Self {
+        Self {
+            turn: camera.color_from_depth().as_mat3(),
+            offset: Vec3::from_array(camera.offset.map(|v| v as f32)),
+            focal: Vec2::from_array(camera.focal.map(|v| v as f32)),
+            principal: Vec2::from_array(camera.principal.map(|v| v as f32)),
+        }
+    }
+
+    #[inline(always)]
+    fn project(&self, point: Vec3) -> Option<Vec2> {
+        let p = self.turn * (point - self.offset);
+        (p.z > 0.0).then(|| self.focal * p.truncate() / p.z + self.principal)
+    }
+}
+
+#[inline(always)]
+fn texel([r, g, b, _]: [u8; 4]) -> Vec3 {
+    Vec3::new(f32::from(r), f32::from(g), f32::from(b))
+}
+
+#[inline(always)]
+fn mix(from: Vec3, to: Vec3, t: f32) -> Vec3 {
+    from + (to - from) * t
+}

@@ -1,0 +1,174 @@
+//! How wrong depth is, by kind of sensor, and what follows for the plane fit.
+
+use crate::dataset::decode::CodeKind;
+use crate::dataset::frame::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
+use crate::dataset::{Dataset, FrameSource};
+use crate::math::camera::Intrinsics;
+use crate::math::observation::DepthTolerance;
+use serde::{Deserialize, Serialize};
+
+/// Length of one code of 8-bit ray depth.
+const INVERSE8_LEVEL: f64 = INVERSE8_RANGE / 255.0;
+/// Standard deviations in a noise half-width: nearly all of a normal law's values.
+const DEVIATIONS: f64 = 2.0;
+/// Depth step between neighbouring pixels of the steepest surface that sensors of little noise
+/// look at, in pixel widths: the tangent of the angle whose cosine is .4.
+const STEEPEST: f64 = 2.3;
+/// Noise half-width of exact depth, in pixel widths: how far a curved surface leaves its plane
+/// within the window of the fit.
+const CURVATURE: f64 = 0.25;
+
+/// A kind of depth sensor: its noise law and the thresholds that were measured with it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sensor {
+    /// NeRF-synthetic's 8-bit depth along the ray (`accuracy.md` 2): quantisation of one code, and
+    /// a bias of an eighth of it.
+    Inverse8Ray,
+    /// Structured light, metres (`accuracy.md` 2).
+    Kinect,
+    /// Time of flight in phones and tablets, metres: good to a centimetre on large surfaces
+    /// (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9), growing with distance;
+    /// coarse images, whose slanted surfaces step more from pixel to pixel than noise does.
+    Lidar,
+    /// Computed depth in fine steps.
+    Exact {
+        /// Noise that was added, as [`crate::dataset::synthetic::SyntheticParams::depth_noise`].
+        noise: f64,
+    },
+}
+
+/// Half-width of the depth noise in units of z: the largest of its terms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NoiseLaw {
+    /// Along the ray whatever the distance: divided by the length of the ray per unit of z.
+    pub ray: f64,
+    /// Whatever the distance.
+    pub floor: f64,
+    /// Times z.
+    pub linear: f64,
+    /// Times z².
+    pub quadratic: f64,
+}
+
+/// Thresholds of the plane fit, all but the cosine in units of the noise half-width
+/// (`accuracy.md` 2, steps 3, 4 and 6).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Thresholds {
+    /// Largest residual of a neighbour that takes part.
+    pub inlier: f64,
+    /// Largest root mean square residual of those.
+    pub residual: f64,
+    /// Largest distance between the measured and the fitted depth.
+    pub deviation: f64,
+    /// Smallest cosine between a surface's normal and the direction to the camera.
+    pub cosine: f64,
+}
+
+/// All that a sensor says of one depth image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Profile {
+    /// Half-width of the noise.
+    pub noise: NoiseLaw,
+    /// Added to every length as decoded.
+    pub offset: f64,
+    /// Depth step from pixel to pixel that a neighbour may show beside noise, times z.
+    pub steepness: f64,
+    /// Thresholds of the plane fit.
+    pub thresholds: Thresholds,
+    /// How far measured and modelled depth may differ (`accuracy.md` 3, steps 2 and 4).
+    pub tolerance: DepthTolerance,
+}
+
+impl NoiseLaw {
+    const ZERO: Self = Self { ray: 0.0, floor: 0.0, linear: 0.0, quadratic: 0.0 };
+
+    /// At depth `z`, on a ray of length `per_z` per unit of z.
+    #[inline]
+    pub fn at(&self, z: f64, per_z: f64) -> f64 {
+        (self.ray / per_z).max(self.floor).max(self.linear * z).max(self.quadratic * z * z)
+    }
+}
+
+/// Thresholds measured with the Kinect.
+const METRIC_THRESHOLDS: Thresholds =
+    Thresholds { inlier: 1.0, residual: 0.6, deviation: 1.0, cosine: 0.3 };
+/// Tolerance measured with the Kinect, metres.
+const METRIC_TOLERANCE: DepthTolerance = DepthTolerance { margin: [0.03, 0.02], refinement: 0.03 };
+
+impl Sensor {
+    /// The sensor that a dataset's depth is from, by how its first depth image is stored.
+    pub fn of(dataset: &Dataset) -> Self {
+        let mut sources = dataset.splits.iter().flat_map(|s| &s.frames).map(|f| &f.source);
+        let known = sources.find_map(|source| match source {
+            FrameSource::Synthetic { scene, .. } => {
+                Some(Self::Exact { noise: scene.depth_noise() })
+            }
+            FrameSource::Files { depth: Some((_, encoding)), .. } => {
+                Some(match (encoding.codes, encoding.kind) {
+                    (CodeKind::Inverse8, _) => Self::Inverse8Ray,
+                    (CodeKind::Linear16(_), DepthKind::RayDistance) => Self::Exact { noise: 0.0 },
+                    (CodeKind::Linear16(_), DepthKind::Z) => Self::Kinect,
+                })
+            }
+            FrameSource::Files { depth: None, .. } => None,
+        });
+        known.unwrap_or(Self::Exact { noise: 0.0 })
+    }
+
+    /// What it says of a depth image seen through a camera.
+    pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
+        match self {
+            Self::Inverse8Ray => Profile {
+                noise: NoiseLaw { ray: INVERSE8_LEVEL, ..NoiseLaw::ZERO },
+                offset: 0.004,
+                steepness: 0.0,
+                thresholds: Thresholds { inlier: 0.6, residual: 0.5, deviation: 0.6, cosine: 0.4 },
+                tolerance: DepthTolerance { margin: [0.05, 0.0], refinement: 0.016 },
+            },
+            Self::Kinect => Profile {
+                noise: NoiseLaw { floor: SENSOR_NOISE, quadratic: SENSOR_NOISE, ..NoiseLaw::ZERO },
+                offset: 0.0,
+                steepness: 0.0,
+                thresholds: METRIC_THRESHOLDS,
+                tolerance: METRIC_TOLERANCE,
+            },
+            Self::Lidar => Profile {
+                noise: NoiseLaw { floor: 0.01, linear: 0.005, ..NoiseLaw::ZERO },
+                offset: 0.0,
+                steepness: STEEPEST / camera.fx,
+                thresholds: METRIC_THRESHOLDS,
+                tolerance: METRIC_TOLERANCE,
+            },
+            Self::Exact { noise } => exact(noise, depth, camera),
+        }
+    }
+}
+
+/// Computed depth: what a code rounds off, the noise that was added, and the surface's own
+/// curvature. Margins are those of the Kinect in units of its noise, plus what a slanted surface
+/// spans within a pixel.
+fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
+    let unit = match depth.codes {
+        DepthCodes::Inverse8(_) => INVERSE8_LEVEL,
+        DepthCodes::Linear16 { unit, .. } => unit,
+    };
+    let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
+    let noisy = DEVIATIONS * noise * SENSOR_NOISE;
+    let margin = [2.0 * unit + 10.0 * noisy, STEEPEST / camera.fx + 6.0 * noisy];
+    Profile {
+        noise: NoiseLaw {
+            ray: along(DepthKind::RayDistance),
+            floor: along(DepthKind::Z).max(noisy),
+            linear: CURVATURE / camera.fx,
+            quadratic: noisy,
+        },
+        offset: 0.0,
+        steepness: STEEPEST / camera.fx,
+        thresholds: METRIC_THRESHOLDS,
+        tolerance: DepthTolerance {
+            margin: margin.map(|m| m as f32),
+            refinement: (2.0 * unit + 10.0 * noisy) as f32,
+        },
+    }
+}

@@ -1,0 +1,70 @@
+//! What to make of a frame.
+
+use super::sensor::{Profile, Sensor, Thresholds};
+use crate::dataset::Dataset;
+use crate::dataset::calibration::Calibration;
+use crate::dataset::frame::Depth;
+use crate::math::camera::Intrinsics;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+/// How frames become observations; each stage can be left out.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SurfaceSettings {
+    /// What the depth is from: its noise and thresholds.
+    pub sensor: Sensor,
+    /// Thresholds in place of the sensor's.
+    pub thresholds: Option<Thresholds>,
+    /// Depth is that of the plane fitted around the pixel; otherwise as measured. The normal is
+    /// the plane's in any case.
+    pub plane_fit: bool,
+    /// Pixels that no plane explains are dropped; otherwise they keep their measured depth and face
+    /// the camera.
+    pub flying_pixels: bool,
+    /// Surfaces seen at a slant are dropped.
+    pub cosine: bool,
+    /// Corrections of the cameras; `None` is [`Calibration::NONE`].
+    pub calibration: Option<Calibration>,
+    /// World position that points are relative to.
+    #[serde(with = "as_array")]
+    pub origin: DVec3,
+}
+
+impl SurfaceSettings {
+    /// Every stage, with the sensor of the dataset and what is known of its cameras.
+    pub fn new(dataset: &Dataset, origin: DVec3) -> Self {
+        Self {
+            sensor: Sensor::of(dataset),
+            thresholds: None,
+            plane_fit: true,
+            flying_pixels: true,
+            cosine: true,
+            calibration: Calibration::known(dataset),
+            origin,
+        }
+    }
+
+    pub(super) fn calibration(&self) -> &Calibration {
+        static NONE: Calibration = Calibration::NONE;
+        self.calibration.as_ref().unwrap_or(&NONE)
+    }
+
+    /// The sensor's profile with these thresholds.
+    pub(super) fn profile(&self, depth: &Depth, camera: &Intrinsics) -> Profile {
+        let mut profile = self.sensor.profile(depth, camera);
+        profile.thresholds = self.thresholds.unwrap_or(profile.thresholds);
+        profile
+    }
+}
+
+mod as_array {
+    use super::*;
+
+    pub fn serialize<S: serde::Serializer>(v: &DVec3, serializer: S) -> Result<S::Ok, S::Error> {
+        v.to_array().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: serde::Deserializer<'de>>(from: D) -> Result<DVec3, D::Error> {
+        <[f64; 3]>::deserialize(from).map(DVec3::from_array)
+    }
+}

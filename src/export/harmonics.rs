@@ -1,0 +1,74 @@
+//! Real spherical harmonics of degrees 0 and 1 as 3DGS files and `KHR_gaussian_splatting` use them:
+//! with the Condon–Shortley phase, of the unit direction `(x, y, z)` from the camera to the splat,
+//! `colour = ½ + C0·f₀ + C1·(−y·f₁ + z·f₂ − x·f₃)`.
+
+use super::gaussian::Gaussian;
+use glam::{DMat3, DVec3};
+
+/// Degree 0, `1/(2√π)`.
+const C0: f64 = 0.282_094_791_773_878_14;
+/// Degree 1, `√(3/(4π))`.
+const C1: f64 = 0.488_602_511_902_919_9;
+
+/// How far the harmonics of a file go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Degree {
+    /// One colour from everywhere.
+    Zero,
+    /// Colour linear in the direction.
+    One,
+}
+
+impl Degree {
+    /// What some splats need.
+    pub fn of(mut gaussians: impl Iterator<Item = Gaussian>) -> Self {
+        match gaussians.any(|g| g.directional != DMat3::ZERO) {
+            true => Self::One,
+            false => Self::Zero,
+        }
+    }
+}
+
+/// Coefficient of degree 0 that stands for a colour.
+pub(super) fn of_color(color: DVec3) -> DVec3 {
+    (color - 0.5) / C0
+}
+
+/// Colour a coefficient of degree 0 stands for.
+pub(super) fn to_color(coefficient: DVec3) -> DVec3 {
+    coefficient * C0 + 0.5
+}
+
+/// The three coefficients of degree 1, each over the channels, of the change of colour `W·d` with
+/// the direction `d`.
+pub(super) fn of_directional(w: DMat3) -> [DVec3; 3] {
+    // Adding zero turns −0 into 0.
+    [-w.y_axis, w.z_axis, -w.x_axis].map(|change| change / C1 + DVec3::ZERO)
+}
+
+/// Inverse of [`of_directional`].
+pub(super) fn to_directional([y, z, x]: [DVec3; 3]) -> DMat3 {
+    DMat3::from_cols(-x, -y, z) * C1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn degree_1_is_linear_in_the_direction() {
+        let w = DMat3::from_cols_array(&[0.3, -0.2, 0.1, 0.5, 0.7, -0.4, -0.6, 0.25, 0.9]);
+        let d = DVec3::new(2.0, -3.0, 6.0) / 7.0;
+        let [f1, f2, f3] = of_directional(w);
+        let change = C1 * (-d.y * f1 + d.z * f2 - d.x * f3);
+        assert!((change - w * d).length() < 1e-15);
+        let back = to_directional([f1, f2, f3]) - w;
+        assert!(back.to_cols_array().iter().all(|v| v.abs() < 1e-15), "{back}");
+    }
+
+    #[test]
+    fn no_change_has_no_negative_zeros() {
+        let bits = of_directional(DMat3::ZERO).map(|f| f.to_array().map(f64::to_bits));
+        assert_eq!(bits, [[0; 3]; 3]);
+    }
+}

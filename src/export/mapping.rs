@@ -1,0 +1,166 @@
+//! Natively rendered splats as plain ones (`accuracy.md` 6). Plain files end at opacity 1 and hold no
+//! colour gradient; here a flat top becomes a wider or brighter splat and a gradient several splats.
+//!
+//! ```
+//! use vbgs_studio::export::mapping::{Mapping, Split, to_plain};
+//! use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
+//! use vbgs_studio::model::splats::Splat;
+//!
+//! // A disc with a flat top, redder along its long axis.
+//! let splat =
+//!     Splat { opacity: 2.5, color: [0.5; 3], scale: [0.02, 0.01, 0.001], ..Splat::default() };
+//! let mut native = SplatSet::default();
+//! native.push(splat, Appearance { gradient: [[10.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], ..Appearance::default() });
+//!
+//! let plain = to_plain(native.view(), Mapping::of(Split::Two)).ok_or("plain already")?;
+//! assert_eq!(plain.len(), 2);
+//! assert!(plain.iter().all(|s| s.opacity <= 0.99));
+//! assert!(plain[0].color[0] < 0.4 && plain[1].color[0] > 0.6);
+//! // Nothing is left to map.
+//! assert!(to_plain(plain.view(), Mapping::default()).is_none());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows};
+use crate::model::appearance::{GRADIENT_LIMIT, SplatSet, SplatView};
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Largest opacity of a mapped splat; renderers cap alpha there too.
+const OPAQUE: f64 = 0.99;
+/// Factor on standard deviations that native splats come with.
+const NATIVE_SCALE: f64 = 1.2;
+
+/// How native splats become plain ones; `default()` writes one splat for each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Mapping {
+    /// What becomes of opacities above 1.
+    pub opacity: OpacityMapping,
+    /// What becomes of colour gradients.
+    pub split: Split,
+}
+
+/// What becomes of opacities above 0.99.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OpacityMapping {
+    /// 0.99, and standard deviations that give the splat the area which its flat top covered.
+    #[default]
+    EqualArea,
+    /// 0.99.
+    Clip,
+}
+
+/// Plain splats for each native one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Split {
+    /// One: the colour gradient is lost.
+    #[default]
+    One,
+    /// Two along the longest axis, coloured by the gradient.
+    Two,
+    /// Four along both tangential axes.
+    Four,
+}
+
+impl Mapping {
+    /// The opacity mapping that measured best with a split.
+    pub fn of(split: Split) -> Self {
+        let opacity = match split {
+            Split::One | Split::Two => OpacityMapping::EqualArea,
+            Split::Four => OpacityMapping::Clip,
+        };
+        Self { opacity, split }
+    }
+
+    /// Factor on standard deviations. Single splats without a gradient look best wider than native
+    /// ones: at 1.3 and 1.5 times the deviation of the points instead of 1.2.
+    fn scale(self) -> f64 {
+        match (self.split, self.opacity) {
+            (Split::One, OpacityMapping::EqualArea) => 1.3 / NATIVE_SCALE,
+            (Split::One, OpacityMapping::Clip) => 1.5 / NATIVE_SCALE,
+            (Split::Two | Split::Four, _) => 1.0,
+        }
+    }
+}
+
+impl Split {
+    /// Axes along which a splat is split, the longest first.
+    fn n_axes(self) -> usize {
+        match self {
+            Split::One => 0,
+            Split::Two => 1,
+            Split::Four => 2,
+        }
+    }
+
+    /// Distance of the centres from the mean along each of these axes, in standard deviations.
+    fn reach(self) -> f64 {
+        match self {
+            Split::One => 0.0,
+            Split::Two => 0.75,
+            Split::Four => 0.6,
+        }
+    }
+}
+
+/// Whether a plain file can hold the drawable splats as they are: none more opaque than 1, none with
+/// a colour gradient.
+pub fn is_plain(view: SplatView) -> bool {
+    drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
+}
+
+/// Splats that a plain file can hold, or `None` if these are (see [`is_plain`]). One native splat
+/// makes a scene native, and all its splats are mapped alike. Degree-1 colour stays as it is; what
+/// cannot be drawn is left out.
+pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
+    if is_plain(view) {
+        return None;
+    }
+    let mut plain = SplatSet::default();
+    for (i, native) in drawable(view) {
+        for piece in pieces(native, gradient(view, i), mapping.split) {
+            if let Some((splat, appearance)) = closed(piece, mapping).to_splat() {
+                plain.push(splat, appearance);
+            }
+        }
+    }
+    Some(plain)
+}
+
+fn gradient(view: SplatView, i: usize) -> DMat3 {
+    view.appearance().get(i).map_or(DMat3::ZERO, |appearance| from_rows(appearance.gradient))
+}
+
+/// A splat as several, whose centres, covariances and colours together are its own.
+fn pieces(native: Gaussian, gradient: DMat3, split: Split) -> Vec<Gaussian> {
+    let frame = DMat3::from_quat(native.rotation);
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| native.scale[b].total_cmp(&native.scale[a]));
+    let (mut scale, mut offsets) = (native.scale, vec![DVec3::ZERO]);
+    // Along an axis without extent the pieces would lie on each other.
+    for axis in order.into_iter().take(split.n_axes()).filter(|&i| native.scale[i] > SCALE_FLOOR) {
+        let step = split.reach() * native.scale[axis] * frame.col(axis);
+        offsets = offsets.into_iter().flat_map(|o| [o - step, o + step]).collect();
+        scale[axis] *= (1.0 - split.reach().powi(2)).sqrt();
+    }
+    let limit = DVec3::splat(GRADIENT_LIMIT);
+    let piece = |offset: DVec3| Gaussian {
+        mean: native.mean + offset,
+        color: native.color + (gradient * offset).clamp(-limit, limit),
+        scale,
+        ..native
+    };
+    offsets.into_iter().map(piece).collect()
+}
+
+/// The splat with an opacity that plain files can hold.
+fn closed(splat: Gaussian, mapping: Mapping) -> Gaussian {
+    let mut factor = mapping.scale();
+    if splat.opacity > OPAQUE && mapping.opacity == OpacityMapping::EqualArea {
+        // ∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c)): a Gaussian of peak c covers 2πc.
+        factor *= (1.0 + (splat.opacity / OPAQUE).ln()).sqrt();
+    }
+    Gaussian { opacity: splat.opacity.min(OPAQUE), scale: splat.scale * factor, ..splat }
+}

@@ -1,0 +1,119 @@
+//! From sums to what renderers draw: a splat with a flat top, a colour gradient and a colour that
+//! depends on the direction it is seen from (`accuracy.md` 3, Export).
+
+use super::opacity::DensityOpacity;
+use super::sums::SceneSums;
+use crate::math::sym3::Sym3;
+use crate::model::appearance::Appearance;
+use crate::model::splats::{CovarianceForm, Splat, decompose};
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// How sums become a splat.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NativeRule {
+    /// Opacity from returns.
+    pub opacity: DensityOpacity,
+    /// Fewest points of a component that is drawn.
+    pub least_points: f64,
+    /// Factor on the standard deviations.
+    pub scale: f64,
+    /// Least standard deviation, units of `h`.
+    pub least_scale: f64,
+    /// Standard deviation of the points that every component starts with, units of `h`.
+    pub prior_scale: f64,
+    /// How many such points.
+    pub prior_points: f64,
+    /// Whether colour varies over a splat.
+    pub gradient: bool,
+    /// Ridge of the regression of colour on position, units of `h²`.
+    pub gradient_ridge: f64,
+    /// Whether colour depends on the view direction.
+    pub directional: bool,
+    /// Ridge of the regression of colour on direction, and its part that falls as `1/N`.
+    pub directional_ridge: [f64; 2],
+}
+
+/// What a component's splat depends on besides its sums.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anchor {
+    /// Seed, world units.
+    pub seed: DVec3,
+    /// Structural scale, world units.
+    pub h: f64,
+    /// Returns expected of it so far.
+    pub expected: f64,
+}
+
+impl NativeRule {
+    /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
+    pub fn splat(&self, sums: &SceneSums, anchor: &Anchor) -> (Splat, Appearance) {
+        let opacity = self.opacity.opacity(sums.count, anchor.expected);
+        if sums.count < self.least_points || opacity == 0.0 {
+            return Default::default();
+        }
+        let mean = sums.mean_offset();
+        let covariance = sums.covariance();
+        let (scale, rotation) = decompose(self.regular(covariance, sums.count, anchor.h), CovarianceForm::Eigen);
+        let scale = (scale * self.scale).max(DVec3::splat(self.least_scale * anchor.h));
+        let mut color = sums.color / sums.count;
+        let mut appearance = Appearance::default();
+        if self.gradient {
+            appearance.gradient = rows(self.gradient(sums, covariance, anchor.h));
+        }
+        if self.directional {
+            let weights = self.directional(sums);
+            color -= weights * (sums.view / sums.count);
+            appearance.directional = rows(weights);
+        }
+        let splat = Splat {
+            mean: (anchor.seed + mean).as_vec3().to_array(),
+            opacity: opacity as f32,
+            color: color.as_vec3().to_array(),
+            scale: scale.as_vec3().to_array(),
+            rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
+        };
+        (splat, appearance)
+    }
+
+    /// The covariance with the prior's points added to it.
+    fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
+        let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
+        covariance.scaled(count).add_scaled(self.prior_points, prior).scaled(1.0 / (count + self.prior_points))
+    }
+
+    /// Conditional mean of the joint Gaussian of colour and position:
+    /// `G = cov(c, s) (Σ + l I)⁻¹`, row per channel.
+    fn gradient(&self, sums: &SceneSums, covariance: Sym3, h: f64) -> DMat3 {
+        let n = sums.count;
+        let joint = sums.color_offset * (1.0 / n) - outer(sums.color / n, sums.mean_offset());
+        let ridge = Sym3::diagonal(self.gradient_ridge * h * h);
+        match covariance.add_scaled(1.0, ridge).inverse() {
+            Some(inverse) => joint * inverse.to_mat3(),
+            None => DMat3::ZERO,
+        }
+    }
+
+    /// Ridge regression of colour on view direction, row per channel.
+    fn directional(&self, sums: &SceneSums) -> DMat3 {
+        let n = sums.count;
+        let view = sums.view / n;
+        let joint = sums.color_view * (1.0 / n) - outer(sums.color / n, view);
+        let spread = sums.view_second.scaled(1.0 / n).add_scaled(-1.0, Sym3::outer(view));
+        let [constant, falling] = self.directional_ridge;
+        match spread.add_scaled(1.0, Sym3::diagonal(constant + falling / n)).inverse() {
+            Some(inverse) => joint * inverse.to_mat3(),
+            None => DMat3::ZERO,
+        }
+    }
+}
+
+/// `a bᵀ`.
+fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
+fn rows(m: DMat3) -> [[f32; 3]; 3] {
+    let rows = m.transpose();
+    [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array())
+}

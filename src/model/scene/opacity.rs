@@ -1,0 +1,42 @@
+//! Opacity from evidence: how many points a component returned of those it could have.
+
+use serde::{Deserialize, Serialize};
+
+/// Density opacity (`accuracy.md` 3): with `ρ = N / (h²·X + c₀)`, where `X` is the number of pixels
+/// per unit of area in which the component could have been measured, summed over frames, the
+/// opacity is `τ·(1 − exp(−ρ/ρ₀))`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DensityOpacity {
+    /// Opacity of a surface that returns all it can; more than 1 is a flat top.
+    pub tau: f64,
+    /// Density at which the opacity reaches `1 − 1/e` of `tau`, returns per expected return.
+    pub rho0: f64,
+    /// Expected returns that every component starts with: what a few stray points are held against.
+    pub doubt: f64,
+    /// Components of less opacity are not drawn.
+    pub least: f64,
+}
+
+impl DensityOpacity {
+    /// Opacity of `count` points where `expected` could have been, 0 if that is too little to draw.
+    pub fn opacity(&self, count: f64, expected: f64) -> f64 {
+        let rho = count / (expected + self.doubt);
+        let opacity = self.tau * -(-rho / self.rho0).exp_m1();
+        if opacity > self.least { opacity } else { 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opacity_grows_with_returns_and_falls_with_looks() {
+        let rule = DensityOpacity { tau: 3.0, rho0: 0.4, doubt: 20.0, least: 0.3 };
+        assert_eq!(rule.opacity(0.0, 100.0), 0.0);
+        assert!(rule.opacity(100.0, 100.0) > rule.opacity(50.0, 100.0));
+        assert!(rule.opacity(100.0, 100.0) > rule.opacity(100.0, 200.0));
+        assert_eq!(rule.opacity(1.0, 500.0), 0.0, "a stray point is not drawn");
+        assert!(rule.opacity(1e6, 1.0) <= 3.0);
+    }
+}

@@ -1,0 +1,139 @@
+//! Sufficient statistics of one component of a scene, about its seed.
+
+use crate::math::observation::SurfacePoint;
+use crate::math::real::Real;
+use crate::math::sym3::Sym3;
+use crate::model::statistics::Moments;
+use glam::{DMat3, DVec3};
+
+/// Sums per component, each of terms within ±4. With `d` the offset of a point from the seed in
+/// units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction:
+/// `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3),
+/// `Σ v vᵀ` without its last entry, which is `N` minus the other two of the diagonal (5),
+/// `Σ c vᵀ` (9).
+pub const N_SUMS: usize = 42;
+
+/// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
+pub const MAX_OFFSET: f32 = 2.0;
+
+/// Adds nothing: what one point at offset `d` (units of `h`) adds to each sum.
+#[inline(always)]
+pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_SUMS] {
+    let (n, v) = (point.normal.map(|x| R::of(x.into())), point.direction.map(|x| R::of(x.into())));
+    let c = color;
+    [
+        R::ONE,
+        d[0],
+        d[1],
+        d[2],
+        d[0] * d[0],
+        d[0] * d[1],
+        d[0] * d[2],
+        d[1] * d[1],
+        d[1] * d[2],
+        d[2] * d[2],
+        c[0],
+        c[1],
+        c[2],
+        c[0] * d[0],
+        c[0] * d[1],
+        c[0] * d[2],
+        c[1] * d[0],
+        c[1] * d[1],
+        c[1] * d[2],
+        c[2] * d[0],
+        c[2] * d[1],
+        c[2] * d[2],
+        n[0],
+        n[1],
+        n[2],
+        v[0],
+        v[1],
+        v[2],
+        v[0] * v[0],
+        v[0] * v[1],
+        v[0] * v[2],
+        v[1] * v[1],
+        v[1] * v[2],
+        c[0] * v[0],
+        c[0] * v[1],
+        c[0] * v[2],
+        c[1] * v[0],
+        c[1] * v[1],
+        c[1] * v[2],
+        c[2] * v[0],
+        c[2] * v[1],
+        c[2] * v[2],
+    ]
+}
+
+/// The same sums by name, in world units about the seed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SceneSums {
+    /// `N`, points.
+    pub count: f64,
+    /// `Σ D`.
+    pub first: DVec3,
+    /// `Σ D Dᵀ`.
+    pub second: Sym3,
+    /// `Σ c`.
+    pub color: DVec3,
+    /// `Σ c Dᵀ`: `color_offset.transpose().col(i)` belongs to channel `i`.
+    pub color_offset: DMat3,
+    /// `Σ n`.
+    pub normal: DVec3,
+    /// `Σ v`, from the camera to the points.
+    pub view: DVec3,
+    /// `Σ v vᵀ`.
+    pub view_second: Sym3,
+    /// `Σ c vᵀ`, row per channel.
+    pub color_view: DMat3,
+}
+
+impl SceneSums {
+    /// From sums in the order of [`N_SUMS`], offsets in units of `h`.
+    pub fn new(sums: &[f64; N_SUMS], h: f64) -> Self {
+        let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
+        let rows = |at: usize| {
+            DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose()
+        };
+        let second = [sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]];
+        let last = sums[0] - sums[28] - sums[31];
+        let view_second = [sums[28], sums[29], sums[30], sums[31], sums[32], last];
+        Self {
+            count: sums[0],
+            first: vector(1) * h,
+            second: Sym3::from_array(second).scaled(h * h),
+            color: vector(10),
+            color_offset: rows(13) * h,
+            normal: vector(22),
+            view: vector(25),
+            view_second: Sym3::from_array(view_second),
+            color_view: rows(33),
+        }
+    }
+
+    /// Mean of the points, about the seed.
+    pub fn mean_offset(&self) -> DVec3 {
+        self.first / self.count
+    }
+
+    /// Covariance of the points; N > 0.
+    pub fn covariance(&self) -> Sym3 {
+        self.second
+            .scaled(1.0 / self.count)
+            .add_scaled(-1.0, Sym3::outer(self.mean_offset()))
+    }
+
+    /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and
+    /// scale of [`crate::math::points::Normalization`].
+    pub fn moments(&self) -> Moments {
+        use crate::math::points::{COLOR_OFFSET, COLOR_SCALE};
+        Moments {
+            count: self.count,
+            first: self.first,
+            second: self.second,
+            color: (self.color - DVec3::splat(self.count * COLOR_OFFSET)) / COLOR_SCALE,
+        }
+    }
+}

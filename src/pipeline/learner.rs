@@ -1,0 +1,130 @@
+//! A model that learns, whichever preset it follows.
+
+use super::prepared::Material;
+use crate::math::points::Normalization;
+use crate::model::appearance::SplatSet;
+use crate::model::posterior::ComponentPosterior;
+use crate::model::splats::Splat;
+use crate::train::candidates::IndexError;
+use crate::train::config::TrainConfig;
+use crate::train::engine::Engine;
+use crate::train::scene::engine::SceneEngine;
+use crate::train::trainer::FrameOutcome;
+
+/// A model that learns.
+pub enum Learner {
+    /// The published algorithm.
+    Paper {
+        /// The model.
+        engine: Engine,
+        /// How its posterior becomes splats.
+        config: TrainConfig,
+        /// World to model coordinates.
+        normalization: Normalization,
+    },
+    /// Only what a scene needs.
+    Scene(SceneEngine),
+}
+
+macro_rules! either {
+    ($self:expr, $engine:ident => $body:expr) => {
+        match $self {
+            Learner::Paper { engine: $engine, .. } => $body,
+            Learner::Scene($engine) => $body,
+        }
+    };
+}
+
+impl Learner {
+    /// Learns from one frame, whole or not at all. Material of the other preset teaches nothing.
+    pub(super) fn train(&mut self, material: &Material) -> Result<FrameOutcome, IndexError> {
+        match (self, material) {
+            (Self::Paper { engine, .. }, Material::Points(points)) => engine.train(points),
+            (Self::Scene(engine), Material::Surfaces(frame)) => Ok(engine.train(frame)),
+            _ => Ok(FrameOutcome::default()),
+        }
+    }
+
+    /// Frames learnt.
+    pub fn frames(&self) -> u64 {
+        either!(self, e => e.frames())
+    }
+
+    /// Components, used or not.
+    pub fn components(&self) -> usize {
+        either!(self, e => e.components())
+    }
+
+    /// Components with points.
+    pub fn used(&self) -> usize {
+        match self {
+            Self::Paper { engine, .. } => engine.used(),
+            Self::Scene(engine) => engine.components(),
+        }
+    }
+
+    /// Components that the last frame changed, each once.
+    pub fn touched(&self) -> &[u32] {
+        either!(self, e => e.touched())
+    }
+
+    /// Bytes the model itself occupies.
+    pub fn model_bytes(&self) -> usize {
+        either!(self, e => e.model_bytes())
+    }
+
+    /// Posterior of a component, normalised coordinates.
+    pub fn posterior(&self, component: usize) -> ComponentPosterior {
+        either!(self, e => e.posterior(component))
+    }
+
+    /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
+    pub fn splats(&self) -> SplatSet {
+        match self {
+            Self::Paper { engine, config, normalization } => {
+                engine.splats(config, normalization).into()
+            }
+            Self::Scene(engine) => engine.splats(),
+        }
+    }
+
+    /// Splats of the listed components, in their order.
+    pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
+        match self {
+            Self::Paper { engine, config, normalization } => {
+                engine.splats_of(ids, config, normalization).into()
+            }
+            Self::Scene(engine) => engine.splats_of(ids),
+        }
+    }
+
+    /// What renderers draw of one component.
+    pub fn splat(&self, component: usize) -> Splat {
+        match self {
+            Self::Paper { engine, config, normalization } => {
+                config.conversion.splat(&engine.posterior(component), normalization)
+            }
+            Self::Scene(engine) => engine.splat(component).0,
+        }
+    }
+
+    /// Sums the ELBO of the frames to come by component.
+    pub fn start_component_elbo(&mut self) {
+        either!(self, e => e.start_component_elbo());
+    }
+
+    /// Ends what [`Self::start_component_elbo`] began.
+    pub fn stop_component_elbo(&mut self) {
+        either!(self, e => e.stop_component_elbo());
+    }
+
+    /// Mean ELBO and number of a component's points of the last frame.
+    pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
+        either!(self, e => e.component_elbo(component))
+    }
+
+    /// Components that [`Self::component_elbo`] knows of, each once.
+    pub fn components_with_elbo(&self) -> &[u32] {
+        either!(self, e => e.components_with_elbo())
+    }
+}

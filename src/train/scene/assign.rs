@@ -1,0 +1,129 @@
+//! The component of every point: the one with the nearest seed within the structural scale.
+
+use super::grid::{NONE, SeedGrid, squared_distance};
+use crate::math::observation::SurfacePoint;
+use crate::math::simd::{Isa, Kernel, Vector};
+use rayon::prelude::*;
+
+/// Points that are searched for together.
+const GROUP: usize = 64;
+/// Most cells of a group that are looked through as one; beyond that its points are far apart.
+const MOST_CELLS: i64 = 512;
+
+/// Seeds near a group.
+#[derive(Default)]
+struct Near {
+    ids: Vec<u32>,
+    seeds: Vec<[f32; 3]>,
+}
+
+/// Replaces `owners` by the component of every point; [`NONE`] where no seed is near enough.
+pub fn assign(grid: &SeedGrid, reach: f32, points: &[SurfacePoint], owners: &mut Vec<u32>) {
+    owners.clear();
+    owners.resize(points.len(), NONE);
+    owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each_init(
+        Near::default,
+        |near, (owners, points)| assign_group(grid, reach, points, owners, near),
+    );
+}
+
+fn assign_group(
+    grid: &SeedGrid,
+    reach: f32,
+    points: &[SurfacePoint],
+    owners: &mut [u32],
+    near: &mut Near,
+) {
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    for point in points.iter().filter(|p| grid.reaches(p.position)) {
+        let cell = grid.cell_of(point.position);
+        for axis in 0..3 {
+            low[axis] = low[axis].min(cell[axis] - 1);
+            high[axis] = high[axis].max(cell[axis] + 1);
+        }
+    }
+    let cells: i64 = (0..3).map(|i| i64::from(high[i]) - i64::from(low[i]) + 1).product();
+    if cells <= 0 {
+        return; // no point within reach
+    }
+    if cells > MOST_CELLS {
+        for (point, owner) in points.iter().zip(owners) {
+            *owner = grid.nearest(point.position).unwrap_or(NONE);
+        }
+        return;
+    }
+    near.ids.clear();
+    near.seeds.clear();
+    grid.visit(low, high, |id, seed| {
+        near.ids.push(id);
+        near.seeds.push(seed);
+    });
+    Isa::best().run(Nearest { near, limit: reach * reach, points, owners });
+}
+
+/// The nearest of some seeds, for up to [`GROUP`] points at once.
+struct Nearest<'a> {
+    near: &'a Near,
+    limit: f32,
+    points: &'a [SurfacePoint],
+    owners: &'a mut [u32],
+}
+
+impl Kernel for Nearest<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { near, limit, points, owners } = self;
+        let mut place = [[0.0f32; GROUP]; 3];
+        for (i, point) in points.iter().enumerate() {
+            for axis in 0..3 {
+                place[axis][i] = point.position[axis];
+            }
+        }
+        let (mut best, mut found) = ([limit; GROUP], [NONE; GROUP]);
+        for (&id, seed) in near.ids.iter().zip(&near.seeds) {
+            for i in 0..GROUP {
+                let d2 = squared_distance([place[0][i], place[1][i], place[2][i]], *seed);
+                // Equal distances go to the older seed, in whatever order cells are visited.
+                let closer = d2 < best[i] || (d2 == best[i] && id < found[i]);
+                best[i] = if closer { d2 } else { best[i] };
+                found[i] = if closer { id } else { found[i] };
+            }
+        }
+        owners.copy_from_slice(&found[..owners.len()]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    #[test]
+    fn groups_find_what_single_searches_find() {
+        let mut grid = SeedGrid::new(0.1);
+        let mut stream = Rng::new(2, Purpose::Init, 0);
+        let mut place = |spread: f64| [0; 3].map(|_| stream.range(-spread, spread) as f32);
+        for _ in 0..3000 {
+            grid.insert(place(1.0));
+        }
+        let mut points: Vec<SurfacePoint> = Vec::new();
+        for group in 0..40 {
+            let centre = place(1.0);
+            let spread = if group % 4 == 0 { 1.0 } else { 0.1 };
+            points.extend((0..GROUP).map(|_| {
+                let offset = place(spread);
+                let position = [0, 1, 2].map(|i| centre[i] + offset[i]);
+                SurfacePoint { position, ..SurfacePoint::default() }
+            }));
+        }
+        points.truncate(points.len() - 7);
+        let mut owners = Vec::new();
+        assign(&grid, 0.1, &points, &mut owners);
+        for (point, owner) in points.iter().zip(&owners) {
+            assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
+        }
+        assert!(owners.contains(&NONE) && owners.iter().any(|&o| o != NONE));
+    }
+}

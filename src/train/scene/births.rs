@@ -1,0 +1,76 @@
+//! Births: points that no component is near become seeds, in the order of the points.
+
+use super::config::BirthRule;
+use super::grid::{NONE, SeedGrid};
+use super::lattice;
+use crate::math::observation::SurfacePoint;
+
+/// What the births of one frame were.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Births {
+    /// Components that came into being.
+    pub born: usize,
+    /// Points that found no component because there may be no more.
+    pub refused: usize,
+    /// Points too far from the origin to be told from their neighbours.
+    pub out_of_reach: usize,
+}
+
+/// Gives the points of [`NONE`] an owner: a seed of this frame within the structural scale, or one
+/// of their own while there are fewer than `most` components.
+pub fn give_birth(
+    rule: BirthRule,
+    h: f32,
+    grid: &mut SeedGrid,
+    points: &[SurfacePoint],
+    owners: &mut [u32],
+    most: usize,
+) -> Births {
+    let mut births = Births::default();
+    for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
+        let place = seed_of(rule, h, point.position);
+        let found = match rule {
+            BirthRule::Seeds => grid.nearest(place),
+            BirthRule::Lattice | BirthRule::BodyCentred => grid.at(place),
+        };
+        *owner = match found {
+            Some(id) => id,
+            None if !grid.reaches(place) => {
+                births.out_of_reach += 1;
+                NONE
+            }
+            None if grid.len() < most => {
+                births.born += 1;
+                grid.insert(place)
+            }
+            None => {
+                births.refused += 1;
+                NONE
+            }
+        };
+    }
+    births
+}
+
+/// Owners by a fixed lattice, as far as its points are seeds already.
+pub fn assign_to_lattice(
+    rule: BirthRule,
+    h: f32,
+    grid: &SeedGrid,
+    points: &[SurfacePoint],
+    owners: &mut Vec<u32>,
+) {
+    use rayon::prelude::*;
+    let owner = |p: &SurfacePoint| grid.at(seed_of(rule, h, p.position)).unwrap_or(NONE);
+    points.par_iter().with_min_len(256).map(owner).collect_into_vec(owners);
+}
+
+/// Where a component that owns a place would stand.
+#[inline(always)]
+fn seed_of(rule: BirthRule, h: f32, position: [f32; 3]) -> [f32; 3] {
+    match rule {
+        BirthRule::Seeds => position,
+        BirthRule::Lattice => lattice::cubic(position, h),
+        BirthRule::BodyCentred => lattice::body_centred(position, h),
+    }
+}

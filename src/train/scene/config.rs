@@ -1,0 +1,124 @@
+//! Settings of the scene preset.
+
+use super::engine::SumForm;
+use crate::train::config::{ConfigError, MAX_COMPONENTS};
+use crate::model::scene::native::NativeRule;
+use crate::model::scene::opacity::DensityOpacity;
+use serde::{Deserialize, Serialize};
+use strum::{EnumString, VariantNames};
+
+/// Most components where a user sets no budget: 400 MB of sums.
+pub const MOST_COMPONENTS: usize = 2_000_000;
+
+/// Where components are born.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum BirthRule {
+    /// At the first point that has no seed within the structural scale.
+    Seeds,
+    /// At the centre of the cell of a fixed cubic lattice that a point falls into.
+    Lattice,
+    /// The same with the body-centred cubic lattice.
+    BodyCentred,
+}
+
+impl BirthRule {
+    /// Whether the model depends on nothing but which frames were seen.
+    pub fn is_order_invariant(self) -> bool {
+        self != Self::Seeds
+    }
+}
+
+/// How the returns that a component could have given are counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum LookRule {
+    /// By projecting every component into every frame: what is seen or seen through counts.
+    Projected,
+    /// By the frames in which it received points. Depends on the frame alone.
+    Returned,
+}
+
+/// Every setting of the engine that shapes a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SceneConfig {
+    /// Where components are born.
+    pub births: BirthRule,
+    /// Structural scale `h`: largest distance of a point from its seed (side of a lattice's cell),
+    /// world units.
+    pub h: f64,
+    /// Whether points are moved along their rays towards their component's plane.
+    pub refine: bool,
+    /// Whether each frame's exposure is fitted to the scene's.
+    pub gain: bool,
+    /// How looks are counted.
+    pub looks: LookRule,
+    /// How sums are kept.
+    pub sums: SumForm,
+    /// Most components.
+    pub most: usize,
+    /// How sums become splats.
+    pub native: NativeRule,
+}
+
+impl SceneConfig {
+    /// For exact or 8-bit depth, with structural scale `h` (`accuracy.md` 3).
+    pub fn fine(h: f64) -> Self {
+        Self {
+            births: BirthRule::Seeds,
+            h,
+            refine: true,
+            gain: false,
+            looks: LookRule::Projected,
+            sums: SumForm::Mixed,
+            most: MOST_COMPONENTS,
+            native: NativeRule {
+                opacity: DensityOpacity { tau: 2.5, rho0: 0.5, doubt: 20.0, least: 0.3 },
+                least_points: 5.0,
+                scale: 1.2,
+                least_scale: 0.05,
+                prior_scale: 0.3,
+                prior_points: 2.0,
+                gradient: true,
+                gradient_ridge: 0.025,
+                directional: true,
+                directional_ridge: [0.01, 0.2],
+            },
+        }
+    }
+
+    /// For real depth cameras, whose poses, depth and exposure err more than the structural scale
+    /// resolves (`accuracy.md` 7).
+    pub fn coarse(h: f64) -> Self {
+        let fine = Self::fine(h);
+        let native = NativeRule {
+            opacity: DensityOpacity { rho0: 1.2, doubt: 10.0, ..fine.native.opacity },
+            scale: 1.6,
+            gradient_ridge: 0.016,
+            directional_ridge: [0.02, 0.2],
+            ..fine.native
+        };
+        Self { gain: true, native, ..fine }
+    }
+
+    /// These settings, or the first that is out of range.
+    pub fn check(self) -> Result<Self, ConfigError> {
+        if !(1..=MAX_COMPONENTS).contains(&self.most) {
+            return Err(ConfigError {
+                setting: "--budget",
+                expected: format!("1 to {MAX_COMPONENTS} components"),
+                found: self.most.to_string(),
+            });
+        }
+        if !(self.h.is_finite() && self.h > 0.0) {
+            return Err(ConfigError {
+                setting: "--scale",
+                expected: "a positive length".to_owned(),
+                found: self.h.to_string(),
+            });
+        }
+        Ok(self)
+    }
+}

@@ -1,0 +1,331 @@
+//! The sums of all components, and how often each was looked at.
+
+use crate::model::scene::state::{StoredSums, WideRow};
+use crate::model::scene::sums::N_SUMS;
+use crate::math::real::Real;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// The form sums are kept in.
+pub trait Word: Copy + Default + Send + Sync + 'static {
+    /// Arithmetic of the terms of one point.
+    type Term: Real;
+    /// Points after which a row might overflow.
+    const MOST: u32;
+    /// A term, rounded to the form of the sums.
+    fn of(term: Self::Term) -> Self;
+    /// The sum.
+    fn plus(self, other: Self) -> Self;
+    /// The value of a sum.
+    fn value(self) -> f64;
+    /// Rows as checkpoints hold them.
+    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums;
+    /// The rows of a checkpoint, if they are of this form.
+    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
+}
+
+/// Quanta of 2⁻¹⁵: integer sums are the same in any order. Terms within ±4 take 18 bits.
+impl Word for i32 {
+    type Term = f32;
+    const MOST: u32 = 1 << 13;
+
+    #[inline(always)]
+    fn of(term: f32) -> Self {
+        /// Added to a number below 2²², leaves the nearest integer, ties to even, in the low bits.
+        const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
+        (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.wrapping_add(other)
+    }
+
+    #[inline(always)]
+    fn value(self) -> f64 {
+        f64::from(self) * (1.0 / f64::from(QUANTA))
+    }
+
+    fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums {
+        StoredSums::Mixed { rows, wide }
+    }
+
+    fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
+        match sums {
+            StoredSums::Mixed { rows, wide } => Some((rows, wide)),
+            StoredSums::F32(_) | StoredSums::F64(_) => None,
+        }
+    }
+}
+
+macro_rules! plain_word {
+    ($t:ty, $stored:ident) => {
+        impl Word for $t {
+            type Term = $t;
+            const MOST: u32 = u32::MAX;
+
+            #[inline(always)]
+            fn of(term: $t) -> Self {
+                term
+            }
+
+            #[inline(always)]
+            fn plus(self, other: Self) -> Self {
+                self + other
+            }
+
+            #[inline(always)]
+            fn value(self) -> f64 {
+                self.into()
+            }
+
+            fn stored(rows: Vec<[Self; N_SUMS]>, _: Vec<WideRow>) -> StoredSums {
+                StoredSums::$stored(rows)
+            }
+
+            fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)> {
+                match sums {
+                    StoredSums::$stored(rows) => Some((rows, Vec::new())),
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+plain_word!(f32, F32);
+plain_word!(f64, F64);
+
+/// Quanta per unit of the integer sums.
+const QUANTA: f32 = 32768.0;
+
+/// Expected returns are counted in 64ths.
+const RETURN_QUANTA: f64 = 64.0;
+
+/// Sums of one component.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Row<W> {
+    /// In the order of [`N_SUMS`].
+    pub sums: [W; N_SUMS],
+    /// Returns that it could have given, in 64ths.
+    expected: u32,
+    /// Frames in which it was seen.
+    seen: u16,
+    /// Frames in which something farther was seen through it.
+    missed: u16,
+}
+
+impl<W: Word> Default for Row<W> {
+    fn default() -> Self {
+        Self { sums: [W::default(); N_SUMS], expected: 0, seen: 0, missed: 0 }
+    }
+}
+
+/// What one frame says of a component's visibility.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Look {
+    /// It was where the frame measured a surface.
+    Seen,
+    /// The frame measured something farther.
+    Missed,
+}
+
+impl<W: Word> Row<W> {
+    /// Adds the terms of one point.
+    #[inline(always)]
+    pub fn add(&mut self, terms: &[W::Term; N_SUMS]) {
+        for (sum, &term) in self.sums.iter_mut().zip(terms) {
+            *sum = sum.plus(W::of(term));
+        }
+    }
+
+    /// Counts a look from which `expected` returns could have come.
+    #[inline(always)]
+    pub fn look(&mut self, look: Look, expected: f64) {
+        self.expected = self.expected.saturating_add((expected * RETURN_QUANTA) as u32);
+        match look {
+            Look::Seen => self.seen = self.seen.saturating_add(1),
+            Look::Missed => self.missed = self.missed.saturating_add(1),
+        }
+    }
+
+    /// Returns that it could have given.
+    pub fn expected(&self) -> f64 {
+        f64::from(self.expected) / RETURN_QUANTA
+    }
+
+    /// Frames in which it was seen, and in which it was seen through; both stop at 65,535.
+    pub fn looks(&self) -> [u16; 2] {
+        [self.seen, self.missed]
+    }
+}
+
+/// What rows could not hold.
+#[derive(Clone, Copy)]
+pub struct Carried<'a>(&'a BTreeMap<u32, [f64; N_SUMS]>);
+
+impl<'a> Carried<'a> {
+    /// `N`, `Σ d` and `Σ n` of a component.
+    #[inline(always)]
+    pub fn plane<W: Word>(self, id: usize, row: &Row<W>) -> (f64, [f64; 3], [f64; 3]) {
+        let sum = self.reader(id, row);
+        (sum(0), [sum(1), sum(2), sum(3)], [sum(22), sum(23), sum(24)])
+    }
+
+    #[inline(always)]
+    fn reader<W: Word>(self, id: usize, row: &'a Row<W>) -> impl Fn(usize) -> f64 + 'a {
+        let carried = if self.0.is_empty() { None } else { self.0.get(&(id as u32)) };
+        move |i| row.sums[i].value() + carried.map_or(0.0, |c| c[i])
+    }
+}
+
+/// Rows of all components. What a row cannot hold is carried over into a wider one.
+pub struct Ledger<W> {
+    rows: Vec<Row<W>>,
+    wide: BTreeMap<u32, [f64; N_SUMS]>,
+}
+
+impl<W: Word> Default for Ledger<W> {
+    fn default() -> Self {
+        Self { rows: Vec::new(), wide: BTreeMap::new() }
+    }
+}
+
+impl<W: Word> Ledger<W> {
+    /// Number of components.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Makes room for components up to `n`.
+    pub fn grow(&mut self, n: usize) {
+        self.rows.resize(n, Row::default());
+    }
+
+    /// Bytes that the rows take.
+    pub fn bytes(&self) -> usize {
+        self.rows.len() * size_of::<Row<W>>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
+    }
+
+    /// The row of a component, without what was carried over.
+    pub fn row(&self, id: usize) -> &Row<W> {
+        &self.rows[id]
+    }
+
+    /// Everything a component has received.
+    pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
+        let mut sums = self.rows[id].sums.map(W::value);
+        if let Some(carried) = self.wide.get(&(id as u32)) {
+            for (sum, carried) in sums.iter_mut().zip(carried) {
+                *sum += carried;
+            }
+        }
+        sums
+    }
+
+    /// `N`, `Σ d` and `Σ n` of a component.
+    #[inline(always)]
+    pub fn plane_sums(&self, id: usize) -> (f64, [f64; 3], [f64; 3]) {
+        Carried(&self.wide).plane(id, &self.rows[id])
+    }
+
+    /// `N` and `Σ c` of a component.
+    #[inline(always)]
+    pub fn color_sums(&self, id: usize) -> (f64, [f64; 3]) {
+        let sum = Carried(&self.wide).reader(id, &self.rows[id]);
+        (sum(0), [sum(10), sum(11), sum(12)])
+    }
+
+    /// Sums and looks as checkpoints hold them, of the components in `order`. Equal sums are stored
+    /// alike, whatever the order they were added in.
+    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<[u32; 2]>) {
+        let (mut rows, mut wide, mut looks) = (Vec::new(), Vec::new(), Vec::new());
+        for (&id, at) in order.iter().zip(0u32..) {
+            let row = &self.rows[id as usize];
+            looks.push([row.expected, u32::from(row.seen) | u32::from(row.missed) << 16]);
+            if self.wide.contains_key(&id) || is_full(row) {
+                rows.push([W::default(); N_SUMS]);
+                wide.push(WideRow { id: at, sums: self.sums(id as usize) });
+            } else {
+                rows.push(row.sums);
+            }
+        }
+        (W::stored(rows, wide), looks)
+    }
+
+    /// The ledger that [`Self::state`] describes; `None` if its sums have another form.
+    pub fn restore(sums: StoredSums, looks: &[[u32; 2]]) -> Option<Self> {
+        let (sums, wide) = W::restored(sums)?;
+        let row = |(sums, &[expected, looks]): ([W; N_SUMS], &[u32; 2])| Row {
+            sums,
+            expected,
+            seen: looks as u16,
+            missed: (looks >> 16) as u16,
+        };
+        let rows = sums.into_iter().zip(looks).map(row).collect();
+        let wide = wide.into_iter().map(|row| (row.id, row.sums)).collect();
+        Some(Self { rows, wide })
+    }
+
+    /// Runs `f` on disjoint runs of consecutive rows, each with the number of its first.
+    pub fn for_each_part(
+        &mut self,
+        parts: usize,
+        f: impl Fn(usize, &mut [Row<W>], Carried<'_>) + Sync,
+    ) {
+        let n = self.rows.len().div_ceil(parts).max(1);
+        let wide = &self.wide;
+        let rows = self.rows.par_chunks_mut(n).enumerate();
+        rows.for_each(|(i, rows)| f(i * n, rows, Carried(wide)));
+    }
+
+    /// Carries over the rows that another frame might make overflow.
+    pub fn carry_over(&mut self, touched: &[u32]) {
+        for &id in touched {
+            let row = &mut self.rows[id as usize];
+            if !is_full(row) {
+                continue;
+            }
+            let wide = self.wide.entry(id).or_insert([0.0; N_SUMS]);
+            // Sums of integer quanta below 2⁵³: exact in f64, hence the same in any order.
+            for (wide, sum) in wide.iter_mut().zip(&mut row.sums) {
+                *wide += sum.value();
+                *sum = W::default();
+            }
+        }
+    }
+}
+
+/// Whether another frame might make a row overflow.
+fn is_full<W: Word>(row: &Row<W>) -> bool {
+    row.sums[0].value() >= f64::from(W::MOST / 2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_that_fill_up_lose_nothing() {
+        let mut ledger = Ledger::<i32>::default();
+        ledger.grow(1);
+        let mut terms = [-3.25f32; N_SUMS];
+        terms[0] = 1.0;
+        for _ in 0..20 {
+            for _ in 0..1000 {
+                ledger.rows[0].add(&terms);
+            }
+            ledger.carry_over(&[0]);
+        }
+        assert_eq!(ledger.sums(0)[0], 20_000.0);
+        assert_eq!(ledger.sums(0)[5], -65_000.0);
+    }
+
+    #[test]
+    fn quanta_round_to_nearest() {
+        for x in [0.1f32, -0.7, 3.999, -4.0, 1e-6] {
+            assert!((i32::of(x).value() - f64::from(x)).abs() <= 0.5 / 32768.0 + 1e-7, "{x}");
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! Depth refinement: a point's most probable place along its ray, given its component as a plane
+//! (`accuracy.md` 3, step 2).
+
+use super::ledger::{Ledger, Word};
+use crate::math::observation::SurfacePoint;
+
+/// Fewest points of a component that is trusted as a plane.
+const LEAST_POINTS: f64 = 20.0;
+/// Most times as much as the point itself that the plane counts for.
+const MOST_TRUST: f64 = 4.0;
+/// Least cosine between ray and plane normal.
+const LEAST_COSINE: f64 = 0.3;
+
+/// How far along its ray to move a point, world units. `h` is the structural scale, `limit` the
+/// largest distance to the plane at which it is taken for the same surface.
+#[inline(always)]
+pub fn shift<W: Word>(
+    ledger: &Ledger<W>,
+    id: usize,
+    seed: [f32; 3],
+    h: f64,
+    point: &SurfacePoint,
+    limit: f64,
+) -> f64 {
+    let (n, first, normal) = ledger.plane_sums(id);
+    if n < LEAST_POINTS {
+        return 0.0;
+    }
+    let direction = point.direction.map(f64::from);
+    let length = dot(normal, normal).sqrt();
+    let slope = dot(normal, direction);
+    if -slope < LEAST_COSINE * length {
+        return 0.0;
+    }
+    let offset = [0, 1, 2].map(|i| {
+        f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n
+    });
+    let distance = dot(normal, offset) / slope;
+    if distance.abs() > limit {
+        return 0.0;
+    }
+    let trust = (n / LEAST_POINTS).min(MOST_TRUST);
+    distance * trust / (1.0 + trust)
+}
+
+#[inline(always)]
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
