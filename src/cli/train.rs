@@ -1,10 +1,10 @@
 //! `train`: headless training with files at the end.
 
-use super::args::{ComparisonArgs, TrainArgs};
+use super::args::TrainArgs;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
-use super::quality::SEEN_AFTER;
+use super::quality::{Comparison, SEEN_AFTER};
 use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
@@ -16,7 +16,7 @@ use vbgs_studio::model::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::method::Asked as AskedMethod;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::{Lens, Method};
+use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
@@ -74,8 +74,10 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
+    let color_camera = session.config().method.color_camera();
+    let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
     let measured = match (&args.eval, &end) {
-        (Some(split), Ok(true)) => measure(&session, split, &early, &args.comparison, &methods),
+        (Some(split), Ok(true)) => measure(&session, split, &early, &comparison),
         _ => Ok(Measured::default()),
     };
     let (measured, failure) = match measured {
@@ -181,14 +183,15 @@ fn save_report(
     }
     let summary = &report.summary;
     output::line(format!(
-        "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used",
+        "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used, {} drawn",
         report.frames.len(),
         report.skipped.len(),
         summary.wall_s,
         summary.train_ms_median,
         summary.train_ms_p95,
         summary.used,
-        summary.components
+        summary.components,
+        summary.drawn
     ));
     report.seen.iter().for_each(|s| output::line(output::seen_early(s)));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
@@ -209,20 +212,19 @@ fn measure(
     session: &Session,
     split: &str,
     early: &[(usize, SplatSet)],
-    comparison: &ComparisonArgs,
-    methods: &[Method],
+    comparison: &Comparison,
 ) -> Result<Measured, Failure> {
     let (dataset, plan) = (session.dataset(), session.plan());
     let mut seen = Vec::new();
     for (visited, splats) in early {
         let frames = (plan.split, &plan.frames[..*visited]);
-        seen.extend(quality::seen(splats.into(), dataset, frames, comparison, methods)?);
+        seen.extend(quality::seen(splats.into(), dataset, frames, comparison)?);
     }
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
     let views = (split, &frames[..]);
     let splats = session.splats();
-    let found = quality::measure((&splats).into(), dataset, views, comparison, methods)?;
+    let found = quality::measure((&splats).into(), dataset, views, comparison)?;
     Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
 }
 

@@ -325,6 +325,11 @@ impl Session {
         self.learner.splats_of(ids)
     }
 
+    /// Components that are drawn.
+    fn drawn(&self) -> usize {
+        self.splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+    }
+
     /// The report so far; `adapter` names the graphics adapter that draws, if any.
     pub fn report(&self, adapter: Option<String>, eval: Vec<EvalReport>) -> Report<RunConfig> {
         let split = &self.dataset.splits[self.plan.split];
@@ -350,6 +355,7 @@ impl Session {
             summary: Summary {
                 components: self.learner.components(),
                 used: self.learner.used(),
+                drawn: self.drawn(),
                 model_bytes: self.learner.model_bytes(),
                 peak_rss_bytes: machine::peak_rss_bytes(),
                 ..Summary::of_frames(&self.past.frames, self.past.wall_s)

@@ -112,6 +112,7 @@ seen[].psnr number
 seen[].renderer string
 skipped[]
 summary.components number
+summary.drawn number
 summary.model_bytes number
 summary.peak_rss_bytes number
 summary.points_per_s number

@@ -5,6 +5,7 @@ use super::trainer::SceneTrainer;
 use crate::math::observation::Observation;
 use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
+use crate::model::scene::native::NativeRule;
 use crate::model::scene::state::SceneState;
 use crate::model::splats::Splat;
 use crate::train::trainer::FrameOutcome;
@@ -108,6 +109,11 @@ impl SceneEngine {
     /// See [`SceneTrainer::posterior`].
     pub fn posterior(&self, component: usize) -> ComponentPosterior {
         either!(self, t => t.posterior(component))
+    }
+
+    /// Draws components by another rule from now on.
+    pub fn set_native(&mut self, rule: NativeRule) {
+        either!(self, t => t.set_native(rule));
     }
 
     /// What renderers draw of a component; an empty slot if nothing.

@@ -13,7 +13,7 @@ use crate::math::observation::{Observation, SurfacePoint};
 use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
 use crate::model::prior::Hyper;
-use crate::model::scene::native::Anchor;
+use crate::model::scene::native::{Anchor, NativeRule};
 use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splats::Splat;
@@ -209,6 +209,11 @@ impl<W: Word> SceneTrainer<W> {
         let seed = DVec3::from_array(self.grid.position(id).map(f64::from));
         let expected = self.ledger.row(id).expected();
         Anchor { seed: self.origin + seed, h: self.config.h, expected }
+    }
+
+    /// Draws components by another rule from now on.
+    pub fn set_native(&mut self, rule: NativeRule) {
+        self.config.native = rule;
     }
 
     /// What renderers draw of a component; an empty slot if nothing.
