@@ -8,6 +8,7 @@ use crate::export::checkpoint::is_checkpoint;
 use crate::export::{self, ExportError};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
+use crate::model::appearance::SplatSet;
 use crate::model::splats::{Framing, Splat, framing};
 use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
@@ -24,7 +25,7 @@ pub enum Content {
     /// A dataset with its model.
     Session(Box<Session>),
     /// A model to view.
-    Model(Vec<Splat>),
+    Model(SplatSet),
 }
 
 /// Everything the window needs of a freshly opened subject.
@@ -32,7 +33,7 @@ pub struct Result {
     /// What is open.
     pub content: Content,
     /// What to show first.
-    pub splats: Vec<Splat>,
+    pub splats: SplatSet,
     /// Name, facts and first view.
     pub facts: Opened,
     /// What the user should know about it.
@@ -100,7 +101,7 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
         ],
     };
     let splats = match session.learner().used() {
-        0 => vec![Splat::default(); session.learner().components()],
+        0 => vec![Splat::default(); session.learner().components()].into(),
         _ => session.splats(),
     };
     Result { splats, facts, notices, content: Content::Session(Box::new(session)) }
@@ -165,7 +166,10 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
         }
         Err(error) => {
             let all = run.splats().map_err(RunError::from)?;
-            let splats = all.into_iter().filter(Splat::is_drawable).collect();
+            let (mut splats, appearance) = (SplatSet::default(), all.view().appearance());
+            for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
+                splats.push(*splat, appearance.get(i).copied().unwrap_or_default());
+            }
             let text = format!("{error}; the scene is shown, but training cannot go on");
             Ok(view(path, splats, run.up(), run.bytes, vec![(NoticeKind::Warning, text)], serial))
         }
@@ -190,13 +194,13 @@ fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats.into_splats(), up, model.bytes, notices, serial))
+    Ok(view(path, model.splats, up, model.bytes, notices, serial))
 }
 
 /// Splats to look at.
 fn view(
     path: &Path,
-    splats: Vec<Splat>,
+    splats: SplatSet,
     up: DVec3,
     bytes: u64,
     notices: Vec<(NoticeKind, String)>,

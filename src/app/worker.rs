@@ -6,8 +6,8 @@ use super::opening::{self, Content};
 use super::state::{HISTORY, Inspected, Notice, NoticeKind, RunState, Snapshot, Source, Subject};
 use crate::eval::report::{FrameReport, Summary};
 use crate::export::{self, Format, WriteOptions};
+use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
-use crate::model::splats::Splat;
 use crate::pipeline::session::{Session, SessionError, Step};
 use crate::render::attributes::Attribute;
 use glam::DVec3;
@@ -151,9 +151,10 @@ struct Dirty {
 }
 
 impl Dirty {
-    fn mark(&mut self, ids: &[u32], components: usize) {
-        self.is_dirty.resize(components, false);
+    fn mark(&mut self, ids: &[u32]) {
         for &id in ids {
+            let n = self.is_dirty.len().max(id as usize + 1);
+            self.is_dirty.resize(n, false);
             if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
                 self.ids.push(id);
             }
@@ -324,11 +325,10 @@ impl Trainer {
     fn step(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
         // What the frame before told of them is over, whether or not the next one touches them.
-        let components = session.learner().components();
-        self.dirty.mark(session.learner().components_with_elbo(), components);
+        self.dirty.mark(session.learner().components_with_elbo());
         match session.step() {
             Ok(Step::Trained(frame)) => {
-                self.dirty.mark(session.learner().touched(), components);
+                self.dirty.mark(session.learner().touched());
                 self.learned(frame);
             }
             Ok(Step::Skipped(skipped)) => {
@@ -380,11 +380,11 @@ impl Trainer {
     }
 
     /// The newest state of the scene, whatever the viewport shows.
-    fn splats(&self) -> Vec<Splat> {
+    fn splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.splats(),
             Some(Content::Model(splats)) => splats.clone(),
-            None => Vec::new(),
+            None => SplatSet::default(),
         }
     }
 
@@ -512,9 +512,8 @@ impl Trainer {
             _ => session.stop_component_elbo(),
         }
         if attribute.is_some() {
-            let components = session.learner().components();
-            let all: Vec<u32> = (0..components as u32).collect();
-            self.dirty.mark(&all, components);
+            let all: Vec<u32> = (0..session.learner().components() as u32).collect();
+            self.dirty.mark(&all);
         }
     }
 

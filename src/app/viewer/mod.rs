@@ -23,6 +23,7 @@ use super::software::Effort;
 use super::state::{Opened, RunState, Snapshot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
+use crate::model::appearance::SplatSet;
 use crate::model::splats::framing;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Lens, Renderer};
@@ -121,7 +122,7 @@ impl SceneView {
     /// Draws with another painter from here on; the scene is handed over again.
     pub fn draw_by(&mut self, mut painter: Painter) {
         let splats = self.palette.splats();
-        painter.change(SplatChange::All(splats.to_vec()), splats);
+        painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
         self.painter = painter;
         self.gpu_failed = false;
@@ -300,7 +301,7 @@ impl SceneView {
         let dataset = opened.dataset.clone()?;
         let wanted = Wanted { dataset, stop, options: self.settings.measured() };
         if self.photos.is_none() {
-            match PhotoDesk::new(self.waker.clone(), self.palette.learned().to_vec()) {
+            match PhotoDesk::new(self.waker.clone(), SplatSet::clone(self.palette.learned())) {
                 Ok(desk) => self.photos = Some(desk),
                 Err(error) => {
                     return Some(Err(format!(

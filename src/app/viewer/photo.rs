@@ -9,7 +9,7 @@ use crate::eval::metrics::psnr;
 use crate::eval::views::{GroundTruth, ground_truth};
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::Ui;
@@ -74,12 +74,12 @@ pub struct PhotoDesk {
 
 impl PhotoDesk {
     /// Starts the thread with the scene as it is.
-    pub fn new(waker: Waker, splats: Vec<Splat>) -> std::io::Result<Self> {
+    pub fn new(waker: Waker, splats: SplatSet) -> std::io::Result<Self> {
         let mut darkroom = Darkroom::new()?;
         let thread = ViewThread::start(
             "photographs",
             waker,
-            move |splats: &[Splat], (wanted, question)| {
+            move |splats: &SplatSet, (wanted, question)| {
                 let sight = darkroom.look(splats, &wanted, question);
                 Answer { wanted, sight }
             },
@@ -172,7 +172,7 @@ impl Darkroom {
 
     fn look(
         &mut self,
-        splats: &[Splat],
+        splats: &SplatSet,
         wanted: &Wanted,
         question: Question,
     ) -> Result<Sight, String> {
