@@ -150,9 +150,9 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
 }
 
 fn drawable(all: &SplatSet) -> SplatSet {
-    let (mut drawn, appearance) = (SplatSet::default(), all.view().appearance());
+    let mut drawn = SplatSet::default();
     for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
-        drawn.push(*splat, appearance.get(i).copied().unwrap_or_default());
+        drawn.push(*splat, all.appearance_of(i));
     }
     drawn
 }

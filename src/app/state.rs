@@ -5,6 +5,7 @@ use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
+use crate::model::appearance::Appearance;
 use crate::model::splats::Splat;
 use crate::pipeline::inspection::Inspection;
 use crate::pipeline::method::Method;
@@ -140,8 +141,10 @@ pub enum Inspected {
     Splat {
         /// Its place in the file.
         id: u32,
-        /// All that the file says.
+        /// What the file says of it.
         splat: Splat,
+        /// How its colour varies.
+        appearance: Appearance,
     },
 }
 
@@ -159,6 +162,14 @@ impl Inspected {
         match self {
             Self::Component(inspection) => &inspection.splat,
             Self::Splat { splat, .. } => splat,
+        }
+    }
+
+    /// How its colour varies.
+    pub fn appearance(&self) -> &Appearance {
+        match self {
+            Self::Component(inspection) => &inspection.appearance,
+            Self::Splat { appearance, .. } => appearance,
         }
     }
 }

@@ -94,6 +94,9 @@ pub enum PaintError {
     Thread(#[from] std::io::Error),
 }
 
+/// Room for so many times the splats of another scene is given back.
+const IDLE_ROOM: usize = 4;
+
 /// Painter of the viewport on a real GPU.
 pub struct GpuPainter {
     device: wgpu::Device,
@@ -252,8 +255,11 @@ impl GpuPainter {
     fn upload(&mut self, splats: &SplatSet) -> Result<u64, GpuError> {
         let bytes = match self.pending.take() {
             None => {
-                self.scene = GpuScene::new(&self.device, &self.queue, splats)?;
-                self.scene.n_splats() as u64 * GpuScene::BYTES_PER_SPLAT
+                if self.scene.capacity() > IDLE_ROOM * splats.len() {
+                    self.scene = GpuScene::new(&self.device, &self.queue, &[])?;
+                }
+                let all: Vec<u32> = (0..splats.len() as u32).collect();
+                self.scene.update(&self.device, &self.queue, &all, splats)?
             }
             Some(ids) if ids.is_empty() => 0,
             Some(ids) => self.scene.update(&self.device, &self.queue, &ids, splats)?,

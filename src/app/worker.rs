@@ -549,7 +549,11 @@ impl Trainer {
         let id = self.inspecting?;
         let inspected = match self.content.as_ref()? {
             Content::Session(session) => Inspected::Component(Box::new(session.inspect(id)?)),
-            Content::Model(splats) => Inspected::Splat { id, splat: *splats.get(id as usize)? },
+            Content::Model(splats) => Inspected::Splat {
+                id,
+                splat: *splats.get(id as usize)?,
+                appearance: splats.appearance_of(id as usize),
+            },
         };
         Some(Arc::new(inspected))
     }

@@ -76,8 +76,7 @@ impl SplatSet {
     /// are added; those in between stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
-            let appearance = new.appearance.get(i).copied().unwrap_or_default();
-            self.put(slot as usize, *splat, appearance);
+            self.put(slot as usize, *splat, new.appearance_of(i));
         }
     }
 
@@ -89,6 +88,11 @@ impl SplatSet {
             self.appearance.resize(n, Appearance::default());
             self.appearance[slot] = appearance;
         }
+    }
+
+    /// Appearance of a splat.
+    pub fn appearance_of(&self, slot: usize) -> Appearance {
+        self.appearance.get(slot).copied().unwrap_or_default()
     }
 
     /// The splats, to be changed in place.
