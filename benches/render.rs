@@ -10,7 +10,7 @@ mod common;
 use common::times_ms;
 use glam::DVec3;
 use std::time::Instant;
-use vbgs_studio::eval::metrics::{SsimPadding, ssim};
+use vbgs_studio::eval::ssim::{SsimPadding, ssim};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};

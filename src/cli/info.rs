@@ -41,6 +41,8 @@ struct ModelInfo {
     path: String,
     kind: &'static str,
     splats: usize,
+    /// Highest degree of the harmonics that were read.
+    sh_degree: u8,
     skipped: usize,
     bounds: Option<[[f64; 3]; 2]>,
     bytes: u64,
@@ -150,6 +152,7 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
             ModelKind::PointCloud => "point-cloud",
         },
         splats: model.splats.len(),
+        sh_degree: u8::from(!model.splats.view().appearance().is_empty()),
         skipped: model.skipped,
         bounds: bounds(&model.splats).map(|(lo, hi)| [lo.to_array(), hi.to_array()]),
         bytes: model.bytes,
@@ -168,6 +171,9 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
     ));
     if let Some([lo, hi]) = info.bounds {
         output::line(format!("  from {lo:.3?} to {hi:.3?}"));
+    }
+    if info.sh_degree > 0 {
+        output::line("  colour depends on the direction (harmonics of degree 1)");
     }
     info.comments.iter().for_each(|comment| output::line(format!("  comment: {comment}")));
     info.notes.iter().for_each(|note| output::line(format!("  note: {note}")));

@@ -10,7 +10,7 @@ use std::io::Write;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
-use vbgs_studio::eval::report::{EvalReport, ViewReport};
+use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::seen::Seen;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::math::image::RgbImage;
@@ -116,6 +116,12 @@ pub fn quality(eval: &EvalReport) -> String {
     std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
 }
 
+/// What a model showed early in its run.
+pub fn seen_early(report: &SeenReport) -> String {
+    let SeenReport { after_frames, renderer, seen: early } = report;
+    format!("{renderer}, after {after_frames} frames: {}", seen(early))
+}
+
 fn aligned(eval: &EvalReport) -> Option<String> {
     Some(format!(
         "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}",
@@ -128,7 +134,7 @@ fn seen(seen: &Seen) -> String {
         .coverage_interior
         .map_or_else(String::new, |share| format!(", {:.2} % away from edges", 100.0 * share));
     format!(
-        "where depth was measured: {:.2} dB, {:.2} % covered{interior}",
+        "where their depth was measured: {:.2} dB, {:.2} % covered{interior}",
         seen.psnr,
         100.0 * seen.coverage
     )

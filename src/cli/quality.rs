@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::{output, progress};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::cracks;
-use vbgs_studio::eval::report::{EvalReport, ViewReport};
+use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
 use vbgs_studio::model::appearance::SplatView;
 use vbgs_studio::render::{Method, RenderOptions};
@@ -38,6 +38,27 @@ pub fn measure(
     // What cannot be read is the same for every renderer.
     if let Some((report, _)) = found.first() {
         output::skipped_views(dataset, report);
+    }
+    Ok(found)
+}
+
+/// Numbers of learnt frames after which [`seen`] is worth a look.
+pub const SEEN_AFTER: [usize; 3] = [1, 10, 50];
+
+/// Measures what splats show of the frames they were learnt from.
+pub fn seen(
+    splats: SplatView,
+    dataset: &Dataset,
+    (split, frames): (usize, &[usize]),
+    comparison: &ComparisonArgs,
+    methods: &[Method],
+) -> Result<Vec<SeenReport>, Failure> {
+    let mut found = Vec::with_capacity(methods.len());
+    for &method in methods {
+        let options = options(comparison, method);
+        let (report, _) = views::evaluate(splats, dataset, split, frames, &options, |_| ())?;
+        let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
+        found.extend(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }));
     }
     Ok(found)
 }

@@ -4,14 +4,16 @@ use super::args::{ComparisonArgs, TrainArgs};
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
+use super::quality::SEEN_AFTER;
 use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
 use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
-use vbgs_studio::eval::report::EvalReport;
+use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::model::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Lens, Method};
@@ -53,7 +55,12 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         megabytes(memory.frames)
     );
     let checkpoint = args.out.join(CHECKPOINT);
+    // Measured after the run, whose times they must not change.
+    let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let end = train(&mut session, &interrupt, |session, bar| {
+        if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
+            early.push((session.visited(), session.splats()));
+        }
         let due = args.autosave_frames.is_some_and(|n| learnt(session).is_multiple_of(n));
         if due && let Err(error) = session.save_keeping_old(&checkpoint) {
             // The run is worth more than one of its copies.
@@ -65,14 +72,15 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
-    let (eval, failure) = match (&args.eval, &end) {
-        (Some(split), Ok(true)) => match evaluate(&session, split, &args.comparison, &methods) {
-            Ok(reports) => (reports, None),
-            Err(failure) => (Vec::new(), Some(failure)),
-        },
-        _ => (Vec::new(), None),
+    let measured = match (&args.eval, &end) {
+        (Some(split), Ok(true)) => measure(&session, split, &early, &args.comparison, &methods),
+        _ => Ok(Measured::default()),
     };
-    save_report(&session, args, files, eval)?;
+    let (measured, failure) = match measured {
+        Ok(measured) => (measured, None),
+        Err(failure) => (Measured::default(), Some(failure)),
+    };
+    save_report(&session, args, files, measured)?;
     let finished = end? && !interrupt.is_asked();
     match failure {
         Some(failure) => Err(failure),
@@ -111,7 +119,7 @@ fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
 pub fn train(
     session: &mut Session,
     interrupt: &Interrupt,
-    after: impl Fn(&Session, &ProgressBar),
+    mut after: impl FnMut(&Session, &ProgressBar),
 ) -> Result<bool, Failure> {
     let bar = progress::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
@@ -163,9 +171,9 @@ fn save_report(
     session: &Session,
     args: &TrainArgs,
     models: &str,
-    eval: Vec<EvalReport>,
+    Measured { eval, seen }: Measured,
 ) -> Result<(), Failure> {
-    let report = session.report(None, eval);
+    let report = Report { seen, ..session.report(None, eval) };
     output::write_json(&args.out.join("report.json"), &report)?;
     if args.json {
         return output::json(&report);
@@ -181,24 +189,40 @@ fn save_report(
         summary.used,
         summary.components
     ));
+    report.seen.iter().for_each(|s| output::line(output::seen_early(s)));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
     output::line(format!("wrote {models}report.json to {}", args.out.display()));
     Ok(())
 }
 
-fn evaluate(
+/// Quality of a run.
+#[derive(Default)]
+struct Measured {
+    eval: Vec<EvalReport>,
+    seen: Vec<SeenReport>,
+}
+
+/// Measures the views of a split with the final splats, and with each of the `early` ones the frames
+/// gone through by then.
+fn measure(
     session: &Session,
     split: &str,
+    early: &[(usize, SplatSet)],
     comparison: &ComparisonArgs,
     methods: &[Method],
-) -> Result<Vec<EvalReport>, Failure> {
-    let dataset = session.dataset();
+) -> Result<Measured, Failure> {
+    let (dataset, plan) = (session.dataset(), session.plan());
+    let mut seen = Vec::new();
+    for (visited, splats) in early {
+        let frames = (plan.split, &plan.frames[..*visited]);
+        seen.extend(quality::seen(splats.into(), dataset, frames, comparison, methods)?);
+    }
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
     let views = (split, &frames[..]);
     let splats = session.splats();
     let found = quality::measure((&splats).into(), dataset, views, comparison, methods)?;
-    Ok(found.into_iter().map(|(report, _)| report).collect())
+    Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
 }
 
 /// Says on stderr what is special about a dataset.

@@ -181,10 +181,15 @@ impl ColorCamera {
         DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_array(self.rotation)).inverse())
     }
 
+    /// A point of the depth camera's frame in its own.
+    pub fn turned(&self, point: DVec3) -> DVec3 {
+        self.color_from_depth() * (point - DVec3::from_array(self.offset))
+    }
+
     /// Pixel coordinates (centres at +½) of a point of the depth camera's frame; `None` behind the
     /// camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
-        let p = self.color_from_depth() * (point - DVec3::from_array(self.offset));
+        let p = self.turned(point);
         let [focal, principal] = [self.focal, self.principal].map(DVec2::from_array);
         (p.z > 0.0).then(|| focal * p.truncate() / p.z + principal)
     }

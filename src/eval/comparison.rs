@@ -1,7 +1,8 @@
 //! One render against one photograph: as it is, over covered pixels, and after the colours were
 //! aligned (`accuracy.md` 7).
 
-use super::metrics::{MetricError, SsimPadding, decibels, same_size, ssim};
+use super::metrics::{MetricError, decibels, same_size};
+use super::ssim::{SsimPadding, ssim};
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
 

@@ -6,7 +6,10 @@
 //! moved camera ([`Surfaces::seen_by`]): inside by the rule in both images.
 
 use super::surfaces::Surfaces;
+use super::sweep::over_views;
 use crate::dataset::Dataset;
+use crate::dataset::error::FrameError;
+use crate::dataset::frame::Frame;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::model::appearance::SplatView;
@@ -76,19 +79,16 @@ pub fn measure<'a>(
     dataset: &Dataset,
     (split, frames): (usize, &[usize]),
     render: &RenderOptions,
-    mut progress: impl FnMut(usize),
+    progress: impl FnMut(usize),
 ) -> Option<CrackReport> {
     let splats = splats.into();
-    let mut renderer = CpuRenderer::new();
-    let mut found = Vec::with_capacity(frames.len());
-    for (done, &index) in frames.iter().enumerate() {
-        if let Ok(frame) = dataset.load(split, index)
-            && let Some(surfaces) = Surfaces::of(&frame)
-        {
-            found.extend(in_view(frame.name, &surfaces, splats, render, &mut renderer));
-        }
-        progress(done + 1);
-    }
+    let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
+        let frame = loaded.ok()?;
+        let surfaces = Surfaces::of(&frame)?;
+        in_view(frame.name, &surfaces, splats, render, renderer)
+    };
+    let found = over_views(dataset, split, frames, visit, progress);
+    let found: Vec<ViewCracks> = found.into_iter().flatten().collect();
     let far: Vec<Cracks> = found.iter().map(|view| view.training_distance).collect();
     let near: Vec<Cracks> = found.iter().filter_map(|view| view.half_distance).collect();
     Some(CrackReport {
@@ -157,7 +157,7 @@ impl Cracks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
+    use crate::dataset::frame::{Depth, DepthCodes, DepthKind};
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::model::splats::Splat;

@@ -1,11 +1,11 @@
-//! PSNR, SSIM and depth error (`rendering.md` (f)), all in f64.
+//! PSNR and depth error (`rendering.md` (f)), all in f64.
 //!
 //! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or
 //! the same in f64, where a proof needs more digits than a renderer has.
 
+use super::ssim::SSIM_WINDOW;
 use crate::math::image::Image;
 use crate::math::real::Real;
-use rayon::prelude::*;
 
 /// Why two images cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -96,130 +96,6 @@ fn psnr_of<'a, R: Real>(
 pub(super) fn decibels(mse: f64) -> f64 {
     // Not `max`: it would turn NaN into a perfect score.
     -10.0 * if mse < MSE_FLOOR { MSE_FLOOR } else { mse }.log10()
-}
-
-/// What the SSIM window sees beyond the border.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SsimPadding {
-    /// Only windows inside the image count: `(W − 10)(H − 10)` positions. The default of reports.
-    Valid,
-    /// Zeros outside, one window per pixel: reproduces 3DGS numbers and reads higher on dark borders.
-    Zero,
-}
-
-/// Side of the SSIM window in pixels.
-const SSIM_WINDOW: usize = 11;
-const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
-/// Standard deviation of the window in pixels.
-const SSIM_SIGMA: f64 = 1.5;
-/// Stabilising constants for a value range of 1.
-const SSIM_C1: f64 = 0.01 * 0.01;
-const SSIM_C2: f64 = 0.03 * 0.03;
-/// Moments under the window: of x, y, x², y² and xy.
-const N_MOMENTS: usize = 5;
-
-/// Structural similarity with an 11×11 Gaussian window (σ = 1.5) and biased moments, averaged over
-/// positions and channels. Values are taken as they are, nominally in `[0, 1]`.
-pub fn ssim<R: Real>(
-    prediction: &Image<[R; 3]>,
-    truth: &Image<[R; 3]>,
-    padding: SsimPadding,
-) -> Result<f64, MetricError> {
-    same_size(prediction, truth, "ground truth")?;
-    let (width, height) = (prediction.width, prediction.height);
-    if width == 0 || height == 0 {
-        return Err(MetricError::NoPixels);
-    }
-    let pad = match padding {
-        SsimPadding::Zero => SSIM_RADIUS,
-        SsimPadding::Valid if width < SSIM_WINDOW || height < SSIM_WINDOW => {
-            return Err(MetricError::TooSmall { width, height });
-        }
-        SsimPadding::Valid => 0,
-    };
-    let window = gaussian_window();
-    let n_rows = height + 2 * pad + 1 - SSIM_WINDOW;
-    // Collected, not reduced: the order of a parallel sum would show in the last digits.
-    let row_sums: Vec<f64> = (0..n_rows)
-        .into_par_iter()
-        .map_init(Vec::new, |buffer, row| {
-            vertical_moments(prediction, truth, row, pad, &window, buffer);
-            ssim_of_row(buffer, &window)
-        })
-        .collect();
-    let n_positions = n_rows * (width + 2 * pad + 1 - SSIM_WINDOW);
-    Ok(row_sums.iter().sum::<f64>() / (3 * n_positions) as f64)
-}
-
-fn gaussian_window() -> [f64; SSIM_WINDOW] {
-    let weight = |i: usize| {
-        let x = i as f64 - SSIM_RADIUS as f64;
-        (-x * x / (2.0 * SSIM_SIGMA * SSIM_SIGMA)).exp()
-    };
-    let weights: [f64; SSIM_WINDOW] = std::array::from_fn(weight);
-    let sum: f64 = weights.iter().sum();
-    weights.map(|w| w / sum)
-}
-
-/// Moments of the columns that the window at `row` covers, five blocks of interleaved RGB with
-/// `pad` zero pixels on both sides.
-fn vertical_moments<R: Real>(
-    prediction: &Image<[R; 3]>,
-    truth: &Image<[R; 3]>,
-    row: usize,
-    pad: usize,
-    window: &[f64; SSIM_WINDOW],
-    moments: &mut Vec<f64>,
-) {
-    let width = prediction.width;
-    let block = 3 * (width + 2 * pad);
-    moments.clear();
-    moments.resize(N_MOMENTS * block, 0.0);
-    for (tap, weight) in window.iter().enumerate() {
-        let Some(source) = (row + tap).checked_sub(pad).filter(|y| *y < prediction.height) else {
-            continue;
-        };
-        let pixels = source * width..(source + 1) * width;
-        let x = prediction.data[pixels.clone()].as_flattened();
-        let y = truth.data[pixels].as_flattened();
-        let mut blocks = moments.chunks_exact_mut(block).map(|b| &mut b[3 * pad..][..3 * width]);
-        let mut add = |value: fn(f64, f64) -> f64| {
-            let sums = blocks.next().into_iter().flatten();
-            for (sum, (x, y)) in sums.zip(x.iter().zip(y)) {
-                *sum += weight * value(x.to_f64(), y.to_f64());
-            }
-        };
-        add(|x, _| x);
-        add(|_, y| y);
-        add(|x, _| x * x);
-        add(|_, y| y * y);
-        add(|x, y| x * y);
-    }
-}
-
-/// Sum of the SSIM of all positions and channels of a row.
-fn ssim_of_row(moments: &[f64], window: &[f64; SSIM_WINDOW]) -> f64 {
-    let block = moments.len() / N_MOMENTS;
-    let n = block - 3 * (SSIM_WINDOW - 1);
-    let smooth = |moment: usize| {
-        let mut sums = vec![0.0; n];
-        for (tap, weight) in window.iter().enumerate() {
-            let shifted = &moments[moment * block + 3 * tap..][..n];
-            for (sum, value) in sums.iter_mut().zip(shifted) {
-                *sum += weight * value;
-            }
-        }
-        sums
-    };
-    let [x, y, xx, yy, xy] = std::array::from_fn(smooth);
-    (0..n)
-        .map(|i| {
-            let (mean_xx, mean_yy, mean_xy) = (x[i] * x[i], y[i] * y[i], x[i] * y[i]);
-            let luminance = (2.0 * mean_xy + SSIM_C1) / (mean_xx + mean_yy + SSIM_C1);
-            let variances = (xx[i] - mean_xx) + (yy[i] - mean_yy);
-            luminance * (2.0 * (xy[i] - mean_xy) + SSIM_C2) / (variances + SSIM_C2)
-        })
-        .sum()
 }
 
 /// Coverage from which a pixel's depth counts.

@@ -6,7 +6,9 @@ pub mod cracks;
 pub mod metrics;
 pub mod report;
 pub mod seen;
+pub mod ssim;
 pub mod surfaces;
 pub mod views;
 
 mod reproject;
+mod sweep;

@@ -31,6 +31,21 @@ pub struct Report<C> {
     pub summary: Summary,
     /// Quality, where it was asked for.
     pub eval: Vec<EvalReport>,
+    /// What the model shows of the frames it has learnt, early in the run; where quality was asked
+    /// for.
+    pub seen: Vec<SeenReport>,
+}
+
+/// Quality on the pixels that the frames learnt so far saw.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeenReport {
+    /// Frames learnt.
+    pub after_frames: usize,
+    /// Renderer.
+    pub renderer: Renderer,
+    /// Means over those frames.
+    #[serde(flatten)]
+    pub seen: Seen,
 }
 
 /// What was trained on.

@@ -6,7 +6,9 @@ use super::metrics::{self, MetricError};
 use super::report::{EvalReport, SkippedFrame, ViewReport};
 use super::seen::Seen;
 use super::surfaces::Surfaces;
+use super::sweep::over_views;
 use crate::dataset::Dataset;
+use crate::dataset::error::FrameError;
 use crate::dataset::frame::{DepthKind, Frame};
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
@@ -102,34 +104,33 @@ pub enum EvalError {
     },
 }
 
-/// Scores the listed views of a split one after the other; `progress` hears how many are done. Views
-/// whose files are unusable are left out and listed in the report.
+/// Scores the listed views of a split; `progress` hears how many are done. Views whose files are
+/// unusable are left out and listed in the report.
 pub fn evaluate<'a>(
     splats: impl Into<SplatView<'a>>,
     dataset: &Dataset,
     split: usize,
     views: &[usize],
     options: &EvalOptions,
-    mut progress: impl FnMut(usize),
+    progress: impl FnMut(usize),
 ) -> Result<(EvalReport, Vec<ViewReport>), EvalError> {
     let splats = splats.into();
-    let mut renderer = CpuRenderer::new();
-    let mut scores = Vec::with_capacity(views.len());
+    let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
+        let frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
+        let camera = options.photo_camera(&frame);
+        let rendered = renderer.render(splats, &camera, &options.render);
+        let score = score(index, &frame, &rendered, options);
+        Ok(score.map_err(|source| EvalError::Metric { frame: frame.name, source }))
+    };
     let split_name = dataset.splits[split].name.clone();
     let refused = dataset.warnings.iter().filter(|w| w.split == split_name);
     let mut skipped: Vec<SkippedFrame> = refused.map(|w| SkippedFrame::from(&*w.error)).collect();
-    for (done, &index) in views.iter().enumerate() {
-        match dataset.load(split, index) {
-            Ok(frame) => {
-                let camera = options.photo_camera(&frame);
-                let rendered = renderer.render(splats, &camera, &options.render);
-                let score = score(index, &frame, &rendered, options);
-                let named = |source| EvalError::Metric { frame: frame.name.clone(), source };
-                scores.push(score.map_err(named)?);
-            }
-            Err(error) => skipped.push(SkippedFrame::from(&error)),
+    let mut scores = Vec::with_capacity(views.len());
+    for visited in over_views(dataset, split, views, visit, progress) {
+        match visited {
+            Ok(score) => scores.push(score?),
+            Err(frame) => skipped.push(frame),
         }
-        progress(done + 1);
     }
     if scores.is_empty() {
         return Err(no_view(dataset, split_name, &skipped));

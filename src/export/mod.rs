@@ -85,10 +85,10 @@ pub fn write<'a>(
         Format::Ply | Format::Glb => mapping::to_plain(view, options.mapping),
         Format::PointCloudPly => None,
     };
+    let n_written = mapped.as_ref().map_or(n_drawable, |plain| plain.len());
     let view = mapped.as_ref().map_or(view, Into::into);
     let content = prepare(view, options).map_err(|fault| fault.at(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
-    let n_written = drawable(view).count();
     Ok(WriteSummary { n_written, n_skipped: n_splats - n_drawable, bytes })
 }
 

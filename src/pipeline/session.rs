@@ -348,6 +348,7 @@ impl Session {
                 ..Summary::of_frames(&self.past.frames, self.past.wall_s)
             },
             eval,
+            seen: Vec::new(),
         }
     }
 }

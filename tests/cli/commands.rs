@@ -81,7 +81,10 @@ fn frames_are_chosen_as_asked() {
 fn eval_measures_every_view() {
     let scratch = Scratch::with_scene();
     let run = scratch.run("eval out/scene.ply room").succeeds();
-    assert_eq!(run.stdout.lines().count(), 4, "{}", run.stdout);
+    assert_eq!(run.stdout.lines().count(), 7, "{}", run.stdout);
+    for part in ["colours aligned", "where their depth was measured", "cracks, interior pixels"] {
+        assert!(run.stdout.lines().skip(4).any(|line| line.contains(part)), "{}", run.stdout);
+    }
     assert!(run.stderr.contains("note: evaluating on all frames of the split `eval`"));
     let run = scratch.run("eval out/scene.ply room --renderer both").succeeds();
     let with = |name: &str| run.stdout.lines().filter(|line| line.contains(name)).count();

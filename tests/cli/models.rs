@@ -91,6 +91,9 @@ fn view_dependent_colour_passes_through() {
             assert!((a - b).abs() < 1e-6, "{to}: {back:?}");
         }
     }
+    assert_eq!(scratch.run("info c.ply --json").succeeds().json()["sh_degree"], 1);
+    let said = scratch.run("info c.ply").succeeds().stdout;
+    assert!(said.contains("harmonics of degree 1"), "{said}");
     // Seen along x and along −x the splat differs in red by 1, and in blue.
     let side = |name: &str, azimuth: u32| {
         let view = format!("render c.ply -o {name} --orbit {azimuth},0,8 --size 9x9");

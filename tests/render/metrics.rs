@@ -2,9 +2,8 @@
 
 use crate::common::render_cases::golden_json;
 use crate::common::shared;
-use vbgs_studio::eval::metrics::{
-    MetricError, SsimPadding, depth_error, mean_std, psnr, psnr_masked, ssim,
-};
+use vbgs_studio::eval::metrics::{MetricError, depth_error, mean_std, psnr, psnr_masked};
+use vbgs_studio::eval::ssim::{SsimPadding, ssim};
 use vbgs_studio::math::image::{Image, RgbImage};
 
 #[test]

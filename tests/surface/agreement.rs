@@ -44,8 +44,7 @@ fn assert_agrees(dataset: &Dataset, settings: &SurfaceSettings, index: usize) {
         }
     }
     let (n, allowed) = (expected.points.len(), (DIFFERING * fates.data.len() as f64) as usize);
-    println!("{}: {n} points, {differing} pixels differ of {allowed} allowed", dataset.name);
-    assert!(n > 1000 && differing <= allowed);
+    assert!(n > 1000 && differing <= allowed, "{}: {n} points, {differing} differ", dataset.name);
 }
 
 /// Relative of lengths, of the normal, of the direction, of the colour.

@@ -26,11 +26,11 @@ pub enum SplitName {
 
 #[derive(Args)]
 pub struct MappingArgs {
-    /// What PLY and GLB hold of splats more opaque than 1 [default: equal-area; clip with
-    /// --export-split 4]
+    /// What PLY and GLB hold of opacities above 0.99, in a scene with colour gradients or opacities
+    /// above 1 [default: equal-area; clip with --export-split 4]
     #[arg(long, value_enum)]
     pub export_mapping: Option<MappingName>,
-    /// Splats of PLY and GLB for each that has a colour gradient or is more opaque than 1
+    /// Splats of PLY and GLB for each of a scene with colour gradients or opacities above 1
     /// [default: 1]
     #[arg(long, value_enum)]
     pub export_split: Option<SplitName>,

@@ -2,6 +2,7 @@
 
 use super::fates::PixelFate;
 use super::fit::Fitted;
+use super::occluders::Occluders;
 use super::painter::Painter;
 use super::planes::Planes;
 use super::sensor::Profile;
@@ -42,6 +43,7 @@ impl<'a> Emitter<'a> {
         planes: &'a Planes,
         settings: &'a SurfaceSettings,
         profile: &Profile,
+        occluders: &'a mut Occluders,
     ) -> Self {
         let pose = &frame.camera.pose;
         let k = &frame.camera.intrinsics;
@@ -49,7 +51,13 @@ impl<'a> Emitter<'a> {
         Self {
             planes,
             settings,
-            painter: Painter::new(frame, settings.calibration()),
+            painter: Painter::new(
+                frame,
+                planes,
+                settings.calibration(),
+                &profile.tolerance,
+                occluders,
+            ),
             rotation: pose.rotation().as_mat3(),
             centre: (pose.centre() - settings.origin).as_vec3(),
             focal: [k.fx as f32, k.fy as f32],

@@ -19,7 +19,7 @@ pub enum PixelFate {
     Slant,
     /// Not finite, or too far from the origin for f32.
     Far,
-    /// Outside the colour image.
+    /// Not seen by the colour camera: outside its image, or behind something nearer to it.
     NoColor,
 }
 

@@ -8,6 +8,7 @@ pub mod settings;
 
 mod emit;
 mod fit;
+mod occluders;
 mod painter;
 mod planes;
 
@@ -19,6 +20,7 @@ use crate::math::simd::Isa;
 use emit::Emitter;
 pub use fates::{PixelFate, SurfaceCounts};
 use fit::{FitRows, Fitted};
+use occluders::Occluders;
 use planes::Planes;
 pub use sensor::Sensor;
 pub use settings::SurfaceSettings;
@@ -43,6 +45,7 @@ pub struct Preparer {
     isa: Isa,
     planes: Planes,
     fitted: Fitted,
+    occluders: Occluders,
     fates: Image<PixelFate>,
 }
 
@@ -55,7 +58,13 @@ impl Preparer {
     /// On an instruction set; all give the same bits.
     pub fn on(isa: Isa) -> Self {
         let fates = Image::filled(0, 0, PixelFate::Hole);
-        Self { isa, planes: Planes::default(), fitted: Fitted::default(), fates }
+        Self {
+            isa,
+            planes: Planes::default(),
+            fitted: Fitted::default(),
+            occluders: Occluders::default(),
+            fates,
+        }
     }
 
     /// Replaces `out` by what a frame says.
@@ -70,14 +79,14 @@ impl Preparer {
     ) -> Result<SurfaceCounts, FrameError> {
         let depth = frame.depth_to_use()?;
         let profile = settings.profile(depth, &frame.camera.intrinsics);
-        let Self { isa, planes, fitted, fates } = self;
+        let Self { isa, planes, fitted, occluders, fates } = self;
         let (width, height) = depth.size();
         resize(&mut out.ranges, width, height);
         resize(fates, width, height);
         let calibration = settings.calibration();
         planes.fill(frame, depth, &profile, calibration, &mut out.ranges, fates);
         out.points.clear();
-        let emitter = Emitter::new(frame, planes, settings, &profile);
+        let emitter = Emitter::new(frame, planes, settings, &profile, occluders);
         for top in (0..height).step_by(TILE) {
             let rows = top..height.min(top + TILE);
             isa.run(FitRows { planes, rows: rows.clone(), profile: &profile, out: fitted });

@@ -1,6 +1,7 @@
 //! The slow, plain preparation that the fast one is measured against: f64, pixel by pixel, straight
 //! from the text of `accuracy.md` 2. It shares no arithmetic with the fast path.
 
+use super::occluders::CELL;
 use super::sensor::{Profile, Thresholds};
 use super::settings::SurfaceSettings;
 use super::{LENGTHS, MIN_INLIERS, MIN_SHARE, PixelFate, RADIUS, ROUNDS, TILE};
@@ -12,6 +13,7 @@ use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::observation::{Observation, SurfacePoint};
 use glam::{DMat3, DVec2, DVec3, Vec3};
+use std::collections::HashMap;
 
 /// Pixels of the window.
 const WINDOW: f64 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
@@ -58,7 +60,7 @@ pub fn prepare(
             }
         }
     }
-    let painter = Painter::new(frame, calibration);
+    let painter = Painter::new(frame, &z, calibration, &profile);
     let mut points = Vec::new();
     for [column, row] in pixels_in_tile_order(width, height) {
         if !z.at(column, row).is_nan() {
@@ -236,21 +238,46 @@ fn point(
 struct Painter<'a> {
     image: &'a Image<[u8; 4]>,
     camera: Option<ColorCamera>,
+    margin: [f64; 2],
+    /// Depth of the nearest surface in cells of the colour image.
+    nearest: HashMap<[i64; 2], f64>,
     gain: DVec3,
 }
 
 impl<'a> Painter<'a> {
-    fn new(frame: &'a Frame, calibration: &Calibration) -> Self {
+    fn new(frame: &'a Frame, z: &Image<f64>, calibration: &Calibration, profile: &Profile) -> Self {
+        let mut nearest = HashMap::new();
+        if let Some(camera) = &calibration.color_camera {
+            for (i, z) in z.data.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
+                let (column, row) = (i % frame.color.width, i / frame.color.width);
+                let point = frame.camera.intrinsics.ray(column, row) * *z;
+                if let Some(at) = camera.project(point) {
+                    let depth = camera.turned(point).z;
+                    let nearest = nearest.entry(cell(at)).or_insert(depth);
+                    *nearest = nearest.min(depth);
+                }
+            }
+        }
         let gain = DVec3::from_array(calibration.gain(&frame.name));
-        Self { image: &frame.color, camera: calibration.color_camera, gain }
+        let margin = profile.tolerance.margin.map(f64::from);
+        let camera = calibration.color_camera;
+        Self { image: &frame.color, camera, margin, nearest, gain }
     }
 
-    /// Of a pixel of the depth image and its point in the depth camera's frame; `None` outside the
-    /// colour image.
+    /// Of a pixel of the depth image and its point in the depth camera's frame; `None` where the
+    /// colour camera does not see it.
     fn color(&self, [column, row]: [usize; 2], point: DVec3) -> Option<[f32; 3]> {
         let color = match &self.camera {
             None => self.texel(column, row),
-            Some(camera) => self.bilinear(camera.project(point)?)?,
+            Some(camera) => {
+                let at = camera.project(point)?;
+                let depth = camera.turned(point).z;
+                let margin = self.margin[0] + self.margin[1] * depth;
+                if self.nearest.get(&cell(at)).is_some_and(|nearest| depth > nearest + margin) {
+                    return None;
+                }
+                self.bilinear(at)?
+            }
         };
         Some((color * self.gain).min(DVec3::ONE).as_vec3().to_array())
     }
@@ -274,4 +301,8 @@ impl<'a> Painter<'a> {
         let under = self.texel(x, below).lerp(self.texel(right, below), t.x);
         Some(above.lerp(under, t.y))
     }
+}
+
+fn cell(at: DVec2) -> [i64; 2] {
+    (at / CELL as f64).floor().as_i64vec2().to_array()
 }

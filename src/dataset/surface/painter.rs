@@ -1,19 +1,29 @@
 //! Colours of points: their own pixel's, or what a colour camera of its own saw there.
 
+use super::occluders::Occluders;
+use super::planes::Planes;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
+use crate::math::observation::DepthTolerance;
 use glam::{Mat3, Vec2, Vec3};
 
 /// Colours of one frame's points.
 pub(super) struct Painter<'a> {
     image: &'a Image<[u8; 4]>,
-    camera: Option<Projection>,
+    beside: Option<Beside<'a>>,
     gain: Vec3,
 }
 
+/// A colour camera that stands beside the depth camera.
+struct Beside<'a> {
+    camera: Projection,
+    occluders: &'a Occluders,
+    margin: [f32; 2],
+}
+
 /// A colour camera in f32.
-struct Projection {
+pub(super) struct Projection {
     turn: Mat3,
     offset: Vec3,
     focal: Vec2,
@@ -21,19 +31,37 @@ struct Projection {
 }
 
 impl<'a> Painter<'a> {
-    pub fn new(frame: &'a Frame, calibration: &Calibration) -> Self {
+    /// `occluders` are filled with the frame if its colours are not registered.
+    pub fn new(
+        frame: &'a Frame,
+        planes: &Planes,
+        calibration: &Calibration,
+        tolerance: &DepthTolerance,
+        occluders: &'a mut Occluders,
+    ) -> Self {
         let gain = Vec3::from_array(calibration.gain(&frame.name).map(|g| g as f32));
-        let camera = calibration.color_camera.as_ref().map(Projection::new);
-        Self { image: &frame.color, camera, gain }
+        let image = &frame.color;
+        let beside = calibration.color_camera.as_ref().map(|camera| {
+            let camera = Projection::new(camera);
+            occluders.fill(planes, [image.width, image.height], &camera);
+            Beside { camera, occluders, margin: tolerance.margin }
+        });
+        Self { image, beside, gain }
     }
 
     /// Colour of a pixel of the depth image, whose point in the depth camera's frame is given;
-    /// `None` outside the colour image.
+    /// `None` where the colour camera does not see it.
     #[inline(always)]
     pub fn color(&self, pixel: usize, point: Vec3) -> Option<[f32; 3]> {
-        let bytes = match &self.camera {
+        let bytes = match &self.beside {
             None => texel(self.image.data[pixel]),
-            Some(camera) => self.bilinear(camera.project(point)?)?,
+            Some(Beside { camera, occluders, margin: [constant, linear] }) => {
+                let point = camera.turned(point);
+                if occluders.hide(camera, point, constant + linear * point.z) {
+                    return None;
+                }
+                self.bilinear(camera.project(point)?)?
+            }
         };
         Some((bytes * (1.0 / 255.0) * self.gain).min(Vec3::ONE).to_array())
     }
@@ -67,10 +95,16 @@ impl Projection {
         }
     }
 
+    /// A point of the depth camera's frame in the colour camera's.
     #[inline(always)]
-    fn project(&self, point: Vec3) -> Option<Vec2> {
-        let p = self.turn * (point - self.offset);
-        (p.z > 0.0).then(|| self.focal * p.truncate() / p.z + self.principal)
+    pub fn turned(&self, point: Vec3) -> Vec3 {
+        self.turn * (point - self.offset)
+    }
+
+    /// Pixel coordinates of a point of the colour camera's frame; `None` behind the camera.
+    #[inline(always)]
+    pub fn project(&self, point: Vec3) -> Option<Vec2> {
+        (point.z > 0.0).then(|| self.focal * point.truncate() / point.z + self.principal)
     }
 }
 

@@ -175,14 +175,8 @@ impl<'a> Sections<'a> {
 
     fn means_of<T: Stored>(&self, n: usize) -> Result<[Vec<[T; 3]>; 2], Defect> {
         let bytes = self.bytes::<T>(tag::MEANS, Some(6 * n))?;
-        let half = |bytes: &[u8]| {
-            let mut rows = reserved(n).map_err(Defect::Memory)?;
-            rows.resize(n, [T::zeroed(); 3]);
-            bytemuck::cast_slice_mut(rows.as_flattened_mut()).copy_from_slice(bytes);
-            Ok(rows)
-        };
         let (space, color) = bytes.split_at(bytes.len() / 2);
-        Ok([half(space)?, half(color)?])
+        Ok([arrays(space)?, arrays(color)?])
     }
 
     fn totals(&self, n: usize) -> Result<Totals, Defect> {
@@ -217,6 +211,15 @@ impl<'a> Sections<'a> {
         ];
         Ok(columns::join(columns, reserved(n).map_err(Defect::Memory)?))
     }
+}
+
+/// Rows of `W` elements.
+fn arrays<T: Stored, const W: usize>(bytes: &[u8]) -> Result<Vec<[T; W]>, Defect> {
+    let n = bytes.len() / size_of::<[T; W]>();
+    let mut rows = reserved(n).map_err(Defect::Memory)?;
+    rows.resize(n, [T::zeroed(); W]);
+    bytemuck::cast_slice_mut(rows.as_flattened_mut()).copy_from_slice(bytes);
+    Ok(rows)
 }
 
 const F32: u32 = Element::F32 as u32;
