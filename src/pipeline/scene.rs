@@ -193,7 +193,9 @@ const SAMPLED_POINTS: usize = 7;
 /// Share of the points that are nearer than the typical distance.
 const NEARER: f64 = 0.9;
 /// Structural scale where none is asked for.
-const DEFAULT_SCALE: StructuralScale = StructuralScale::Pixels(2.5);
+const DEFAULT_SCALE: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
+/// The same in pixels.
+pub const DEFAULT_PIXELS: f64 = 2.5;
 
 /// Why a scene cannot begin.
 #[derive(Debug, thiserror::Error)]
