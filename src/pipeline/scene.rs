@@ -241,8 +241,8 @@ impl SceneRun {
         Normalization { offset: self.surface.origin.to_array(), scale: [1.0; 3] }
     }
 
-    /// Settings for the frames of a plan; looks at some of them. Runs that share frames start alike
-    /// with the plan of [`super::plan::Selection::whole`].
+    /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
+    /// start alike with the plan of all their frames in one order.
     pub fn new(
         dataset: &Dataset,
         plan: &Plan,

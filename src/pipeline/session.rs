@@ -5,7 +5,7 @@ use super::learner::Learner;
 use super::machine;
 use super::memory::{Estimate, MemoryError};
 use super::method::{Asked, Method};
-use super::plan::{Plan, Selection};
+use super::plan::{Order, Plan, Selection};
 use super::prefetch::{Prefetch, Prepared, PreparedFrame, SpawnError};
 use super::run::{RunConfig, initial_draw};
 use super::scene::{SceneError, SceneRun};
@@ -119,7 +119,9 @@ impl Session {
         let method = match asked {
             Asked::Paper(config) => Method::Paper(config),
             Asked::Scene(overrides) => {
-                let all = Plan::new(&dataset, &selection.whole(), seed)?;
+                // Frames in their own order: whatever is found in them is the same in any order.
+                let whole = Selection { order: Order::Sequential, ..selection.whole() };
+                let all = Plan::new(&dataset, &whole, seed)?;
                 Method::Scene(SceneRun::new(&dataset, &all, &overrides)?)
             }
         };

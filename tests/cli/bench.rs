@@ -41,8 +41,10 @@ fn the_precision_found_is_what_train_uses() {
     let scratch = Scratch::with_room();
     let options = "--quick --components 300 --max-frames 2 --repeats 1 --out found";
     let run = scratch.run(&format!("precision-search room {options}")).succeeds();
-    assert!(run.stdout.contains("train --config"), "{}", run.stdout);
-    scratch.run("train room --out out --config found/precision-search.ron").succeeds();
+    assert!(run.stdout.contains("train --preset paper --config"), "{}", run.stdout);
+    scratch
+        .run("train room --out out --preset paper --config found/precision-search.ron")
+        .succeeds();
     let chosen = &scratch.json("found/precision-search.json")["chosen"]["operations"];
     assert_eq!(&scratch.json("out/report.json")["config"]["operations"], chosen);
 }
