@@ -87,8 +87,13 @@ impl PathDialog {
         self.is_open = true;
     }
 
-    /// Draws the dialog; the path once the user confirmed it.
-    pub fn ui(&mut self, ui: &Ui, waker: &Waker) -> Option<PathBuf> {
+    /// Draws the dialog with further `choices`; the path once the user confirmed it.
+    pub fn ui(
+        &mut self,
+        ui: &Ui,
+        waker: &Waker,
+        choices: impl FnOnce(&mut Ui),
+    ) -> Option<PathBuf> {
         if !self.is_open {
             return None;
         }
@@ -100,7 +105,7 @@ impl PathDialog {
             .collapsible(false)
             .resizable(false)
             .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
-            .show(ui.ctx(), |ui| confirmed = self.content(ui, waker));
+            .show(ui.ctx(), |ui| confirmed = self.content(ui, waker, choices));
         if ui.input(|i| i.key_pressed(Key::Escape)) {
             stays = false;
         }
@@ -108,12 +113,13 @@ impl PathDialog {
         confirmed.then(|| PathBuf::from(self.path.trim()))
     }
 
-    fn content(&mut self, ui: &mut Ui, waker: &Waker) -> bool {
+    fn content(&mut self, ui: &mut Ui, waker: &Waker, choices: impl FnOnce(&mut Ui)) -> bool {
         ui.label(self.purpose.hint());
         let field =
             ui.add(TextEdit::singleline(&mut self.path).desired_width(420.0).hint_text("path"));
         let entered = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         let mut confirmed = entered;
+        choices(ui);
         ui.horizontal(|ui| {
             confirmed |= ui.button(self.purpose.label()).clicked();
             match self.purpose {

@@ -1,21 +1,21 @@
 //! Changed splats on their way from the trainer to the viewport. Nobody waits: the trainer adds to
 //! the feed only when the last delivery was taken, and the viewport takes what is there.
 
+use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
-use crate::model::splats::Splat;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// One delivery.
 #[derive(Clone, Debug)]
 pub enum SplatChange {
     /// Everything is replaced.
-    All(Vec<Splat>),
-    /// The listed slots changed.
+    All(SplatSet),
+    /// The listed slots changed, or are new.
     Some {
-        /// Slots, below the number of splats of the last [`SplatChange::All`].
+        /// Slots.
         ids: Vec<u32>,
         /// Their new values.
-        splats: Vec<Splat>,
+        splats: SplatSet,
     },
 }
 
@@ -65,19 +65,16 @@ impl SplatFeed {
     }
 }
 
-/// Applies a delivery to a list of splats and returns the slots that changed, or `None` for all.
-pub fn apply(splats: &mut Vec<Splat>, change: SplatChange) -> Option<Vec<u32>> {
+/// Applies a change to splats, which may grow by it, and returns the slots that changed, or `None`
+/// for all.
+pub fn apply(splats: &mut SplatSet, change: SplatChange) -> Option<Vec<u32>> {
     match change {
         SplatChange::All(all) => {
             *splats = all;
             None
         }
         SplatChange::Some { ids, splats: new } => {
-            for (&id, splat) in ids.iter().zip(new) {
-                if let Some(slot) = splats.get_mut(id as usize) {
-                    *slot = splat;
-                }
-            }
+            splats.replace(&ids, &new);
             Some(ids)
         }
     }
@@ -86,19 +83,41 @@ pub fn apply(splats: &mut Vec<Splat>, change: SplatChange) -> Option<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::appearance::Appearance;
+    use crate::model::splats::Splat;
+
+    const EMPTY: Splat = Splat { opacity: 0.0, ..VISIBLE };
+    const VISIBLE: Splat = Splat {
+        mean: [0.0; 3],
+        opacity: 1.0,
+        color: [0.0; 3],
+        scale: [0.0; 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+    };
 
     #[test]
-    fn a_replacement_supersedes_what_waits() {
+    fn a_replacement_supersedes_what_waits_and_later_changes_may_add() {
         let feed = SplatFeed::default();
-        feed.push(SplatChange::Some { ids: vec![0], splats: vec![Splat::default()] }.into());
-        feed.push(SplatChange::All(vec![Splat::default(); 2]).into());
-        let visible = Splat { opacity: 1.0, ..Splat::default() };
-        feed.push(SplatChange::Some { ids: vec![1, 9], splats: vec![visible; 2] }.into());
-        let mut splats = Vec::new();
+        feed.push(SplatChange::Some { ids: vec![0], splats: vec![VISIBLE].into() }.into());
+        feed.push(SplatChange::All(vec![EMPTY; 2].into()).into());
+        feed.push(SplatChange::Some { ids: vec![1, 3], splats: vec![VISIBLE; 2].into() }.into());
+        let mut splats = SplatSet::default();
         let changed: Vec<_> =
             feed.take().into_iter().map(|d| apply(&mut splats, d.change)).collect();
-        assert_eq!(changed, [None, Some(vec![1, 9])]);
-        assert_eq!(splats, [Splat::default(), visible]);
+        assert_eq!(changed, [None, Some(vec![1, 3])]);
+        assert_eq!(splats[..], [EMPTY, VISIBLE, Splat::default(), VISIBLE]);
         assert!(feed.is_empty());
+    }
+
+    #[test]
+    fn appearance_comes_with_the_splats_it_belongs_to() {
+        let bent = Appearance { gradient: [[1.0; 3]; 3], ..Appearance::default() };
+        let mut splats: SplatSet = vec![VISIBLE; 2].into();
+        let native = SplatSet::new(vec![VISIBLE], vec![bent]);
+        apply(&mut splats, SplatChange::Some { ids: vec![2], splats: native });
+        let plain = Appearance::default();
+        assert_eq!(splats.view().appearance(), [plain, plain, bent]);
+        apply(&mut splats, SplatChange::Some { ids: vec![2], splats: vec![EMPTY].into() });
+        assert_eq!(splats.view().appearance(), [plain; 3]);
     }
 }

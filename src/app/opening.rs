@@ -1,20 +1,23 @@
 //! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
 
 use super::color_mode::ColorMode;
+use super::facts::session_facts;
 use super::state::{HomeView, NoticeKind, Opened, Subject};
+use super::training::TrainSettings;
 use crate::dataset::error::DatasetError;
-use crate::dataset::{self, Dataset, LoadOptions};
+use crate::dataset::{self, LoadOptions};
 use crate::export::checkpoint::is_checkpoint;
+use crate::export::mapping::is_plain;
 use crate::export::{self, ExportError};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
+use crate::model::appearance::SplatSet;
 use crate::model::splats::{Framing, Splat, framing};
 use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
-use crate::pipeline::method::Method;
 use crate::pipeline::plan::Selection;
-use crate::pipeline::session::{Session, SessionError, layout_name};
-use crate::train::config::TrainConfig;
+use crate::pipeline::session::{Session, SessionError};
+use crate::train::config::Preset;
 use glam::DVec3;
 use std::path::Path;
 use std::sync::Arc;
@@ -24,7 +27,7 @@ pub enum Content {
     /// A dataset with its model.
     Session(Box<Session>),
     /// A model to view.
-    Model(Vec<Splat>),
+    Model(SplatSet),
 }
 
 /// Everything the window needs of a freshly opened subject.
@@ -32,7 +35,7 @@ pub struct Result {
     /// What is open.
     pub content: Content,
     /// What to show first.
-    pub splats: Vec<Splat>,
+    pub splats: SplatSet,
     /// Name, facts and first view.
     pub facts: Opened,
     /// What the user should know about it.
@@ -59,15 +62,20 @@ pub enum OpenError {
     Run(#[from] RunError),
 }
 
-/// Opens a subject; `serial` numbers what is opened.
-pub fn open(subject: &Subject, serial: u64) -> std::result::Result<Result, OpenError> {
+/// Opens a subject, to be trained as is said unless it brings its own settings; `serial` numbers
+/// what is opened.
+pub fn open(
+    subject: &Subject,
+    training: &TrainSettings,
+    serial: u64,
+) -> std::result::Result<Result, OpenError> {
     match subject {
-        Subject::Demo => Ok(session(demo::session()?, serial, true)),
+        Subject::Demo => Ok(session(demo::session(training.asked())?, serial, true)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         Subject::Path(path) if path.is_file() => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
-            let opened = Session::new(dataset, TrainConfig::paper(), Selection::everything())?;
+            let opened = Session::new(dataset, training.asked(), Selection::everything())?;
             Ok(session(opened, serial, false))
         }
     }
@@ -87,7 +95,7 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
     let notices = notes.chain(warnings).collect();
     let facts = Opened {
         name: if is_demo { "Demo: synthetic room".to_owned() } else { dataset.name.clone() },
-        facts: dataset_facts(&session),
+        facts: session_facts(&session),
         home: home_of(&session),
         serial,
         is_demo,
@@ -98,44 +106,14 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
             ColorMode::Elbo,
             ColorMode::Birth,
         ],
+        method: Some(session.config().method.clone()),
+        is_native: session.config().method.preset() == Preset::Scene,
     };
     let splats = match session.learner().used() {
-        0 => vec![Splat::default(); session.learner().components()],
+        0 => vec![Splat::default(); session.learner().components()].into(),
         _ => session.splats(),
     };
     Result { splats, facts, notices, content: Content::Session(Box::new(session)) }
-}
-
-fn dataset_facts(session: &Session) -> Vec<(String, String)> {
-    let dataset: &Dataset = session.dataset();
-    let path =
-        dataset.path.as_ref().map_or_else(|| "built in".to_owned(), |p| p.display().to_string());
-    let mut facts = vec![
-        ("Dataset".to_owned(), path),
-        (
-            "Layout".to_owned(),
-            format!("{} ({})", layout_name(dataset.layout), dataset.recognised_by),
-        ),
-    ];
-    for split in &dataset.splits {
-        let k = &split.frames[0].camera.intrinsics;
-        let depth = if split.has_depth { "with depth" } else { "colour only" };
-        let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
-        facts.push((format!("Split {}", split.name), text));
-    }
-    match &session.config().method {
-        Method::Paper(train) => {
-            facts.push(("Preset".to_owned(), "paper".to_owned()));
-            facts.push(("Components".to_owned(), train.components.to_string()));
-            facts.push(("Range from".to_owned(), session.config().position_range_source.clone()));
-        }
-        Method::Scene(run) => {
-            facts.push(("Preset".to_owned(), "scene".to_owned()));
-            facts.push(("Structural scale".to_owned(), format!("{:.4}", run.engine.h)));
-            facts.push(("Most components".to_owned(), run.engine.most.to_string()));
-        }
-    }
-    facts
 }
 
 /// The first training camera, turning about the middle of the scene's range.
@@ -165,11 +143,18 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
         }
         Err(error) => {
             let all = run.splats().map_err(RunError::from)?;
-            let splats = all.into_iter().filter(Splat::is_drawable).collect();
             let text = format!("{error}; the scene is shown, but training cannot go on");
-            Ok(view(path, splats, run.up(), run.bytes, vec![(NoticeKind::Warning, text)], serial))
+            Ok(view(path, drawable(&all), run.up(), run.bytes, vec![(NoticeKind::Warning, text)], serial))
         }
     }
+}
+
+fn drawable(all: &SplatSet) -> SplatSet {
+    let mut drawn = SplatSet::default();
+    for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
+        drawn.push(*splat, all.appearance_of(i));
+    }
+    drawn
 }
 
 fn continued(run: &SavedRun) -> std::result::Result<Session, OpenError> {
@@ -190,13 +175,13 @@ fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats.into_splats(), up, model.bytes, notices, serial))
+    Ok(view(path, model.splats, up, model.bytes, notices, serial))
 }
 
 /// Splats to look at.
 fn view(
     path: &Path,
-    splats: Vec<Splat>,
+    splats: SplatSet,
     up: DVec3,
     bytes: u64,
     notices: Vec<(NoticeKind, String)>,
@@ -225,6 +210,8 @@ fn view(
         is_demo: false,
         dataset: None,
         told_modes: &[],
+        method: None,
+        is_native: !is_plain(splats.view()),
     };
     Result { splats: splats.clone(), facts, notices, content: Content::Model(splats) }
 }

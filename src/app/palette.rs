@@ -2,6 +2,7 @@
 //! stand for what is known of them.
 
 use super::feed::{Delivery, SplatChange, apply};
+use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
 use crate::model::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
@@ -10,13 +11,14 @@ use std::sync::Arc;
 /// All splats of the scene and how they are coloured.
 #[derive(Default)]
 pub struct Palette {
-    learned: Arc<Vec<Splat>>,
+    learned: Arc<SplatSet>,
     /// What colours the splats, if it is not what was learned.
     attribute: Option<Attribute>,
     /// The rest is kept only while `attribute` is something: one for each splat.
     attributes: Vec<Attributes>,
     range: Option<Range>,
-    shown: Vec<Splat>,
+    /// Plain: what stands for a value varies neither over a splat nor with the view.
+    shown: SplatSet,
 }
 
 impl Palette {
@@ -57,17 +59,17 @@ impl Palette {
             self.moves_range();
             return Some(self.color_all());
         }
-        (self.attributes, self.range, self.shown) = (Vec::new(), None, Vec::new());
-        Some(SplatChange::All(self.learned.to_vec()))
+        (self.attributes, self.range, self.shown) = (Vec::new(), None, SplatSet::default());
+        Some(SplatChange::All(SplatSet::clone(&self.learned)))
     }
 
     /// The splats as they are shown.
-    pub fn splats(&self) -> &[Splat] {
+    pub fn splats(&self) -> &SplatSet {
         if self.attribute.is_some() { &self.shown } else { &self.learned }
     }
 
     /// The splats as they were learned, to be looked at on another thread.
-    pub fn learned(&self) -> &Arc<Vec<Splat>> {
+    pub fn learned(&self) -> &Arc<SplatSet> {
         &self.learned
     }
 
@@ -96,17 +98,16 @@ impl Palette {
         Splat { color, ..self.learned[slot] }
     }
 
-    fn color(&mut self, mut ids: Vec<u32>) -> SplatChange {
-        ids.retain(|&id| (id as usize) < self.learned.len());
+    fn color(&mut self, ids: Vec<u32>) -> SplatChange {
         let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
-        for (&id, splat) in ids.iter().zip(&splats) {
-            self.shown[id as usize] = *splat;
-        }
+        let splats = SplatSet::from(splats);
+        self.shown.replace(&ids, &splats);
         SplatChange::Some { ids, splats }
     }
 
     fn color_all(&mut self) -> SplatChange {
-        self.shown = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
+        let all: Vec<Splat> = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
+        self.shown = all.into();
         SplatChange::All(self.shown.clone())
     }
 }
@@ -122,10 +123,8 @@ mod tests {
     }
 
     fn all(n: usize) -> SplatChange {
-        SplatChange::All(vec![
-            Splat { color: [0.5, 0.2, 0.1], opacity: 1.0, ..Splat::default() };
-            n
-        ])
+        let splat = Splat { color: [0.5, 0.2, 0.1], opacity: 1.0, ..Splat::default() };
+        SplatChange::All(vec![splat; n].into())
     }
 
     #[test]
@@ -152,7 +151,8 @@ mod tests {
         let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
         palette.change(Delivery { change: all(4), attributes });
         let change = |palette: &mut Palette, id, frame| {
-            let change = SplatChange::Some { ids: vec![id], splats: vec![Splat::default()] };
+            let splats = vec![Splat::default()].into();
+            let change = SplatChange::Some { ids: vec![id], splats };
             palette.change(Delivery { change, attributes: vec![born(Some(frame))] })
         };
         let within = change(&mut palette, 1, 5);

@@ -2,7 +2,7 @@
 
 use super::worker::Waker;
 use crate::math::camera::Camera;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::pick::pick;
 use glam::DVec2;
@@ -18,7 +18,7 @@ impl Picker {
     /// forgotten.
     pub fn ask(
         &mut self,
-        splats: Arc<Vec<Splat>>,
+        splats: Arc<SplatSet>,
         camera: Camera,
         position: DVec2,
         options: RenderOptions,

@@ -4,7 +4,7 @@ use super::picker::Picker;
 use super::state::{Inspected, Snapshot};
 use super::viewer::shot::{Partner, Shot};
 use super::worker::Waker;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;
 use crate::render::outline::outline;
@@ -28,7 +28,7 @@ impl Selection {
         ui: &Ui,
         response: &Response,
         shot: &Shot,
-        splats: &Arc<Vec<Splat>>,
+        splats: &Arc<SplatSet>,
         snapshot: &Snapshot,
         waker: &Waker,
     ) -> std::io::Result<()> {

@@ -8,7 +8,7 @@ use super::viewer::shot::{Partner, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::{RgbImage, unit_to_byte};
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
@@ -55,7 +55,7 @@ impl SoftwarePainter {
             .num_threads(1)
             .build()
             .map_err(std::io::Error::other)?;
-        let draw = move |splats: &[Splat], (shot, effort): (Shot, Effort)| {
+        let draw = move |splats: &SplatSet, (shot, effort): (Shot, Effort)| {
             let started = Instant::now();
             let mut render = || picture(&mut renderer, splats, &shot, effort);
             let picture = if effort == Effort::Shared { alone.install(render) } else { render() };
@@ -147,7 +147,7 @@ impl SoftwarePainter {
 }
 
 /// One picture, or two combined.
-fn picture(renderer: &mut CpuRenderer, splats: &[Splat], shot: &Shot, effort: Effort) -> RgbImage {
+fn picture(renderer: &mut CpuRenderer, splats: &SplatSet, shot: &Shot, effort: Effort) -> RgbImage {
     let camera = match effort {
         Effort::Full => shot.camera,
         Effort::Shared | Effort::Moving => {

@@ -2,10 +2,14 @@
 
 use super::color_mode::ColorMode;
 use crate::dataset::Dataset;
+use crate::dataset::calibration::ColorCamera;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
+use crate::model::appearance::Appearance;
 use crate::model::splats::Splat;
 use crate::pipeline::inspection::Inspection;
+use crate::pipeline::method::Method;
+use crate::pipeline::scene::SceneRun;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -107,6 +111,25 @@ pub struct Opened {
     pub dataset: Option<Arc<Dataset>>,
     /// Colour modes whose values come with its splats, beyond those that every splat has.
     pub told_modes: &'static [ColorMode],
+    /// How it is trained; `None` for a model.
+    pub method: Option<Method>,
+    /// Whether its splats are more than other programs draw, so that they are mapped on export.
+    pub is_native: bool,
+}
+
+impl Opened {
+    /// Its settings, where it is trained by the scene preset.
+    pub fn scene(&self) -> Option<&SceneRun> {
+        match &self.method {
+            Some(Method::Scene(run)) => Some(run),
+            Some(Method::Paper(_)) | None => None,
+        }
+    }
+
+    /// The camera that took the photographs, where it is not the one that measured depth.
+    pub fn color_camera(&self) -> Option<ColorCamera> {
+        self.scene()?.surface.calibration.as_ref()?.color_camera
+    }
 }
 
 /// What is known of the splat that the user selected.
@@ -118,8 +141,10 @@ pub enum Inspected {
     Splat {
         /// Its place in the file.
         id: u32,
-        /// All that the file says.
+        /// What the file says of it.
         splat: Splat,
+        /// How its colour varies.
+        appearance: Appearance,
     },
 }
 
@@ -137,6 +162,14 @@ impl Inspected {
         match self {
             Self::Component(inspection) => &inspection.splat,
             Self::Splat { splat, .. } => splat,
+        }
+    }
+
+    /// How its colour varies.
+    pub fn appearance(&self) -> &Appearance {
+        match self {
+            Self::Component(inspection) => &inspection.appearance,
+            Self::Splat { appearance, .. } => appearance,
         }
     }
 }

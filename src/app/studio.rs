@@ -6,14 +6,17 @@ use super::device::Device;
 use super::dialogs::{self, Decision, PathDialog};
 use super::drawing::Drawer;
 use super::drop_target;
+use super::export_options;
+use super::kept::{self, Kept};
 use super::panels::{adapter, inspector, latency, notices, scene, settings, status, transport};
 use super::state::{NoticeKind, RunState, Snapshot, Subject};
+use super::training::TrainSettings;
 use super::viewer::painter::Painter;
-use super::viewer::settings::ViewSettings;
 use super::viewer::{SceneView, toolbar};
 use super::viewport::GpuPainter;
 use super::window::{Exit, Leave};
 use super::worker::{Order, Waker, Worker};
+use crate::export::mapping::Mapping;
 use crate::render::attributes::Attribute;
 use eframe::egui::{
     CentralPanel, Color32, Context, FocusDirection, Frame, Key, Panel, RichText, Ui,
@@ -55,6 +58,7 @@ pub struct Studio {
     device: Option<Device>,
     waker: Waker,
     view: SceneView,
+    training: TrainSettings,
     /// What the worker was asked to tell of components.
     watched: Option<Attribute>,
     adapter: String,
@@ -62,6 +66,7 @@ pub struct Studio {
     open_dialog: PathDialog,
     save_dialog: PathDialog,
     export_dialog: PathDialog,
+    mapping: Mapping,
     help_is_open: bool,
     discarding: Option<Discarding>,
     may_close: bool,
@@ -74,9 +79,6 @@ pub struct Studio {
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Where the viewport's settings are kept between sessions.
-const STORAGE_KEY: &str = "viewport";
-
 impl Studio {
     /// Builds the application on eframe's context and opens `subject`, if there is one.
     pub fn new(
@@ -87,20 +89,27 @@ impl Studio {
     ) -> std::io::Result<Self> {
         let egui = context.egui_ctx.clone();
         let worker = Arc::new(Worker::start(Arc::new(move || egui.request_repaint()))?);
-        if let Some(subject) = subject {
-            worker.send(Order::Open(subject));
-        }
-        Self::attach(context, worker, Exit::default(), painting, started)
+        let first = subject.map_or(Order::Deliver, Order::Open);
+        Self::attach(context, worker, first, Exit::default(), painting, started)
     }
 
-    /// Builds the application on a run that may be under way; `exit` learns why the window ends.
+    /// Builds the application on a run that may be under way and gives the `first` order; `exit`
+    /// learns why the window ends.
     pub fn attach(
         context: &eframe::CreationContext<'_>,
         worker: Arc<Worker>,
+        first: Order,
         exit: Exit,
         painting: Painting,
         started: Instant,
     ) -> std::io::Result<Self> {
+        // The trainer begins while the GPU is made ready.
+        let Kept { view, training, problems } = Kept::read(context.storage);
+        worker.send(Order::TrainBy(Box::new(training.clone())));
+        worker.send(first);
+        for problem in problems {
+            worker.send(Order::Report(NoticeKind::Warning, problem));
+        }
         let egui = context.egui_ctx.clone();
         let waker: Waker = Arc::new(move || egui.request_repaint());
         let device = context.wgpu_render_state.as_ref().map(Device::new);
@@ -109,26 +118,20 @@ impl Studio {
         worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
         // The window before may have coloured the scene otherwise.
         worker.send(Order::Watch(None));
-        let stored = context.storage.and_then(|storage| storage.get_string(STORAGE_KEY));
-        let (settings, problem) = match stored {
-            Some(text) => ViewSettings::from_text(&text),
-            None => (ViewSettings::default(), None),
-        };
-        if let Some(problem) = problem {
-            worker.send(Order::Report(NoticeKind::Warning, problem));
-        }
         Ok(Self {
             worker,
             exit,
             device,
             watched: None,
-            view: SceneView::new(painter, settings, waker.clone()),
+            view: SceneView::new(painter, view, waker.clone()),
+            training,
             waker,
             adapter,
             tab: Tab::default(),
             open_dialog: PathDialog::open(),
             save_dialog: PathDialog::save(),
             export_dialog: PathDialog::export(),
+            mapping: Mapping::default(),
             help_is_open: false,
             discarding: None,
             may_close: false,
@@ -249,14 +252,21 @@ impl Studio {
     }
 
     fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        if let Some(path) = self.open_dialog.ui(ui, &self.waker) {
+        if let Some(path) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
             self.discard_then(Order::Open(Subject::Path(path)), snapshot);
         }
-        if let Some(path) = self.save_dialog.ui(ui, &self.waker) {
+        if let Some(path) = self.save_dialog.ui(ui, &self.waker, |_| ()) {
             self.worker.send(Order::Save(path));
         }
-        if let Some(path) = self.export_dialog.ui(ui, &self.waker) {
-            self.worker.send(Order::Export(path));
+        let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
+        let mapping = &mut self.mapping;
+        let choices = |ui: &mut Ui| {
+            if is_native {
+                export_options::ui(mapping, ui);
+            }
+        };
+        if let Some(path) = self.export_dialog.ui(ui, &self.waker, choices) {
+            self.worker.send(Order::Export(path, self.mapping));
         }
         dialogs::help(ui, &mut self.help_is_open);
         let Some(what) = self.discarding.clone() else { return };
@@ -298,7 +308,13 @@ impl Studio {
             current: &device.adapter,
             gpu_failed: self.view.gpu_failed(),
         });
-        match settings::ui(&mut self.view.settings, &around, adapters.as_ref(), ui) {
+        let before = self.training.clone();
+        let (view, training) = (&mut self.view.settings, &mut self.training);
+        let asked = settings::ui(view, training, &around, adapters.as_ref(), ui);
+        if self.training != before {
+            self.worker.send(Order::TrainBy(Box::new(self.training.clone())));
+        }
+        match asked {
             None => {}
             Some(adapter::Asked::RetryGpu) => self.retry_gpu(),
             Some(adapter::Asked::Adapter(choice)) => {
@@ -389,10 +405,7 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        match self.view.settings.to_text() {
-            Ok(text) => storage.set_string(STORAGE_KEY, text),
-            Err(error) => tracing::warn!("the settings of the viewport are not kept: {error}"),
-        }
+        kept::write(storage, &self.view.settings, &self.training);
     }
 
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {

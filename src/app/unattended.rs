@@ -2,6 +2,7 @@
 
 use super::state::{NoticeKind, RunState};
 use super::worker::{Order, Worker};
+use crate::export::mapping::Mapping;
 use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
@@ -33,8 +34,8 @@ impl Unattended {
         let last = || self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
         let before = last();
         self.0.send(Order::Save(folder.join("checkpoint.vbgs")));
-        self.0.send(Order::Export(folder.join("scene.ply")));
-        self.0.send(Order::Export(folder.join("scene.glb")));
+        self.0.send(Order::Export(folder.join("scene.ply"), Mapping::default()));
+        self.0.send(Order::Export(folder.join("scene.glb"), Mapping::default()));
         let done = Order::Report(NoticeKind::Info, DONE.to_owned());
         self.0.send(done);
         while self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {

@@ -3,7 +3,7 @@
 
 use super::feed::{SplatChange, apply};
 use super::worker::Waker;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -47,7 +47,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
     pub fn start(
         name: &str,
         waker: Waker,
-        mut work: impl FnMut(&[Splat], Q) -> A + Send + 'static,
+        mut work: impl FnMut(&SplatSet, Q) -> A + Send + 'static,
     ) -> std::io::Result<Self> {
         let inbox = Inbox {
             changes: Vec::new(),
@@ -59,7 +59,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let desk = Arc::new(Desk { inbox: Mutex::new(inbox), bell: Condvar::new() });
         let own = desk.clone();
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
-            let mut splats = Vec::new();
+            let mut splats = SplatSet::default();
             while let Some((changes, request)) = next(&own) {
                 for change in changes {
                     apply(&mut splats, change);
@@ -140,6 +140,7 @@ impl<Q, A> Drop for ViewThread<Q, A> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::splats::Splat;
     use std::sync::mpsc::channel;
     use std::time::Duration;
 
@@ -150,9 +151,9 @@ mod tests {
             let _ = woken.send(());
         });
         let thread =
-            ViewThread::start("test", waker, |splats: &[Splat], q: usize| (q, splats.len()))
+            ViewThread::start("test", waker, |splats: &SplatSet, q: usize| (q, splats.len()))
                 .unwrap();
-        thread.change(SplatChange::All(vec![Splat::default(); 3]));
+        thread.change(SplatChange::All(vec![Splat::default(); 3].into()));
         thread.ask(7, Announce::Wake);
         wakes.recv_timeout(Duration::from_secs(10)).unwrap();
         assert_eq!(thread.take(), Some((7, 3)));
@@ -162,11 +163,11 @@ mod tests {
     #[test]
     fn changes_do_not_pile_up_while_nobody_asks() {
         let thread =
-            ViewThread::start("test", Arc::new(|| {}), |splats: &[Splat], (): ()| splats.len())
+            ViewThread::start("test", Arc::new(|| {}), |splats: &SplatSet, (): ()| splats.len())
                 .unwrap();
         let started = std::time::Instant::now();
         for n in 1..=3 {
-            thread.change(SplatChange::All(vec![Splat::default(); n]));
+            thread.change(SplatChange::All(vec![Splat::default(); n].into()));
             while !thread.desk.lock().changes.is_empty() {
                 assert!(started.elapsed() < Duration::from_secs(10), "never taken");
                 std::thread::yield_now();

@@ -8,7 +8,7 @@ use super::viewer::shot::{Partner, Second as SecondPicture, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::gpu::GpuError;
 use crate::render::gpu::adapters::{self, AdapterChoice, AdapterFacts};
@@ -94,6 +94,9 @@ pub enum PaintError {
     Thread(#[from] std::io::Error),
 }
 
+/// Room for so many times the splats of another scene is given back.
+const IDLE_ROOM: usize = 4;
+
 /// Painter of the viewport on a real GPU.
 pub struct GpuPainter {
     device: wgpu::Device,
@@ -132,7 +135,7 @@ impl GpuPainter {
         capabilities.check()?;
         let (device, queue) = (state.device.clone(), state.queue.clone());
         let mut scratch = SortScratch::default();
-        let sort = move |splats: &[Splat], (camera, first, second): Asked| {
+        let sort = move |splats: &SplatSet, (camera, first, second): Asked| {
             let started = Instant::now();
             let mut order =
                 |options| back_to_front(splats, &camera, &options, &mut scratch).to_vec();
@@ -170,7 +173,7 @@ impl GpuPainter {
     }
 
     /// Hands changed splats over; `splats` are all of them, the change applied.
-    pub fn change(&mut self, change: SplatChange, splats: &[Splat]) {
+    pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match (&change, &mut self.pending) {
             (SplatChange::Some { ids, .. }, Some(pending)) => pending.extend(ids),
             (SplatChange::Some { .. }, None) => {}
@@ -188,7 +191,7 @@ impl GpuPainter {
         ui: &Ui,
         rect: Rect,
         shot: &Shot,
-        splats: &[Splat],
+        splats: &SplatSet,
     ) -> Result<DrawSample, PaintError> {
         if let Some(fault) = self.faults.take().into_iter().next() {
             return Err(PaintError::Fault(fault.message));
@@ -249,11 +252,14 @@ impl GpuPainter {
     }
 
     /// Brings the scene up to date; the bytes sent.
-    fn upload(&mut self, splats: &[Splat]) -> Result<u64, GpuError> {
+    fn upload(&mut self, splats: &SplatSet) -> Result<u64, GpuError> {
         let bytes = match self.pending.take() {
             None => {
-                self.scene = GpuScene::new(&self.device, &self.queue, splats)?;
-                self.scene.n_splats() as u64 * GpuScene::BYTES_PER_SPLAT
+                if self.scene.capacity() > IDLE_ROOM * splats.len() {
+                    self.scene = GpuScene::new(&self.device, &self.queue, &[])?;
+                }
+                let all: Vec<u32> = (0..splats.len() as u32).collect();
+                self.scene.update(&self.device, &self.queue, &all, splats)?
             }
             Some(ids) if ids.is_empty() => 0,
             Some(ids) => self.scene.update(&self.device, &self.queue, &ids, splats)?,

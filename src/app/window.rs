@@ -158,9 +158,9 @@ impl Host {
         let create = move |creation: &eframe::CreationContext<'_>| {
             let window = creation.egui_ctx.clone();
             *context.lock().unwrap_or_else(PoisonError::into_inner) = Some(window);
-            worker.send(first.map_or(Order::Deliver, Order::Open));
             tell_caveat(creation, &worker, &told);
-            let studio = Studio::attach(creation, worker, word, Painting::Auto, started)?;
+            let first = first.map_or(Order::Deliver, Order::Open);
+            let studio = Studio::attach(creation, worker, first, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
         let options = native_options(adapter);

@@ -4,12 +4,15 @@
 use super::feed::{Delivery, SplatChange, SplatFeed};
 use super::opening::{self, Content};
 use super::state::{HISTORY, Inspected, Notice, NoticeKind, RunState, Snapshot, Source, Subject};
+use super::training::TrainSettings;
 use crate::eval::report::{FrameReport, Summary};
+use crate::export::mapping::Mapping;
 use crate::export::{self, Format, WriteOptions};
+use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
-use crate::model::splats::Splat;
 use crate::pipeline::session::{Session, SessionError, Step};
 use crate::render::attributes::Attribute;
+use crate::train::config::Preset;
 use glam::DVec3;
 use std::any::Any;
 use std::collections::VecDeque;
@@ -24,6 +27,8 @@ use std::time::{Duration, Instant};
 /// An order to the trainer.
 #[derive(Clone, Debug)]
 pub enum Order {
+    /// Train so what is opened or reset from now on.
+    TrainBy(Box<TrainSettings>),
     /// Open something and, for the demo, train it at once.
     Open(Subject),
     /// Train until paused or done.
@@ -36,8 +41,8 @@ pub enum Order {
     Reset,
     /// Write a checkpoint of the newest state.
     Save(PathBuf),
-    /// Write the newest scene to a file.
-    Export(PathBuf),
+    /// Write the newest scene to a file; how it becomes plain splats, where it is more.
+    Export(PathBuf, Mapping),
     /// Show something that happened elsewhere in the window.
     Report(NoticeKind, String),
     /// Deliver what is known of components with their splats, from now on; `None` ends that.
@@ -127,6 +132,7 @@ struct Trainer {
     shared: Arc<Shared>,
     waker: Waker,
     published: Instant,
+    training: TrainSettings,
     subject: Option<Subject>,
     content: Option<Content>,
     snapshot: Snapshot,
@@ -151,13 +157,19 @@ struct Dirty {
 }
 
 impl Dirty {
-    fn mark(&mut self, ids: &[u32], components: usize) {
-        self.is_dirty.resize(components, false);
+    fn mark(&mut self, ids: &[u32]) {
         for &id in ids {
+            let n = self.is_dirty.len().max(id as usize + 1);
+            self.is_dirty.resize(n, false);
             if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
                 self.ids.push(id);
             }
         }
+    }
+
+    fn mark_all(&mut self, components: usize) {
+        self.ids = (0..components as u32).collect();
+        self.is_dirty = vec![true; components];
     }
 
     fn take(&mut self) -> Vec<u32> {
@@ -182,6 +194,7 @@ impl Trainer {
             shared,
             waker,
             published: Instant::now(),
+            training: TrainSettings::default(),
             subject: None,
             content: None,
             snapshot: Snapshot::default(),
@@ -232,12 +245,17 @@ impl Trainer {
 
     fn obey(&mut self, order: Order) {
         match order {
+            Order::TrainBy(settings) => self.training = *settings,
             Order::Open(subject) => self.open(subject),
             Order::Train => self.set_state(RunState::Training),
-            Order::Pause => self.set_state(RunState::Paused),
+            Order::Pause => {
+                self.set_state(RunState::Paused);
+                self.tell_looks();
+            }
             Order::Step => {
                 self.set_state(RunState::Paused);
                 self.step();
+                self.tell_looks();
             }
             Order::Reset => {
                 if let Some(subject) = self.subject.clone() {
@@ -245,7 +263,7 @@ impl Trainer {
                 }
             }
             Order::Save(path) => self.save(&path),
-            Order::Export(path) => self.export(&path),
+            Order::Export(path, mapping) => self.export(&path, mapping),
             Order::Report(kind, message) => self.notify(kind, message),
             Order::Watch(attribute) => self.watch(attribute),
             Order::Inspect(id) => self.inspecting = id,
@@ -265,7 +283,7 @@ impl Trainer {
         let before = self.snapshot.state;
         self.snapshot.state = RunState::Loading;
         self.publish(true);
-        match opening::open(&subject, self.next_serial) {
+        match opening::open(&subject, &self.training, self.next_serial) {
             Ok(opened) => {
                 self.next_serial += 1;
                 self.subject = Some(subject);
@@ -324,11 +342,10 @@ impl Trainer {
     fn step(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
         // What the frame before told of them is over, whether or not the next one touches them.
-        let components = session.learner().components();
-        self.dirty.mark(session.learner().components_with_elbo(), components);
+        self.dirty.mark(session.learner().components_with_elbo());
         match session.step() {
             Ok(Step::Trained(frame)) => {
-                self.dirty.mark(session.learner().touched(), components);
+                self.dirty.mark(session.learner().touched());
                 self.learned(frame);
             }
             Ok(Step::Skipped(skipped)) => {
@@ -363,9 +380,20 @@ impl Trainer {
     fn finish(&mut self) {
         self.snapshot.state = RunState::Finished;
         self.snapshot.frames_per_s = 0.0;
+        self.tell_looks();
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
+        }
+    }
+
+    /// Components that a frame looked through differ without having received a point. The viewport
+    /// is told of them when training rests: all of them after every frame would take its time.
+    fn tell_looks(&mut self) {
+        if let Some(Content::Session(session)) = &self.content
+            && session.config().method.preset() == Preset::Scene
+        {
+            self.dirty.mark_all(session.learner().components());
         }
     }
 
@@ -380,11 +408,11 @@ impl Trainer {
     }
 
     /// The newest state of the scene, whatever the viewport shows.
-    fn splats(&self) -> Vec<Splat> {
+    fn splats(&self) -> SplatSet {
         match &self.content {
             Some(Content::Session(session)) => session.splats(),
             Some(Content::Model(splats)) => splats.clone(),
-            None => Vec::new(),
+            None => SplatSet::default(),
         }
     }
 
@@ -405,11 +433,12 @@ impl Trainer {
         }
     }
 
-    fn export(&mut self, path: &Path) {
+    fn export(&mut self, path: &Path, mapping: Mapping) {
         let written = Format::from_path(path).and_then(|format| {
             let options = WriteOptions {
                 metric: self.is_metric(),
                 up: self.up(),
+                mapping,
                 ..WriteOptions::new(format)
             };
             export::write(path, &self.splats(), &options)
@@ -512,9 +541,7 @@ impl Trainer {
             _ => session.stop_component_elbo(),
         }
         if attribute.is_some() {
-            let components = session.learner().components();
-            let all: Vec<u32> = (0..components as u32).collect();
-            self.dirty.mark(&all, components);
+            self.dirty.mark_all(session.learner().components());
         }
     }
 
@@ -522,7 +549,11 @@ impl Trainer {
         let id = self.inspecting?;
         let inspected = match self.content.as_ref()? {
             Content::Session(session) => Inspected::Component(Box::new(session.inspect(id)?)),
-            Content::Model(splats) => Inspected::Splat { id, splat: *splats.get(id as usize)? },
+            Content::Model(splats) => Inspected::Splat {
+                id,
+                splat: *splats.get(id as usize)?,
+                appearance: splats.appearance_of(id as usize),
+            },
         };
         Some(Arc::new(inspected))
     }

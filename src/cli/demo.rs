@@ -6,6 +6,7 @@ use super::{output, train};
 use std::path::Path;
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::pipeline::demo;
+use vbgs_studio::pipeline::scene::SceneOverrides;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
 
@@ -17,7 +18,7 @@ const FOLDER: &str = "vbgs-demo";
 pub fn run(reason: &str) -> Result<(), Failure> {
     output::line(format!("{reason}: training the demo headless into {FOLDER}/"));
     let interrupt = Interrupt::listen()?;
-    let mut session = demo::session()?;
+    let mut session = demo::session(SceneOverrides::default())?;
     let finished = train::train(&mut session, &interrupt, |_, _| ())?;
     let out = Path::new(FOLDER);
     output::create_folder(out)?;

@@ -8,7 +8,6 @@ use super::quality::{Comparison, SEEN_AFTER};
 use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
-use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
@@ -25,8 +24,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let start = match &args.resume {
         None => Start::New(Box::new(method(args)?)),
         Some(path) => {
-            let asked = Box::new(asked(args)?);
-            Start::Saved(Box::new(saved_run(path, &asked)?), asked)
+            let run = SavedRun::read(path)?;
+            let preset = args.preset.unwrap_or(run.config.method.preset());
+            let asked = asked(args, preset)?;
+            check(&run, &asked)?;
+            Start::Saved(Box::new(run), Box::new(asked))
         }
     };
     let interrupt = Interrupt::listen()?;
@@ -102,9 +104,8 @@ enum Start {
     Saved(Box<SavedRun>, Box<Asked>),
 }
 
-/// The run to go on with, whose settings agree with those asked for.
-fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
-    let run = SavedRun::read(path)?;
+/// Whether a run can go on as asked, with what there is to say about it.
+fn check(run: &SavedRun, asked: &Asked) -> Result<(), Failure> {
     run.check(asked)?;
     if let Some(warning) = run.numerics_differ() {
         eprintln!("warning: {warning}");
@@ -114,7 +115,7 @@ fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
     if most.is_some_and(|most| most <= trained) {
         eprintln!("note: {trained} frames are trained already; --max-frames N trains up to N");
     }
-    Ok(run)
+    Ok(())
 }
 
 /// Trains until the frames end (true) or Ctrl-C (false); `after` is called after every frame.
@@ -164,7 +165,7 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
         mapping: args.mapping.mapping(),
         ..WriteOptions::new(Format::Ply)
     };
-    write(&args.out.join("scene.ply"), &session.splats(), &options)?;
+    write(&args.out.join("scene.ply"), &session.stored_splats(), &options)?;
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 

@@ -69,11 +69,30 @@ impl SplatSet {
 
     /// Adds a splat.
     pub fn push(&mut self, splat: Splat, appearance: Appearance) {
-        if !self.appearance.is_empty() || appearance != Appearance::default() {
-            self.appearance.resize(self.splats.len(), Appearance::default());
-            self.appearance.push(appearance);
+        self.put(self.splats.len(), splat, appearance);
+    }
+
+    /// Puts the splats of `new` into the listed slots, in their order. Slots that are not there yet
+    /// are added; those in between stay empty.
+    pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
+        for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
+            self.put(slot as usize, *splat, new.appearance_of(i));
         }
-        self.splats.push(splat);
+    }
+
+    fn put(&mut self, slot: usize, splat: Splat, appearance: Appearance) {
+        let n = self.splats.len().max(slot + 1);
+        self.splats.resize(n, Splat::default());
+        self.splats[slot] = splat;
+        if !self.appearance.is_empty() || appearance != Appearance::default() {
+            self.appearance.resize(n, Appearance::default());
+            self.appearance[slot] = appearance;
+        }
+    }
+
+    /// Appearance of a splat.
+    pub fn appearance_of(&self, slot: usize) -> Appearance {
+        self.appearance.get(slot).copied().unwrap_or_default()
     }
 
     /// The splats, to be changed in place.

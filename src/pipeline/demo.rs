@@ -1,10 +1,10 @@
 //! The built-in demo: one definition for the window and for machines without a display.
 
+use super::method::Asked;
 use super::plan::Selection;
 use super::session::{Session, SessionError};
 use crate::dataset::Dataset;
 use crate::dataset::synthetic::{self, ParamsError};
-use crate::train::config::{ConfigError, Overrides, ReassignPolicy, TrainConfig};
 use std::sync::Arc;
 
 /// Why the demo cannot start.
@@ -13,9 +13,6 @@ pub enum DemoError {
     /// The scene's parameters.
     #[error(transparent)]
     Scene(#[from] ParamsError),
-    /// The trainer's settings.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
     /// The session.
     #[error(transparent)]
     Session(#[from] SessionError),
@@ -26,18 +23,7 @@ pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
     Ok(Arc::new(synthetic::demo()?))
 }
 
-/// Settings of the demo: forwarded reassignment, the quicker variant, and the paper's factor on the
-/// scales, which closes the gaps between small components.
-pub fn config() -> Result<TrainConfig, DemoError> {
-    let overrides = Overrides {
-        reassign: Some(ReassignPolicy::Forwarded),
-        scale_factor: Some(1.41),
-        ..Overrides::default()
-    };
-    Ok(TrainConfig::paper().with(&overrides)?)
-}
-
 /// A session over all of the demo's frames.
-pub fn session() -> Result<Session, DemoError> {
-    Ok(Session::new(dataset()?, config()?, Selection::everything())?)
+pub fn session(asked: impl Into<Asked>) -> Result<Session, DemoError> {
+    Ok(Session::new(dataset()?, asked, Selection::everything())?)
 }

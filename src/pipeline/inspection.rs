@@ -3,6 +3,7 @@
 use super::session::Session;
 use crate::math::points::Normalization;
 use crate::math::sym3::Sym3;
+use crate::model::appearance::Appearance;
 use crate::model::attributes::Attributes;
 use crate::model::posterior::ComponentPosterior;
 use crate::model::splats::{CovarianceForm, Splat, decompose};
@@ -31,6 +32,8 @@ pub struct Inspection {
     pub attributes: Attributes,
     /// As renderers draw it; opacity 0 if they do not.
     pub splat: Splat,
+    /// How its colour varies.
+    pub appearance: Appearance,
 }
 
 impl Session {
@@ -58,6 +61,7 @@ impl Session {
         let (scales, rotation) = decompose(covariance, CovarianceForm::Eigen);
         // Responsibilities of a point add up to 1, so the counts add up to the points learnt.
         let alpha0 = posterior.alpha - posterior.count;
+        let (splat, appearance) = self.learner().splat(component);
         let total = alpha0 * self.learner().components() as f64 + self.points() as f64;
         Some(Inspection {
             id,
@@ -68,7 +72,8 @@ impl Session {
             color: Normalization::denormalize_color(posterior.mean_color),
             weight: posterior.alpha / total,
             attributes: self.attributes(component),
-            splat: self.learner().splat(component),
+            splat,
+            appearance,
             posterior,
         })
     }

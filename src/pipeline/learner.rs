@@ -2,7 +2,7 @@
 
 use super::prepared::Material;
 use crate::math::points::Normalization;
-use crate::model::appearance::SplatSet;
+use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
 use crate::model::splats::Splat;
 use crate::train::candidates::IndexError;
@@ -88,6 +88,14 @@ impl Learner {
         }
     }
 
+    /// The same in the order in which checkpoints hold the components.
+    pub fn stored_splats(&self) -> SplatSet {
+        match self {
+            Self::Paper { .. } => self.splats(),
+            Self::Scene(engine) => engine.splats_of(&engine.stored_order()),
+        }
+    }
+
     /// Splats of the listed components, in their order.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         match self {
@@ -99,12 +107,13 @@ impl Learner {
     }
 
     /// What renderers draw of one component.
-    pub fn splat(&self, component: usize) -> Splat {
+    pub fn splat(&self, component: usize) -> (Splat, Appearance) {
         match self {
             Self::Paper { engine, config, normalization } => {
-                config.conversion.splat(&engine.posterior(component), normalization)
+                let posterior = engine.posterior(component);
+                (config.conversion.splat(&posterior, normalization), Appearance::default())
             }
-            Self::Scene(engine) => engine.splat(component).0,
+            Self::Scene(engine) => engine.splat(component),
         }
     }
 

@@ -34,9 +34,6 @@ pub enum SessionError {
     /// The scene preset does not suit the dataset.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Scenes are not stored.
-    #[error("checkpoints of the scene preset cannot be written")]
-    NotStored,
     /// The range of positions could not be found.
     #[error(transparent)]
     Range(#[from] RangeError),
@@ -116,11 +113,15 @@ impl Session {
         selection: Selection,
     ) -> Result<Self, SessionError> {
         let asked = asked.into();
-        let plan = Plan::new(&dataset, &selection, asked.seed())?;
+        let seed = asked.seed();
+        let plan = Plan::new(&dataset, &selection, seed)?;
         let range = range::estimate(&dataset, plan.split)?;
         let method = match asked {
             Asked::Paper(config) => Method::Paper(config),
-            Asked::Scene(overrides) => Method::Scene(SceneRun::new(&dataset, &plan, &overrides)?),
+            Asked::Scene(overrides) => {
+                let all = Plan::new(&dataset, &selection.whole(), seed)?;
+                Method::Scene(SceneRun::new(&dataset, &all, &overrides)?)
+            }
         };
         let config = RunConfig::new(&dataset, method, selection, &range);
         let (learner, normalization) = match &config.method {
@@ -311,6 +312,12 @@ impl Session {
     /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
     pub fn splats(&self) -> SplatSet {
         self.learner.splats()
+    }
+
+    /// The same in the order in which checkpoints hold the components: what files are made of, so
+    /// that equal models give equal files.
+    pub fn stored_splats(&self) -> SplatSet {
+        self.learner.stored_splats()
     }
 
     /// Splats of the listed components.

@@ -4,7 +4,7 @@ use super::legend::number;
 use crate::app::state::{Inspected, Snapshot};
 use crate::math::image::unit_to_byte;
 use crate::math::sym3::Sym3;
-use crate::model::splats::Splat;
+use crate::model::appearance::Appearance;
 use crate::pipeline::inspection::Inspection;
 use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
 
@@ -79,10 +79,10 @@ fn sections(inspected: &Inspected) -> Vec<Section> {
     match inspected {
         Inspected::Component(inspection) => {
             let mut sections = posterior(inspection);
-            sections.push(drawn("As drawn", &inspection.splat));
+            sections.push(drawn("As drawn", inspected));
             sections
         }
-        Inspected::Splat { splat, .. } => vec![drawn("In the file", splat)],
+        Inspected::Splat { .. } => vec![drawn("In the file", inspected)],
     }
 }
 
@@ -127,15 +127,20 @@ fn posterior(i: &Inspection) -> Vec<Section> {
     vec![evidence, space, law]
 }
 
-fn drawn(title: &'static str, splat: &Splat) -> Section {
+fn drawn(title: &'static str, inspected: &Inspected) -> Section {
+    let (splat, appearance) = (inspected.splat(), inspected.appearance());
     let wide = |v: [f32; 3]| v.map(f64::from);
-    let lines = vec![
+    let mut lines = vec![
         line("Centre", numbers(&wide(splat.mean))),
         line("Scales", numbers(&wide(splat.scale))),
         line("Rotation wxyz", numbers(&splat.rotation.map(f64::from))),
         line("Opacity", number(splat.opacity.into())),
         Line { label: "Colour", text: numbers(&wide(splat.color)), swatch: Some(splat.color) },
     ];
+    if *appearance != Appearance::default() {
+        lines.push(line("Gradient rgb", rows(appearance.gradient.map(wide))));
+        lines.push(line("Degree 1 rgb", rows(appearance.directional.map(wide))));
+    }
     Section { title, lines }
 }
 
@@ -149,7 +154,10 @@ fn numbers(values: &[f64]) -> String {
 
 fn matrix(m: Sym3) -> String {
     let [xx, xy, xz, yy, yz, zz] = m.to_array();
-    let rows = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    rows([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+}
+
+fn rows(rows: [[f64; 3]; 3]) -> String {
     let short = |v: f64| format!("{v:>9.2e}");
     rows.map(|row| row.map(short).join(" ")).join("\n")
 }

@@ -18,7 +18,14 @@ const COLORS: [Color32; 5] = [
 ];
 
 /// What the stages are called on screen.
-const LABELS: [&str; 5] = ["Candidate search", "E-step", "Statistics", "Update", "Reassignment"];
+type Labels = [&'static str; StageMs::NAMES.len()];
+
+fn labels(snapshot: &Snapshot) -> Labels {
+    match snapshot.opened.as_ref().and_then(|opened| opened.scene()) {
+        None => ["Candidate search", "E-step", "Statistics", "Update", "Reassignment"],
+        Some(_) => ["Assignment", "Refinement and gain", "Sums", "Visibility", "Births"],
+    }
+}
 
 /// Draws the panel.
 pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
@@ -27,14 +34,14 @@ pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
             ui.label("Timings of training appear with the first trained frame.");
         } else {
             ui.label(RichText::new("Milliseconds of training per frame").weak());
-            plot(&snapshot.recent, ui);
+            plot(&snapshot.recent, labels(snapshot), ui);
         }
         ui.add_space(6.0);
         Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(
             ui,
             |ui| {
                 if !snapshot.recent.is_empty() {
-                    training_rows(&snapshot.recent, ui);
+                    training_rows(&snapshot.recent, labels(snapshot), ui);
                 }
                 if drawn.samples().len() > 0 {
                     drawing_rows(drawn, ui);
@@ -55,7 +62,7 @@ pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
     });
 }
 
-fn plot(frames: &[FrameReport], ui: &mut Ui) {
+fn plot(frames: &[FrameReport], labels: Labels, ui: &mut Ui) {
     let x: Vec<f64> = frames.iter().map(|f| f.index as f64).collect();
     let mut below = vec![0.0; frames.len()];
     // The top of the axis leaves out the slowest frames: one hiccup must not flatten the rest.
@@ -78,7 +85,7 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
                     .zip(&below)
                     .map(|(f, b)| b + f.ms.stages.stages()[stage])
                     .collect();
-                let area = FilledArea::new(LABELS[stage], &x, &below, &above)
+                let area = FilledArea::new(labels[stage], &x, &below, &above)
                     .fill_color(COLORS[stage].gamma_multiply(0.85));
                 plot.add(area);
                 below = above;
@@ -86,11 +93,11 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
         });
 }
 
-fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
+fn training_rows(frames: &[FrameReport], labels: Labels, ui: &mut Ui) {
     headings("Training, ms", ui);
     for stage in 0..StageMs::NAMES.len() {
         let values = frames.iter().map(|f| f.ms.stages.stages()[stage]);
-        row(ui, Some(COLORS[stage]), LABELS[stage], values);
+        row(ui, Some(COLORS[stage]), labels[stage], values);
     }
     row(ui, None, "Total", frames.iter().map(|f| f.ms.stages.train));
     let beside = "Done on another thread where the machine has a core to spare, else between two \

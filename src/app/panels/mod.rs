@@ -8,4 +8,5 @@ pub mod notices;
 pub mod scene;
 pub mod settings;
 pub mod status;
+pub mod training;
 pub mod transport;

@@ -1,6 +1,8 @@
-//! How the viewport draws, all in one place.
+//! How scenes are trained and how the viewport draws them, all in one place.
 
 use super::adapter::{self, Adapters, Asked};
+use super::training;
+use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
 };
@@ -18,12 +20,15 @@ pub struct Surroundings<'a> {
 /// Draws the panel; what the user asks of the adapters.
 pub fn ui(
     settings: &mut ViewSettings,
+    train_settings: &mut TrainSettings,
     surroundings: &Surroundings<'_>,
     adapters: Option<&Adapters<'_>>,
     ui: &mut Ui,
 ) -> Option<Asked> {
     let mut asked = None;
     ScrollArea::vertical().show(ui, |ui| {
+        section(ui, "Training");
+        training::ui(train_settings, ui);
         section(ui, "Renderer");
         renderer(settings, ui);
         section(ui, "Lens");
@@ -45,6 +50,7 @@ pub fn ui(
         ui.add_space(12.0);
         if ui.button("Reset all").on_hover_text("Back to what a fresh start has").clicked() {
             *settings = ViewSettings { color_mode: settings.color_mode, ..ViewSettings::default() };
+            *train_settings = TrainSettings::default();
         }
     });
     asked

@@ -3,6 +3,8 @@
 use crate::app::state::{RunState, Snapshot};
 use crate::eval::report::quantile;
 use crate::pipeline::machine;
+use crate::pipeline::method::Method;
+use crate::pipeline::scene::SceneRun;
 use eframe::egui::{Color32, Label, RichText, Ui};
 
 /// What the line says beside the snapshot.
@@ -29,7 +31,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &Surroundings, ui: &mut Ui) {
         }
         if snapshot.components > 0 {
             ui.separator();
-            ui.label(format!("{} of {} components used", snapshot.used, snapshot.components));
+            ui.label(components(snapshot));
             ui.separator();
             ui.label(format!("{} splats drawn", surroundings.n_drawn));
         }
@@ -54,6 +56,19 @@ pub fn ui(snapshot: &Snapshot, surroundings: &Surroundings, ui: &mut Ui) {
         let adapter = Label::new(RichText::new(surroundings.adapter).weak()).truncate();
         ui.add(adapter).on_hover_text(surroundings.adapter);
     });
+}
+
+/// Only the paper's preset has components that nothing uses.
+fn components(snapshot: &Snapshot) -> String {
+    let Snapshot { components, used, opened, .. } = snapshot;
+    match opened.as_ref().and_then(|opened| opened.method.as_ref()) {
+        None => format!("{components} splats"),
+        Some(Method::Paper(_)) => format!("{used} of {components} components used"),
+        Some(Method::Scene(SceneRun { budget: None, .. })) => format!("{components} components"),
+        Some(Method::Scene(SceneRun { budget: Some(budget), .. })) => {
+            format!("{components} of at most {} components", budget.components())
+        }
+    }
 }
 
 fn color(state: RunState) -> Color32 {

@@ -1,8 +1,9 @@
 //! What is written over the picture: which is which, how well the photograph is met, what to do.
 
+use super::mode::ViewMode;
 use super::photo::Sight;
 use super::shot::{Partner, Second, Shot};
-use super::{Place, SceneView, overlay};
+use super::{LEGEND, Place, SceneView, fates, overlay};
 use crate::render::Renderer;
 use crate::render::compare::Combination;
 use eframe::egui::{Align2, Rect, Ui, Vec2};
@@ -31,7 +32,11 @@ impl SceneView {
             }
             self.captions(ui, inner.intersect(compared.shrink(overlay::MARGIN)), second);
         }
-        let psnr = sight.as_ref().and_then(|s| s.as_ref().ok()).and_then(|s| s.psnr);
+        let known = sight.as_ref().and_then(|s| s.as_ref().ok());
+        if let Some(fates) = known.and_then(|s| s.fates) {
+            fates::legend(&fates, rect.left_bottom() + LEGEND, ui);
+        }
+        let psnr = known.and_then(|s| s.psnr);
         if let Some(psnr) = psnr {
             let [r, g, b] = self.settings.background.rgb8();
             let tooltip = format!(
@@ -50,6 +55,9 @@ impl SceneView {
         let gain = self.settings.difference_gain.round();
         let (left, right) = match (&second.partner, second.how) {
             (Partner::Splats(_), Combination::Wipe(_)) => ("Projected".into(), Some("Exact")),
+            (Partner::Photo(_), Combination::Wipe(_)) if self.mode == ViewMode::Preparation => {
+                (own.to_owned(), Some("Preparation"))
+            }
             (Partner::Photo(_), Combination::Wipe(_)) => (own.to_owned(), Some("Photograph")),
             (Partner::Splats(_), Combination::Difference(_)) => {
                 (format!("|Projected − exact| × {gain}"), None)
@@ -74,7 +82,7 @@ impl SceneView {
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }
-        let is_away = self.mode.has_photo() && self.place == Place::Free;
+        let is_away = self.mode.needs_stop() && self.place == Place::Free;
         is_away.then(|| "No photograph was taken from here: [ and ] go to one".to_owned())
     }
 }

@@ -2,6 +2,7 @@
 //! has.
 
 mod captions;
+mod fates;
 pub mod mode;
 mod overlay;
 pub mod painter;
@@ -22,7 +23,9 @@ use super::selection::Selection;
 use super::software::Effort;
 use super::state::{Opened, RunState, Snapshot};
 use super::worker::Waker;
+use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
+use crate::model::appearance::SplatSet;
 use crate::model::splats::framing;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Lens, Renderer};
@@ -32,6 +35,7 @@ use painter::Painter;
 use photo::{PhotoDesk, Sight, Wanted};
 use settings::ViewSettings;
 use shot::{Partner, Second, Shot};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use stops::{Direction, Stop, fit};
 
@@ -121,7 +125,7 @@ impl SceneView {
     /// Draws with another painter from here on; the scene is handed over again.
     pub fn draw_by(&mut self, mut painter: Painter) {
         let splats = self.palette.splats();
-        painter.change(SplatChange::All(splats.to_vec()), splats);
+        painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
         self.painter = painter;
         self.gpu_failed = false;
@@ -179,7 +183,7 @@ impl SceneView {
     /// Chooses what is compared; photographs are compared where they were taken.
     pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
         self.mode = mode;
-        if mode.has_photo() && self.place == Place::Free && opened.dataset.is_some() {
+        if mode.needs_stop() && self.place == Place::Free && opened.dataset.is_some() {
             self.stand_at(self.latest_stop.unwrap_or(Stop::FIRST));
         }
     }
@@ -263,7 +267,7 @@ impl SceneView {
 
     /// Leaves what this scene or lens cannot show, and colours it as is asked for.
     fn fall_back(&mut self, opened: &Opened) {
-        if self.mode.why_not(self.settings.lens, opened.dataset.is_some()).is_some() {
+        if self.mode.why_not(self.settings.lens, opened).is_some() {
             self.mode = ViewMode::Single;
         }
         if self.settings.color_mode.why_not(opened.told_modes).is_some() {
@@ -284,9 +288,18 @@ impl SceneView {
         };
         camera.look_through(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
         match (self.place, &opened.dataset) {
-            (Place::Stop(stop), Some(dataset)) => Some(fit(&stop.entry(dataset).camera, size)),
+            (Place::Stop(stop), Some(dataset)) => {
+                let color_camera = self.color_camera(opened);
+                Some(fit(&stop.photo_camera(dataset, color_camera.as_ref()), size))
+            }
             _ => Some((camera.camera(size), Area::FULL)),
         }
+    }
+
+    /// The camera whose photographs are looked at, where it is not the one that measured depth, to
+    /// whose pixels preparation belongs.
+    fn color_camera(&self, opened: &Opened) -> Option<ColorCamera> {
+        opened.color_camera().filter(|_| self.mode != ViewMode::Preparation)
     }
 
     /// The photograph taken from here, if it is compared with.
@@ -296,11 +309,19 @@ impl SceneView {
         opened: &Opened,
         is_training: bool,
     ) -> Option<Result<Sight, String>> {
-        let (true, Place::Stop(stop)) = (self.mode.has_photo(), self.place) else { return None };
-        let dataset = opened.dataset.clone()?;
-        let wanted = Wanted { dataset, stop, options: self.settings.measured() };
+        let (true, Place::Stop(stop)) = (self.mode.needs_stop(), self.place) else { return None };
+        let wanted = Wanted {
+            dataset: opened.dataset.clone()?,
+            stop,
+            color_camera: self.color_camera(opened),
+            prepared: match self.mode {
+                ViewMode::Preparation => Some(Arc::new(opened.scene()?.surface.clone())),
+                _ => None,
+            },
+            options: self.settings.measured(),
+        };
         if self.photos.is_none() {
-            match PhotoDesk::new(self.waker.clone(), self.palette.learned().to_vec()) {
+            match PhotoDesk::new(self.waker.clone(), SplatSet::clone(self.palette.learned())) {
                 Ok(desk) => self.photos = Some(desk),
                 Err(error) => {
                     return Some(Err(format!(
@@ -336,7 +357,7 @@ impl SceneView {
             ViewMode::Single => (settings.renderer, None),
             ViewMode::Wipe => renderers(wipe),
             ViewMode::Difference => renderers(difference),
-            ViewMode::PhotoWipe => photo(wipe),
+            ViewMode::PhotoWipe | ViewMode::Preparation => photo(wipe),
             ViewMode::PhotoDifference => photo(difference),
         };
         Shot { camera, options: options(renderer), second }

@@ -1,5 +1,6 @@
 //! What the viewport compares.
 
+use crate::app::state::Opened;
 use crate::render::Lens;
 
 /// One picture, or two beside or against each other.
@@ -16,16 +17,19 @@ pub enum ViewMode {
     PhotoWipe,
     /// What differs between the chosen renderer and the photograph.
     PhotoDifference,
+    /// The chosen renderer left of a divider, what training makes of the photograph right of it.
+    Preparation,
 }
 
 impl ViewMode {
     /// Every mode, in the order of the menu.
-    pub const ALL: [ViewMode; 5] = [
+    pub const ALL: [ViewMode; 6] = [
         ViewMode::Single,
         ViewMode::Wipe,
         ViewMode::Difference,
         ViewMode::PhotoWipe,
         ViewMode::PhotoDifference,
+        ViewMode::Preparation,
     ];
 
     /// As menus show it.
@@ -36,6 +40,7 @@ impl ViewMode {
             ViewMode::Difference => "Renderer difference",
             ViewMode::PhotoWipe => "Wipe photograph",
             ViewMode::PhotoDifference => "Photograph difference",
+            ViewMode::Preparation => "Preparation",
         }
     }
 
@@ -47,6 +52,9 @@ impl ViewMode {
             ViewMode::Difference => "What differs between projected and exact, amplified",
             ViewMode::PhotoWipe => "The render left of a divider, the photograph right of it",
             ViewMode::PhotoDifference => "What differs between render and photograph, amplified",
+            ViewMode::Preparation => {
+                "Which pixels of the photograph become points, and why the others do not"
+            }
         }
     }
 
@@ -55,18 +63,28 @@ impl ViewMode {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
     }
 
+    /// Whether it is seen from a dataset's camera only.
+    pub fn needs_stop(self) -> bool {
+        self.has_photo() || self == ViewMode::Preparation
+    }
+
     /// Whether it shows a difference.
     pub fn is_difference(self) -> bool {
         matches!(self, ViewMode::Difference | ViewMode::PhotoDifference)
     }
 
     /// Why it cannot be chosen, if so.
-    pub fn why_not(self, lens: Lens, has_photos: bool) -> Option<&'static str> {
+    pub fn why_not(self, lens: Lens, opened: &Opened) -> Option<&'static str> {
         match self {
             ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => {
                 Some("Only the exact renderer draws a fisheye; choose the pinhole in Settings")
             }
-            _ if self.has_photo() && !has_photos => Some("A model has no photographs"),
+            _ if self.needs_stop() && opened.dataset.is_none() => {
+                Some("A model has no photographs")
+            }
+            ViewMode::Preparation if opened.scene().is_none() => Some(
+                "The paper's preset prepares no surfaces; choose the scene preset in Settings and reset",
+            ),
             _ => None,
         }
     }

@@ -8,7 +8,7 @@ use crate::app::feed::SplatChange;
 use crate::app::software::{Effort, SoftwarePainter};
 use crate::app::viewport::{self, GpuPainter, PaintError};
 use crate::app::worker::Waker;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use eframe::egui::{Rect, Ui};
 
 /// The painter in use.
@@ -58,7 +58,7 @@ impl Painter {
     }
 
     /// Hands changed splats over; `splats` are all of them, the change applied.
-    pub fn change(&mut self, change: SplatChange, splats: &[Splat]) {
+    pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match self {
             Self::Gpu(painter) => painter.change(change, splats),
             Self::Software(painter) => painter.change(change),
@@ -81,7 +81,7 @@ impl Painter {
         rect: Rect,
         shot: &Shot,
         effort: Effort,
-        splats: &[Splat],
+        splats: &SplatSet,
     ) -> Result<Option<DrawSample>, PaintError> {
         match self {
             Self::Gpu(painter) => painter.paint(ui, rect, shot, splats).map(Some),

@@ -1,15 +1,19 @@
-//! Photographs and how well the scene reproduces them, found on a thread of their own.
+//! Photographs, how well the scene reproduces them and what training makes of their pixels, found on
+//! a thread of their own.
 
+use super::fates::FatePainter;
 use super::stops::Stop;
 use crate::app::feed::SplatChange;
 use crate::app::view_thread::{Announce, ViewThread};
 use crate::app::worker::Waker;
 use crate::dataset::Dataset;
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::surface::{SurfaceCounts, SurfaceSettings};
 use crate::eval::metrics::psnr;
 use crate::eval::views::{GroundTruth, ground_truth};
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
-use crate::model::splats::Splat;
+use crate::model::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::Ui;
@@ -26,6 +30,10 @@ pub struct Wanted {
     pub dataset: Arc<Dataset>,
     /// The frame.
     pub stop: Stop,
+    /// The camera that took the photographs, where it is not the one that measured depth.
+    pub color_camera: Option<ColorCamera>,
+    /// Paints what became of its pixels when it was prepared so.
+    pub prepared: Option<Arc<SurfaceSettings>>,
     /// Settings of the measurement; its background shows through transparent photographs.
     pub options: RenderOptions,
 }
@@ -34,6 +42,7 @@ impl Wanted {
     fn is_same_photo(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.dataset, &other.dataset)
             && self.stop == other.stop
+            && self.prepared == other.prepared
             && self.options.background == other.options.background
     }
 }
@@ -41,8 +50,10 @@ impl Wanted {
 /// What is known of a photograph.
 #[derive(Clone, Debug)]
 pub struct Sight {
-    /// The photograph, sRGB-encoded over the background.
+    /// The photograph, sRGB-encoded over the background; painted over if that was asked for.
     pub image: Arc<RgbImage>,
+    /// What became of its pixels, if that was asked for.
+    pub fates: Option<SurfaceCounts>,
     /// PSNR of the scene against it in dB, once measured.
     pub psnr: Option<f64>,
 }
@@ -74,12 +85,12 @@ pub struct PhotoDesk {
 
 impl PhotoDesk {
     /// Starts the thread with the scene as it is.
-    pub fn new(waker: Waker, splats: Vec<Splat>) -> std::io::Result<Self> {
+    pub fn new(waker: Waker, splats: SplatSet) -> std::io::Result<Self> {
         let mut darkroom = Darkroom::new()?;
         let thread = ViewThread::start(
             "photographs",
             waker,
-            move |splats: &[Splat], (wanted, question)| {
+            move |splats: &SplatSet, (wanted, question)| {
                 let sight = darkroom.look(splats, &wanted, question);
                 Answer { wanted, sight }
             },
@@ -139,7 +150,7 @@ impl PhotoDesk {
         }
         match &self.sight {
             None => self.thread.ask((wanted.clone(), Question::Show), Announce::Wake),
-            Some(Ok(sight)) if self.is_stale => {
+            Some(Ok(sight)) if self.is_stale && sight.fates.is_none() => {
                 let pause = INTERVAL.saturating_sub(self.measured_at.elapsed());
                 if sight.psnr.is_some() && !pause.is_zero() {
                     ui.ctx().request_repaint_after(pause);
@@ -159,24 +170,33 @@ impl PhotoDesk {
 struct Darkroom {
     renderer: CpuRenderer,
     alone: rayon::ThreadPool,
-    /// The photograph looked at last, and its camera.
-    latest: Option<(Wanted, Arc<RgbImage>, Camera)>,
+    painter: FatePainter,
+    /// The photograph looked at last.
+    latest: Option<(Wanted, Photo)>,
+}
+
+/// A photograph and the camera that took it.
+#[derive(Clone)]
+struct Photo {
+    image: Arc<RgbImage>,
+    fates: Option<SurfaceCounts>,
+    camera: Camera,
 }
 
 impl Darkroom {
     fn new() -> std::io::Result<Self> {
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let alone = alone.map_err(std::io::Error::other)?;
-        Ok(Self { renderer: CpuRenderer::new(), alone, latest: None })
+        Ok(Self { renderer: CpuRenderer::new(), alone, painter: FatePainter::new(), latest: None })
     }
 
     fn look(
         &mut self,
-        splats: &[Splat],
+        splats: &SplatSet,
         wanted: &Wanted,
         question: Question,
     ) -> Result<Sight, String> {
-        let (image, camera) = self.photo(wanted)?;
+        let Photo { image, fates, camera } = self.photo(wanted)?;
         let renderer = &mut self.renderer;
         let mut measure = || psnr(&renderer.render(splats, &camera, &wanted.options).color, &image);
         let measured = match question {
@@ -185,20 +205,29 @@ impl Darkroom {
             Question::Measure => Some(measure()),
         };
         let psnr = measured.transpose().map_err(|error| error.to_string())?;
-        Ok(Sight { image, psnr })
+        Ok(Sight { image, fates, psnr })
     }
 
-    fn photo(&mut self, wanted: &Wanted) -> Result<(Arc<RgbImage>, Camera), String> {
-        if let Some((latest, image, camera)) = &self.latest
+    fn photo(&mut self, wanted: &Wanted) -> Result<Photo, String> {
+        if let Some((latest, photo)) = &self.latest
             && latest.is_same_photo(wanted)
         {
-            return Ok((image.clone(), *camera));
+            return Ok(photo.clone());
         }
         let Stop { split, index } = wanted.stop;
         let frame = wanted.dataset.load(split, index).map_err(|error| error.to_string())?;
-        let truth = ground_truth(&frame, GroundTruth::Composited, wanted.options.background);
-        let image = Arc::new(truth);
-        self.latest = Some((wanted.clone(), image.clone(), frame.camera));
-        Ok((image, frame.camera))
+        let background = wanted.options.background;
+        let (image, fates) = match &wanted.prepared {
+            None => (ground_truth(&frame, GroundTruth::Composited, background), None),
+            Some(settings) => {
+                let painted = self.painter.paint(&frame, settings, background);
+                let (image, fates) = painted.map_err(|error| error.to_string())?;
+                (image, Some(fates))
+            }
+        };
+        let camera = wanted.stop.photo_camera(&wanted.dataset, wanted.color_camera.as_ref());
+        let photo = Photo { image: Arc::new(image), fates, camera };
+        self.latest = Some((wanted.clone(), photo.clone()));
+        Ok(photo)
     }
 }

@@ -1,6 +1,7 @@
 //! What the user chose about the viewport; kept between sessions.
 
 use crate::app::color_mode::ColorMode;
+use crate::app::kept;
 use crate::render::{Antialias, Exact, Lens, Look, Method, RenderOptions, Renderer, Response};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -96,15 +97,8 @@ impl ViewSettings {
     /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
     /// the defaults, with a text that says so.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
-        match ron::from_str::<Self>(text) {
-            Ok(read) => (read.in_range(), None),
-            Err(error) => {
-                let notice = format!(
-                    "the stored settings of the viewport: expected what this version writes, found {error}; the defaults are used instead"
-                );
-                (Self::default(), Some(notice))
-            }
-        }
+        let (read, notice) = kept::from_text::<Self>("the viewport", text);
+        (read.in_range(), notice)
     }
 
     /// For the next session.

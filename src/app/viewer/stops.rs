@@ -1,5 +1,6 @@
 //! The dataset's cameras as places to stand at.
 
+use crate::dataset::calibration::ColorCamera;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::render::compare::Area;
@@ -52,6 +53,13 @@ impl Stop {
     /// The frame.
     pub fn entry(self, dataset: &Dataset) -> &FrameEntry {
         &dataset.splits[self.split].frames[self.index]
+    }
+
+    /// The camera that took its photograph, given where that stands if it is not the one that
+    /// measured depth.
+    pub fn photo_camera(self, dataset: &Dataset, color_camera: Option<&ColorCamera>) -> Camera {
+        let depth = self.entry(dataset).camera;
+        color_camera.map_or(depth, |color| color.beside(&depth))
     }
 }
 

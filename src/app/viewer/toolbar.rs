@@ -68,13 +68,12 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
 }
 
 fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
-    let has_photos = opened.dataset.is_some();
     ComboBox::from_id_salt("view mode")
         .width(150.0)
         .selected_text(view.mode.label())
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
-                let why_not = mode.why_not(view.settings.lens, has_photos);
+                let why_not = mode.why_not(view.settings.lens, opened);
                 let button = Button::selectable(view.mode == mode, mode.label());
                 let response = ui.add_enabled(why_not.is_none(), button);
                 if response

@@ -6,7 +6,7 @@ use crate::math::sym3::Sym3;
 use crate::model::statistics::Moments;
 use glam::{DMat3, DVec3};
 
-/// Sums per component, each of terms within ±4. With `d` the offset of a point from the seed in
+/// Sums per component, each of terms within ±[`MOST_TERM`]. With `d` the offset of a point from the seed in
 /// units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction:
 /// `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3),
 /// `Σ v vᵀ` without its last entry, which is `N` minus the other two of the diagonal (5),
@@ -15,6 +15,9 @@ pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
 pub const MAX_OFFSET: f32 = 2.0;
+
+/// Largest term of a sum: the square of [`MAX_OFFSET`].
+pub const MOST_TERM: f64 = 4.0;
 
 /// Adds nothing: what one point at offset `d` (units of `h`) adds to each sum.
 #[inline(always)]

@@ -49,9 +49,6 @@ struct Buffers {
 }
 
 impl GpuScene {
-    /// Size of a splat's record, which is what a whole upload sends of each.
-    pub const BYTES_PER_SPLAT: u64 = size_of::<GpuSplat>() as u64;
-
     /// Uploads every splat. Nothing is drawn before [`Self::set_order`]. Also the way back after a
     /// lost device: the splats on the CPU are all it needs.
     pub fn new<'a>(

@@ -76,6 +76,11 @@ impl SceneEngine {
         either!(self, t => t.state())
     }
 
+    /// See [`SceneTrainer::stored_order`].
+    pub fn stored_order(&self) -> Vec<u32> {
+        either!(self, t => t.stored_order())
+    }
+
     /// See [`SceneTrainer::train`].
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         either!(self, t => t.train(frame))

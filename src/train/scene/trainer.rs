@@ -14,7 +14,7 @@ use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
 use crate::model::prior::Hyper;
 use crate::model::scene::native::{Anchor, NativeRule};
-use crate::model::scene::state::SceneState;
+use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splats::Splat;
 use crate::train::estep::Scoring;
@@ -71,23 +71,28 @@ impl<W: Word> SceneTrainer<W> {
         for seed in state.seeds {
             trainer.grid.insert(seed);
         }
-        trainer.ledger = Ledger::restore(state.sums, &state.looks)?;
+        trainer.ledger = Ledger::restore(state.sums, state.looks)?;
         trainer.frames = frames;
         Some(trainer)
     }
 
-    /// The scene as it stands. Where components do not depend on the order of frames, their order
-    /// does not either.
+    /// The scene as it stands, its components in their [`Self::stored_order`].
     pub fn state(&self) -> SceneState {
-        let seed = |id: u32| self.grid.position(id as usize);
+        let order = self.stored_order();
+        let (sums, looks) = self.ledger.state(&order);
+        let seeds = order.into_iter().map(|id| self.grid.position(id as usize)).collect();
+        SceneState { origin: self.origin.to_array(), seeds, sums, looks }
+    }
+
+    /// Components in the order in which checkpoints hold them. Where components do not depend on the
+    /// order of frames, their order does not either.
+    pub fn stored_order(&self) -> Vec<u32> {
         let mut order: Vec<u32> = (0..self.components() as u32).collect();
         if self.config.births.is_order_invariant() {
-            let key = |id: &u32| seed(*id).map(|x| (f64::from(x) / self.config.h * 2.0).round() as i64);
-            order.sort_unstable_by_key(key);
+            let seed = |id: &u32| self.grid.position(*id as usize);
+            order.sort_unstable_by(|a, b| seed_order(&seed(a), &seed(b)));
         }
-        let (sums, looks) = self.ledger.state(&order);
-        let seeds = order.into_iter().map(seed).collect();
-        SceneState { origin: self.origin.to_array(), seeds, sums, looks }
+        order
     }
 
     /// Learns from one frame, whole: nothing in it can fail.
@@ -140,7 +145,8 @@ impl<W: Word> SceneTrainer<W> {
             ownership.grow(grid.len());
             ownership.count(&self.q);
         }
-        let (sum, n) = self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
+        let (sum, n) =
+            self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
         (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
     }
 

@@ -1,0 +1,70 @@
+//! What the user chose about training; kept between sessions. It applies to what is opened or reset
+//! next.
+
+use super::kept;
+use crate::pipeline::method::Asked;
+use crate::pipeline::scene::SceneOverrides;
+use crate::train::config::{Preset, TrainConfig};
+use serde::{Deserialize, Serialize};
+
+/// How what is opened next is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct TrainSettings {
+    /// The scene's preset or the paper's.
+    pub preset: Preset,
+    /// Settings of the scene preset.
+    pub scene: SceneOverrides,
+}
+
+impl Default for TrainSettings {
+    fn default() -> Self {
+        Self { preset: Preset::Scene, scene: SceneOverrides::default() }
+    }
+}
+
+impl TrainSettings {
+    /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
+    /// the defaults, with a text that says so.
+    pub fn from_text(text: &str) -> (Self, Option<String>) {
+        kept::from_text("training", text)
+    }
+
+    /// For the next session.
+    pub fn to_text(&self) -> Result<String, ron::Error> {
+        ron::to_string(self)
+    }
+
+    /// What a session is asked for.
+    pub fn asked(&self) -> Asked {
+        match self.preset {
+            Preset::Paper => TrainConfig::paper().into(),
+            Preset::Scene => self.scene.clone().into(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::scene::{Budget, StructuralScale};
+    use crate::train::scene::config::BirthRule;
+
+    #[test]
+    fn settings_survive_a_restart() {
+        let scene = SceneOverrides {
+            scale: Some(StructuralScale::Pixels(3.5)),
+            births: Some(BirthRule::BodyCentred),
+            budget: Some(Budget::Components(9000)),
+            cosine: Some(false),
+            ..SceneOverrides::default()
+        };
+        let chosen = TrainSettings { preset: Preset::Paper, scene };
+        assert_eq!(TrainSettings::from_text(&chosen.to_text().unwrap()), (chosen, None));
+        for text in ["", "(preset: tomorrow)", "(scene: (scale: Some(\"-1\")))"] {
+            let (read, notice) = TrainSettings::from_text(text);
+            assert_eq!(read, TrainSettings::default(), "{text}");
+            assert!(notice.unwrap().contains("the defaults are used"), "{text}");
+        }
+    }
+}
