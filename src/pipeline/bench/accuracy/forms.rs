@@ -74,7 +74,7 @@ pub fn notes(summary: &Summary, n_crack_views: usize) -> Vec<String> {
             .coverage_interior
             .map_or_else(String::new, |share| format!(", {:.2} % away from edges", 100.0 * share));
         notes.push(format!(
-            "after {} frames, where these saw a surface: {:.2} dB, {:.2} % covered{interior}.",
+            "frames learnt: {}; where they saw a surface: {:.2} dB, {:.2} % covered{interior}.",
             early.after_frames,
             early.seen.psnr,
             100.0 * early.seen.coverage
@@ -127,7 +127,7 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
 fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Series> {
     let rows: Vec<&AccuracyRow> = rows.iter().filter(|r| r.table == Table::Scale).collect();
     let of_rule = |rule: &[&AccuracyRow]| Series {
-        name: rule.first().map_or_else(String::new, |row| row.births.clone()),
+        name: rule.first().map_or_else(String::new, |row| row.births.to_string()),
         marks: rule
             .iter()
             .map(|row| Mark { x: Spread::exact(row.drawn), y: measure(row), label: None })

@@ -19,6 +19,7 @@ use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::scene::{SceneOverrides, SceneRun};
 use crate::pipeline::session::SessionError;
 use crate::render::{Method, RenderOptions};
+use crate::train::scene::config::BirthRule;
 use serde::Serialize;
 use std::sync::Arc;
 use training::{Trained, n_sweeps, train};
@@ -65,7 +66,7 @@ pub struct AccuracyRow {
     /// What was changed.
     pub configuration: String,
     /// Where components are born.
-    pub births: String,
+    pub births: BirthRule,
     /// Structural scale, world units.
     pub h: f64,
     /// Components that are drawn.
@@ -294,7 +295,7 @@ impl AccuracyRow {
         Self {
             table: variant.table,
             configuration: variant.name.clone(),
-            births: format!("{:?}", variant.run.engine.births),
+            births: variant.run.engine.births,
             h: variant.run.engine.h,
             drawn: mean(&|m| m.trained.drawn() as f64),
             born: mean(&|m| m.trained.born as f64),

@@ -40,13 +40,13 @@ type Part = (&'static str, fn(&mut SceneRun));
 
 /// In the order of `accuracy.md` 5.
 const PARTS: [Part; 9] = [
-    ("plane fit, no flying pixels", |run| {
+    ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
     }),
     ("cosine filter", |run| run.surface.cosine = false),
     ("calibration", uncalibrated),
-    ("density opacity, flat tops", constant_opacity),
+    ("density opacity and flat tops", constant_opacity),
     ("tight inliers", loose_inliers),
     ("gain per frame", |run| run.engine.gain = false),
     ("depth refinement", |run| run.engine.refine = false),
@@ -56,7 +56,7 @@ const PARTS: [Part; 9] = [
 
 /// Changes beside leaving one part out.
 const CHANGES: [Part; 7] = [
-    ("no colour gradient, no colour by direction", |run| {
+    ("one colour per component", |run| {
         run.engine.native.gradient = false;
         run.engine.native.directional = false;
     }),
@@ -158,7 +158,7 @@ pub fn scales(
             let overrides = SceneOverrides { scale, births: Some(births), ..Default::default() };
             match SceneRun::new(dataset, plan, &overrides) {
                 Ok(run) => {
-                    let name = format!("{births:?}, h = {:.3}", run.engine.h);
+                    let name = format!("{births}, h = {:.3}", run.engine.h);
                     rows.push(Variant { table: Table::Scale, name, run });
                 }
                 Err(SceneError::BelowNoise { .. }) => {}
