@@ -59,7 +59,7 @@ impl Learner {
     pub fn used(&self) -> usize {
         match self {
             Self::Paper { engine, .. } => engine.used(),
-            Self::Scene(engine) => engine.components(),
+            Self::Scene(engine) => engine.used(),
         }
     }
 

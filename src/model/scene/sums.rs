@@ -14,12 +14,12 @@ use glam::{DMat3, DVec3};
 pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
-pub const MAX_OFFSET: f32 = 2.0;
+pub const MAX_OFFSET: f32 = 2.8;
 
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
-pub const MOST_TERM: f64 = 4.0;
+pub const MOST_TERM: f64 = 7.84;
 
-/// Adds nothing: what one point at offset `d` (units of `h`) adds to each sum.
+/// What one point at offset `d` (units of `h`) adds to each sum.
 #[inline(always)]
 pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_SUMS] {
     let (n, v) = (point.normal.map(|x| R::of(x.into())), point.direction.map(|x| R::of(x.into())));
@@ -114,6 +114,22 @@ impl SceneSums {
             view_second: Sym3::from_array(view_second),
             color_view: rows(33),
         }
+    }
+
+    /// Back in the order of [`N_SUMS`], offsets as they are.
+    pub fn to_array(&self) -> [f64; N_SUMS] {
+        let mut sums = [0.0; N_SUMS];
+        let mut put = |at: usize, values: &[f64]| sums[at..at + values.len()].copy_from_slice(values);
+        put(0, &[self.count]);
+        put(1, &self.first.to_array());
+        put(4, &self.second.to_array());
+        put(10, &self.color.to_array());
+        put(13, &self.color_offset.transpose().to_cols_array());
+        put(22, &self.normal.to_array());
+        put(25, &self.view.to_array());
+        put(28, &self.view_second.to_array()[..5]);
+        put(33, &self.color_view.transpose().to_cols_array());
+        sums
     }
 
     /// Mean of the points, about the seed.
