@@ -117,11 +117,12 @@ impl Session {
     ) -> Result<Self, SessionError> {
         let asked = asked.into();
         let plan = Plan::new(&dataset, &selection, asked.seed())?;
-        let range = range::estimate(&dataset, plan.split)?;
+        // A scene says best what is wrong with its depth.
         let method = match asked {
             Asked::Paper(config) => Method::Paper(config),
             Asked::Scene(overrides) => Method::Scene(SceneRun::new(&dataset, &plan, &overrides)?),
         };
+        let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
         let (learner, normalization) = match &config.method {
             Method::Paper(train) => {

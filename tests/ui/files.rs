@@ -1,6 +1,6 @@
 //! Scenes and runs that are written and opened again.
 
-use super::harness::{click, dataset, is, train, wait, window, write_to};
+use super::harness::{click, dataset, is, paper_window, train, wait, window, write_to};
 use crate::common::adapter::turn;
 use eframe::egui::Key;
 use std::path::Path;
@@ -19,14 +19,14 @@ fn export_writes_the_newest_state_and_the_file_opens_again() {
     let file = folder.path().join("scene.glb");
     write_to(&mut window, Key::E, "Export", &file);
     wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
-    let used = window.state().snapshot().used;
-    assert_eq!(export::read(&file).unwrap().splats.len(), used);
+    let n_splats = export::read(&file).unwrap().splats.len();
+    wait(&mut window, "splats", |s| s.n_drawn() == n_splats);
 
     drop(window);
     let Some(mut viewer) = self::window(Some(Subject::Path(file)), Painting::Auto) else { return };
     wait(&mut viewer, "the model", is(RunState::Finished));
     assert_eq!(viewer.state().snapshot().source, Source::Model);
-    wait(&mut viewer, "splats", |s| s.n_drawn() == used);
+    wait(&mut viewer, "splats", |s| s.n_drawn() == n_splats);
 }
 
 #[test]
@@ -34,10 +34,7 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 4);
-    let Some(mut window) = window(Some(Subject::Path(path.clone())), Painting::Auto) else {
-        return;
-    };
-    wait(&mut window, "ready", is(RunState::Ready));
+    let Some(mut window) = paper_window(&path, Painting::Auto) else { return };
     click(&mut window, "Step");
     wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
     let file = folder.path().join("run.vbgs");
