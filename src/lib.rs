@@ -10,7 +10,7 @@
 //! |---|---|
 //! | [`math`] | geometry, images, points, random streams, fixed point |
 //! | [`model`] | laws, hyper-parameters, statistics, posterior, splats |
-//! | [`dataset`] | one file per layout, frames, unprojection, the synthetic scene |
+//! | [`dataset`] | one file per layout, frames, unprojection, surface points, the synthetic scene |
 //! | [`train`] | candidates, E-step, statistics, reassignment: one frame at a time |
 //! | [`render`] | splats to pixels: CPU (`render::cpu`) and GPU (`render::gpu`, feature `gui`) |
 //! | [`export`] | PLY, GLB and checkpoints, written and read |

@@ -1,8 +1,12 @@
-//! The training loop allocates nothing once it is warm.
+//! The training loop and the preparation of frames allocate nothing once they are warm.
 #![allow(clippy::unwrap_used, unsafe_code)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
+use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+use vbgs_studio::math::observation::Observation;
 use vbgs_studio::math::points::Points;
 use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
 use vbgs_studio::train::engine::Engine;
@@ -32,6 +36,9 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// Held while allocations are counted.
+static ALONE: Mutex<()> = Mutex::new(());
+
 /// Points of a surface that looks a little different in every frame.
 fn frame(t: usize) -> Points<f32> {
     let mut points = Points::new();
@@ -50,6 +57,7 @@ fn frame(t: usize) -> Points<f32> {
 /// 100 frames after 300 others, in which components still spread, on two threads that the loop runs inside of.
 #[test]
 fn a_warm_training_loop_allocates_nothing() {
+    let _alone = ALONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
     let frames: Vec<Points<f32>> = (0..10).map(frame).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     for reassign in [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded] {
@@ -74,4 +82,23 @@ fn a_warm_training_loop_allocates_nothing() {
         });
         assert_eq!(allocations, 0, "{reassign:?}");
     }
+}
+
+#[test]
+fn a_warm_preparer_allocates_nothing() {
+    let _alone = ALONE.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    let params = SyntheticParams { n_train: 4, ..SyntheticParams::demo() };
+    let dataset = synthetic::dataset(&params).unwrap();
+    let settings = SurfaceSettings::new(&dataset, glam::DVec3::ZERO);
+    let frames: Vec<_> = (0..4).map(|i| dataset.load(0, i).unwrap()).collect();
+    let (mut preparer, mut out) = (Preparer::new(), Observation::empty());
+    let mut prepare_all = || {
+        for frame in &frames {
+            preparer.prepare(frame, &settings, &mut out).unwrap();
+        }
+    };
+    prepare_all();
+    let before = ALLOCATIONS.load(Ordering::Relaxed);
+    prepare_all();
+    assert_eq!(ALLOCATIONS.load(Ordering::Relaxed) - before, 0);
 }

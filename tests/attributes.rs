@@ -46,7 +46,7 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
             let mut session = session(Overrides { reassign: Some(reassign), ..way.clone() });
             session.start_component_elbo();
             while let Step::Trained(frame) = session.step().unwrap() {
-                let engine = session.engine();
+                let engine = session.learner();
                 let known = engine.components_with_elbo();
                 let of = |&id: &u32| engine.component_elbo(id as usize).unwrap();
                 let (sum, n) = known
@@ -79,7 +79,7 @@ fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_fram
     session.step().unwrap();
     let third = known(&session);
     assert!(!second.is_empty() && second != third);
-    let mut ids = session.engine().components_with_elbo().to_vec();
+    let mut ids = session.learner().components_with_elbo().to_vec();
     ids.sort_unstable();
     assert_eq!(third, ids);
     session.stop_component_elbo();
@@ -91,7 +91,7 @@ fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_fram
 fn asking_changes_nothing_of_the_model() {
     let finish = |mut session: Session| {
         while !matches!(session.step().unwrap(), Step::Finished) {}
-        session.engine().state()
+        session.checkpoint().unwrap().model
     };
     let plain = finish(session(Overrides::default()));
     let mut asked = session(Overrides::default());
@@ -107,7 +107,7 @@ fn components_are_born_with_their_first_points() {
         for (id, (attributes, born)) in
             session.attributes_of(&all()).iter().zip(&mut born).enumerate()
         {
-            let is_used = session.engine().posterior(id).count > 0.0;
+            let is_used = session.learner().posterior(id).count > 0.0;
             if is_used && born.is_none() {
                 *born = Some(frame.index as u32);
             }
@@ -126,7 +126,7 @@ fn births_before_a_stop_are_not_known() {
     session.step().unwrap();
     let file = folder.path().join("run.vbgs");
     session.save(&file).unwrap();
-    let first = session.engine().used();
+    let first = session.learner().used();
     let run = SavedRun::read(&file).unwrap();
     let mut resumed = run.resume(room(), &Asked::default(), false).unwrap();
     while !matches!(resumed.step().unwrap(), Step::Finished) {}

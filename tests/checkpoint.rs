@@ -7,6 +7,8 @@ mod merge;
 mod refusals;
 #[path = "checkpoint/resume.rs"]
 mod resume;
+#[path = "checkpoint/scenes.rs"]
+mod scenes;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,6 +18,7 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{Checkpoint, write};
 use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
+use vbgs_studio::pipeline::method::{Asked as AskedMethod, Method};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::train::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
@@ -65,8 +68,14 @@ fn finished(mut session: Session) -> Session {
     session
 }
 
-fn trained(config: &TrainConfig, selection: Selection) -> Session {
-    finished(Session::new(room(), config.clone(), selection).unwrap())
+fn trained(asked: &(impl Into<AskedMethod> + Clone), selection: Selection) -> Session {
+    finished(Session::new(room(), asked.clone(), selection).unwrap())
+}
+
+/// Settings of a mixture.
+fn paper(run: &SavedRun) -> &TrainConfig {
+    let Method::Paper(train) = &run.config.method else { unreachable!() };
+    train
 }
 
 /// A session saved to a file and read again.
@@ -94,7 +103,7 @@ fn ply(session: &Session) -> Vec<u8> {
     let folder: TempDir = tempfile::tempdir().unwrap();
     let path: &Path = &folder.path().join("scene.ply");
     let options = WriteOptions { up: session.up(), ..WriteOptions::new(Format::Ply) };
-    export::write(path, &session.splats(), &options).unwrap();
+    export::write(path, &session.stored_splats(), &options).unwrap();
     std::fs::read(path).unwrap()
 }
 

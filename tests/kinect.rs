@@ -10,8 +10,8 @@ use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::report::{EvalReport, Summary};
 use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
-use vbgs_studio::math::points::Normalization;
 use vbgs_studio::model::posterior::Conversion;
+use vbgs_studio::pipeline::learner::Learner;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Method, RenderOptions};
@@ -19,10 +19,10 @@ use vbgs_studio::train::config::TrainConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let conversion = Conversion { scale_factor, ..Conversion::right() };
-    let config = TrainConfig { conversion, ..session.config().train.clone() };
-    let [lo, hi] = session.config().position_range;
-    let normalization = Normalization::from_range(lo.into(), hi.into());
-    let splats = session.engine().splats(&config, &normalization);
+    let Learner::Paper { engine, config, normalization } = session.learner() else {
+        unreachable!()
+    };
+    let splats = engine.splats(&TrainConfig { conversion, ..config.clone() }, normalization);
     let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let dataset = session.dataset();
@@ -43,8 +43,8 @@ fn office() {
     println!(
         "median ms.train {:.1}, {} of {} components used",
         summary.train_ms_median,
-        session.engine().used(),
-        session.engine().components()
+        session.learner().used(),
+        session.learner().components()
     );
     for (scale_factor, least_db) in [(1.0, FLOOR_DB.0), (1.41, FLOOR_DB.1)] {
         let report = quality(&session, scale_factor);

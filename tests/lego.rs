@@ -19,9 +19,9 @@ use vbgs_studio::eval::views::{GroundTruth, ground_truth};
 use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
-use vbgs_studio::math::points::Normalization;
 use vbgs_studio::model::posterior::Conversion;
 use vbgs_studio::model::splats::Splat;
+use vbgs_studio::pipeline::learner::Learner;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
@@ -99,9 +99,10 @@ fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>
 }
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
-    let config = TrainConfig { conversion, ..session.config().train.clone() };
-    let [lo, hi] = session.config().position_range;
-    session.engine().splats(&config, &Normalization::from_range(lo.into(), hi.into()))
+    let Learner::Paper { engine, config, normalization } = session.learner() else {
+        unreachable!()
+    };
+    engine.splats(&TrainConfig { conversion, ..config.clone() }, normalization)
 }
 
 /// Mean PSNR over the views against either ground truth, dB.
@@ -134,7 +135,7 @@ fn measure_row(dataset: &Arc<Dataset>, views: &[View], reassign: ReassignPolicy)
             Overrides { seed: Some(seed), reassign: Some(reassign), ..Overrides::default() };
         let session = train(dataset, overrides, None);
         assert_eq!(session.frames().len(), 200);
-        row.used += share * session.engine().used() as f64;
+        row.used += share * session.learner().used() as f64;
         row.train_ms.push(Summary::of_frames(session.frames(), 0.0).train_ms_median);
         let wide = Conversion { scale_factor: 1.41, ..Conversion::right() };
         let conversions = [Conversion::legacy(), wide, Conversion::right()];
@@ -202,10 +203,10 @@ fn quality(session: &Session) -> f64 {
 fn mixed_agrees_with_f64() {
     let Some(dataset) = open() else { return };
     let [exact, mixed] = both(&dataset, ReassignPolicy::Off);
-    let n_components = exact.engine().components();
+    let n_components = exact.learner().components();
     let (mut worst, mut n_differ) = (0.0f64, 0);
     for k in 0..n_components {
-        let (a, b) = (exact.engine().posterior(k), mixed.engine().posterior(k));
+        let (a, b) = (exact.learner().posterior(k), mixed.learner().posterior(k));
         if a.count == b.count {
             worst = worst.max((a.mean_space - b.mean_space).length());
         } else {
@@ -232,7 +233,7 @@ fn mixed_reassigns_as_well_as_f64() {
     for reassign in [ReassignPolicy::Truncated, ReassignPolicy::Forwarded] {
         let [exact, mixed] = both(&dataset, reassign);
         let (a, b) = (quality(&exact), quality(&mixed));
-        let used = [&exact, &mixed].map(|session| session.engine().used());
+        let used = [&exact, &mixed].map(|session| session.learner().used());
         println!("{reassign:?}: f64 {a:.4} dB, mixed {b:.4} dB, used {used:?}");
         assert!((a - b).abs() < 0.05, "{reassign:?}: f64 {a} dB, mixed {b} dB");
         let share = used[0] as f64 / used[1] as f64;
@@ -249,7 +250,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
     let summary = export::write(&path, &splats, &WriteOptions::new(Format::Ply)).unwrap();
-    assert_eq!(summary.n_written, session.engine().used());
+    assert_eq!(summary.n_written, session.learner().used());
 
     let mut file = BufReader::new(File::open(&path).unwrap());
     let ply = Parser::<DefaultElement>::new().read_ply(&mut file).unwrap();

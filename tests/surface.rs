@@ -5,3 +5,11 @@ mod common;
 
 #[path = "surface/agreement.rs"]
 mod agreement;
+#[path = "surface/calibration.rs"]
+mod calibration;
+#[path = "surface/drawn.rs"]
+mod drawn;
+#[path = "surface/fates.rs"]
+mod fates;
+#[path = "surface/planes.rs"]
+mod planes;

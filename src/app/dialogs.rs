@@ -82,6 +82,11 @@ impl PathDialog {
         Self { purpose, is_open: false, path: path.to_owned(), picker: None, no_native: false }
     }
 
+    /// Whether it is shown.
+    pub fn is_open(&self) -> bool {
+        self.is_open
+    }
+
     /// Shows the dialog from now on.
     pub fn show(&mut self) {
         self.is_open = true;

@@ -218,7 +218,9 @@ impl Studio {
 
     /// Keys are left to text fields and open questions.
     fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        if ui.ctx().egui_wants_keyboard_input() || self.discarding.is_some() {
+        let dialogs = [&self.open_dialog, &self.save_dialog, &self.export_dialog];
+        let asks = self.discarding.is_some() || dialogs.iter().any(|dialog| dialog.is_open());
+        if asks || ui.ctx().egui_wants_keyboard_input() {
             return;
         }
         if ui.input(|i| i.key_pressed(Key::Tab)) {

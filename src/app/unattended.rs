@@ -54,10 +54,8 @@ const DONE: &str = "Training ended without a window";
 mod tests {
     use super::*;
     use crate::app::state::Subject;
-    use crate::app::training::TrainSettings;
     use crate::dataset::synthetic::SyntheticParams;
     use crate::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
-    use crate::train::config::Preset;
 
     #[test]
     fn a_run_goes_on_to_its_end_and_is_written() {
@@ -74,8 +72,6 @@ mod tests {
         let layout = SyntheticLayout::Blender(DepthBits::Sixteen);
         write(&params, &room, layout, &mut |_, _| {}).unwrap();
         let worker = Arc::new(Worker::start(Arc::new(|| {})).unwrap());
-        let paper = TrainSettings { preset: Preset::Paper, ..TrainSettings::default() };
-        worker.send(Order::TrainBy(Box::new(paper)));
         worker.send(Order::Open(Subject::Path(room)));
         worker.send(Order::Train);
         while worker.snapshot().frames_done == 0 {

@@ -24,7 +24,10 @@ struct CheckpointInfo {
     planned_frames: usize,
     points: u64,
     components: usize,
+    /// Those with points.
     used: usize,
+    /// Those that renderers draw.
+    drawn: usize,
     bytes: u64,
     bytes_per_component: f64,
     dataset: Option<PathBuf>,
@@ -37,6 +40,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
     let learner = run.learner()?;
     let (used, components) = (learner.used(), learner.components());
+    let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
     let SavedRun { version, bytes, config, meta, content, .. } = run;
     let cursor = &content.cursor;
@@ -51,8 +55,9 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
         points: cursor.points,
         components,
         used,
+        drawn,
         bytes,
-        bytes_per_component: bytes as f64 / components as f64,
+        bytes_per_component: bytes as f64 / components.max(1) as f64,
         dataset: meta.dataset,
         config,
         defects,
@@ -92,7 +97,10 @@ fn print(info: &CheckpointInfo) -> Result<(), Failure> {
         "  {} of {} frames learnt, {} skipped, {} points",
         info.frames, info.planned_frames, info.skipped, info.points
     ));
-    output::line(format!("  {} of {} components used", info.used, info.components));
+    output::line(format!(
+        "  {} of {} components used, {} drawn",
+        info.used, info.components, info.drawn
+    ));
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
     output::line(format!("  dataset: {dataset}"));
     output::line(format!("  config: {}", serde_json::to_string(config)?));

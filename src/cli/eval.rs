@@ -2,9 +2,12 @@
 
 use super::args::EvalArgs;
 use super::failure::Failure;
+use super::model::Model;
+use super::quality::Comparison;
 use super::train::announce;
 use super::{model, output, quality};
 use serde::Serialize;
+use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::render::Lens;
@@ -23,8 +26,9 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     announce(&dataset);
     let (split, frames) = choose_views(&dataset, args)?;
     let views = (split, &frames[..]);
-    let found =
-        quality::measure((&model.splats).into(), &dataset, views, &args.comparison, &methods)?;
+    let color_camera = color_camera(args, &model, &dataset)?;
+    let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
+    let found = quality::measure((&model.splats).into(), &dataset, views, &comparison)?;
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
         return output::json(&EvalOutput { eval, views: views.concat() });
@@ -34,6 +38,19 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
         output::line(output::quality(report));
     }
     Ok(())
+}
+
+fn color_camera(
+    args: &EvalArgs,
+    model: &Model,
+    dataset: &Dataset,
+) -> Result<Option<ColorCamera>, Failure> {
+    let calibration = match (&args.calibration, &model.method) {
+        (Some(path), _) => Some(Calibration::read(path)?),
+        (None, Some(method)) => return Ok(method.color_camera()),
+        (None, None) => Calibration::known(dataset),
+    };
+    Ok(calibration.and_then(|c| c.color_camera))
 }
 
 fn choose_views(dataset: &Dataset, args: &EvalArgs) -> Result<(usize, Vec<usize>), Failure> {

@@ -15,6 +15,8 @@ pub struct Model {
     pub splats: SplatSet,
     /// Direction that points up, where the file says so.
     pub up: Option<DVec3>,
+    /// How it was trained, where the file says so.
+    pub method: Option<Method>,
     /// What this program said about the conversion to splats.
     pub comments: Vec<String>,
 }
@@ -24,7 +26,8 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
         let comments = conversion_comments(&run.config.method);
-        return Ok(Model { splats: run.splats()?, up: Some(run.up()), comments });
+        let (splats, up) = (run.splats()?, Some(run.up()));
+        return Ok(Model { splats, up, method: Some(run.config.method), comments });
     }
     let model = export::read(path)?;
     for note in &model.notes {
@@ -40,7 +43,7 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats, up, comments })
+    Ok(Model { splats: model.splats, up, method: None, comments })
 }
 
 /// Comment lines of files that name a conversion other than the plain one.

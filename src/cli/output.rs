@@ -119,7 +119,7 @@ pub fn quality(eval: &EvalReport) -> String {
 /// What a model showed early in its run.
 pub fn seen_early(report: &SeenReport) -> String {
     let SeenReport { after_frames, renderer, seen: early } = report;
-    format!("{renderer}, after {after_frames} frames: {}", seen(early))
+    format!("{renderer}, frames learnt: {after_frames}; {}", seen(early))
 }
 
 fn aligned(eval: &EvalReport) -> Option<String> {

@@ -44,7 +44,7 @@ pub fn run(args: &PrecisionSearchArgs) -> Result<(), Failure> {
     }
     output::line(&search.text);
     output::line(format!(
-        "wrote precision-search.json and precision-search.ron to {}; use the latter with `train --config`",
+        "wrote precision-search.json and precision-search.ron to {}; use the latter with `train --preset paper --config`",
         out.display()
     ));
     Ok(())

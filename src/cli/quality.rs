@@ -4,27 +4,43 @@ use super::args::{ComparisonArgs, GroundTruthName};
 use super::failure::Failure;
 use super::{output, progress};
 use vbgs_studio::dataset::Dataset;
+use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
 use vbgs_studio::model::appearance::SplatView;
 use vbgs_studio::render::{Method, RenderOptions};
 
+/// How splats are compared with photographs.
+pub struct Comparison<'a> {
+    /// What was asked for.
+    pub args: &'a ComparisonArgs,
+    /// The camera that took the photographs, if not the one that measured depth.
+    pub color_camera: Option<ColorCamera>,
+    /// Renderers, one after the other.
+    pub methods: &'a [Method],
+}
+
 /// Measures the listed views renderer by renderer; the views of one renderer stay together.
 pub fn measure(
     splats: SplatView,
     dataset: &Dataset,
     (split, frames): (usize, &[usize]),
-    comparison: &ComparisonArgs,
-    methods: &[Method],
+    comparison: &Comparison,
 ) -> Result<Vec<(EvalReport, Vec<ViewReport>)>, Failure> {
+    let methods = comparison.methods;
+    if comparison.color_camera.is_some() {
+        eprintln!(
+            "note: photographs are compared with what their own camera sees, not the depth camera"
+        );
+    }
     let crack_views = cracks::views(dataset, split, frames);
     let n_crack_views = crack_views.as_ref().map_or(0, |(_, frames)| frames.len());
     let n_views = frames.len() + n_crack_views;
     let bar = progress::bar(methods.len() * n_views, "view");
     let mut found = Vec::with_capacity(methods.len());
     for (i, &method) in methods.iter().enumerate() {
-        let options = options(comparison, method);
+        let options = comparison.options(method);
         let tell = |done| bar.set_position((i * n_views + done) as u64);
         let (mut report, scores) = views::evaluate(splats, dataset, split, frames, &options, tell)?;
         if let Some((split, crack_frames)) = &crack_views {
@@ -50,12 +66,11 @@ pub fn seen(
     splats: SplatView,
     dataset: &Dataset,
     (split, frames): (usize, &[usize]),
-    comparison: &ComparisonArgs,
-    methods: &[Method],
+    comparison: &Comparison,
 ) -> Result<Vec<SeenReport>, Failure> {
-    let mut found = Vec::with_capacity(methods.len());
-    for &method in methods {
-        let options = options(comparison, method);
+    let mut found = Vec::with_capacity(comparison.methods.len());
+    for &method in comparison.methods {
+        let options = comparison.options(method);
         let (report, _) = views::evaluate(splats, dataset, split, frames, &options, |_| ())?;
         let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
         found.extend(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }));
@@ -63,12 +78,17 @@ pub fn seen(
     Ok(found)
 }
 
-fn options(comparison: &ComparisonArgs, method: Method) -> EvalOptions {
-    let ground_truth = match comparison.ground_truth {
-        GroundTruthName::Composited => GroundTruth::Composited,
-        GroundTruthName::Rgb => GroundTruth::Rgb,
-    };
-    let render = RenderOptions::evaluation(method, comparison.background);
-    let plain = EvalOptions::plain(ground_truth, render);
-    EvalOptions { partial_coverage: comparison.partial_coverage, ..plain }
+impl Comparison<'_> {
+    fn options(&self, method: Method) -> EvalOptions {
+        let ComparisonArgs { ground_truth, background, partial_coverage } = *self.args;
+        EvalOptions {
+            ground_truth: match ground_truth {
+                GroundTruthName::Composited => GroundTruth::Composited,
+                GroundTruthName::Rgb => GroundTruth::Rgb,
+            },
+            partial_coverage,
+            color_camera: self.color_camera,
+            render: RenderOptions::evaluation(method, background),
+        }
+    }
 }

@@ -27,13 +27,13 @@ pub fn selection(args: &TrainArgs) -> Selection {
     }
 }
 
-/// What is said beside `--resume`.
-pub fn asked(args: &TrainArgs) -> Result<Asked, Failure> {
+/// What is said of a model of some preset, on the command line and in the file that it names.
+pub fn asked(args: &TrainArgs, preset: Preset) -> Result<Asked, Failure> {
     let (mut paper, mut scene) = (line(args), scene_line(args)?);
     if let Some(path) = &args.config {
-        match args.preset {
-            Some(Preset::Paper) => paper = paper.or(read_config(path, PAPER_EXAMPLE)?),
-            None | Some(Preset::Scene) => scene = scene.or(read_config(path, SCENE_EXAMPLE)?),
+        match preset {
+            Preset::Paper => paper = paper.or(read_config(path, PAPER_EXAMPLE)?),
+            Preset::Scene => scene = scene.or(read_config(path, SCENE_EXAMPLE)?),
         }
     }
     Ok(Asked {
@@ -53,7 +53,7 @@ pub fn asked(args: &TrainArgs) -> Result<Asked, Failure> {
 pub fn method(args: &TrainArgs) -> Result<Method, Failure> {
     let preset = args.preset.unwrap_or(Preset::Scene);
     refuse_foreign(args, preset)?;
-    let asked = asked(args)?;
+    let asked = asked(args, preset)?;
     Ok(match preset {
         Preset::Paper => Method::Paper(TrainConfig::paper().with(&asked.paper)?),
         Preset::Scene => Method::Scene(asked.scene),

@@ -1,23 +1,22 @@
 //! `train`: headless training with files at the end.
 
-use super::args::{ComparisonArgs, TrainArgs};
+use super::args::TrainArgs;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
-use super::quality::SEEN_AFTER;
+use super::quality::{Comparison, SEEN_AFTER};
 use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
-use std::path::Path;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::model::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::{Lens, Method};
 use vbgs_studio::pipeline::method::Asked as AskedMethod;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
@@ -25,8 +24,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let start = match &args.resume {
         None => Start::New(Box::new(method(args)?)),
         Some(path) => {
-            let asked = Box::new(asked(args)?);
-            Start::Saved(Box::new(saved_run(path, &asked)?), asked)
+            let run = SavedRun::read(path)?;
+            let preset = args.preset.unwrap_or(run.config.method.preset());
+            let asked = asked(args, preset)?;
+            check(&run, &asked)?;
+            Start::Saved(Box::new(run), Box::new(asked))
         }
     };
     let interrupt = Interrupt::listen()?;
@@ -72,8 +74,10 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
+    let color_camera = session.config().method.color_camera();
+    let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
     let measured = match (&args.eval, &end) {
-        (Some(split), Ok(true)) => measure(&session, split, &early, &args.comparison, &methods),
+        (Some(split), Ok(true)) => measure(&session, split, &early, &comparison),
         _ => Ok(Measured::default()),
     };
     let (measured, failure) = match measured {
@@ -100,9 +104,8 @@ enum Start {
     Saved(Box<SavedRun>, Box<Asked>),
 }
 
-/// The run to go on with, whose settings agree with those asked for.
-fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
-    let run = SavedRun::read(path)?;
+/// Whether a run can go on as asked, with what there is to say about it.
+fn check(run: &SavedRun, asked: &Asked) -> Result<(), Failure> {
     run.check(asked)?;
     if let Some(warning) = run.numerics_differ() {
         eprintln!("warning: {warning}");
@@ -112,7 +115,7 @@ fn saved_run(path: &Path, asked: &Asked) -> Result<SavedRun, Failure> {
     if most.is_some_and(|most| most <= trained) {
         eprintln!("note: {trained} frames are trained already; --max-frames N trains up to N");
     }
-    Ok(run)
+    Ok(())
 }
 
 /// Trains until the frames end (true) or Ctrl-C (false); `after` is called after every frame.
@@ -162,7 +165,7 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
         mapping: args.mapping.mapping(),
         ..WriteOptions::new(Format::Ply)
     };
-    write(&args.out.join("scene.ply"), &session.splats(), &options)?;
+    write(&args.out.join("scene.ply"), &session.stored_splats(), &options)?;
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 
@@ -180,14 +183,15 @@ fn save_report(
     }
     let summary = &report.summary;
     output::line(format!(
-        "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used",
+        "{} frames, {} skipped, in {:.1} s: median {:.1} ms a frame (95 % below {:.1} ms), {} of {} components used, {} drawn",
         report.frames.len(),
         report.skipped.len(),
         summary.wall_s,
         summary.train_ms_median,
         summary.train_ms_p95,
         summary.used,
-        summary.components
+        summary.components,
+        summary.drawn
     ));
     report.seen.iter().for_each(|s| output::line(output::seen_early(s)));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
@@ -208,20 +212,19 @@ fn measure(
     session: &Session,
     split: &str,
     early: &[(usize, SplatSet)],
-    comparison: &ComparisonArgs,
-    methods: &[Method],
+    comparison: &Comparison,
 ) -> Result<Measured, Failure> {
     let (dataset, plan) = (session.dataset(), session.plan());
     let mut seen = Vec::new();
     for (visited, splats) in early {
         let frames = (plan.split, &plan.frames[..*visited]);
-        seen.extend(quality::seen(splats.into(), dataset, frames, comparison, methods)?);
+        seen.extend(quality::seen(splats.into(), dataset, frames, comparison)?);
     }
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
     let views = (split, &frames[..]);
     let splats = session.splats();
-    let found = quality::measure((&splats).into(), dataset, views, comparison, methods)?;
+    let found = quality::measure((&splats).into(), dataset, views, comparison)?;
     Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
 }
 

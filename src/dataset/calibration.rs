@@ -3,6 +3,7 @@
 
 use super::seven_scenes::DEFAULT_INTRINSICS;
 use super::{Dataset, Layout};
+use crate::math::camera::{Camera, Intrinsics};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -175,6 +176,16 @@ impl ColorCamera {
         offset: [0.023, 0.0015, 0.0],
         rotation: [0.0; 3],
     };
+
+    /// Itself, beside a depth camera whose images have the same size.
+    pub fn beside(&self, depth: &Camera) -> Camera {
+        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
+        let turn = DQuat::from_scaled_axis(DVec3::from_array(self.rotation));
+        Camera {
+            intrinsics: Intrinsics { fx, fy, cx, cy, ..depth.intrinsics },
+            pose: depth.pose.attached(DVec3::from_array(self.offset), turn),
+        }
+    }
 
     /// Rotation from the depth camera's axes to its own.
     pub(super) fn color_from_depth(&self) -> DMat3 {

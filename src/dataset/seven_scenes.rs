@@ -207,8 +207,7 @@ fn intrinsics(
         found,
         hint: hint.to_owned(),
     };
-    notes
-        .push("colour is taken to be seen by the depth camera (7-Scenes is not registered)".into());
+    notes.push("colour images are not registered to depth (7-Scenes)".into());
     if !folder.listing.has_file(INTRINSICS_FILE) {
         if (width, height) != (DEFAULT_INTRINSICS.width, DEFAULT_INTRINSICS.height) {
             return Err(wrong(

@@ -10,6 +10,7 @@ use super::sweep::over_views;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
+use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::model::appearance::SplatView;
@@ -82,9 +83,10 @@ pub fn measure<'a>(
     progress: impl FnMut(usize),
 ) -> Option<CrackReport> {
     let splats = splats.into();
+    let sensor = Sensor::of(dataset);
     let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
         let frame = loaded.ok()?;
-        let surfaces = Surfaces::of(&frame)?;
+        let surfaces = Surfaces::of(&frame, sensor)?;
         in_view(frame.name, &surfaces, splats, render, renderer)
     };
     let found = over_views(dataset, split, frames, visit, progress);
@@ -201,7 +203,7 @@ mod tests {
 
     fn cracks(splats: &[Splat]) -> ViewCracks {
         let frame = frame();
-        let surfaces = Surfaces::of(&frame).unwrap();
+        let surfaces = Surfaces::of(&frame, Sensor::Kinect).unwrap();
         let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
         let renderer = &mut CpuRenderer::new();
         in_view(frame.name, &surfaces, splats.into(), &render, renderer).unwrap()
@@ -239,7 +241,7 @@ mod tests {
 
     #[test]
     fn the_moved_camera_stands_half_way() {
-        let surfaces = Surfaces::of(&frame()).unwrap();
+        let surfaces = Surfaces::of(&frame(), Sensor::Kinect).unwrap();
         assert_eq!(half_distance(&surfaces).unwrap().pose.centre(), DVec3::Z);
     }
 }

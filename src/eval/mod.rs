@@ -1,6 +1,5 @@
 //! Quality of a model, and how runs report themselves.
 
-pub mod color_camera;
 pub mod comparison;
 pub mod cracks;
 pub mod metrics;

@@ -1,9 +1,9 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
 
-use super::color_camera::ColorCamera;
 use super::cracks::CrackReport;
 use super::seen::Seen;
 use super::views::PartialCoverage;
+use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::timing::StageMs;
@@ -142,6 +142,8 @@ pub struct Summary {
     pub components: usize,
     /// Components with statistics.
     pub used: usize,
+    /// Components that are drawn.
+    pub drawn: usize,
     /// Bytes of the model.
     pub model_bytes: usize,
     /// Largest resident memory of the process; `None` where the system does not tell.

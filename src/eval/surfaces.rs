@@ -2,7 +2,8 @@
 //! and how another camera sees them.
 
 use super::reproject::{self, Corner};
-use crate::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
+use crate::dataset::frame::{DepthKind, Frame};
+use crate::dataset::surface::Sensor;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use rayon::prelude::*;
@@ -10,11 +11,6 @@ use rayon::prelude::*;
 /// Interior pixels have no edge in the square of this many pixels around them (`accuracy.md` 7,
 /// Cracks).
 pub const EDGE_MARGIN: usize = 5;
-
-/// Jumps ([`Surfaces::new`]) are the margins of `accuracy.md` 3, step 4: 1.6 codes of 8-bit ray
-/// depth, metres of a depth camera otherwise.
-const INVERSE8_JUMP: [f32; 2] = [0.05, 0.0];
-const SENSOR_JUMP: [f32; 2] = [0.03, 0.02];
 
 /// Surfaces in one camera's image.
 #[derive(Clone, Debug)]
@@ -31,8 +27,9 @@ pub struct Surfaces {
 
 impl Surfaces {
     /// What the frame's depth camera measured where it is trusted and nothing shines through
-    /// (alpha 255); `None` in frames without depth.
-    pub fn of(frame: &Frame) -> Option<Self> {
+    /// (alpha 255); `None` in frames without depth. Depths are one surface within the sensor's
+    /// margin ([`DepthTolerance::margin`](crate::math::observation::DepthTolerance)).
+    pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
         let depth = frame.depth.as_ref()?;
         let mut z = frame.depth_z()?;
         for (i, z) in z.data.iter_mut().enumerate() {
@@ -42,7 +39,8 @@ impl Surfaces {
                 *z = 0.0;
             }
         }
-        Some(Self::new(frame.camera, z, jump(depth)))
+        let profile = sensor.profile(depth, &frame.camera.intrinsics);
+        Some(Self::new(frame.camera, z, profile.tolerance.margin))
     }
 
     /// From depth z, 0 where no surface is known. Neighbouring pixels whose depths differ by more
@@ -110,13 +108,6 @@ impl Surfaces {
     }
 }
 
-fn jump(depth: &Depth) -> [f32; 2] {
-    match depth.codes {
-        DepthCodes::Inverse8(_) => INVERSE8_JUMP,
-        DepthCodes::Linear16 { .. } => SENSOR_JUMP,
-    }
-}
-
 /// Whether two neighbouring pixels do not show one surface: one shows none, or they are far apart.
 fn is_jump(a: f32, b: f32, jump: [f32; 2]) -> bool {
     let nearer = a.min(b);
@@ -178,6 +169,7 @@ fn widened(marks: &Image<bool>) -> Image<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::frame::{Depth, DepthCodes};
     use crate::math::pose::Pose;
     use glam::{DQuat, DVec3};
 
@@ -209,18 +201,21 @@ mod tests {
     #[test]
     fn a_hole_a_jump_and_distrust_are_edges_and_the_border_is_none() {
         let camera = camera(64, 48);
-        let plain = Surfaces::of(&wall(camera, |_, _| 2000)).unwrap();
+        let plain = Surfaces::of(&wall(camera, |_, _| 2000), Sensor::Kinect).unwrap();
         assert_eq!(count(&plain.interior), 64 * 48);
         for code in [0, 5000] {
             let hole = |x, y| if (x, y) == (30, 20) { code } else { 2000 };
-            let holed = Surfaces::of(&wall(camera, hole)).unwrap();
+            let holed = Surfaces::of(&wall(camera, hole), Sensor::Kinect).unwrap();
             // The hole's neighbours end at it, so their squares count as well.
             assert_eq!(count(&holed.interior), 64 * 48 - (13 * 13 - 4), "code {code}");
             assert_eq!(*holed.z.at(30, 20), 0.0);
         }
-        let step = Surfaces::of(&wall(camera, |x, _| if x < 30 { 2000 } else { 2080 })).unwrap();
+        let step =
+            Surfaces::of(&wall(camera, |x, _| if x < 30 { 2000 } else { 2080 }), Sensor::Kinect)
+                .unwrap();
         assert_eq!(count(&step.interior), (64 - 12) * 48);
-        let slope = Surfaces::of(&wall(camera, |x, _| 2000 + 60 * x as u16 / 2)).unwrap();
+        let slope =
+            Surfaces::of(&wall(camera, |x, _| 2000 + 60 * x as u16 / 2), Sensor::Kinect).unwrap();
         assert_eq!(count(&slope.interior), 64 * 48, "a slope of 60 mm in two pixels is none");
     }
 
@@ -228,7 +223,7 @@ mod tests {
     fn what_shines_through_is_no_surface() {
         let mut frame = wall(camera(64, 48), |_, _| 2000);
         frame.color.data[0][3] = 254;
-        let found = Surfaces::of(&frame).unwrap();
+        let found = Surfaces::of(&frame, Sensor::Kinect).unwrap();
         assert_eq!((found.z.data[0], found.z.data[1]), (0.0, 2.0));
     }
 
@@ -237,7 +232,7 @@ mod tests {
     fn another_camera_sees_the_same_surfaces() {
         let here = camera(64, 48);
         let frame = wall(here, |x, y| if (24..40).contains(&x) && y < 24 { 0 } else { 2000 });
-        let surfaces = Surfaces::of(&frame).unwrap();
+        let surfaces = Surfaces::of(&frame, Sensor::Kinect).unwrap();
         assert_eq!(surfaces.median_interior_z(), Some(2.0));
         let half = Camera { pose: here.pose.attached(DVec3::Z, DQuat::IDENTITY), ..here };
         let seen = surfaces.seen_by(&half, 0.2);
@@ -261,7 +256,7 @@ mod tests {
     fn the_nearest_surface_wins() {
         let here = camera(64, 48);
         let post = |x: usize, _| if (28..36).contains(&x) { 1000 } else { 2000 };
-        let surfaces = Surfaces::of(&wall(here, post)).unwrap();
+        let surfaces = Surfaces::of(&wall(here, post), Sensor::Kinect).unwrap();
         let closer = Camera { pose: here.pose.attached(0.5 * DVec3::Z, DQuat::IDENTITY), ..here };
         let seen = surfaces.seen_by(&closer, 0.2);
         // Centres at ±3.5 pixels move to ±7, the wall's at ±4.5 to ±6: hidden by the post.

@@ -1,6 +1,5 @@
 //! Rendering dataset views and scoring them against their photographs (`rendering.md` (f)).
 
-use super::color_camera::{ColorCamera, beside};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics::{self, MetricError};
 use super::report::{EvalReport, SkippedFrame, ViewReport};
@@ -8,8 +7,10 @@ use super::seen::Seen;
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
 use crate::dataset::Dataset;
+use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::{DepthKind, Frame};
+use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::model::appearance::SplatView;
@@ -63,7 +64,7 @@ impl EvalOptions {
     }
 
     fn photo_camera(&self, frame: &Frame) -> Camera {
-        self.color_camera.map_or(frame.camera, |color| beside(&frame.camera, &color))
+        self.color_camera.map_or(frame.camera, |color| color.beside(&frame.camera))
     }
 }
 
@@ -115,11 +116,13 @@ pub fn evaluate<'a>(
     progress: impl FnMut(usize),
 ) -> Result<(EvalReport, Vec<ViewReport>), EvalError> {
     let splats = splats.into();
+    let sensor = Sensor::of(dataset);
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
         let frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
         let camera = options.photo_camera(&frame);
         let rendered = renderer.render(splats, &camera, &options.render);
-        let score = score(index, &frame, &rendered, options);
+        let surfaces = photographed_surfaces(&frame, sensor, options);
+        let score = score(index, &frame, surfaces.as_ref(), &rendered, options);
         Ok(score.map_err(|source| EvalError::Metric { frame: frame.name, source }))
     };
     let split_name = dataset.splits[split].name.clone();
@@ -168,6 +171,7 @@ pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> R
 fn score(
     index: usize,
     frame: &Frame,
+    surfaces: Option<&Surfaces>,
     rendered: &Rendered,
     options: &EvalOptions,
 ) -> Result<ViewReport, MetricError> {
@@ -180,12 +184,11 @@ fn score(
     let shown = divided.as_ref().unwrap_or(&rendered.color);
     let Comparison { psnr, ssim, coverage: covered_share, covered } =
         compare(shown, coverage, &truth)?;
-    let surfaces = photographed_surfaces(frame, options);
-    let seen = match &surfaces {
+    let seen = match surfaces {
         None => None,
         Some(surfaces) => Seen::compare(shown, coverage, &truth, surfaces)?,
     };
-    let depth_mae = match measured_depth(frame, surfaces.as_ref(), options) {
+    let depth_mae = match measured_depth(frame, surfaces, options) {
         Some(depth) if covered.is_some() => {
             let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
             error.mae.is_finite().then_some(error.mae)
@@ -223,8 +226,8 @@ fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
 }
 
 /// What the depth camera saw, in the photograph's image.
-fn photographed_surfaces(frame: &Frame, options: &EvalOptions) -> Option<Surfaces> {
-    let surfaces = Surfaces::of(frame)?;
+fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -> Option<Surfaces> {
+    let surfaces = Surfaces::of(frame, sensor)?;
     match options.color_camera {
         None => Some(surfaces),
         Some(_) => Some(surfaces.seen_by(&options.photo_camera(frame), EVALUATION_NEAR as f32)),
@@ -356,7 +359,9 @@ mod tests {
         };
         let error = |method, depth: &Image<f32>, color_camera| {
             let options = EvalOptions { color_camera, ..plain(method) };
-            score(0, &frame, &rendered(depth), &options).unwrap().depth_mae.unwrap()
+            let surfaces = photographed_surfaces(&frame, Sensor::Kinect, &options);
+            let score = score(0, &frame, surfaces.as_ref(), &rendered(depth), &options);
+            score.unwrap().depth_mae.unwrap()
         };
         for (method, depth) in &planes {
             assert!(error(*method, depth, None) < 1e-6, "{method:?}");
@@ -401,7 +406,7 @@ mod tests {
         let camera = options.photo_camera(&frame);
         assert_eq!((camera.intrinsics.fx, camera.intrinsics.width), (0.5 * k.fx, k.width));
         assert_eq!(camera.pose.centre().z, 0.5);
-        let surfaces = photographed_surfaces(&frame, &options).unwrap();
+        let surfaces = photographed_surfaces(&frame, Sensor::Kinect, &options).unwrap();
         let known = surfaces.z.data.iter().filter(|z| (**z - 1.5).abs() < 1e-5).count();
         // 31 of 32 columns and 23 of 24 rows between the outer centres, two thirds as large.
         assert_eq!(known, 20 * 16);

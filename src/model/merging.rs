@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 /// Why totals cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
-    /// Single precision.
-    #[error("totals kept in f32 depend on the order of frames and cannot be added exactly")]
+    /// Floating-point sums.
+    #[error("totals that are rounded depend on the order of frames and cannot be added exactly")]
     Inexact,
-    /// Different forms or lengths.
-    #[error("totals of different forms or numbers of components cannot be added")]
+    /// Different forms, lengths or origins.
+    #[error("totals of different forms, numbers of components or origins cannot be added")]
     Unlike,
     /// A sum left the range of its form.
     #[error("a sum of component {component} exceeds the range of its form")]

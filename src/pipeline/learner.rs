@@ -59,7 +59,7 @@ impl Learner {
     pub fn used(&self) -> usize {
         match self {
             Self::Paper { engine, .. } => engine.used(),
-            Self::Scene(engine) => engine.components(),
+            Self::Scene(engine) => engine.used(),
         }
     }
 
@@ -85,6 +85,14 @@ impl Learner {
                 engine.splats(config, normalization).into()
             }
             Self::Scene(engine) => engine.splats(),
+        }
+    }
+
+    /// The same in the order in which checkpoints hold the components.
+    pub fn stored_splats(&self) -> SplatSet {
+        match self {
+            Self::Paper { .. } => self.splats(),
+            Self::Scene(engine) => engine.splats_of(&engine.stored_order()),
         }
     }
 

@@ -1,6 +1,7 @@
 //! The settings of a model: the paper's or the scene's.
 
 use super::scene::{SceneOverrides, SceneRun};
+use crate::dataset::calibration::ColorCamera;
 use crate::train::config::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +29,14 @@ impl Method {
         match self {
             Self::Paper(config) => config.seed,
             Self::Scene(run) => run.seed,
+        }
+    }
+
+    /// The camera that photographs were taken by; `None` if the one that measured depth.
+    pub fn color_camera(&self) -> Option<ColorCamera> {
+        match self {
+            Self::Paper(_) => None,
+            Self::Scene(run) => run.surface.calibration.as_ref()?.color_camera,
         }
     }
 }

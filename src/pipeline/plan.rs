@@ -75,6 +75,11 @@ impl Selection {
     pub fn everything() -> Self {
         Self { split: None, order: Order::Sequential, stride: 1, shard: None, max_frames: None }
     }
+
+    /// The frames of all shards, without a limit: what runs that share them have in common.
+    pub fn whole(&self) -> Self {
+        Self { shard: None, max_frames: None, ..self.clone() }
+    }
 }
 
 /// The frames a run goes through.

@@ -91,8 +91,7 @@ pub(super) fn initial_draw(
     if train.init == Init::Random {
         return Ok(InitialDraw::random(train.components, train.seed));
     }
-    let everything = Selection { shard: None, max_frames: None, ..config.selection.clone() };
-    let plan = Plan::new(dataset, &everything, train.seed)?;
+    let plan = Plan::new(dataset, &config.selection.whole(), train.seed)?;
     let settings = config.unprojection(normalization);
     let mut points = Points::new();
     for &index in &plan.frames {

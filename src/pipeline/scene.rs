@@ -87,7 +87,7 @@ impl std::str::FromStr for Budget {
         match text.strip_suffix("MB") {
             None => text.parse().map(Self::Components).map_err(|_| wrong()),
             Some(number) => match number.trim().parse::<f64>() {
-                Ok(mb) if mb > 0.0 && mb < 1e6 => Ok(Self::Bytes((mb * 1e6) as usize)),
+                Ok(mb) if mb > 0.0 && mb < 1e6 => Ok(Self::Bytes((mb * 1e6).round() as usize)),
                 _ => Err(wrong()),
             },
         }
@@ -106,7 +106,7 @@ impl From<Budget> for String {
     fn from(budget: Budget) -> Self {
         match budget {
             Budget::Components(n) => n.to_string(),
-            Budget::Bytes(n) => format!("{}MB", n as f64 * 1e-6),
+            Budget::Bytes(n) => format!("{}MB", n as f64 / 1e6),
         }
     }
 }
@@ -186,7 +186,7 @@ pub struct SceneRun {
     pub surface: SurfaceSettings,
 }
 
-/// Frames looked at before training, evenly spaced over the plan.
+/// Frames looked at before training, evenly spaced.
 const SAMPLED_FRAMES: usize = 8;
 /// Every so-many-th point of them.
 const SAMPLED_POINTS: usize = 7;
@@ -241,7 +241,8 @@ impl SceneRun {
         Normalization { offset: self.surface.origin.to_array(), scale: [1.0; 3] }
     }
 
-    /// Settings for the frames of a plan; looks at some of them.
+    /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
+    /// start alike with the plan of all their frames in one order.
     pub fn new(
         dataset: &Dataset,
         plan: &Plan,
@@ -302,11 +303,14 @@ impl Sample {
         let mut observation = Observation::empty();
         let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
         let mut trusted = [0.0; 2];
-        let n = plan.frames.len().min(SAMPLED_FRAMES);
-        for i in 0..n {
-            let index = plan.frames[i * plan.frames.len() / n];
+        let mut n = 0;
+        for index in sampled(&plan.frames) {
+            if n == SAMPLED_FRAMES {
+                break;
+            }
             let Ok(frame) = dataset.load(plan.split, index) else { continue };
             let Some(depth) = &frame.depth else { continue };
+            n += 1;
             trusted = depth.trusted;
             let (width, height) = depth.size();
             let pixels = (0..width * height).step_by(SAMPLED_POINTS);
@@ -338,6 +342,15 @@ impl Sample {
             }
         }
     }
+}
+
+/// All of some frames, the evenly spaced ones first: the others stand in for those that cannot be
+/// read.
+fn sampled(frames: &[usize]) -> impl Iterator<Item = usize> {
+    let n = frames.len().min(SAMPLED_FRAMES);
+    let is_chosen = move |at: &usize| (0..n).any(|i| i * frames.len() / n == *at);
+    let chosen = (0..frames.len()).filter(is_chosen);
+    chosen.chain((0..frames.len()).filter(move |at| !is_chosen(at))).map(|at| frames[at])
 }
 
 fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
@@ -394,6 +407,27 @@ mod tests {
         }
         let back: StructuralScale = String::from(StructuralScale::Pixels(3.0)).parse().unwrap();
         assert_eq!(back, StructuralScale::Pixels(3.0));
+    }
+
+    #[test]
+    fn budgets_come_back_as_they_were() {
+        for text in ["25000", "5MB", "20.3MB", "0.1MB"] {
+            let budget: Budget = text.parse().unwrap();
+            assert_eq!(String::from(budget), text);
+        }
+    }
+
+    #[test]
+    fn every_frame_is_sampled_once_the_evenly_spaced_first() {
+        let frames: Vec<usize> = (100..120).collect();
+        let order: Vec<usize> = sampled(&frames).collect();
+        assert_eq!(order[..8], [100, 102, 105, 107, 110, 112, 115, 117]);
+        assert_eq!(order[8..11], [101, 103, 104]);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, frames);
+        assert_eq!(sampled(&frames[..3]).collect::<Vec<_>>(), frames[..3]);
+        assert_eq!(sampled(&[]).count(), 0);
     }
 
     #[test]

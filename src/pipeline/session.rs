@@ -5,7 +5,7 @@ use super::learner::Learner;
 use super::machine;
 use super::memory::{Estimate, MemoryError};
 use super::method::{Asked, Method};
-use super::plan::{Plan, Selection};
+use super::plan::{Order, Plan, Selection};
 use super::prefetch::{Prefetch, Prepared, PreparedFrame, SpawnError};
 use super::run::{RunConfig, initial_draw};
 use super::scene::{SceneError, SceneRun};
@@ -34,9 +34,6 @@ pub enum SessionError {
     /// The scene preset does not suit the dataset.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Scenes are not stored.
-    #[error("checkpoints of the scene preset cannot be written")]
-    NotStored,
     /// The range of positions could not be found.
     #[error(transparent)]
     Range(#[from] RangeError),
@@ -116,11 +113,17 @@ impl Session {
         selection: Selection,
     ) -> Result<Self, SessionError> {
         let asked = asked.into();
-        let plan = Plan::new(&dataset, &selection, asked.seed())?;
+        let seed = asked.seed();
+        let plan = Plan::new(&dataset, &selection, seed)?;
         // A scene says best what is wrong with its depth.
         let method = match asked {
             Asked::Paper(config) => Method::Paper(config),
-            Asked::Scene(overrides) => Method::Scene(SceneRun::new(&dataset, &plan, &overrides)?),
+            Asked::Scene(overrides) => {
+                // Frames in their own order: whatever is found in them is the same in any order.
+                let whole = Selection { order: Order::Sequential, ..selection.whole() };
+                let all = Plan::new(&dataset, &whole, seed)?;
+                Method::Scene(SceneRun::new(&dataset, &all, &overrides)?)
+            }
         };
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
@@ -314,9 +317,20 @@ impl Session {
         self.learner.splats()
     }
 
+    /// The same in the order in which checkpoints hold the components: what files are made of, so
+    /// that equal models give equal files.
+    pub fn stored_splats(&self) -> SplatSet {
+        self.learner.stored_splats()
+    }
+
     /// Splats of the listed components.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         self.learner.splats_of(ids)
+    }
+
+    /// Components that are drawn.
+    fn drawn(&self) -> usize {
+        self.splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
 
     /// The report so far; `adapter` names the graphics adapter that draws, if any.
@@ -344,6 +358,7 @@ impl Session {
             summary: Summary {
                 components: self.learner.components(),
                 used: self.learner.used(),
+                drawn: self.drawn(),
                 model_bytes: self.learner.model_bytes(),
                 peak_rss_bytes: machine::peak_rss_bytes(),
                 ..Summary::of_frames(&self.past.frames, self.past.wall_s)

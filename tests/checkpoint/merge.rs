@@ -1,6 +1,7 @@
 //! Merging models trained on different frames.
 
 use super::*;
+use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::state::Totals;
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
 use vbgs_studio::train::config::Init;
@@ -109,8 +110,8 @@ fn no_frame_counts_twice() {
 fn single_precision_totals_do_not_add() {
     let [mut a, mut b] = ["1/2", "2/2"].map(|s| saved(&trained(&off(), shard(s))));
     for run in [&mut a, &mut b] {
-        let n = run.content.model.alpha_init.len();
-        run.content.model.totals = Totals::F32(vec![[1.0; 13]; n]);
+        let StoredModel::Mixture { state, .. } = &mut run.content.model else { unreachable!() };
+        state.totals = Totals::F32(vec![[1.0; 13]; state.alpha_init.len()]);
     }
     let error = merge(vec![a, b]).unwrap_err();
     assert!(matches!(error, RunError::Add { .. }));

@@ -2,10 +2,10 @@
 
 use super::*;
 use vbgs_studio::dataset::LoadOptions;
-use vbgs_studio::export::checkpoint::CheckpointError;
+use vbgs_studio::export::checkpoint::{CheckpointError, StoredModel};
 use vbgs_studio::model::prior::Hyper;
 use vbgs_studio::model::splats::CovarianceForm;
-use vbgs_studio::model::state::Totals;
+use vbgs_studio::model::state::{ModelState, Totals};
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::train::config::{Batch, Candidates, IndexKind, Init, Preset, StatisticsForm};
@@ -17,7 +17,7 @@ fn half() -> SavedRun {
 #[test]
 fn settings_that_contradict_the_run_are_refused_by_name() {
     let run = half();
-    let train = |train| Asked { train, ..Asked::default() };
+    let train = |paper| Asked { paper, ..Asked::default() };
     let none = Overrides::default;
     let cases = [
         ("--components", train(Overrides { components: Some(5), ..none() })),
@@ -60,7 +60,7 @@ fn settings_that_repeat_the_run_are_fine() {
     let run = half();
     let asked = Asked {
         preset: Some(Preset::Paper),
-        train: Overrides {
+        paper: Overrides {
             components: Some(3000),
             candidates: Some(Candidates::Nearest(4)),
             reassign: Some(ReassignPolicy::Off),
@@ -113,13 +113,18 @@ fn sections_that_do_not_belong_together_are_refused() {
     refused(&|c| c.config = "{".into(), "section `CONF`");
     refused(&|c| c.config = c.config.replace("3000", "0"), "expected 1 to 20000000, found 0");
     refused(&|c| c.config = c.config.replace("3000", "2999"), "expected the prior");
-    refused(&|c| c.hyper = Hyper::paper(3000, 1.0), "expected the prior");
-    let f32s = |c: &mut Checkpoint| c.model.totals = Totals::F32(vec![[0.0; 13]; 3000]);
-    refused(&f32s, "expected totals of the form");
+    refused(&|c| *mixture(c).0 = Hyper::paper(3000, 1.0), "expected the prior");
+    let f32s = |c: &mut Checkpoint| mixture(c).1.totals = Totals::F32(vec![[0.0; 13]; 3000]);
+    refused(&f32s, "expected totals of the form Fixed64");
     refused(&|c| c.meta = "[]".into(), "section `META`");
     refused(&|c| c.history = Some("{}".into()), "section `HIST`");
     let missing = SavedRun::read(Path::new("none.vbgs")).unwrap_err();
     assert!(matches!(missing, RunError::File(CheckpointError::File(_))), "{missing}");
+}
+
+fn mixture(content: &mut Checkpoint) -> (&mut Hyper, &mut ModelState) {
+    let StoredModel::Mixture { hyper, state, .. } = &mut content.model else { unreachable!() };
+    (hyper, state)
 }
 
 #[test]
@@ -148,10 +153,11 @@ fn the_run_of_version_1_0_still_opens() {
     let run = SavedRun::read(&path).unwrap();
     assert_eq!(run.version, (1, 0));
     let config = &run.config;
-    assert_eq!((config.train.components, config.train.seed), (12, 7));
-    assert_eq!(config.train.reassign, ReassignPolicy::Forwarded);
+    let train = paper(&run);
+    assert_eq!((train.components, train.seed), (12, 7));
+    assert_eq!(train.reassign, ReassignPolicy::Forwarded);
     assert_eq!((config.selection.stride, config.selection.max_frames), (2, Some(3)));
     assert_eq!(run.content.cursor.visited, [0, 2, 4]);
-    assert_eq!(run.engine().unwrap().used(), 12);
+    assert_eq!(run.learner().unwrap().used(), 12);
     assert_eq!(run.splats().unwrap().iter().filter(|s| s.is_drawable()).count(), 12);
 }

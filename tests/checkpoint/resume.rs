@@ -48,9 +48,9 @@ fn the_model_is_as_it_was_at_once() {
     let run = saved(&session);
     assert_eq!(run.splats().unwrap(), session.splats());
     assert_eq!(run.up(), session.up());
-    let engine = run.engine().unwrap();
-    for k in 0..engine.components() {
-        assert_eq!(engine.posterior(k), session.engine().posterior(k));
+    let learner = run.learner().unwrap();
+    for k in 0..learner.components() {
+        assert_eq!(learner.posterior(k), session.learner().posterior(k));
     }
     let resumed = run.resume(room(), &Asked::default(), false).unwrap();
     assert_eq!(resumed.splats(), session.splats());
@@ -97,7 +97,7 @@ fn order_stride_and_settings_come_from_the_checkpoint() {
     let whole = trained(&config, selection(None));
     assert_eq!(whole.frames().len(), FRAMES / 2);
     let run = saved(&trained(&config, selection(Some(9))));
-    assert_eq!(run.config.train, config);
+    assert_eq!(*paper(&run), config);
     let resumed = finished(run.resume(room(), &up_to(1000), false).unwrap());
     assert_eq!(resumed.plan().frames, whole.plan().frames);
     assert!(ply(&resumed) == ply(&whole));
@@ -120,7 +120,7 @@ fn settings_are_stored_bit_for_bit() {
         };
         awkward = awkward.with(&overrides).unwrap();
         let run = saved(&Session::new(room(), awkward.clone(), first(1)).unwrap());
-        assert_eq!(run.config.train, awkward);
-        assert_eq!(run.config.train.reassign_fraction.to_bits(), fraction.to_bits());
+        assert_eq!(*paper(&run), awkward);
+        assert_eq!(paper(&run).reassign_fraction.to_bits(), fraction.to_bits());
     }
 }

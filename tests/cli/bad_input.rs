@@ -256,7 +256,7 @@ fn splits_that_do_not_exist() {
 fn damaged_views_do_not_cost_the_scene() {
     let scratch = Scratch::with_room();
     truncate(&scratch.path("room/eval/r_1.png"));
-    let train = "train room --out out --components 500 --eval eval";
+    let train = "train room --out out --preset paper --components 500 --eval eval";
     let run = scratch.run(&format!("{train} --json")).succeeds();
     assert_eq!(run.stderr.matches("warning: ").count(), 1, "{}", run.stderr);
     let eval = &run.json()["eval"][0];

@@ -20,6 +20,41 @@ fn a_bench_writes_three_files_and_prints_its_table() {
     assert_eq!(printed["bench"], "pareto");
 }
 
+/// The preset stands in every table, and what changes nothing on the dataset in none.
+#[test]
+fn accuracy_is_taken_apart() {
+    let scratch = Scratch::with_room();
+    let options = "--quick --max-frames 3 --repeats 2 --out found";
+    let run = scratch.run(&format!("bench accuracy room {options}")).succeeds();
+    for part in [
+        "+ plane fit and its filter",
+        "no colour gradient",
+        "body-centred, h =",
+        "frames learnt: 1;",
+    ] {
+        assert!(run.stdout.contains(part), "{part}: {}", run.stdout);
+    }
+    let json = scratch.json("found/accuracy.json");
+    let rows = json["rows"].as_array().unwrap();
+    let of_table = |name: &str| rows.iter().filter(|row| row["table"] == name).collect::<Vec<_>>();
+    let [steps, changes, scales] = ["cumulative", "leave-one-out", "scale"].map(of_table);
+    let preset = [steps[steps.len() - 1], changes[0], scales[0]];
+    assert!(
+        preset.iter().all(|row| row["psnr"] == preset[0]["psnr"] && row["h"] == preset[0]["h"])
+    );
+    // Exact depth, registered colour, one exposure: nothing to calibrate, tighten or fit.
+    let names: Vec<&str> = rows.iter().map(|row| row["configuration"].as_str().unwrap()).collect();
+    assert!(!names.iter().any(|name| name.contains("calibration") || name.contains("gain")));
+    assert_eq!((steps.len(), scales.len()), (7, 6), "{names:?}");
+    for row in scales {
+        let range = row["psnr_high"].as_f64().unwrap() - row["psnr_low"].as_f64().unwrap();
+        assert!(range == 0.0 || row["births"] == "seeds", "lattices know no order: {row}");
+        assert!(row["drawn"].as_f64() <= row["born"].as_f64() && row["drawn"] != 0.0, "{row}");
+        assert!((0.0..=1.0).contains(&row["cracks_half_01"].as_f64().unwrap()), "{row}");
+    }
+    assert_eq!(json["summary"]["orders"], 2);
+}
+
 #[test]
 fn frames_of_a_model_are_timed() {
     let scratch = Scratch::with_scene();
@@ -41,8 +76,10 @@ fn the_precision_found_is_what_train_uses() {
     let scratch = Scratch::with_room();
     let options = "--quick --components 300 --max-frames 2 --repeats 1 --out found";
     let run = scratch.run(&format!("precision-search room {options}")).succeeds();
-    assert!(run.stdout.contains("train --config"), "{}", run.stdout);
-    scratch.run("train room --out out --config found/precision-search.ron").succeeds();
+    assert!(run.stdout.contains("train --preset paper --config"), "{}", run.stdout);
+    scratch
+        .run("train room --out out --preset paper --config found/precision-search.ron")
+        .succeeds();
     let chosen = &scratch.json("found/precision-search.json")["chosen"]["operations"];
     assert_eq!(&scratch.json("out/report.json")["config"]["operations"], chosen);
 }

@@ -11,7 +11,9 @@ fn train_writes_a_scene_and_a_report() {
             format!("synth {layout} --layout {layout} --size 64x48 --frames 6 --eval-frames 2");
         let said = scratch.run(&synth).succeeds().stdout;
         assert!(said.contains("wrote 8 frames"), "{said}");
-        let train = format!("train {layout} --out {layout}-out --components 2000 --eval eval");
+        let train = format!(
+            "train {layout} --out {layout}-out --preset paper --components 2000 --eval eval"
+        );
         let run = scratch.run(&train).succeeds();
         assert!(
             run.stdout.contains("wrote scene.ply, checkpoint.vbgs and report.json"),
@@ -35,9 +37,9 @@ fn train_writes_a_scene_and_a_report() {
 fn a_second_run_replaces_the_first() {
     let scratch = Scratch::with_scene();
     let first = scratch.bytes("out/scene.ply");
-    scratch.run("train room --out out --components 2000 --seed 5").succeeds();
+    scratch.run("train room --out out --preset paper --components 2000 --seed 5").succeeds();
     assert_ne!(scratch.bytes("out/scene.ply"), first);
-    scratch.run("train room --out out --components 2000").succeeds();
+    scratch.run("train room --out out --preset paper --components 2000").succeeds();
     assert_eq!(scratch.bytes("out/scene.ply"), first);
     let mut names: Vec<_> = std::fs::read_dir(scratch.path("out"))
         .unwrap()
@@ -51,7 +53,7 @@ fn a_second_run_replaces_the_first() {
 fn without_an_evaluation_split_every_eighth_frame_is_held_out() {
     let scratch = Scratch::empty();
     scratch.run("synth room --size 64x48 --frames 16 --eval-frames 0").succeeds();
-    let run = scratch.run("train room --out out --components 500").succeeds();
+    let run = scratch.run("train room --out out --preset paper --components 500").succeeds();
     assert!(run.stderr.contains("note: held out for evaluation: every 8th"), "{}", run.stderr);
     assert_eq!(scratch.json("out/report.json")["frames"].as_array().unwrap().len(), 14);
     let run = scratch.run("eval out/scene.ply room --json").succeeds();
@@ -68,7 +70,9 @@ fn frames_are_chosen_as_asked() {
         ("--stride 3 --max-frames 2", &["train/r_0", "train/r_3"]),
         ("--split eval", &["eval/r_0", "eval/r_1", "eval/r_2"]),
     ] {
-        scratch.run(&format!("train room --out out --components 100 {options}")).succeeds();
+        scratch
+            .run(&format!("train room --out out --preset paper --components 100 {options}"))
+            .succeeds();
         let report = scratch.json("out/report.json");
         let found: Vec<_> = report["frames"].as_array().unwrap().iter().collect();
         let found: Vec<_> = found.iter().map(|f| f["frame"].as_str().unwrap()).collect();
@@ -110,7 +114,7 @@ fn training_brings_the_renders_closer_to_the_photographs() {
         .run("synth room --layout seven-scenes --size 96x72 --frames 24 --eval-frames 4")
         .succeeds();
     let psnr = |frames: &str| {
-        let options = "--components 20000 --scale-factor 1.41 --eval eval --json";
+        let options = "--preset paper --components 20000 --scale-factor 1.41 --eval eval --json";
         let train = format!("train room --out out {options} --max-frames {frames}");
         scratch.run(&train).succeeds().json()["eval"][0]["psnr_mean"].as_f64().unwrap()
     };

@@ -3,7 +3,7 @@
 use super::runner::Scratch;
 
 fn scene(scratch: &Scratch, options: &str) -> Vec<u8> {
-    let train = format!("train room --out out --components 5000 {options}");
+    let train = format!("train room --out out --preset paper --components 5000 {options}");
     scratch.run(&train).succeeds();
     scratch.bytes("out/scene.ply")
 }
@@ -37,7 +37,7 @@ fn any_instruction_set_gives_the_same_bytes() {
     for reassign in ["off", "padded", "forwarded"] {
         let options = format!("--reassign {reassign}");
         let best = scene(&scratch, &options);
-        let train = format!("train room --out forced --components 5000 {options}");
+        let train = format!("train room --out forced --preset paper --components 5000 {options}");
         let words: Vec<&str> = train.split_whitespace().collect();
         let forced = scratch.command(&words).env("VBGS_SIMD", "portable").status().unwrap();
         assert!(forced.success());

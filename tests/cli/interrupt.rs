@@ -41,7 +41,8 @@ fn ctrl_c_keeps_the_scene() {
 
 fn interrupted_after(scratch: &Scratch, wait: Duration) -> Run {
     let _ = std::fs::remove_dir_all(scratch.path("out"));
-    let options = ["--components", "20000", "--candidates", "dense", "--eval", "eval"];
+    let options =
+        ["--preset", "paper", "--components", "20000", "--candidates", "dense", "--eval", "eval"];
     let arguments = [&["train", "room", "--out", "out"][..], &options].concat();
     let mut command = scratch.command(&arguments);
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();

@@ -112,6 +112,7 @@ seen[].psnr number
 seen[].renderer string
 skipped[]
 summary.components number
+summary.drawn number
 summary.model_bytes number
 summary.peak_rss_bytes number
 summary.points_per_s number
@@ -179,7 +180,9 @@ fn numbers(list: &Value, pick: impl Fn(&Value) -> &Value) -> Vec<f64> {
 #[test]
 fn the_report_has_its_fields() {
     let scratch = Scratch::with_room();
-    let run = scratch.run("train room --out out --components 2000 --eval eval --json").succeeds();
+    let run = scratch
+        .run("train room --out out --preset paper --components 2000 --eval eval --json")
+        .succeeds();
     let report = run.json();
     assert_eq!(report, scratch.json("out/report.json"), "stdout is the file");
     assert_fields(&report, &[REPORT]);
@@ -198,7 +201,8 @@ fn the_report_has_its_fields() {
 #[test]
 fn the_report_names_every_renderer() {
     let scratch = Scratch::with_room();
-    let train = "train room --out out --components 2000 --eval eval --renderer both --json";
+    let train =
+        "train room --out out --preset paper --components 2000 --eval eval --renderer both --json";
     let report = scratch.run(train).succeeds().json();
     let eval = scratch
         .run("eval out/scene.ply room --renderer both --antialias none --response line --json")
@@ -228,7 +232,8 @@ fn the_report_names_every_renderer() {
 #[test]
 fn the_reports_numbers_make_sense() {
     let scratch = Scratch::with_room();
-    let train = "train room --out out --components 2000 --eval eval --json --threads 2";
+    let train =
+        "train room --out out --preset paper --components 2000 --eval eval --json --threads 2";
     let report = scratch.run(train).succeeds().json();
     assert_eq!(report["format"], "vbgs-report/1");
     let dataset = &report["dataset"];

@@ -33,7 +33,7 @@ impl Scratch {
     /// With the room and a small scene `out/scene.ply` trained on it.
     pub fn with_scene() -> Self {
         let scratch = Self::with_room();
-        scratch.run("train room --out out --components 2000").succeeds();
+        scratch.run("train room --out out --preset paper --components 2000").succeeds();
         scratch
     }
 

@@ -4,7 +4,9 @@ use super::runner::Scratch;
 use std::fs;
 
 fn config_of(scratch: &Scratch, options: &str) -> serde_json::Value {
-    scratch.run(&format!("train room --out out --max-frames 1 {options}")).succeeds();
+    scratch
+        .run(&format!("train room --out out --preset paper --max-frames 1 {options}"))
+        .succeeds();
     scratch.json("out/report.json")["config"].clone()
 }
 
@@ -61,7 +63,7 @@ fn files_that_are_no_settings_are_refused() {
     ];
     for (content, code, parts) in cases {
         fs::write(scratch.path("x.ron"), content).unwrap();
-        scratch.run("train room --out out --config x.ron").fails(code, parts);
+        scratch.run("train room --out out --preset paper --config x.ron").fails(code, parts);
     }
     let parts = ["none.ron", "expected a RON file", "could not be read"];
     scratch.run("train room --out out --config none.ron").fails(1, &parts);

@@ -7,6 +7,7 @@ use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::observation::{Observation, SurfacePoint};
+use vbgs_studio::math::simd::Isa;
 
 /// Share of pixels that may differ: f32 puts a depth or a neighbour on the other side of a threshold.
 const DIFFERING: f64 = 2e-4;
@@ -121,4 +122,21 @@ fn synthetic() {
             assert_agrees(&dataset, &settings, 1);
         }
     }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_bits() {
+    let params = SyntheticParams { n_train: 1, depth_noise: 0.5, ..SyntheticParams::demo() };
+    let dataset = synthetic::dataset(&params).unwrap();
+    let frame = dataset.load(0, 0).unwrap();
+    let settings = SurfaceSettings::new(&dataset, DVec3::ZERO);
+    let prepare = |isa| {
+        let (mut preparer, mut out) = (Preparer::on(isa), Observation::empty());
+        preparer.prepare(&frame, &settings, &mut out).unwrap();
+        let points: &[u8] = bytemuck::cast_slice(&out.points);
+        let ranges: &[u8] = bytemuck::cast_slice(&out.ranges.data);
+        (points.to_vec(), ranges.to_vec(), preparer.fates().clone())
+    };
+    let Some(avx2) = Isa::avx2() else { return };
+    assert!(prepare(Isa::PORTABLE) == prepare(avx2));
 }

@@ -7,7 +7,7 @@ use super::harness::{
 };
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
-use eframe::egui::Key;
+use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
@@ -123,10 +123,10 @@ fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
     let one = export::read(&file).unwrap().splats;
     assert!(one.iter().all(|splat| splat.opacity < 1.0));
 
-    press(&mut window, Key::Escape);
-    window.key_press_modifiers(eframe::egui::Modifiers::COMMAND, Key::E);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
     click(&mut window, "4");
     press(&mut window, Key::Escape);
+    assert!(window.query_by_label("4").is_none(), "the dialog is closed");
     let file = folder.path().join("four.ply");
     write_to(&mut window, Key::E, "Export", &file);
     wait(&mut window, "the file", |_| file.exists());

@@ -24,7 +24,7 @@ struct Reason {
 
 /// Every reason, in the order in which pixels are looked at.
 const REASONS: [Reason; 7] = [
-    reason(PixelFate::Hole, [0.15; 3], "no depth", |c| c.holes),
+    reason(PixelFate::Hole, [0.25; 3], "no depth", |c| c.holes),
     reason(PixelFate::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
     reason(PixelFate::Range, [0.34, 0.71, 0.91], "outside the trusted depth", |c| c.dropped_range),
     reason(PixelFate::Flying, [0.84, 0.37, 0.0], "explained by no plane", |c| c.dropped_flying),

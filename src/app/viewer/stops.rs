@@ -2,7 +2,6 @@
 
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::{Dataset, FrameEntry};
-use crate::eval::color_camera::beside;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::render::compare::Area;
 
@@ -60,7 +59,7 @@ impl Stop {
     /// measured depth.
     pub fn photo_camera(self, dataset: &Dataset, color_camera: Option<&ColorCamera>) -> Camera {
         let depth = self.entry(dataset).camera;
-        color_camera.map_or(depth, |color| beside(&depth, color))
+        color_camera.map_or(depth, |color| color.beside(&depth))
     }
 }
 

@@ -42,6 +42,10 @@ pub struct EvalArgs {
     pub comparison: ComparisonArgs,
     #[command(flatten)]
     pub renderer: RendererArgs,
+    /// Corrections of the cameras, as `calibrate` writes them: photographs are drawn by its colour
+    /// camera [default: what the model was trained with, else what is known of the layout]
+    #[arg(long, value_name = "FILE.ron")]
+    pub calibration: Option<PathBuf>,
     /// Views at most
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,

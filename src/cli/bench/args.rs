@@ -16,6 +16,8 @@ pub struct BenchArgs {
 pub enum BenchName {
     /// What each step from the dense E-step to forwarded reassignment costs and brings
     Ablation(DatasetBenchArgs),
+    /// What every part of the scene preset brings, and components against quality
+    Accuracy(DatasetBenchArgs),
     /// Speed against error: one setting at a time
     Pareto(DatasetBenchArgs),
     /// Cost against points, components and threads, on the synthetic room

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
+use vbgs_studio::pipeline::bench::accuracy::{self, AccuracyPlan};
 use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
 #[cfg(feature = "gui")]
 use vbgs_studio::pipeline::bench::render::Device;
@@ -28,6 +29,10 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         BenchName::Ablation(args) => on_dataset(args, |dataset, progress| {
             let plan = AblationPlan::new(args.common.options(args.max_frames));
             ablation::run(&plan, dataset, progress)
+        }),
+        BenchName::Accuracy(args) => on_dataset(args, |dataset, progress| {
+            let plan = AccuracyPlan::new(args.common.options(args.max_frames));
+            accuracy::run(&plan, dataset, progress)
         }),
         BenchName::Pareto(args) => on_dataset(args, |dataset, progress| {
             let plan = ParetoPlan::new(args.common.options(args.max_frames));

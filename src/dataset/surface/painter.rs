@@ -63,7 +63,7 @@ impl<'a> Painter<'a> {
                 self.bilinear(camera.project(point)?)?
             }
         };
-        Some((bytes * (1.0 / 255.0) * self.gain).min(Vec3::ONE).to_array())
+        Some((bytes / 255.0 * self.gain).min(Vec3::ONE).to_array())
     }
 
     #[inline(always)]

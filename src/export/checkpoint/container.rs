@@ -8,8 +8,8 @@ use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
 use std::io::{self, Write};
 
-/// Version of the format this program writes, major and minor.
-pub const VERSION: (u16, u16) = (1, 0);
+/// Version of the format this program writes, major and minor. Scenes came with 1.1.
+pub const VERSION: (u16, u16) = (1, 1);
 
 /// The line ends and the high bit show damage by transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
@@ -172,8 +172,7 @@ impl<'a> Container<'a> {
             if crc32fast::hash(content) != entry.crc {
                 return Err(Defect::Checksum { place: tag_text(entry.tag) });
             }
-            let known = tag::ALL.contains(&entry.tag);
-            if !known && !entry.tag[0].is_ascii_lowercase() {
+            if !tag::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
                 return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
             }
             if sections.iter().any(|(other, _): &(Entry, &[u8])| other.tag == entry.tag) {

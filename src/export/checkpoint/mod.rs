@@ -11,6 +11,12 @@
 //! | `META` | bytes | JSON: program, time, dataset and its fingerprint |
 //! | `NUMX` | bytes | JSON: what the last bits of results depend on besides the settings |
 //! | `CURS` | u64 | frames learnt, points learnt, then the frames gone through, in order |
+//! | `HIST` | bytes | JSON: the frames' reports; optional |
+//!
+//! A mixture has these:
+//!
+//! | tag | elements | holds |
+//! |---|---|---|
 //! | `NORM` | f64 | offset and scale of positions |
 //! | `PRIR` | f64 | α₀; κ₀, κ_init, U₀ of space; ν₀; κ₀, κ_init, U₀ of colour |
 //! | `DIRI` | f64 | α_k of the initial model |
@@ -20,14 +26,25 @@
 //! | `STA2` | as `STAN` | second moments of space about the initial mean, rows xx xy xz yy yz zz |
 //! | `CARI` | u32 | components with carries, ascending; only if there are any |
 //! | `CARL` | i32 | their carries, in the order N, `STA1` of space, `STA2`, `STA1` of colour |
-//! | `HIST` | bytes | JSON: the frames' reports; optional |
 //!
-//! Integer statistics count quanta ([`crate::math::fixed`]). An `i128` is 16 bytes, low half first.
+//! Its integer statistics count quanta ([`crate::math::fixed`]). An `i128` is 16 bytes, low half
+//! first. A scene (version 1.1) has these in their place:
+//!
+//! | tag | elements | holds |
+//! |---|---|---|
+//! | `ORIG` | f64 | world position that seeds are relative to |
+//! | `SEED` | f32 | seeds, rows x y z, world units |
+//! | `COMP` | u32 | by seed its component; only where a budget made seeds share components |
+//! | `SUMS` | i32, f32 or f64 | sums about the seeds, rows of [`N_SUMS`]; integers count 2⁻¹⁵, and are 0 where `WIDI` names the component |
+//! | `WIDI` | u32 | components with 4,096 points or more, ascending; only beside integers, if there are any |
+//! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
+//! | `LOOK` | u32 | rows of two: returns expected, in 64ths; frames in which the component was seen (low half) and seen through (high half) |
+//!
 //! What follows from these is not saved: the index, posteriors, and the state of random streams,
 //! which is their name ([`crate::math::rng`]).
 //!
 //! ```
-//! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, read, write};
+//! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, write};
 //! use vbgs_studio::math::points::Normalization;
 //! use vbgs_studio::model::prior::Hyper;
 //! use vbgs_studio::model::state::{Means, ModelState, Totals};
@@ -38,12 +55,14 @@
 //!     numerics: "{}".into(),
 //!     history: None,
 //!     cursor: Cursor { frames: 1, points: 500, visited: vec![0] },
-//!     normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
-//!     hyper: Hyper::paper(1, 1.0),
-//!     model: ModelState {
-//!         alpha_init: vec![1.5],
-//!         means: Means::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
-//!         totals: Totals::Fixed128(vec![[1 << 80, 0, 0, 0, 9, 0, 0, 9, 0, 9, 0, 0, 0]]),
+//!     model: StoredModel::Mixture {
+//!         normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
+//!         hyper: Hyper::paper(1, 1.0),
+//!         state: ModelState {
+//!             alpha_init: vec![1.5],
+//!             means: Means::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
+//!             totals: Totals::Fixed128(vec![[1 << 80, 0, 0, 0, 9, 0, 0, 9, 0, 9, 0, 0, 0]]),
+//!         },
 //!     },
 //! };
 //! let folder = tempfile::tempdir()?;
@@ -52,13 +71,18 @@
 //! assert_eq!(read(&path)?.checkpoint, checkpoint);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+//!
+//! [`N_SUMS`]: crate::model::scene::sums::N_SUMS
 
 mod check;
 mod columns;
 mod container;
 mod element;
 mod error;
+mod mixture;
 mod read;
+mod scene;
+mod sections;
 mod write;
 
 pub use container::VERSION;
@@ -68,6 +92,7 @@ pub use write::{to_bytes, write, write_keeping_old};
 
 use crate::math::points::Normalization;
 use crate::model::prior::Hyper;
+use crate::model::scene::state::SceneState;
 use crate::model::state::ModelState;
 
 // Columns are written and read as they lie in memory.
@@ -86,12 +111,24 @@ pub struct Checkpoint {
     pub history: Option<String>,
     /// How far the run is.
     pub cursor: Cursor,
-    /// World to model coordinates.
-    pub normalization: Normalization,
-    /// Prior and initial hyper-parameters.
-    pub hyper: Hyper,
     /// The model.
-    pub model: ModelState,
+    pub model: StoredModel,
+}
+
+/// A model of either kind.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StoredModel {
+    /// Of the paper's preset.
+    Mixture {
+        /// World to model coordinates.
+        normalization: Normalization,
+        /// Prior and initial hyper-parameters.
+        hyper: Hyper,
+        /// Weights, means and statistics.
+        state: ModelState,
+    },
+    /// Of the scene preset.
+    Scene(SceneState),
 }
 
 /// How far a run is.
@@ -122,6 +159,8 @@ mod tag {
     pub const META: [u8; 4] = *b"META";
     pub const NUMERICS: [u8; 4] = *b"NUMX";
     pub const CURSOR: [u8; 4] = *b"CURS";
+    pub const HISTORY: [u8; 4] = *b"HIST";
+
     pub const NORMALIZATION: [u8; 4] = *b"NORM";
     pub const PRIOR: [u8; 4] = *b"PRIR";
     pub const ALPHA: [u8; 4] = *b"DIRI";
@@ -131,22 +170,26 @@ mod tag {
     pub const SECOND: [u8; 4] = *b"STA2";
     pub const CARRY_IDS: [u8; 4] = *b"CARI";
     pub const CARRY_LIMBS: [u8; 4] = *b"CARL";
-    pub const HISTORY: [u8; 4] = *b"HIST";
-    /// Every tag above.
-    pub const ALL: [[u8; 4]; 14] = [
-        CONFIG,
-        META,
-        NUMERICS,
-        CURSOR,
-        NORMALIZATION,
-        PRIOR,
-        ALPHA,
-        MEANS,
-        COUNTS,
-        FIRST,
-        SECOND,
-        CARRY_IDS,
-        CARRY_LIMBS,
-        HISTORY,
-    ];
+
+    pub const ORIGIN: [u8; 4] = *b"ORIG";
+    pub const SEEDS: [u8; 4] = *b"SEED";
+    pub const SUMS: [u8; 4] = *b"SUMS";
+    pub const WIDE_IDS: [u8; 4] = *b"WIDI";
+    pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
+    pub const LOOKS: [u8; 4] = *b"LOOK";
+    pub const COMPONENTS: [u8; 4] = *b"COMP";
+
+    /// What every checkpoint may have.
+    const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
+    /// What only mixtures have.
+    pub const OF_MIXTURES: [[u8; 4]; 9] =
+        [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
+    /// What only scenes have.
+    pub const OF_SCENES: [[u8; 4]; 7] =
+        [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, COMPONENTS, LOOKS];
+
+    /// Whether this program knows what a section means.
+    pub fn is_known(tag: [u8; 4]) -> bool {
+        [&OF_ALL[..], &OF_MIXTURES, &OF_SCENES].iter().any(|tags| tags.contains(&tag))
+    }
 }

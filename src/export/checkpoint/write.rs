@@ -3,7 +3,7 @@
 use super::super::atomic::{back_up, write_atomic};
 use super::container::{self, Section};
 use super::error::CheckpointError;
-use super::{Checkpoint, columns, tag};
+use super::{Checkpoint, StoredModel, mixture, scene, tag};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -33,31 +33,21 @@ pub fn to_bytes(checkpoint: &Checkpoint) -> Vec<u8> {
 }
 
 fn write_to(out: &mut dyn Write, checkpoint: &Checkpoint) -> io::Result<()> {
-    let Checkpoint { config, meta, numerics, history, cursor, normalization, hyper, model } =
-        checkpoint;
+    let Checkpoint { config, meta, numerics, history, cursor, model } = checkpoint;
     let visited = cursor.visited.iter().map(|&frame| u64::from(frame));
     let cursor = [cursor.frames, cursor.points].into_iter().chain(visited).collect();
-    let prior = [
-        hyper.alpha0,
-        hyper.kappa0_space,
-        hyper.kappa_init_space,
-        hyper.u0_space,
-        hyper.nu0,
-        hyper.kappa0_color,
-        hyper.kappa_init_color,
-        hyper.u0_color,
-    ];
     let mut sections = vec![
         Section::new(tag::CONFIG, config.as_bytes()),
         Section::new(tag::META, meta.as_bytes()),
         Section::new(tag::NUMERICS, numerics.as_bytes()),
         Section::owned::<u64>(tag::CURSOR, cursor),
-        Section::new(tag::NORMALIZATION, &normalization.offset).and(&normalization.scale),
-        Section::new(tag::PRIOR, &prior),
-        Section::new(tag::ALPHA, &model.alpha_init),
-        columns::means(&model.means),
     ];
-    sections.extend(columns::totals(&model.totals));
+    sections.extend(match model {
+        StoredModel::Mixture { normalization, hyper, state } => {
+            mixture::sections(normalization, hyper, state)
+        }
+        StoredModel::Scene(state) => scene::sections(state),
+    });
     sections.extend(history.as_ref().map(|h| Section::new(tag::HISTORY, h.as_bytes())));
     container::write(out, &sections)
 }

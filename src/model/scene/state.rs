@@ -1,29 +1,71 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
 use super::sums::N_SUMS;
+use bytemuck::{Pod, Zeroable};
+use std::cmp::Ordering;
 
-/// A trained scene at a frame boundary. Row `k` of every column is component `k`.
+/// What integer sums count: exact in f64 as long as a sum is below [`MOST_SUM`].
+pub const QUANTUM: f64 = 1.0 / 32768.0;
+
+/// From so many points on, a component's sums are in a wide row. With as many more terms within ±7.84
+/// (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
+pub const WIDE_POINTS: u32 = 1 << 12;
+
+/// Largest sum of a wide row: 2⁵³ quanta.
+pub const MOST_SUM: f64 = (1u64 << 38) as f64;
+
+/// A trained scene at a frame boundary. Row `k` of the sums and looks is component `k`; it is free
+/// if no seed is its.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
     /// World position that seeds are relative to.
     pub origin: [f64; 3],
-    /// Seeds, world units.
+    /// Seeds, world units, in the order they were born in.
     pub seeds: Vec<[f32; 3]>,
+    /// By seed its component, where seeds share components; `None` while seed `k` is component `k`'s.
+    pub components: Option<Vec<u32>>,
     /// Sums over everything seen, about the seeds.
     pub sums: StoredSums,
-    /// Returns expected, in 64ths; then the frames in which a component was seen (low half) and
-    /// seen through (high half).
-    pub looks: Vec<[u32; 2]>,
+    /// How often components were looked at.
+    pub looks: Vec<Looks>,
+}
+
+/// Order of components that are born in none of their own: by x, then y, then z of their seeds.
+pub fn seed_order(a: &[f32; 3], b: &[f32; 3]) -> Ordering {
+    a.partial_cmp(b).unwrap_or(Ordering::Equal)
+}
+
+/// How often a component was looked at. Every count stops at its largest value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Looks {
+    /// Returns that it could have given, in 64ths.
+    pub expected: u32,
+    /// Frames in which it was seen.
+    pub seen: u16,
+    /// Frames in which something farther was seen through it.
+    pub missed: u16,
+}
+
+impl Looks {
+    /// Both together.
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            expected: self.expected.saturating_add(other.expected),
+            seen: self.seen.saturating_add(other.seen),
+            missed: self.missed.saturating_add(other.missed),
+        }
+    }
 }
 
 /// Sums in the order of [`N_SUMS`], offsets in units of the structural scale.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StoredSums {
-    /// Integer quanta of 2⁻¹⁵.
+    /// Integer quanta, see [`QUANTUM`].
     Mixed {
         /// One row per component; zeros where the sums are in `wide`.
         rows: Vec<[i32; N_SUMS]>,
-        /// Rows of components with so many points that they might not fit, by ascending id.
+        /// Rows of components with [`WIDE_POINTS`] points or more, by ascending id.
         wide: Vec<WideRow>,
     },
     /// Single precision.
@@ -32,7 +74,7 @@ pub enum StoredSums {
     F64(Vec<[f64; N_SUMS]>),
 }
 
-/// Sums of one component, whole multiples of 2⁻¹⁵.
+/// Sums of one component, whole multiples of [`QUANTUM`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideRow {
     /// The component.

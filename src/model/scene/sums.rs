@@ -6,7 +6,7 @@ use crate::math::sym3::Sym3;
 use crate::model::statistics::Moments;
 use glam::{DMat3, DVec3};
 
-/// Sums per component, each of terms within ±4. With `d` the offset of a point from the seed in
+/// Sums per component, each of terms within ±[`MOST_TERM`]. With `d` the offset of a point from the seed in
 /// units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction:
 /// `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3),
 /// `Σ v vᵀ` without its last entry, which is `N` minus the other two of the diagonal (5),
@@ -14,9 +14,12 @@ use glam::{DMat3, DVec3};
 pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
-pub const MAX_OFFSET: f32 = 2.0;
+pub const MAX_OFFSET: f32 = 2.8;
 
-/// Adds nothing: what one point at offset `d` (units of `h`) adds to each sum.
+/// Largest term of a sum: the square of [`MAX_OFFSET`].
+pub const MOST_TERM: f64 = 7.84;
+
+/// What one point at offset `d` (units of `h`) adds to each sum.
 #[inline(always)]
 pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_SUMS] {
     let (n, v) = (point.normal.map(|x| R::of(x.into())), point.direction.map(|x| R::of(x.into())));
@@ -111,6 +114,22 @@ impl SceneSums {
             view_second: Sym3::from_array(view_second),
             color_view: rows(33),
         }
+    }
+
+    /// Back in the order of [`N_SUMS`], offsets as they are.
+    pub fn to_array(&self) -> [f64; N_SUMS] {
+        let mut sums = [0.0; N_SUMS];
+        let mut put = |at: usize, values: &[f64]| sums[at..at + values.len()].copy_from_slice(values);
+        put(0, &[self.count]);
+        put(1, &self.first.to_array());
+        put(4, &self.second.to_array());
+        put(10, &self.color.to_array());
+        put(13, &self.color_offset.transpose().to_cols_array());
+        put(22, &self.normal.to_array());
+        put(25, &self.view.to_array());
+        put(28, &self.view_second.to_array()[..5]);
+        put(33, &self.color_view.transpose().to_cols_array());
+        sums
     }
 
     /// Mean of the points, about the seed.

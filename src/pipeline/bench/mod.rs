@@ -1,6 +1,7 @@
 //! Benches: speed against error, each as a table, JSON, CSV and a plot.
 
 pub mod ablation;
+pub mod accuracy;
 pub mod oracle;
 pub mod pareto;
 pub mod render;

@@ -84,7 +84,7 @@ impl Sample {
 }
 
 /// Up to `n` of the items, evenly spaced.
-fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
+pub(super) fn spaced<T: Copy>(items: &[T], n: usize) -> Vec<T> {
     let n = n.min(items.len());
     (0..n).map(|i| items[i * items.len() / n]).collect()
 }

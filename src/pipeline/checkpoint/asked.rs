@@ -14,7 +14,7 @@ use serde_json::Value;
 pub struct Asked {
     /// Origin of the defaults.
     pub preset: Option<Preset>,
-    /// Settings of a model of the paper's preset; others have no use for them.
+    /// Settings of a model of the paper's preset.
     #[serde(skip)]
     pub paper: Overrides,
     /// Settings of a model of the scene's.
@@ -36,19 +36,27 @@ pub struct Asked {
     pub max_frames: Option<usize>,
 }
 
+/// Settings of either preset that have the same option.
+const SHARED: [&str; 3] = ["seed", "precision", "sums"];
+
 impl SavedRun {
     /// Refuses the first setting that contradicts the run's.
     pub fn check(&self, asked: &Asked) -> Result<(), RunError> {
-        let of_method = match &self.config.method {
-            Method::Paper(_) => serde_json::to_value(&asked.paper),
-            Method::Scene(_) => serde_json::to_value(&asked.scene),
+        let [paper, scene] =
+            [serde_json::to_value(&asked.paper), serde_json::to_value(&asked.scene)];
+        let (own, foreign) = match &self.config.method {
+            Method::Paper(_) => (paper, scene),
+            Method::Scene(_) => (scene, paper),
         };
-        let (Ok(Value::Object(asked)), Ok(Value::Object(of_method)), Ok(stored)) =
-            (serde_json::to_value(asked), of_method, serde_json::to_value(&self.config))
+        let (Ok(Value::Object(asked)), Ok(Value::Object(own)), Ok(Value::Object(foreign))) =
+            (serde_json::to_value(asked), own, foreign)
         else {
             return Ok(()); // settings are always JSON objects
         };
-        let given = asked.iter().chain(&of_method).filter(|(_, value)| !value.is_null());
+        let Ok(stored) = serde_json::to_value(&self.config) else { return Ok(()) };
+        // What one option says to both presets is judged by the run's own.
+        let foreign = foreign.iter().filter(|(name, _)| !SHARED.contains(&name.as_str()));
+        let given = asked.iter().chain(&own).chain(foreign).filter(|(_, value)| !value.is_null());
         for (name, value) in given {
             let before = match name.as_str() {
                 "covariance_form" => &stored["conversion"]["form"],

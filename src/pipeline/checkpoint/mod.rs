@@ -3,6 +3,7 @@
 mod asked;
 mod fingerprint;
 mod merge;
+mod pair;
 mod resume;
 mod save;
 
@@ -10,19 +11,14 @@ pub use asked::Asked;
 pub use fingerprint::Fingerprint;
 pub use merge::merge;
 
-use super::learner::Learner;
 use super::machine;
-use super::method::Method;
 use super::run::RunConfig;
 use super::session::SessionError;
 use crate::dataset::error::DatasetError;
 use crate::export::checkpoint::{self, Checkpoint, CheckpointError, Loaded};
 use crate::model::appearance::SplatSet;
 use crate::model::merging::AddError;
-use crate::model::state::Totals;
 use crate::train::candidates::IndexError;
-use crate::train::config::{TrainConfig, UpdateWidth};
-use crate::train::engine::Engine;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -52,16 +48,16 @@ pub enum RunError {
         /// The file.
         path: PathBuf,
     },
-    /// The stored totals are not of the form that the stored settings ask for.
+    /// The stored model is not the one that the stored settings ask for.
     #[error(
-        "{}: expected totals of the form {expected:?}, as its settings say, found another; use the \
-         program that wrote it", path.display()
+        "{}: expected {expected}, as its settings say, found another; use the program that wrote it",
+        path.display()
     )]
     Form {
         /// The file.
         path: PathBuf,
-        /// The form of the settings.
-        expected: UpdateWidth,
+        /// What the settings ask for.
+        expected: String,
     },
     /// A setting contradicts the one the run was begun with.
     #[error(
@@ -112,6 +108,19 @@ pub enum RunError {
         /// How they differ.
         found: String,
         /// What to do.
+        advice: &'static str,
+    },
+    /// A scene that depends on the order of frames.
+    #[error(
+        "{}: expected a scene that does not depend on the order of frames, found one trained with \
+         {found}; train every shard with {advice}", path.display()
+    )]
+    Ordered {
+        /// The checkpoint.
+        path: PathBuf,
+        /// The setting that makes it depend.
+        found: String,
+        /// The setting in its place.
         advice: &'static str,
     },
     /// A frame counted twice.
@@ -188,24 +197,9 @@ impl SavedRun {
         let Loaded { checkpoint: content, version, bytes } = checkpoint::read(path)?;
         let config: RunConfig = parse(path, "CONF", &content.config)?;
         let meta = parse(path, "META", &content.meta)?;
-        let train = paper(&config).ok_or(SessionError::NotStored)?;
-        // Among them the number of components, for which the engine makes room.
-        if train.hyper() != content.hyper {
-            return Err(RunError::Prior { path: path.to_owned() });
-        }
-        let expected = train.operations.update;
-        if !fits(expected, &content.model.totals) {
-            return Err(RunError::Form { path: path.to_owned(), expected });
-        }
-        Ok(Self { path: path.to_owned(), version, bytes, config, meta, content })
-    }
-
-    /// The model, ready to go on.
-    pub fn learner(&self) -> Result<Learner, RunError> {
-        let Checkpoint { model, cursor, normalization, .. } = &self.content;
-        let config = paper(&self.config).ok_or(SessionError::NotStored)?.clone();
-        let engine = Engine::restore(&config, model.clone(), cursor.frames)?;
-        Ok(Learner::Paper { engine, config, normalization: *normalization })
+        let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
+        run.pair()?;
+        Ok(run)
     }
 
     /// Splats of all components, as the session's that was saved.
@@ -228,22 +222,6 @@ impl SavedRun {
                 self.content.numerics
             )
         })
-    }
-}
-
-fn paper(config: &RunConfig) -> Option<&TrainConfig> {
-    match &config.method {
-        Method::Paper(train) => Some(train),
-        Method::Scene(_) => None,
-    }
-}
-
-/// Whether an engine that keeps totals in one form can go on with these; 128 bits hold them all.
-fn fits(update: UpdateWidth, totals: &Totals) -> bool {
-    match totals {
-        Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
-        Totals::Fixed128(_) => true,
-        Totals::F32(_) => update == UpdateWidth::F32,
     }
 }
 

@@ -22,8 +22,9 @@ impl SavedRun {
     ) -> Result<Session, RunError> {
         self.check(asked)?;
         let learner = self.learner()?;
+        let normalization = self.normalization()?;
         let Self { path, mut config, meta, content, .. } = self;
-        let Checkpoint { history, cursor, normalization, .. } = content;
+        let Checkpoint { history, cursor, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         let plan = Plan::after(&dataset, &config.selection, config.method.seed(), &cursor.visited)?;
         let found = Fingerprint::of(&dataset, plan.split);

@@ -2,7 +2,7 @@
 
 use super::{Fingerprint, Meta, RunError, canonical};
 use crate::eval::report::{FrameReport, SkippedFrame};
-use crate::export::checkpoint::{self, Checkpoint, Cursor};
+use crate::export::checkpoint::{self, Checkpoint, Cursor, StoredModel};
 use crate::pipeline::learner::Learner;
 use crate::pipeline::machine;
 use crate::pipeline::session::{Session, SessionError};
@@ -31,9 +31,6 @@ impl Session {
     /// Everything a later session needs to go on as if this one had not stopped. Copies the model.
     pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
         let (past, plan) = (self.past(), self.plan());
-        let Learner::Paper { engine, config, .. } = self.learner() else {
-            return Err(SessionError::NotStored);
-        };
         let meta = Meta {
             program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
             saved_unix_s: now_unix_s(),
@@ -53,13 +50,18 @@ impl Session {
             numerics: machine::numerics(),
             history: Some(canonical(&history)?),
             cursor: Cursor {
-                frames: engine.frames(),
+                frames: self.learner().frames(),
                 points: past.points,
                 visited: plan.frames[..past.visited].iter().map(|&frame| frame as u32).collect(),
             },
-            normalization: *self.normalization(),
-            hyper: config.hyper(),
-            model: engine.state(),
+            model: match self.learner() {
+                Learner::Paper { engine, config, normalization } => StoredModel::Mixture {
+                    normalization: *normalization,
+                    hyper: config.hyper(),
+                    state: engine.state(),
+                },
+                Learner::Scene(engine) => StoredModel::Scene(engine.state()),
+            },
         })
     }
 }

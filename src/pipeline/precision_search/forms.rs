@@ -1,4 +1,4 @@
-//! What follows from the timed combinations, for people, for machines and for `train --config`.
+//! What follows from the timed combinations, for people, for machines and for `train --preset paper --config`.
 
 use super::{Combination, Search, SearchPlan, choose};
 use crate::eval::report::MachineReport;

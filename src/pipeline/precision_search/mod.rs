@@ -101,7 +101,7 @@ pub struct Search {
     pub text: String,
     /// For machines.
     pub json: serde_json::Value,
-    /// Settings that `train --config` takes.
+    /// Settings that `train --preset paper --config` takes.
     pub ron: String,
     /// The widths chosen.
     pub operations: Operations,

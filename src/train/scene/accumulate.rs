@@ -1,12 +1,12 @@
 //! Adds a frame's points to the sums of their components.
 
 use super::config::LookRule;
-use super::grid::SeedGrid;
+use super::places::Places;
 use super::ledger::{Ledger, Look, Row, Word};
 use crate::math::observation::SurfacePoint;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
-use crate::model::scene::sums::{MAX_OFFSET, terms};
+use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 
 /// Runs of components that threads take; the points of each are gathered by one thread.
 const PARTS: usize = 16;
@@ -24,11 +24,28 @@ pub struct Matched<'a> {
     pub gain: [f32; 3],
 }
 
+impl Matched<'_> {
+    /// What a point adds to the sums of a component.
+    #[inline(always)]
+    fn terms<R: Real>(&self, i: usize, seed: [f32; 3], h: f64) -> [R; N_SUMS] {
+        let (point, shift) = (&self.points[i], self.shifts[i]);
+        let real = |x: f32| R::of(f64::from(x));
+        let per_h = R::of(1.0 / h);
+        let offset = [0, 1, 2].map(|axis| {
+            let offset = real(point.position[axis]) - real(seed[axis])
+                + real(shift) * real(point.direction[axis]);
+            clamp(offset * per_h, MAX_OFFSET)
+        });
+        let color = [0, 1, 2].map(|i| real((point.color[i] * self.gain[i]).min(1.0)));
+        terms(point, offset, color)
+    }
+}
+
 /// Adds every point that has an owner, in whatever order: sums are exact. Replaces `touched` by the
 /// owners, ascending.
 pub fn accumulate<W: Word>(
     ledger: &mut Ledger<W>,
-    grid: &SeedGrid,
+    places: Places<'_>,
     frame: Matched<'_>,
     h: f64,
     looks: LookRule,
@@ -36,7 +53,7 @@ pub fn accumulate<W: Word>(
 ) {
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     ledger.for_each_part(PARTS, |first, rows, _| {
-        let part = Isa::best().run(Part { first, rows, grid, frame, h, looks });
+        let part = Isa::best().run(Part { first, rows, places, frame, h, looks });
         if let Ok(mut parts) = parts.lock() {
             parts.push((first, part));
         }
@@ -44,25 +61,37 @@ pub fn accumulate<W: Word>(
     let mut parts = parts.into_inner().unwrap_or_default();
     parts.sort_unstable_by_key(|(first, _)| *first);
     touched.clear();
-    touched.extend(parts.into_iter().flat_map(|(_, ids)| ids));
+    for (_, Received { ids, wide }) in parts {
+        touched.extend(ids);
+        wide.into_iter().for_each(|(id, sums)| ledger.add_wide(id, sums));
+    }
+}
+
+/// What the components of a part received.
+#[derive(Default)]
+struct Received {
+    /// Components that received something, ascending.
+    ids: Vec<u32>,
+    /// Sums of those with so many points that a row does not hold them.
+    wide: Vec<(u32, [f64; N_SUMS])>,
 }
 
 /// The points of consecutive components.
 struct Part<'a, W> {
     first: usize,
     rows: &'a mut [Row<W>],
-    grid: &'a SeedGrid,
+    places: Places<'a>,
     frame: Matched<'a>,
     h: f64,
     looks: LookRule,
 }
 
 impl<W: Word> Kernel for Part<'_, W> {
-    type Output = Vec<u32>;
+    type Output = Received;
 
     #[inline(always)]
-    fn run<V: Vector>(self) -> Vec<u32> {
-        let Self { first, rows, grid, frame, h, looks } = self;
+    fn run<V: Vector>(self) -> Received {
+        let Self { first, rows, places, frame, h, looks } = self;
         let mine = first..first + rows.len();
         let mut order: Vec<u64> = Vec::new();
         for (i, &owner) in frame.owners.iter().enumerate() {
@@ -71,24 +100,37 @@ impl<W: Word> Kernel for Part<'_, W> {
             }
         }
         order.sort_unstable();
-        let mut touched = Vec::new();
+        let mut received = Received::default();
         for run in order.chunk_by(|a, b| a >> 32 == b >> 32) {
             let id = (run[0] >> 32) as usize;
-            let row = &mut rows[id - first];
-            let mut returns = 0.0;
-            for key in run {
-                let i = *key as u32 as usize;
-                let point = &frame.points[i];
-                add(row, point, frame.shifts[i], frame.gain, grid.position(id), h);
-                returns += facing_pixels(point);
+            let (row, seed) = (&mut rows[id - first], places.of(id));
+            let points = run.iter().map(|key| *key as u32 as usize);
+            if run.len() as f64 > W::FULL {
+                let terms = points.clone().map(|i| frame.terms(i, seed, h));
+                received.wide.push((id as u32, wide_sums::<W>(terms)));
+            } else {
+                for i in points.clone() {
+                    row.add(&frame.terms(i, seed, h));
+                }
             }
             if looks == LookRule::Returned {
+                let returns: f64 = points.map(|i| facing_pixels(&frame.points[i])).sum();
                 row.look(Look::Seen, h * h * returns / run.len() as f64);
             }
-            touched.push(id as u32);
+            received.ids.push(id as u32);
         }
-        touched
+        received
     }
+}
+
+/// Sums of so many points that a row does not hold them.
+fn wide_sums<W: Word>(terms: impl Iterator<Item = [W::Term; N_SUMS]>) -> [f64; N_SUMS] {
+    let mut sums = [0.0; N_SUMS];
+    for terms in terms {
+        let rounded = terms.map(|term| W::of(term).value());
+        sums.iter_mut().zip(rounded).for_each(|(sum, term)| *sum += term);
+    }
+    sums
 }
 
 /// Pixels per unit of area of a surface at a point, world units⁻².
@@ -100,25 +142,6 @@ fn facing_pixels(point: &SurfacePoint) -> f64 {
 }
 
 #[inline(always)]
-fn add<W: Word>(
-    row: &mut Row<W>,
-    point: &SurfacePoint,
-    shift: f32,
-    gain: [f32; 3],
-    seed: [f32; 3],
-    h: f64,
-) {
-    let real = |x: f32| W::Term::of(f64::from(x));
-    let per_h = W::Term::of(1.0 / h);
-    let offset = [0, 1, 2].map(|i| {
-        let offset = real(point.position[i]) - real(seed[i]) + real(shift) * real(point.direction[i]);
-        clamp(offset * per_h, MAX_OFFSET)
-    });
-    let color = [0, 1, 2].map(|i| real((point.color[i] * gain[i]).min(1.0)));
-    row.add(&terms(point, offset, color));
-}
-
-#[inline(always)]
 fn clamp<R: Real>(value: R, most: f32) -> R {
     let most = R::of(f64::from(most));
     if value > most {
@@ -127,5 +150,79 @@ fn clamp<R: Real>(value: R, most: f32) -> R {
         -most
     } else {
         value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::scene::components::Components;
+    use crate::train::scene::grid::SeedGrid;
+    use crate::math::rng::{Purpose, Rng};
+
+    fn points(n: usize) -> Vec<SurfacePoint> {
+        let mut rng = Rng::new(4, Purpose::Synthetic, 0);
+        let mut numbers = |lo: f64| [0; 3].map(|_| rng.range(lo, 1.0) as f32);
+        (0..n)
+            .map(|_| SurfacePoint {
+                position: numbers(-1.0),
+                color: numbers(0.0),
+                normal: numbers(-1.0),
+                direction: numbers(-1.0),
+                footprint: 0.01,
+                ..SurfacePoint::default()
+            })
+            .collect()
+    }
+
+    /// One component that stands at the origin and gets all points of every frame.
+    fn summed(frames: &[&[SurfacePoint]]) -> Ledger<i32> {
+        let mut grid = SeedGrid::new(1.0);
+        let mut components = Components::default();
+        components.born(grid.insert([0.0; 3]));
+        let places = Places { grid: &grid, components: &components };
+        let mut ledger = Ledger::<i32>::default();
+        ledger.grow(1);
+        for points in frames {
+            let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
+            let frame = Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
+            let mut touched = Vec::new();
+            accumulate(&mut ledger, places, frame, 1.0, LookRule::Projected, &mut touched);
+            assert_eq!(touched, [0]);
+            ledger.carry_over(&touched);
+        }
+        ledger
+    }
+
+    #[test]
+    fn all_points_of_a_large_frame_may_fall_into_one_component() {
+        let points = points(100_000);
+        let mut expected = [0i64; N_SUMS];
+        let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
+        let frame = Matched { points: &points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
+        for i in 0..points.len() {
+            let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
+            let quanta = terms.map(|term| i64::from(<i32 as Word>::of(term)));
+            expected.iter_mut().zip(quanta).for_each(|(sum, term)| *sum += term);
+        }
+        let expected = expected.map(|quanta| quanta as f64 / 32768.0);
+        let (start, rest) = points.split_at(4095);
+        let (most, end) = rest.split_at(90_000);
+        for frames in [&[&points[..]][..], &[start, most, end], &[end, start, most]] {
+            let ledger = summed(frames);
+            assert_eq!(ledger.sums(0), expected);
+            assert_eq!(ledger.state(&[0]), summed(&[&points]).state(&[0]));
+        }
+    }
+
+    #[test]
+    fn rows_hold_a_frame_more_than_makes_them_full() {
+        let largest = |n| {
+            let (ones, twos) = ([1.0; 3], [2.0; 3]);
+            let point = SurfacePoint { position: twos, color: ones, ..SurfacePoint::default() };
+            vec![SurfacePoint { footprint: 1.0, ..point }; n]
+        };
+        let ledger = summed(&[&largest(4095), &largest(4096), &largest(4097)]);
+        assert_eq!(ledger.sums(0)[4], 4.0 * 12_288.0);
     }
 }

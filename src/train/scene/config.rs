@@ -5,13 +5,15 @@ use crate::train::config::{ConfigError, MAX_COMPONENTS};
 use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
 use serde::{Deserialize, Serialize};
-use strum::{EnumString, VariantNames};
+use strum::{Display, EnumString, VariantNames};
 
 /// Most components where a user sets no budget: 400 MB of sums.
 pub const MOST_COMPONENTS: usize = 2_000_000;
 
 /// Where components are born.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum BirthRule {

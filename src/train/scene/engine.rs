@@ -1,10 +1,11 @@
 //! One scene trainer behind either form of sums.
 
 use super::config::SceneConfig;
-use super::trainer::SceneTrainer;
+use super::trainer::{Lost, SceneTrainer};
 use crate::math::observation::Observation;
 use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
+use crate::model::scene::native::NativeRule;
 use crate::model::scene::state::SceneState;
 use crate::model::splats::Splat;
 use crate::train::trainer::FrameOutcome;
@@ -75,6 +76,11 @@ impl SceneEngine {
         either!(self, t => t.state())
     }
 
+    /// See [`SceneTrainer::stored_order`].
+    pub fn stored_order(&self) -> Vec<u32> {
+        either!(self, t => t.stored_order())
+    }
+
     /// See [`SceneTrainer::train`].
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         either!(self, t => t.train(frame))
@@ -85,9 +91,19 @@ impl SceneEngine {
         either!(self, t => t.frames())
     }
 
-    /// Components.
+    /// Slots of components, in use or free.
     pub fn components(&self) -> usize {
         either!(self, t => t.components())
+    }
+
+    /// Components in use.
+    pub fn used(&self) -> usize {
+        either!(self, t => t.used())
+    }
+
+    /// Points that found no component so far.
+    pub fn lost(&self) -> Lost {
+        either!(self, t => t.lost())
     }
 
     /// Components that the last frame changed, each once.
@@ -103,6 +119,11 @@ impl SceneEngine {
     /// See [`SceneTrainer::posterior`].
     pub fn posterior(&self, component: usize) -> ComponentPosterior {
         either!(self, t => t.posterior(component))
+    }
+
+    /// Draws components by another rule from now on.
+    pub fn set_native(&mut self, rule: NativeRule) {
+        either!(self, t => t.set_native(rule));
     }
 
     /// What renderers draw of a component; an empty slot if nothing.

@@ -43,7 +43,8 @@ impl SeedGrid {
 
     /// Bytes that the grid takes.
     pub fn bytes(&self) -> usize {
-        self.len() * (size_of::<[f32; 3]>() + size_of::<u32>()) + self.heads.len() * size_of::<u32>()
+        self.len() * (size_of::<[f32; 3]>() + size_of::<u32>())
+            + self.heads.len() * size_of::<u32>()
     }
 
     /// Whether a place can be told from its neighbours.
@@ -158,7 +159,8 @@ mod tests {
     fn nearest_is_what_a_search_of_all_seeds_finds() {
         let mut grid = SeedGrid::new(0.1);
         let stream = Rng::new(1, Purpose::Init, 0);
-        let place = |i: u64| [0, 1, 2].map(|axis| stream.uniform(3 * i + axis) as f32 * 2.0 - 1.0);
+        let place =
+            |i: u64| [0, 1, 2].map(|axis| stream.uniform_at(3 * i + axis) as f32 * 2.0 - 1.0);
         for i in 0..5000 {
             grid.insert(place(i));
         }

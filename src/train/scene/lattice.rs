@@ -13,7 +13,8 @@ pub fn cubic(position: [f32; 3], a: f32) -> [f32; 3] {
 #[inline(always)]
 pub fn body_centred(position: [f32; 3], a: f32) -> [f32; 3] {
     let centre = cubic(position, a);
-    let corner = position.map(|x| (x / a).round() * a);
+    // Without the sum, which point comes first would tell whether zeros have a sign.
+    let corner = position.map(|x| (x / a).round() * a + 0.0);
     let nearer = squared_distance(position, centre) <= squared_distance(position, corner);
     if nearer { centre } else { corner }
 }
@@ -27,6 +28,7 @@ mod tests {
         assert_eq!(cubic([0.3, -0.1, 2.0], 1.0), [0.5, -0.5, 2.5]);
         assert_eq!(body_centred([0.4, 0.4, 0.4], 1.0), [0.5; 3]);
         assert_eq!(body_centred([0.1, 0.2, 0.1], 1.0), [0.0; 3]);
-        assert_eq!(body_centred([0.9, 1.1, -0.1], 1.0), [1.0, 1.0, 0.0]);
+        let corner = body_centred([0.9, 1.1, -0.1], 1.0);
+        assert_eq!(corner.map(f32::to_bits), [1.0f32, 1.0, 0.0].map(f32::to_bits));
     }
 }

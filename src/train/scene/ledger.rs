@@ -1,8 +1,8 @@
 //! The sums of all components, and how often each was looked at.
 
-use crate::model::scene::state::{StoredSums, WideRow};
-use crate::model::scene::sums::N_SUMS;
 use crate::math::real::Real;
+use crate::model::scene::state::{Looks, QUANTUM, StoredSums, WIDE_POINTS, WideRow};
+use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -10,10 +10,12 @@ use std::collections::BTreeMap;
 pub trait Word: Copy + Default + Send + Sync + 'static {
     /// Arithmetic of the terms of one point.
     type Term: Real;
-    /// Points after which a row might overflow.
-    const MOST: u32;
+    /// Points from which on a row is carried over. As many more still fit.
+    const FULL: f64;
     /// A term, rounded to the form of the sums.
     fn of(term: Self::Term) -> Self;
+    /// A sum, rounded likewise.
+    fn of_sum(sum: f64) -> Self;
     /// The sum.
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
@@ -24,16 +26,20 @@ pub trait Word: Copy + Default + Send + Sync + 'static {
     fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
 }
 
-/// Quanta of 2⁻¹⁵: integer sums are the same in any order. Terms within ±4 take 18 bits.
+/// Integer sums are the same in any order. Terms within ±4 take 18 bits.
 impl Word for i32 {
     type Term = f32;
-    const MOST: u32 = 1 << 13;
+    const FULL: f64 = WIDE_POINTS as f64;
 
     #[inline(always)]
     fn of(term: f32) -> Self {
         /// Added to a number below 2²², leaves the nearest integer, ties to even, in the low bits.
         const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
         (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
+    }
+
+    fn of_sum(sum: f64) -> Self {
+        (sum / QUANTUM).round_ties_even() as i32
     }
 
     #[inline(always)]
@@ -43,7 +49,7 @@ impl Word for i32 {
 
     #[inline(always)]
     fn value(self) -> f64 {
-        f64::from(self) * (1.0 / f64::from(QUANTA))
+        f64::from(self) * QUANTUM
     }
 
     fn stored(rows: Vec<[Self; N_SUMS]>, wide: Vec<WideRow>) -> StoredSums {
@@ -62,11 +68,15 @@ macro_rules! plain_word {
     ($t:ty, $stored:ident) => {
         impl Word for $t {
             type Term = $t;
-            const MOST: u32 = u32::MAX;
+            const FULL: f64 = f64::INFINITY;
 
             #[inline(always)]
             fn of(term: $t) -> Self {
                 term
+            }
+
+            fn of_sum(sum: f64) -> Self {
+                sum as $t
             }
 
             #[inline(always)]
@@ -97,7 +107,7 @@ plain_word!(f32, F32);
 plain_word!(f64, F64);
 
 /// Quanta per unit of the integer sums.
-const QUANTA: f32 = 32768.0;
+const QUANTA: f32 = (1.0 / QUANTUM) as f32;
 
 /// Expected returns are counted in 64ths.
 const RETURN_QUANTA: f64 = 64.0;
@@ -108,17 +118,12 @@ const RETURN_QUANTA: f64 = 64.0;
 pub struct Row<W> {
     /// In the order of [`N_SUMS`].
     pub sums: [W; N_SUMS],
-    /// Returns that it could have given, in 64ths.
-    expected: u32,
-    /// Frames in which it was seen.
-    seen: u16,
-    /// Frames in which something farther was seen through it.
-    missed: u16,
+    looks: Looks,
 }
 
 impl<W: Word> Default for Row<W> {
     fn default() -> Self {
-        Self { sums: [W::default(); N_SUMS], expected: 0, seen: 0, missed: 0 }
+        Self { sums: [W::default(); N_SUMS], looks: Looks::default() }
     }
 }
 
@@ -143,21 +148,16 @@ impl<W: Word> Row<W> {
     /// Counts a look from which `expected` returns could have come.
     #[inline(always)]
     pub fn look(&mut self, look: Look, expected: f64) {
-        self.expected = self.expected.saturating_add((expected * RETURN_QUANTA) as u32);
-        match look {
-            Look::Seen => self.seen = self.seen.saturating_add(1),
-            Look::Missed => self.missed = self.missed.saturating_add(1),
-        }
+        let expected = (expected * RETURN_QUANTA) as u32;
+        self.looks = self.looks.plus(match look {
+            Look::Seen => Looks { expected, seen: 1, missed: 0 },
+            Look::Missed => Looks { expected, seen: 0, missed: 1 },
+        });
     }
 
     /// Returns that it could have given.
     pub fn expected(&self) -> f64 {
-        f64::from(self.expected) / RETURN_QUANTA
-    }
-
-    /// Frames in which it was seen, and in which it was seen through; both stop at 65,535.
-    pub fn looks(&self) -> [u16; 2] {
-        [self.seen, self.missed]
+        f64::from(self.looks.expected) / RETURN_QUANTA
     }
 }
 
@@ -239,11 +239,11 @@ impl<W: Word> Ledger<W> {
 
     /// Sums and looks as checkpoints hold them, of the components in `order`. Equal sums are stored
     /// alike, whatever the order they were added in.
-    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<[u32; 2]>) {
+    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<Looks>) {
         let (mut rows, mut wide, mut looks) = (Vec::new(), Vec::new(), Vec::new());
         for (&id, at) in order.iter().zip(0u32..) {
             let row = &self.rows[id as usize];
-            looks.push([row.expected, u32::from(row.seen) | u32::from(row.missed) << 16]);
+            looks.push(row.looks);
             if self.wide.contains_key(&id) || is_full(row) {
                 rows.push([W::default(); N_SUMS]);
                 wide.push(WideRow { id: at, sums: self.sums(id as usize) });
@@ -255,15 +255,9 @@ impl<W: Word> Ledger<W> {
     }
 
     /// The ledger that [`Self::state`] describes; `None` if its sums have another form.
-    pub fn restore(sums: StoredSums, looks: &[[u32; 2]]) -> Option<Self> {
+    pub fn restore(sums: StoredSums, looks: Vec<Looks>) -> Option<Self> {
         let (sums, wide) = W::restored(sums)?;
-        let row = |(sums, &[expected, looks]): ([W; N_SUMS], &[u32; 2])| Row {
-            sums,
-            expected,
-            seen: looks as u16,
-            missed: (looks >> 16) as u16,
-        };
-        let rows = sums.into_iter().zip(looks).map(row).collect();
+        let rows = sums.into_iter().zip(looks).map(|(sums, looks)| Row { sums, looks }).collect();
         let wide = wide.into_iter().map(|row| (row.id, row.sums)).collect();
         Some(Self { rows, wide })
     }
@@ -287,19 +281,39 @@ impl<W: Word> Ledger<W> {
             if !is_full(row) {
                 continue;
             }
-            let wide = self.wide.entry(id).or_insert([0.0; N_SUMS]);
-            // Sums of integer quanta below 2⁵³: exact in f64, hence the same in any order.
-            for (wide, sum) in wide.iter_mut().zip(&mut row.sums) {
-                *wide += sum.value();
-                *sum = W::default();
-            }
+            let sums = std::mem::replace(&mut row.sums, [W::default(); N_SUMS]);
+            self.add_wide(id, sums.map(W::value));
         }
+    }
+
+    /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
+    /// leaves the other without any.
+    pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
+        let looks = std::mem::take(&mut self.rows[dropped].looks);
+        self.rows[dropped].sums = [W::default(); N_SUMS];
+        self.wide.remove(&(dropped as u32));
+        let row = &mut self.rows[kept];
+        row.looks = row.looks.plus(looks);
+        if row.sums[0].value() + sums[0] < W::FULL {
+            let sums = sums.map(W::of_sum);
+            row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.plus(other));
+        } else {
+            let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
+            self.add_wide(kept as u32, sums);
+        }
+    }
+
+    /// Adds sums that are too large for a row.
+    pub fn add_wide(&mut self, id: u32, sums: [f64; N_SUMS]) {
+        let wide = self.wide.entry(id).or_insert([0.0; N_SUMS]);
+        // Sums of integer quanta below 2⁵³: exact in f64, hence the same in any order.
+        wide.iter_mut().zip(sums).for_each(|(wide, sum)| *wide += sum);
     }
 }
 
 /// Whether another frame might make a row overflow.
 fn is_full<W: Word>(row: &Row<W>) -> bool {
-    row.sums[0].value() >= f64::from(W::MOST / 2)
+    row.sums[0].value() >= W::FULL
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use crate::math::observation::SurfacePoint;
 /// Fewest points of a component that is trusted as a plane.
 const LEAST_POINTS: f64 = 20.0;
 /// Most times as much as the point itself that the plane counts for.
-const MOST_TRUST: f64 = 4.0;
+const MOST_TRUST: f64 = 2.0;
 /// Least cosine between ray and plane normal.
 const LEAST_COSINE: f64 = 0.3;
 

@@ -1,12 +1,13 @@
-//! Checkpoints: every form of totals comes back, damage of every kind is refused.
+//! Checkpoints: every form of either model comes back, damage of every kind is refused.
 
 mod damage;
 mod files;
 mod forms;
 mod raw;
+mod scene;
 mod values;
 
-use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, Defect, parse};
+use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, Defect, StoredModel, parse};
 use vbgs_studio::math::points::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::prior::Hyper;
@@ -81,29 +82,44 @@ fn f32s() -> Totals {
 }
 
 fn sample(means: Means, totals: Totals) -> Checkpoint {
+    let alpha_init = (0..N).map(|k| 0.05 + 1e-3 * k as f64).collect();
+    checkpoint(StoredModel::Mixture {
+        normalization: Normalization { offset: [0.5, -1.0, 0.1], scale: [0.7, 0.7, 1.0 / 3.0] },
+        hyper: Hyper::paper(N, N as f64),
+        state: ModelState { alpha_init, means, totals },
+    })
+}
+
+fn checkpoint(model: StoredModel) -> Checkpoint {
     Checkpoint {
         config: r#"{"preset":"paper"}"#.into(),
         meta: r#"{"program":"test"}"#.into(),
         numerics: "{}".into(),
         history: Some("[]".into()),
         cursor: Cursor { frames: 3, points: 1234, visited: vec![4, 0, 9, 2] },
-        normalization: Normalization { offset: [0.5, -1.0, 0.1], scale: [0.7, 0.7, 1.0 / 3.0] },
-        hyper: Hyper::paper(N, N as f64),
-        model: ModelState {
-            alpha_init: (0..N).map(|k| 0.05 + 1e-3 * k as f64).collect(),
-            means,
-            totals,
-        },
+        model,
     }
 }
 
+/// What a mixture's checkpoint holds besides what every checkpoint does.
+fn mixture(checkpoint: &mut Checkpoint) -> (&mut Normalization, &mut Hyper, &mut ModelState) {
+    let StoredModel::Mixture { normalization, hyper, state } = &mut checkpoint.model else {
+        unreachable!()
+    };
+    (normalization, hyper, state)
+}
+
 /// One of every form.
-fn samples() -> [Checkpoint; 4] {
+fn samples() -> [Checkpoint; 8] {
     [
         sample(means_f32(), fixed64()),
         sample(means_f64(), fixed128()),
         sample(means_f32(), f32s()),
         Checkpoint { history: None, ..sample(means_f32(), fixed128()) },
+        scene::sample(scene::mixed()),
+        scene::sample(scene::f32s()),
+        scene::sample(scene::f64s()),
+        checkpoint(StoredModel::Scene(scene::nothing())),
     ]
 }
 

@@ -1,13 +1,13 @@
 //! Numbers no model has are refused by section, component and axis, whatever the checksums say.
 
 use super::raw::edited;
-use super::{assert_refused, f32s, fixed64, fixed128, means_f32, means_f64, sample};
+use super::{assert_refused, f32s, fixed64, fixed128, means_f32, means_f64, mixture, sample};
 use vbgs_studio::export::checkpoint::{Checkpoint, parse, to_bytes};
 use vbgs_studio::model::state::{Carry, Means, ModelState, Totals};
 
 fn with_model(edit: impl FnOnce(&mut ModelState), totals: Totals) -> Vec<u8> {
     let mut checkpoint = sample(means_f32(), totals);
-    edit(&mut checkpoint.model);
+    edit(mixture(&mut checkpoint).2);
     to_bytes(&checkpoint)
 }
 
@@ -22,7 +22,7 @@ fn means_and_weights() {
         assert_refused(&with_model(set, fixed64()), &parts);
     }
     let mut checkpoint = sample(means_f64(), fixed128());
-    let Means::F64 { color, .. } = &mut checkpoint.model.means else { unreachable!() };
+    let Means::F64 { color, .. } = &mut mixture(&mut checkpoint).2.means else { unreachable!() };
     color[3][2] = f64::NEG_INFINITY;
     assert_refused(&to_bytes(&checkpoint), &["MINI[component 3, blue]", "found -inf"]);
     for wild in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -91,9 +91,9 @@ fn cursor_prior_and_normalisation() {
     };
     refused(&|c| c.cursor.visited[3] = 9, &["CURS", "every frame once", "frame 9 twice"]);
     refused(&|c| c.cursor.frames = 5, &["CURS", "4 frames learnt at most", "5"]);
-    refused(&|c| c.normalization.scale[1] = 0.0, &["NORM", "a positive scale"]);
-    refused(&|c| c.normalization.offset[0] = f64::NAN, &["NORM", "finite"]);
-    refused(&|c| c.hyper.u0_space = -1.0, &["PRIR", "positive numbers", "-1"]);
+    refused(&|c| mixture(c).0.scale[1] = 0.0, &["NORM", "a positive scale"]);
+    refused(&|c| mixture(c).0.offset[0] = f64::NAN, &["NORM", "finite"]);
+    refused(&|c| mixture(c).1.u0_space = -1.0, &["PRIR", "positive numbers", "-1"]);
     let bytes = to_bytes(&sample(means_f32(), fixed64()));
     let short = edited(&bytes, b"CURS", |s| s.content.truncate(8));
     assert_refused(&short, &["CURS", "2 numbers or more"]);

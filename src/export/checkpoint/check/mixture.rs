@@ -1,13 +1,12 @@
-//! Values no model has are refused: a checkpoint with a right checksum may still be wrong.
+//! What mixtures hold.
 
-use super::error::{Defect, tag_text};
-use super::tag;
-use crate::math::points::Normalization;
+use super::super::error::Defect;
+use super::super::tag;
+use super::{AXES, ascending, value};
 use crate::math::real::Real;
-use crate::model::state::{Carry, Means, ModelState, Totals};
+use crate::model::state::{Means, ModelState, Totals};
 use crate::model::statistics::N_SUMS;
 
-const AXES: [&str; 3] = ["x", "y", "z"];
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 /// Section and axis of every sum.
@@ -39,7 +38,7 @@ const SLACK_F32_TOTALS: f64 = 1e-1;
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
 /// Weights, means and statistics.
-pub(super) fn model(model: &ModelState) -> Result<(), Defect> {
+pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
     if let Some(k) = model.alpha_init.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
         let expected = "a positive number";
         return Err(value(tag::ALPHA, k, "alpha", expected, model.alpha_init[k]));
@@ -50,7 +49,7 @@ pub(super) fn model(model: &ModelState) -> Result<(), Defect> {
     }
     match &model.totals {
         Totals::Fixed64 { rows, carries } => {
-            check_carries(carries, rows.len())?;
+            ascending(tag::CARRY_IDS, carries.iter().map(|carry| carry.id), rows.len())?;
             let mut carries = carries.iter().peekable();
             rows.iter().enumerate().try_for_each(|(k, row)| {
                 let limbs = carries.next_if(|carry| carry.id as usize == k).map(|c| c.limbs);
@@ -113,69 +112,4 @@ fn first_unsound(
         Some(&(i, ..)) => refuse(i, "at most the mean of the two axes' second moments"),
         None => refuse(0, "sums of a finite total"),
     }
-}
-
-fn check_carries(carries: &[Carry], components: usize) -> Result<(), Defect> {
-    let place = || tag_text(tag::CARRY_IDS);
-    if !carries.is_sorted_by(|a, b| a.id < b.id) {
-        return Err(Defect::malformed(place(), "components in ascending order", "another order"));
-    }
-    match carries.last().filter(|carry| carry.id as usize >= components) {
-        Some(carry) => {
-            let expected = format!("components below {components}");
-            Err(Defect::malformed(place(), expected, carry.id.to_string()))
-        }
-        None => Ok(()),
-    }
-}
-
-/// Offset finite, scale positive.
-pub(super) fn normalization(normalization: &Normalization) -> Result<(), Defect> {
-    let Normalization { offset, scale } = normalization;
-    let sound =
-        offset.iter().all(|v| v.is_finite()) && scale.iter().all(|v| v.is_finite() && *v > 0.0);
-    if sound {
-        return Ok(());
-    }
-    let expected = "a finite offset and a positive scale";
-    let found = format!("{offset:?} and {scale:?}");
-    Err(Defect::malformed(tag_text(tag::NORMALIZATION), expected, found))
-}
-
-/// Hyper-parameters are positive.
-pub(super) fn prior(numbers: &[f64]) -> Result<(), Defect> {
-    match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
-        None => Ok(()),
-        Some(found) => {
-            Err(Defect::malformed(tag_text(tag::PRIOR), "positive numbers", found.to_string()))
-        }
-    }
-}
-
-/// Frames gone through, each once and at least as many as were learnt.
-pub(super) fn visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
-    let refuse = |expected: &str, found: String| {
-        Err(Defect::malformed(tag_text(tag::CURSOR), expected, found))
-    };
-    if learnt > frames.len() as u64 {
-        return refuse(&format!("{} frames learnt at most", frames.len()), learnt.to_string());
-    }
-    let ids: Option<Vec<u32>> = frames.iter().map(|&frame| u32::try_from(frame).ok()).collect();
-    let Some(ids) = ids else {
-        return refuse("frame numbers of 32 bits", "larger ones".to_owned());
-    };
-    let mut sorted = ids.clone();
-    sorted.sort_unstable();
-    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-        Some(pair) => refuse("every frame once", format!("frame {} twice", pair[0])),
-        None => Ok(ids),
-    }
-}
-
-fn value(tag: [u8; 4], k: usize, axis: &str, expected: &str, found: f64) -> Defect {
-    Defect::malformed(
-        format!("{}[component {k}, {axis}]", tag_text(tag)),
-        expected,
-        found.to_string(),
-    )
 }

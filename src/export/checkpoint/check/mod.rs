@@ -1,0 +1,83 @@
+//! Values no model has are refused: a checkpoint with a right checksum may still be wrong.
+
+mod mixture;
+mod scene;
+
+pub(super) use mixture::mixture;
+pub(super) use scene::scene;
+
+use super::error::{Defect, tag_text};
+use super::tag;
+use crate::math::points::Normalization;
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Offset finite, scale positive.
+pub(super) fn normalization(normalization: &Normalization) -> Result<(), Defect> {
+    let Normalization { offset, scale } = normalization;
+    let sound =
+        offset.iter().all(|v| v.is_finite()) && scale.iter().all(|v| v.is_finite() && *v > 0.0);
+    if sound {
+        return Ok(());
+    }
+    let expected = "a finite offset and a positive scale";
+    let found = format!("{offset:?} and {scale:?}");
+    Err(Defect::malformed(tag_text(tag::NORMALIZATION), expected, found))
+}
+
+/// Hyper-parameters are positive.
+pub(super) fn prior(numbers: &[f64]) -> Result<(), Defect> {
+    match numbers.iter().find(|v| !(v.is_finite() && **v > 0.0)) {
+        None => Ok(()),
+        Some(found) => {
+            Err(Defect::malformed(tag_text(tag::PRIOR), "positive numbers", found.to_string()))
+        }
+    }
+}
+
+/// Frames gone through, each once and at least as many as were learnt.
+pub(super) fn visited(frames: &[u64], learnt: u64) -> Result<Vec<u32>, Defect> {
+    let refuse = |expected: &str, found: String| {
+        Err(Defect::malformed(tag_text(tag::CURSOR), expected, found))
+    };
+    if learnt > frames.len() as u64 {
+        return refuse(&format!("{} frames learnt at most", frames.len()), learnt.to_string());
+    }
+    let ids: Option<Vec<u32>> = frames.iter().map(|&frame| u32::try_from(frame).ok()).collect();
+    let Some(ids) = ids else {
+        return refuse("frame numbers of 32 bits", "larger ones".to_owned());
+    };
+    let mut sorted = ids.clone();
+    sorted.sort_unstable();
+    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        Some(pair) => refuse("every frame once", format!("frame {} twice", pair[0])),
+        None => Ok(ids),
+    }
+}
+
+/// Numbers of components, each once.
+fn ascending(
+    tag: [u8; 4],
+    ids: impl Iterator<Item = u32> + Clone,
+    components: usize,
+) -> Result<(), Defect> {
+    let place = tag_text(tag);
+    if !ids.clone().is_sorted_by(|a, b| a < b) {
+        return Err(Defect::malformed(place, "components in ascending order", "another order"));
+    }
+    match ids.last().filter(|last| *last as usize >= components) {
+        Some(last) => {
+            let expected = format!("components below {components}");
+            Err(Defect::malformed(place, expected, last.to_string()))
+        }
+        None => Ok(()),
+    }
+}
+
+fn value(tag: [u8; 4], k: usize, axis: &str, expected: &str, found: f64) -> Defect {
+    Defect::malformed(
+        format!("{}[component {k}, {axis}]", tag_text(tag)),
+        expected,
+        found.to_string(),
+    )
+}

@@ -1,0 +1,152 @@
+//! What scenes hold.
+
+use super::super::error::{Defect, tag_text};
+use super::super::tag;
+use super::{AXES, ascending, value};
+use crate::model::scene::state::{MOST_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
+use crate::model::scene::sums::{MOST_TERM, N_SUMS};
+
+/// Every sum by name.
+#[rustfmt::skip]
+const NAMES: [&str; N_SUMS] = [
+    "N", "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz",
+    "red", "green", "blue",
+    "red x", "red y", "red z", "green x", "green y", "green z", "blue x", "blue y", "blue z",
+    "normal x", "normal y", "normal z",
+    "view x", "view y", "view z", "view xx", "view xy", "view xz", "view yy", "view yz",
+    "red view x", "red view y", "red view z", "green view x", "green view y", "green view z",
+    "blue view x", "blue view y", "blue view z",
+];
+
+/// Positions of sums of squares.
+const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
+
+/// How far rounding may take sums: relative to them, and per point.
+#[derive(Clone, Copy)]
+struct Slack {
+    relative: f64,
+    per_point: f64,
+}
+
+/// Every term is rounded by half a quantum, and view directions are unit vectors in f32.
+const MIXED: Slack = Slack { relative: 1e-6, per_point: 3.0 * QUANTUM };
+/// Sums in f32 stand still from 2²⁴ points on; up to there rounding may double them.
+const F32: Slack = Slack { relative: 1.0, per_point: 0.0 };
+const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
+
+/// Origin, seeds and sums.
+pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
+    if !state.origin.iter().all(|x| x.is_finite()) {
+        let found = format!("{:?}", state.origin);
+        return Err(Defect::malformed(tag_text(tag::ORIGIN), "finite numbers", found));
+    }
+    if let Some(at) = state.seeds.as_flattened().iter().position(|x| !x.is_finite()) {
+        let found = f64::from(state.seeds[at / 3][at % 3]);
+        return Err(value(tag::SEEDS, at / 3, AXES[at % 3], "a finite number", found));
+    }
+    let n = state.looks.len();
+    let mut components = state.components.iter().flatten().enumerate();
+    if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
+        let expected = format!("a component below {n}");
+        return Err(value(tag::COMPONENTS, at, "seed", &expected, found.into()));
+    }
+    match &state.sums {
+        StoredSums::Mixed { rows, wide } => {
+            wide_rows(wide, rows)?;
+            each(rows, |k, row| narrow(k, &row.map(|quanta| f64::from(quanta) * QUANTUM)))
+        }
+        StoredSums::F32(rows) => each(rows, |k, row| sums(tag::SUMS, k, &row.map(f64::from), F32)),
+        StoredSums::F64(rows) => each(rows, |k, row| sums(tag::SUMS, k, row, F64)),
+    }
+}
+
+fn each<T>(rows: &[T], check: impl Fn(usize, &T) -> Result<(), Defect>) -> Result<(), Defect> {
+    rows.iter().enumerate().try_for_each(|(k, row)| check(k, row))
+}
+
+fn narrow(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
+    if row[0] >= f64::from(WIDE_POINTS) {
+        let expected = format!("fewer than {WIDE_POINTS} points, since more are wide");
+        return Err(value(tag::SUMS, k, NAMES[0], &expected, row[0]));
+    }
+    sums(tag::SUMS, k, row, MIXED)
+}
+
+/// Ids ascend, sums are whole quanta of many points, and the rows they stand for are empty.
+fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
+    ascending(tag::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
+    for row in wide {
+        let k = row.id as usize;
+        let refuse = |i: usize, expected: &str| {
+            Err(value(tag::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
+        };
+        let is_odd = |v: &f64| !(v.abs() <= MOST_SUM && (v / QUANTUM).fract() == 0.0);
+        if let Some(i) = row.sums.iter().position(is_odd) {
+            return refuse(i, "a whole multiple of 2^-15 up to 2^38");
+        }
+        if row.sums[0] < f64::from(WIDE_POINTS) {
+            return refuse(0, &format!("{WIDE_POINTS} points or more"));
+        }
+        sums(tag::WIDE_SUMS, k, &row.sums, MIXED)?;
+        if let Some(i) = rows[k].iter().position(|quanta| *quanta != 0) {
+            let expected = format!("0 beside sums in `{}`", tag_text(tag::WIDE_SUMS));
+            let found = f64::from(rows[k][i]) * QUANTUM;
+            return Err(value(tag::SUMS, k, NAMES[i], &expected, found));
+        }
+    }
+    Ok(())
+}
+
+/// Sums of one component: finite, of no negative count, of terms within their bounds, second moments
+/// of positive semi-definite matrices as far as pairs of axes tell.
+#[inline]
+fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(), Defect> {
+    let n = row[0];
+    let most = MOST_TERM * n * (1.0 + slack.relative);
+    let last = n - row[28] - row[31];
+    let least_last = -(slack.relative + slack.per_point) * n;
+    let sound = (0.0..f64::INFINITY).contains(&n)
+        && row.iter().all(|sum| sum.abs() <= most)
+        && SQUARES.iter().all(|&i| row[i] >= 0.0)
+        && last >= least_last
+        && first_unbounded(row, slack).is_none();
+    if sound { Ok(()) } else { Err(first_unsound(tag, k, row, slack, most)) }
+}
+
+/// The first mixed moment that is larger than its axes' second moments allow. The last second moment
+/// of view directions is what is left of their count.
+fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<usize> {
+    let [xx, yy, zz] = [row[4], row[7], row[9]];
+    let [view_xx, view_yy] = [row[28], row[31]];
+    let view_zz = row[0] * (1.0 + slack.relative) - view_xx - view_yy;
+    let pairs = [
+        (5, xx + yy),
+        (6, xx + zz),
+        (8, yy + zz),
+        (29, view_xx + view_yy),
+        (30, view_xx + view_zz),
+        (32, view_yy + view_zz),
+    ];
+    let rounding = slack.per_point * row[0];
+    let bounded =
+        |i: usize, squares: f64| 2.0 * row[i].abs() <= squares * (1.0 + slack.relative) + rounding;
+    pairs.into_iter().find(|&(i, squares)| !bounded(i, squares)).map(|(i, _)| i)
+}
+
+#[cold]
+fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most: f64) -> Defect {
+    let refuse = |i: usize, expected: &str| value(tag, k, NAMES[i], expected, row[i]);
+    if let Some(i) = row.iter().position(|v| !v.is_finite()) {
+        return refuse(i, "a finite number");
+    }
+    if let Some(&i) = [0].iter().chain(&SQUARES).find(|&&i| row[i] < 0.0) {
+        return refuse(i, "0 or more");
+    }
+    if let Some(i) = row.iter().position(|v| v.abs() > most) {
+        return refuse(i, &format!("at most {MOST_TERM} a point, of {} points", row[0]));
+    }
+    match first_unbounded(row, slack) {
+        Some(i) => refuse(i, "at most the mean of the two axes' second moments"),
+        None => refuse(31, &format!("at most what `{}` leaves of N", NAMES[28])),
+    }
+}

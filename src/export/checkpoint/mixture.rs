@@ -1,0 +1,128 @@
+//! The sections of a mixture.
+
+use super::super::error::reserved;
+use super::columns::{self, N_FIRST, N_SECOND};
+use super::container::Section;
+use super::element::Stored;
+use super::error::Defect;
+use super::sections::{F32, F64, I64, I128, Sections, check_size, rows, wrong_type};
+use super::{StoredModel, check, tag};
+use crate::math::points::Normalization;
+use crate::model::prior::Hyper;
+use crate::model::state::{Means, ModelState, Totals};
+use crate::model::statistics::N_SUMS;
+
+/// In the order of the file.
+pub(super) fn sections<'a>(
+    normalization: &'a Normalization,
+    hyper: &Hyper,
+    state: &'a ModelState,
+) -> Vec<Section<'a>> {
+    let prior = vec![
+        hyper.alpha0,
+        hyper.kappa0_space,
+        hyper.kappa_init_space,
+        hyper.u0_space,
+        hyper.nu0,
+        hyper.kappa0_color,
+        hyper.kappa_init_color,
+        hyper.u0_color,
+    ];
+    let mut sections = vec![
+        Section::new(tag::NORMALIZATION, &normalization.offset).and(&normalization.scale),
+        Section::owned::<f64>(tag::PRIOR, prior),
+        Section::new(tag::ALPHA, &state.alpha_init),
+        columns::means(&state.means),
+    ];
+    sections.extend(columns::totals(&state.totals));
+    sections
+}
+
+/// Reads and checks all of them.
+pub(super) fn read(sections: &Sections) -> Result<StoredModel, Defect> {
+    let alpha_init: Vec<f64> = sections.elements(tag::ALPHA, None)?;
+    let n = alpha_init.len();
+    check_size(tag::ALPHA, 1, n)?;
+    let state = ModelState { alpha_init, means: means(sections, n)?, totals: totals(sections, n)? };
+    check::mixture(&state)?;
+    let (normalization, hyper) = (normalization(sections)?, hyper(sections, n)?);
+    Ok(StoredModel::Mixture { normalization, hyper, state })
+}
+
+fn normalization(sections: &Sections) -> Result<Normalization, Defect> {
+    let [ox, oy, oz, sx, sy, sz] = sections.numbers(tag::NORMALIZATION)?;
+    let normalization = Normalization { offset: [ox, oy, oz], scale: [sx, sy, sz] };
+    check::normalization(&normalization)?;
+    Ok(normalization)
+}
+
+fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
+    let numbers = sections.numbers::<8>(tag::PRIOR)?;
+    check::prior(&numbers)?;
+    let [alpha0, kappa0_space, kappa_init_space, u0_space, nu0, rest @ ..] = numbers;
+    let [kappa0_color, kappa_init_color, u0_color] = rest;
+    Ok(Hyper {
+        components,
+        alpha0,
+        kappa0_space,
+        kappa_init_space,
+        u0_space,
+        nu0,
+        kappa0_color,
+        kappa_init_color,
+        u0_color,
+    })
+}
+
+fn means(sections: &Sections, n: usize) -> Result<Means, Defect> {
+    match sections.find(tag::MEANS)?.1 {
+        F32 => {
+            let [space, color] = means_of(sections, n)?;
+            Ok(Means::F32 { space, color })
+        }
+        F64 => {
+            let [space, color] = means_of(sections, n)?;
+            Ok(Means::F64 { space, color })
+        }
+        code => Err(wrong_type(tag::MEANS, "F32 or F64", code)),
+    }
+}
+
+fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2], Defect> {
+    let bytes = sections.bytes::<T>(tag::MEANS, Some(6 * n))?;
+    let (space, color) = bytes.split_at(bytes.len() / 2);
+    Ok([rows(space)?, rows(color)?])
+}
+
+fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
+    let (_, form) = sections.find(tag::COUNTS)?;
+    if form != I64 && sections.has(tag::CARRY_IDS) {
+        let expected = "I64 sums beside carries";
+        return Err(wrong_type(tag::COUNTS, expected, form));
+    }
+    match form {
+        I64 => {
+            let rows = sums(sections, n)?;
+            let mut carries = Vec::new();
+            if sections.has(tag::CARRY_IDS) {
+                let ids = sections.bytes::<u32>(tag::CARRY_IDS, None)?;
+                let n = ids.len() / size_of::<u32>();
+                let limbs = sections.bytes::<i32>(tag::CARRY_LIMBS, Some(N_SUMS * n))?;
+                carries = columns::carries(ids, limbs, reserved(n).map_err(Defect::Memory)?);
+            }
+            Ok(Totals::Fixed64 { rows, carries })
+        }
+        I128 => Ok(Totals::Fixed128(sums(sections, n)?)),
+        F32 => Ok(Totals::F32(sums(sections, n)?)),
+        code => Err(wrong_type(tag::COUNTS, "I64, I128 or F32", code)),
+    }
+}
+
+fn sums<T: Stored>(sections: &Sections, n: usize) -> Result<Vec<[T; N_SUMS]>, Defect> {
+    let columns = [
+        sections.bytes::<T>(tag::COUNTS, Some(n))?,
+        sections.bytes::<T>(tag::FIRST, Some(N_FIRST * n))?,
+        sections.bytes::<T>(tag::SECOND, Some(N_SECOND * n))?,
+    ];
+    Ok(columns::join(columns, reserved(n).map_err(Defect::Memory)?))
+}

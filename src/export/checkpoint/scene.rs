@@ -1,0 +1,83 @@
+//! The sections of a scene.
+
+use super::container::Section;
+use super::error::Defect;
+use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
+use super::{check, tag};
+use crate::model::scene::state::{Looks, SceneState, StoredSums, WideRow};
+use crate::model::scene::sums::N_SUMS;
+
+/// Words of a component's looks.
+const N_LOOKS: usize = size_of::<Looks>() / size_of::<u32>();
+
+/// In the order of the file.
+pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
+    let mut sections = vec![
+        Section::new(tag::ORIGIN, &state.origin),
+        Section::new(tag::SEEDS, state.seeds.as_flattened()),
+    ];
+    match &state.sums {
+        StoredSums::Mixed { rows, wide } => {
+            sections.push(Section::new(tag::SUMS, rows.as_flattened()));
+            if !wide.is_empty() {
+                let ids = wide.iter().map(|row| row.id).collect();
+                let sums = wide.iter().flat_map(|row| row.sums).collect();
+                sections.push(Section::owned::<u32>(tag::WIDE_IDS, ids));
+                sections.push(Section::owned::<f64>(tag::WIDE_SUMS, sums));
+            }
+        }
+        StoredSums::F32(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
+        StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
+    }
+    let components = state.components.as_ref();
+    sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
+    sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.looks)));
+    sections
+}
+
+/// Reads and checks all of them.
+pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
+    sections.refuse(&tag::OF_MIXTURES, "scene")?;
+    let seeds = sections.rows::<f32, 3>(tag::SEEDS, None)?;
+    check_size(tag::SEEDS, 0, seeds.len())?;
+    let components = match sections.has(tag::COMPONENTS) {
+        true => Some(sections.elements::<u32>(tag::COMPONENTS, Some(seeds.len()))?),
+        false => None,
+    };
+    // Seeds may share components; else each has its own.
+    let n = components.is_none().then_some(seeds.len());
+    let looks = sections.rows::<u32, N_LOOKS>(tag::LOOKS, n)?;
+    let n = looks.len();
+    check_size(tag::LOOKS, 0, n)?;
+    let state = SceneState {
+        origin: sections.numbers(tag::ORIGIN)?,
+        seeds,
+        components,
+        sums: sums(sections, n)?,
+        looks: bytemuck::cast_vec(looks),
+    };
+    check::scene(&state)?;
+    Ok(state)
+}
+
+fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {
+    let (_, form) = sections.find(tag::SUMS)?;
+    let has_wide = [tag::WIDE_IDS, tag::WIDE_SUMS].iter().any(|tag| sections.has(*tag));
+    match form {
+        I32 => {
+            let rows = sections.rows(tag::SUMS, Some(n))?;
+            let wide = if has_wide { wide_rows(sections)? } else { Vec::new() };
+            Ok(StoredSums::Mixed { rows, wide })
+        }
+        _ if has_wide => Err(wrong_type(tag::SUMS, "I32 beside wide sums", form)),
+        F32 => Ok(StoredSums::F32(sections.rows(tag::SUMS, Some(n))?)),
+        F64 => Ok(StoredSums::F64(sections.rows(tag::SUMS, Some(n))?)),
+        code => Err(wrong_type(tag::SUMS, "I32, F32 or F64", code)),
+    }
+}
+
+fn wide_rows(sections: &Sections) -> Result<Vec<WideRow>, Defect> {
+    let ids: Vec<u32> = sections.elements(tag::WIDE_IDS, None)?;
+    let sums = sections.rows::<f64, N_SUMS>(tag::WIDE_SUMS, Some(ids.len()))?;
+    Ok(ids.into_iter().zip(sums).map(|(id, sums)| WideRow { id, sums }).collect())
+}

@@ -1,0 +1,145 @@
+//! Adding scenes whose components stand on one lattice and that saw different frames: exact, so that
+//! any merge tree gives the same bits.
+
+use super::state::{
+    Looks, MOST_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow, seed_order,
+};
+use super::sums::N_SUMS;
+use crate::model::merging::AddError;
+
+/// The sum of two scenes: components with equal seeds become one. The result is in
+/// [`seed_order`], as scenes are whose components do not depend on the order of frames.
+///
+/// # Errors
+/// [`AddError::Unlike`] for scenes about different origins, [`AddError::Inexact`] unless both keep
+/// integer sums, [`AddError::Overflow`] beyond what a wide row holds.
+pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
+    if a.origin != b.origin {
+        return Err(AddError::Unlike);
+    }
+    let sums = [Exact::of(&a.sums)?, Exact::of(&b.sums)?];
+    let terms = |which: usize, state: &SceneState| {
+        let terms = state.seeds.iter().zip(&state.looks).enumerate();
+        let term = move |(id, (&seed, &looks))| Term { seed, looks, which, id };
+        terms.map(term).collect::<Vec<_>>()
+    };
+    let mut terms = [terms(0, a), terms(1, b)].concat();
+    terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
+    let mut scene = SceneState {
+        origin: a.origin,
+        seeds: Vec::with_capacity(terms.len()),
+        components: None,
+        sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
+        looks: Vec::with_capacity(terms.len()),
+    };
+    let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
+    for same in terms.chunk_by(|a, b| a.seed == b.seed) {
+        let mut total = [0.0; N_SUMS];
+        for term in same {
+            let sums = sums[term.which].row(term.id);
+            total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
+        }
+        let component = rows.len();
+        if total.iter().any(|sum| sum.abs() > MOST_SUM) {
+            return Err(AddError::Overflow { component });
+        }
+        if total[0] >= f64::from(WIDE_POINTS) {
+            rows.push([0; N_SUMS]);
+            wide.push(WideRow { id: component as u32, sums: total });
+        } else {
+            rows.push(total.map(|sum| (sum / QUANTUM) as i32));
+        }
+        scene.seeds.push(same[0].seed);
+        scene.looks.push(same.iter().map(|term| term.looks).fold(Looks::default(), Looks::plus));
+    }
+    scene.sums = StoredSums::Mixed { rows, wide };
+    Ok(scene)
+}
+
+/// A component of one of the scenes.
+#[derive(Clone, Copy)]
+struct Term {
+    seed: [f32; 3],
+    looks: Looks,
+    /// Which scene.
+    which: usize,
+    /// Its number there.
+    id: usize,
+}
+
+/// Sums that add exactly.
+struct Exact<'a> {
+    rows: &'a [[i32; N_SUMS]],
+    wide: &'a [WideRow],
+}
+
+impl<'a> Exact<'a> {
+    fn of(sums: &'a StoredSums) -> Result<Self, AddError> {
+        match sums {
+            StoredSums::Mixed { rows, wide } => Ok(Self { rows, wide }),
+            StoredSums::F32(_) | StoredSums::F64(_) => Err(AddError::Inexact),
+        }
+    }
+
+    /// Whole quanta below 2⁵³: exact in f64.
+    fn row(&self, id: usize) -> [f64; N_SUMS] {
+        match self.wide.binary_search_by_key(&id, |row| row.id as usize) {
+            Ok(at) => self.wide[at].sums,
+            Err(_) => self.rows[id].map(|quanta| f64::from(quanta) * QUANTUM),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Components on a line, each with its seed and points; all sums are as many as points.
+    fn scene(components: &[(f32, u32)]) -> SceneState {
+        let (mut rows, mut wide) = (Vec::new(), Vec::new());
+        for (&(_, points), id) in components.iter().zip(0..) {
+            let is_wide = points >= WIDE_POINTS;
+            let quanta = if is_wide { 0 } else { points as i32 * 32768 };
+            rows.push([quanta; N_SUMS]);
+            wide.extend(is_wide.then_some(WideRow { id, sums: [f64::from(points); N_SUMS] }));
+        }
+        SceneState {
+            origin: [1.0, 2.0, 3.0],
+            seeds: components.iter().map(|&(x, _)| [x, 0.5, -0.5]).collect(),
+            components: None,
+            sums: StoredSums::Mixed { rows, wide },
+            looks: components
+                .iter()
+                .map(|&(_, points)| Looks { expected: points, seen: 1, missed: 40_000 })
+                .collect(),
+        }
+    }
+
+    #[test]
+    fn equal_seeds_become_one_component() {
+        let a = scene(&[(-1.5, 7), (0.5, 4000), (2.5, 5000), (9.5, 3)]);
+        let b = scene(&[(0.5, 96), (1.5, 1), (2.5, 5000)]);
+        let mut expected = scene(&[(-1.5, 7), (0.5, 4096), (1.5, 1), (2.5, 10_000), (9.5, 3)]);
+        for (looks, n) in expected.looks.iter_mut().zip([1, 2, 1, 2, 1]) {
+            looks.seen = n;
+            looks.missed = if n == 2 { u16::MAX } else { 40_000 };
+        }
+        assert_eq!(add(&a, &b), Ok(expected.clone()));
+        assert_eq!(add(&b, &a), Ok(expected.clone()));
+        let nothing = scene(&[]);
+        assert_eq!(add(&nothing, &expected), Ok(expected));
+    }
+
+    #[test]
+    fn what_cannot_be_added() {
+        let a = scene(&[(0.5, 1)]);
+        let elsewhere = SceneState { origin: [0.0; 3], ..a.clone() };
+        assert_eq!(add(&a, &elsewhere), Err(AddError::Unlike));
+        let rounded = SceneState { sums: StoredSums::F64(vec![[1.0; N_SUMS]]), ..a.clone() };
+        assert_eq!(add(&a, &rounded), Err(AddError::Inexact));
+        let mut most = scene(&[(0.5, WIDE_POINTS)]);
+        let StoredSums::Mixed { wide, .. } = &mut most.sums else { unreachable!() };
+        wide[0].sums = [MOST_SUM; N_SUMS];
+        assert_eq!(add(&most, &a), Err(AddError::Overflow { component: 0 }));
+    }
+}

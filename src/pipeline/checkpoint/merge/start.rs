@@ -1,0 +1,109 @@
+//! Whether runs began alike.
+
+use super::super::{RunError, SavedRun};
+use super::whole;
+use crate::export::checkpoint::StoredModel;
+use crate::model::state::Means;
+use crate::pipeline::method::Method;
+use crate::pipeline::run::RunConfig;
+use serde_json::Value;
+
+const RESTART: &str = "train them with the same settings on the same dataset";
+const NO_REASSIGNMENT: &str =
+    "components that move part the models after the first frame: train them with --reassign off";
+
+/// What is not the same in two runs.
+struct Difference {
+    what: String,
+    found: String,
+    advice: &'static str,
+}
+
+impl Difference {
+    fn new(what: &str, found: impl Into<String>) -> Self {
+        Self { what: what.to_owned(), found: found.into(), advice: RESTART }
+    }
+}
+
+/// Refuses runs on other datasets, with other settings or from other initial models.
+pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+    let difference = of_datasets(a, b)
+        .or_else(|| of_methods(&a.config.method, &b.config.method))
+        .or_else(|| of_settings(&whole(&a.config), &whole(&b.config)))
+        .or_else(|| of_models(&a.content.model, &b.content.model));
+    match difference {
+        None => Ok(()),
+        Some(Difference { what, found, advice }) => {
+            let paths = [a.path.clone(), b.path.clone()];
+            Err(RunError::Unlike { paths, what, found, advice })
+        }
+    }
+}
+
+fn of_datasets(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
+    let difference = a.meta.fingerprint.difference(&b.meta.fingerprint)?;
+    Some(Difference::new("dataset", format!("a difference in {difference}")))
+}
+
+/// Presets, and what a scene's settings are in the world.
+fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
+    let (what, a, b) = match (a, b) {
+        (Method::Scene(a), Method::Scene(b)) if a.engine.h != b.engine.h => {
+            ("structural scale", a.engine.h.to_string(), b.engine.h.to_string())
+        }
+        (Method::Scene(a), Method::Scene(b)) if a.surface.origin != b.surface.origin => {
+            ("origin", a.surface.origin.to_string(), b.surface.origin.to_string())
+        }
+        _ if a.preset() != b.preset() => {
+            ("setting `preset`", a.preset().to_string(), b.preset().to_string())
+        }
+        _ => return None,
+    };
+    Some(Difference::new(what, format!("{a} and {b}")))
+}
+
+/// The first setting that differs.
+fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
+    if a == b {
+        return None;
+    }
+    let (a, b) = (serde_json::to_value(a).ok()?, serde_json::to_value(b).ok()?);
+    let mut settings = a.as_object()?.iter();
+    let differs = |(name, value): &(&String, &Value)| b[name.as_str()] != **value;
+    let (name, value) = settings.find(differs)?;
+    let found = format!("{value} and {}", b[name.as_str()]);
+    Some(Difference::new(&format!("setting `{name}`"), found))
+}
+
+/// Initial mixtures; scenes begin with nothing.
+fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
+    use StoredModel::Mixture;
+    let (
+        Mixture { normalization, hyper, state },
+        Mixture { normalization: other_normalization, hyper: other_hyper, state: other },
+    ) = (a, b)
+    else {
+        return None;
+    };
+    if normalization != other_normalization {
+        return Some(Difference::new("range of positions", "two"));
+    }
+    if hyper != other_hyper {
+        return Some(Difference::new("prior", "two"));
+    }
+    if state.alpha_init != other.alpha_init {
+        return Some(Difference::new("initial weights", "two sets"));
+    }
+    let moved = first_moved(&state.means, &other.means)?;
+    let found = format!("component {moved} elsewhere");
+    Some(Difference { advice: NO_REASSIGNMENT, ..Difference::new("initial means", found) })
+}
+
+/// The first component whose initial mean differs.
+fn first_moved(a: &Means, b: &Means) -> Option<usize> {
+    if a == b {
+        return None;
+    }
+    let (a, b) = (a.rows(), b.rows());
+    Some(a.iter().zip(&b).position(|(a, b)| a != b).unwrap_or(a.len().min(b.len())))
+}

@@ -1,0 +1,310 @@
+//! Scenes that stop, go on and are merged.
+
+use super::*;
+use vbgs_studio::dataset::calibration::Calibration;
+use vbgs_studio::dataset::surface::Sensor;
+use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::model::scene::state::{SceneState, StoredSums};
+use vbgs_studio::pipeline::checkpoint::{RunError, merge};
+use vbgs_studio::pipeline::plan::Order;
+use vbgs_studio::pipeline::scene::{Budget, SceneOverrides, StructuralScale};
+use vbgs_studio::train::config::Preset;
+use vbgs_studio::train::scene::config::{BirthRule, LookRule};
+use vbgs_studio::train::scene::engine::SumForm;
+
+const LATTICES: [BirthRule; 2] = [BirthRule::Lattice, BirthRule::BodyCentred];
+
+fn births(rule: BirthRule) -> SceneOverrides {
+    SceneOverrides { births: Some(rule), ..SceneOverrides::default() }
+}
+
+/// So coarse that some components have more points than fit in a row.
+fn coarse(rule: BirthRule) -> SceneOverrides {
+    SceneOverrides { scale: Some(StructuralScale::World(0.8)), ..births(rule) }
+}
+
+fn scene(content: &Checkpoint) -> &SceneState {
+    let StoredModel::Scene(state) = &content.model else { unreachable!() };
+    state
+}
+
+#[test]
+fn a_scene_that_stopped_is_the_scene_that_did_not() {
+    for rule in [BirthRule::Seeds, BirthRule::Lattice, BirthRule::BodyCentred] {
+        for sums in [SumForm::Mixed, SumForm::F64, SumForm::F32] {
+            let asked = SceneOverrides { sums: Some(sums), ..births(rule) };
+            let whole = with_threads(1, || trained(&asked, first(FRAMES)));
+            let (expected, file) = (timeless(whole.checkpoint().unwrap()), ply(&whole));
+            for threads in [1, 2] {
+                let name = format!("{rule:?} {sums:?} {threads} threads");
+                let half = with_threads(3 - threads, || saved(&trained(&asked, first(FRAMES / 2))));
+                let resumed = with_threads(threads, || {
+                    finished(half.resume(room(), &up_to(FRAMES), false).unwrap())
+                });
+                assert!(timeless(resumed.checkpoint().unwrap()) == expected, "{name}");
+                assert!(ply(&resumed) == file, "{name}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_scene_may_stop_after_every_frame() {
+    for asked in [coarse(BirthRule::Seeds), coarse(BirthRule::Lattice), births(BirthRule::Seeds)] {
+        let expected = timeless(trained(&asked, first(12)).checkpoint().unwrap());
+        let mut run = saved(&trained(&asked, first(1)));
+        for n_frames in 2..=12 {
+            run = saved(&finished(run.resume(room(), &up_to(n_frames), false).unwrap()));
+        }
+        assert!(timeless(run.content) == expected, "{asked:?}");
+    }
+}
+
+#[test]
+fn the_scene_is_as_it_was_at_once() {
+    for rule in [BirthRule::Seeds, BirthRule::Lattice] {
+        let session = trained(&births(rule), first(5));
+        let run = saved(&session);
+        assert_eq!(run.config, *session.config());
+        assert_eq!(run.splats().unwrap(), session.stored_splats());
+        assert_eq!(run.up(), session.up());
+        let learner = run.learner().unwrap();
+        assert_eq!(learner.components(), session.learner().components());
+        let resumed = run.resume(room(), &Asked::default(), false).unwrap();
+        assert_eq!(resumed.normalization(), session.normalization());
+        assert_eq!(
+            timeless(resumed.checkpoint().unwrap()),
+            timeless(session.checkpoint().unwrap())
+        );
+    }
+}
+
+#[test]
+fn a_session_without_frames_is_stored_too() {
+    let session = Session::new(room(), births(BirthRule::Seeds), first(1)).unwrap();
+    let run = saved(&session);
+    assert!(scene(&run.content).seeds.is_empty() && run.splats().unwrap().is_empty());
+    let expected = timeless(finished(session).checkpoint().unwrap());
+    let resumed = finished(run.resume(room(), &Asked::default(), false).unwrap());
+    assert!(timeless(resumed.checkpoint().unwrap()) == expected);
+}
+
+#[test]
+fn merged_lattices_are_the_run_over_all_frames() {
+    for asked in LATTICES.map(births).into_iter().chain(LATTICES.map(coarse)) {
+        let whole = trained(&asked, Selection::everything());
+        let (expected, file) = (whole.checkpoint().unwrap(), ply(&whole));
+        let StoredSums::Mixed { wide, .. } = &scene(&expected).sums else { unreachable!() };
+        assert_eq!(wide.is_empty(), asked.scale.is_none());
+        for n in [2, 3, 5] {
+            let mut runs: Vec<_> =
+                (1..=n).map(|k| saved(&trained(&asked, shard(&format!("{k}/{n}"))))).collect();
+            runs.rotate_left(1);
+            // A tree of merges, not a line.
+            let rest = reread(&merge(runs.split_off(n / 2)).unwrap().unwrap());
+            runs.push(rest);
+            let merged = reread(&merge(runs).unwrap().unwrap());
+            assert!(merged.content.model == expected.model, "{n} shards, {asked:?}");
+            assert_eq!(merged.content.cursor.frames, expected.cursor.frames);
+            assert_eq!(merged.content.cursor.points, expected.cursor.points);
+            assert_eq!(merged.config, *whole.config());
+            let resumed = merged.resume(room(), &Asked::default(), false).unwrap();
+            assert!(ply(&finished(resumed)) == file, "{n} shards, {asked:?}");
+        }
+    }
+}
+
+#[test]
+fn a_merged_scene_goes_on_with_the_frames_that_are_missing() {
+    let asked = births(BirthRule::Lattice);
+    let shuffled = |text| Selection { order: Order::Shuffled, ..shard(text) };
+    let whole = trained(&asked, Selection { shard: None, ..shuffled("1/3") });
+    let runs = ["3/3", "1/3"].map(|s| saved(&trained(&asked, shuffled(s)))).to_vec();
+    let merged = merge(runs).unwrap().unwrap();
+    let session = finished(merged.resume(room(), &Asked::default(), false).unwrap());
+    assert!(session.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
+    // Nor does it matter which frames came first.
+    let sequential = trained(&asked, Selection::everything());
+    assert!(sequential.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
+}
+
+#[test]
+fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
+    let lattice = || births(BirthRule::Lattice);
+    for (asked, parts) in [
+        (births(BirthRule::Seeds), ["--births seeds", "with --births lattice"]),
+        (
+            SceneOverrides { refine: Some(true), ..lattice() },
+            ["--with refine", "with --without refine"],
+        ),
+        (SceneOverrides { gain: Some(true), ..lattice() }, ["--with gain", "with --without gain"]),
+        (
+            SceneOverrides { looks: Some(LookRule::Projected), ..lattice() },
+            ["--looks projected", "with --looks returned"],
+        ),
+        (
+            SceneOverrides { sums: Some(SumForm::F64), ..lattice() },
+            ["sums of the form F64", "with --precision mixed"],
+        ),
+        (
+            SceneOverrides { budget: Some(Budget::Components(50)), ..lattice() },
+            ["a budget of 50 components that was reached", "with a larger --budget"],
+        ),
+    ] {
+        let selection = |text| Selection { max_frames: Some(2), ..shard(text) };
+        let runs = ["1/2", "2/2"].map(|s| saved(&trained(&asked, selection(s)))).to_vec();
+        let error = merge(runs).unwrap_err();
+        assert!(matches!(error, RunError::Ordered { .. }), "{error}");
+        let said = error.to_string();
+        for part in parts.into_iter().chain(["checkpoint.vbgs: expected a scene that does not"]) {
+            assert!(said.contains(part), "{part:?} is missing in: {said}");
+        }
+    }
+}
+
+/// Each shard stays below the budget, both together do not.
+#[test]
+fn a_budget_that_only_the_whole_run_reaches_counts() {
+    let two = |asked: &SceneOverrides| {
+        ["1/20", "11/20"].map(|s| saved(&trained(asked, shard(s)))).to_vec()
+    };
+    let free = two(&births(BirthRule::Lattice));
+    let most = free.iter().map(|run| scene(&run.content).seeds.len()).max().unwrap() + 1;
+    let both = merge(free).unwrap().unwrap();
+    assert!(scene(&both.content).seeds.len() > most, "the shards see other places");
+    let budget = Some(Budget::Components(most));
+    let error = merge(two(&SceneOverrides { budget, ..births(BirthRule::Lattice) })).unwrap_err();
+    assert!(error.to_string().contains("budget"), "{error}");
+}
+
+#[test]
+fn scenes_that_began_apart_are_refused() {
+    let base = saved(&trained(&births(BirthRule::Lattice), shard("1/2")));
+    let refused = |other: SavedRun, parts: &[&str]| {
+        let said = merge(vec![base.clone(), other]).unwrap_err().to_string();
+        for part in parts {
+            assert!(said.contains(part), "{part:?} is missing in: {said}");
+        }
+    };
+    let other = |asked: &SceneOverrides| saved(&trained(asked, shard("2/2")));
+    let with = |overrides: SceneOverrides| other(&overrides.or(births(BirthRule::Lattice)));
+    let wider = StructuralScale::Pixels(5.0);
+    let scale = with(SceneOverrides { scale: Some(wider), ..SceneOverrides::default() });
+    refused(scale, &["the same structural scale", "same settings"]);
+    let flat = with(SceneOverrides { gradient: Some(false), ..SceneOverrides::default() });
+    refused(flat, &["the same setting `native`", "\"gradient\":false"]);
+    refused(other(&births(BirthRule::BodyCentred)), &["setting `births`", "body-centred"]);
+    refused(saved(&trained(&off(), shard("2/2"))), &["setting `preset`", "scene and paper"]);
+    let mut moved = base.clone();
+    let Method::Scene(run) = &mut moved.config.method else { unreachable!() };
+    run.surface.origin.x += 1.0;
+    refused(moved, &["the same origin"]);
+    refused(base.clone(), &["expected no frame in both, found 20, the first 0"]);
+    let stride = Selection { stride: 2, ..shard("2/2") };
+    refused(saved(&trained(&births(BirthRule::Lattice), stride)), &["expected the same"]);
+}
+
+#[test]
+fn settings_that_contradict_the_scene_are_refused_by_name() {
+    let run = saved(&trained(&births(BirthRule::Seeds), first(2)));
+    let with = |scene| Asked { scene, ..Asked::default() };
+    let none = SceneOverrides::default;
+    let cases = [
+        ("--scale", with(SceneOverrides { scale: Some(StructuralScale::Pixels(3.0)), ..none() })),
+        ("--births", with(births(BirthRule::Lattice))),
+        ("--budget", with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() })),
+        ("--with or --without refine", with(SceneOverrides { refine: Some(false), ..none() })),
+        ("--with or --without gain", with(SceneOverrides { gain: Some(true), ..none() })),
+        ("--looks", with(SceneOverrides { looks: Some(LookRule::Returned), ..none() })),
+        ("--with or --without gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
+        (
+            "--with or --without directional",
+            with(SceneOverrides { directional: Some(false), ..none() }),
+        ),
+        ("--precision", with(SceneOverrides { sums: Some(SumForm::F64), ..none() })),
+        (
+            "--with or --without plane-fit",
+            with(SceneOverrides { plane_fit: Some(false), ..none() }),
+        ),
+        (
+            "--with or --without flying-pixels",
+            with(SceneOverrides { flying_pixels: Some(false), ..none() }),
+        ),
+        ("--with or --without cosine", with(SceneOverrides { cosine: Some(false), ..none() })),
+        ("--sensor", with(SceneOverrides { sensor: Some(Sensor::Kinect), ..none() })),
+        ("--calibration", with(SceneOverrides { calibration: Some(Calibration::NONE), ..none() })),
+        ("--seed", with(SceneOverrides { seed: Some(5), ..none() })),
+        ("--preset", Asked { preset: Some(Preset::Paper), ..Asked::default() }),
+        (
+            "--components",
+            Asked {
+                paper: Overrides { components: Some(5), ..Overrides::default() },
+                ..Asked::default()
+            },
+        ),
+        ("--stride", Asked { stride: Some(2), ..Asked::default() }),
+    ];
+    for (setting, asked) in cases {
+        let said = run.check(&asked).expect_err(setting).to_string();
+        let start = format!("{setting}: expected ");
+        assert!(said.starts_with(&start) && said.contains("as "), "{setting}: {said}");
+        assert!(run.clone().resume(room(), &asked, true).is_err());
+    }
+    let repeated = Asked {
+        preset: Some(Preset::Scene),
+        paper: Overrides {
+            seed: Some(0),
+            precision: Some(Precision::Mixed),
+            ..Overrides::default()
+        },
+        scene: SceneOverrides {
+            seed: Some(0),
+            scale: Some(StructuralScale::Pixels(2.5)),
+            births: Some(BirthRule::Seeds),
+            refine: Some(true),
+            gradient: Some(true),
+            plane_fit: Some(true),
+            sums: Some(SumForm::Mixed),
+            sensor: Some(Sensor::Exact { noise: 0.0 }),
+            ..SceneOverrides::default()
+        },
+        max_frames: Some(4),
+        ..Asked::default()
+    };
+    assert_eq!(finished(run.resume(room(), &repeated, false).unwrap()).frames().len(), 4);
+    let mixture = saved(&trained(&off(), first(2)));
+    let said = mixture.check(&with(births(BirthRule::Lattice))).unwrap_err().to_string();
+    assert!(said.starts_with("--births: expected no such option"), "{said}");
+}
+
+#[test]
+fn settings_and_scenes_that_do_not_belong_together_are_refused() {
+    let run = saved(&trained(&births(BirthRule::Lattice), first(2)));
+    let refused = |edit: &dyn Fn(&mut Checkpoint), part: &str| {
+        let mut content = run.content.clone();
+        edit(&mut content);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.vbgs");
+        write(&path, &content).unwrap();
+        let said = SavedRun::read(&path).expect_err(part).to_string();
+        assert!(said.contains("x.vbgs") && said.contains(part), "{part:?}: {said}");
+    };
+    let config = |from: &'static str, to: &'static str| {
+        move |content: &mut Checkpoint| {
+            let edited = content.config.replace(from, to);
+            assert_ne!(edited, content.config, "{from}");
+            content.config = edited;
+        }
+    };
+    refused(&config(r#""sums":"mixed""#, r#""sums":"f64""#), "expected sums of the form F64");
+    refused(&config(r#""h":0."#, r#""h":-0."#), "--scale: expected a positive length");
+    refused(&config(r#""births":"lattice""#, r#""births":"rows""#), "section `CONF`");
+    let moved = |content: &mut Checkpoint| {
+        let StoredModel::Scene(state) = &mut content.model else { unreachable!() };
+        state.origin[2] += 1.0;
+    };
+    refused(&moved, "expected the origin");
+    let mixture = saved(&trained(&off(), first(1)));
+    refused(&|content| content.config.clone_from(&mixture.content.config), "expected a mixture");
+    refused(&|content| content.model = mixture.content.model.clone(), "expected a scene");
+}

@@ -1,0 +1,274 @@
+//! Checkpoints of scenes: how they are laid out, and what no scene has.
+
+use super::raw::{self, edited};
+use super::{N, assert_refused, checkpoint, fixed64, means_f32};
+use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, VERSION, parse, to_bytes};
+use vbgs_studio::math::observation::SurfacePoint;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums, WideRow};
+use vbgs_studio::model::scene::sums::{N_SUMS, terms};
+
+/// Components of the sample with more points than fit in a row.
+const WIDE: [usize; 2] = [5, 11];
+
+/// Quanta of a few points each, the first component without any.
+fn quanta() -> Vec<[i64; N_SUMS]> {
+    let mut rng = Rng::new(10, Purpose::Synthetic, 0);
+    let mut row = |k: usize| {
+        let mut row = [0; N_SUMS];
+        for _ in 0..k {
+            let mut numbers = |lo: f64| [0; 3].map(|_| rng.range(lo, 1.0) as f32);
+            let point = SurfacePoint {
+                normal: unit(numbers(-1.0)),
+                direction: unit(numbers(-1.0)),
+                ..SurfacePoint::default()
+            };
+            let terms: [f32; N_SUMS] = terms(&point, numbers(-1.0), numbers(0.0));
+            let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i64);
+            row.iter_mut().zip(quanta).for_each(|(sum, quanta)| *sum += quanta);
+        }
+        row
+    };
+    let mut rows: Vec<_> = (0..N).map(&mut row).collect();
+    WIDE.iter().for_each(|&k| rows[k].iter_mut().for_each(|sum| *sum *= 1000));
+    rows
+}
+
+fn unit([x, y, z]: [f32; 3]) -> [f32; 3] {
+    let length = (x * x + y * y + z * z).sqrt();
+    [x / length, y / length, z / length]
+}
+
+fn value(quanta: i64) -> f64 {
+    quanta as f64 * QUANTUM
+}
+
+pub fn mixed() -> StoredSums {
+    let quanta = quanta();
+    let row = |(k, row): (usize, &[i64; N_SUMS])| match WIDE.contains(&k) {
+        true => [0; N_SUMS],
+        false => row.map(|v| v as i32),
+    };
+    let wide = |&k: &usize| WideRow { id: k as u32, sums: quanta[k].map(value) };
+    StoredSums::Mixed {
+        rows: quanta.iter().enumerate().map(row).collect(),
+        wide: WIDE.iter().map(wide).collect(),
+    }
+}
+
+pub fn f32s() -> StoredSums {
+    StoredSums::F32(quanta().iter().map(|row| row.map(|v| value(v) as f32)).collect())
+}
+
+pub fn f64s() -> StoredSums {
+    StoredSums::F64(quanta().iter().map(|row| row.map(value)).collect())
+}
+
+pub fn sample(sums: StoredSums) -> Checkpoint {
+    let mut rng = Rng::new(11, Purpose::Synthetic, 0);
+    let seeds = (0..N).map(|_| [0; 3].map(|_| rng.range(-2.0, 2.0) as f32)).collect();
+    let look = |k: u32| Looks { expected: 640 * k, seen: k as u16, missed: 3 };
+    let looks = (0..N as u32).map(look).collect();
+    checkpoint(StoredModel::Scene(SceneState { origin: [1.0, -2.0, 0.5], seeds, sums, looks }))
+}
+
+/// A scene before its first frame.
+pub fn nothing() -> SceneState {
+    let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
+    SceneState { origin: [0.0; 3], seeds: Vec::new(), sums, looks: Vec::new() }
+}
+
+fn good() -> Vec<u8> {
+    to_bytes(&sample(mixed()))
+}
+
+#[test]
+fn the_sections_are_laid_out_as_the_format_says() {
+    let bytes = good();
+    let sections = raw::sections(&bytes);
+    assert!(raw::file(&sections, VERSION) == bytes);
+    let tags: Vec<_> = sections.iter().map(|s| std::str::from_utf8(&s.tag).unwrap()).collect();
+    let expected = ["CONF", "META", "NUMX", "CURS", "ORIG", "SEED", "SUMS", "WIDI", "WIDE", "LOOK"];
+    assert_eq!(tags, [&expected[..], &["HIST"]].concat());
+    let content = |tag: &str| &sections.iter().find(|s| s.tag == tag.as_bytes()).unwrap().content;
+    let word = |tag: &str, at: usize| {
+        u32::from_le_bytes(content(tag)[4 * at..4 * at + 4].try_into().unwrap())
+    };
+    let quanta = quanta();
+    for (i, &sum) in quanta[17].iter().enumerate() {
+        assert_eq!(word("SUMS", N_SUMS * 17 + i) as i32, sum as i32);
+        assert_eq!(word("SUMS", N_SUMS * 5 + i), 0);
+        let wide = &content("WIDE")[8 * i..8 * i + 8];
+        assert_eq!(f64::from_le_bytes(wide.try_into().unwrap()), value(quanta[5][i]));
+    }
+    assert_eq!([word("WIDI", 0), word("WIDI", 1)], [5, 11]);
+    assert_eq!([word("LOOK", 2 * 17), word("LOOK", 2 * 17 + 1)], [640 * 17, 3 << 16 | 17]);
+    let columns = [("SEED", 12), ("SUMS", 168), ("LOOK", 8)];
+    columns.iter().for_each(|(tag, size)| assert_eq!(content(tag).len(), size * N, "{tag}"));
+}
+
+#[test]
+fn sections_must_be_there_once_and_of_the_right_type_and_size() {
+    let bytes = good();
+    let sections = raw::sections(&bytes);
+    for tag in ["ORIG", "SEED", "SUMS", "WIDI", "WIDE", "LOOK"] {
+        let rest: Vec<_> = sections.iter().filter(|s| s.tag != tag.as_bytes()).cloned().collect();
+        let message = parse(&raw::file(&rest, VERSION)).unwrap_err().to_string();
+        assert!(message.contains(tag) && message.contains("this section"), "{tag}: {message}");
+        let tag: [u8; 4] = tag.as_bytes().try_into().unwrap();
+        let other = edited(&bytes, &tag, |s| s.element = if s.element == 1 { 4 } else { 1 });
+        let message = parse(&other).unwrap_err().to_string();
+        assert!(message.contains("elements"), "{message}");
+        let unsigned = edited(&bytes, &tag, |s| s.element = 6);
+        assert!(parse(&unsigned).is_err());
+        for change in [-8isize, 8] {
+            let resized = edited(&bytes, &tag, |s| {
+                s.content.resize(s.content.len().strict_add_signed(change), 0);
+            });
+            assert!(parse(&resized).is_err(), "{tag:?} by {change}");
+        }
+    }
+    let row = edited(&bytes, b"SEED", |s| s.content.truncate(12 * (N - 1)));
+    assert_refused(&row, &["LOOK", "expected 38 elements", "found 40"]);
+    let part = edited(&bytes, b"SEED", |s| s.content.truncate(12 * N - 4));
+    assert_refused(&part, &["SEED", "whole rows of 3 elements", "found 59"]);
+}
+
+#[test]
+fn no_model_is_of_both_kinds() {
+    let mixture = raw::sections(&to_bytes(&super::sample(means_f32(), fixed64())));
+    let scene = raw::sections(&good());
+    for section in mixture.iter().filter(|s| scene.iter().all(|other| other.tag != s.tag)) {
+        let both = [&scene[..], std::slice::from_ref(section)].concat();
+        let tag = std::str::from_utf8(&section.tag).unwrap();
+        assert_refused(&raw::file(&both, VERSION), &[tag, "no such section in a scene"]);
+    }
+    for section in scene.iter().filter(|s| mixture.iter().all(|other| other.tag != s.tag)) {
+        let both = [&mixture[..], std::slice::from_ref(section)].concat();
+        assert!(parse(&raw::file(&both, VERSION)).is_err());
+    }
+}
+
+fn refused(sums: StoredSums, edit: impl FnOnce(&mut SceneState), parts: &[&str]) {
+    let mut checkpoint = sample(sums);
+    let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
+    edit(state);
+    assert_refused(&to_bytes(&checkpoint), parts);
+}
+
+#[test]
+fn origin_and_seeds() {
+    for wild in [f32::NAN, f32::INFINITY] {
+        let parts = ["SEED[component 17, z]", "a finite number", &wild.to_string()];
+        refused(mixed(), |scene| scene.seeds[17][2] = wild, &parts);
+    }
+    let parts = ["ORIG", "finite numbers", "NaN"];
+    refused(mixed(), |scene| scene.origin[1] = f64::NAN, &parts);
+}
+
+#[test]
+fn sums_that_no_points_have() {
+    let with = |row: usize, i: usize, quanta: i32, parts: &[&str]| {
+        let edit = |scene: &mut SceneState| {
+            let StoredSums::Mixed { rows, .. } = &mut scene.sums else { unreachable!() };
+            rows[row][i] = quanta;
+        };
+        refused(mixed(), edit, parts);
+    };
+    with(12, 0, -32768, &["SUMS[component 12, N]: expected 0 or more, found -1"]);
+    with(12, 9, -1, &["SUMS[component 12, zz]: expected 0 or more"]);
+    with(12, 31, -1, &["SUMS[component 12, view yy]: expected 0 or more"]);
+    with(12, 8, 20 * 32768, &["component 12, yz]: expected at most the mean of the two axes'"]);
+    with(12, 29, 11 * 32768, &["component 12, view xy]: expected at most the mean"]);
+    with(12, 32, -11 * 32768, &["component 12, view yz]: expected at most the mean"]);
+    with(12, 28, 12 * 32768, &["component 12, view y", "expected at most"]);
+    with(
+        12,
+        22,
+        49 * 32768,
+        &["component 12, normal x]: expected at most 4 a point, of 12 points"],
+    );
+    with(0, 10, 1, &["SUMS[component 0, red]: expected at most 4 a point, of 0 points"]);
+    with(12, 0, 4096 * 32768, &["component 12, N]: expected fewer than 4096 points", "found 4096"]);
+}
+
+#[test]
+fn view_directions_longer_than_one() {
+    let edit = |scene: &mut SceneState| {
+        let StoredSums::Mixed { rows, .. } = &mut scene.sums else { unreachable!() };
+        (rows[12][28], rows[12][31]) = (12 * 32768, 1000);
+        [29, 30, 32].iter().for_each(|&i| rows[12][i] = 0);
+    };
+    refused(
+        mixed(),
+        edit,
+        &["component 12, view yy]: expected at most what `view xx` leaves of N"],
+    );
+}
+
+#[test]
+fn wide_sums() {
+    let with = |edit: &dyn Fn(&mut Vec<[i32; N_SUMS]>, &mut Vec<WideRow>), parts: &[&str]| {
+        let edit = |scene: &mut SceneState| {
+            let StoredSums::Mixed { rows, wide } = &mut scene.sums else { unreachable!() };
+            edit(rows, wide);
+        };
+        refused(mixed(), edit, parts);
+    };
+    with(&|_, wide| wide.swap(0, 1), &["WIDI", "ascending order"]);
+    with(&|_, wide| wide[0].id = 11, &["WIDI", "ascending order"]);
+    with(&|_, wide| wide[1].id = 20, &["WIDI", "components below 20", "found 20"]);
+    with(
+        &|_, wide| wide[0].sums[0] = 4095.0,
+        &["WIDE[component 5, N]: expected 4096 points or more"],
+    );
+    let whole = "a whole multiple of 2^-15 up to 2^38";
+    with(&|_, wide| wide[0].sums[13] = 0.1, &["WIDE[component 5, red x]", whole, "found 0.1"]);
+    for wild in [f64::NAN, f64::INFINITY, 2f64.powi(39)] {
+        with(&|_, wide| wide[1].sums[2] = wild, &["WIDE[component 11, y]", whole]);
+    }
+    with(&|_, wide| wide[1].sums[4] = -1.0, &["WIDE[component 11, xx]: expected 0 or more"]);
+    with(&|rows, _| rows[5][7] = 3, &["SUMS[component 5, yy]", "0 beside sums in `WIDE`"]);
+}
+
+#[test]
+fn rounded_sums() {
+    for wild in [f32::NAN, f32::INFINITY] {
+        let edit = |scene: &mut SceneState| {
+            let StoredSums::F32(rows) = &mut scene.sums else { unreachable!() };
+            rows[17][26] = wild;
+        };
+        refused(f32s(), edit, &["SUMS[component 17, view y]", "a finite number"]);
+    }
+    let edit = |scene: &mut SceneState| {
+        let StoredSums::F64(rows) = &mut scene.sums else { unreachable!() };
+        rows[17][5] = 1.01 * rows[17][4].max(rows[17][7]);
+    };
+    refused(f64s(), edit, &["SUMS[component 17, xy]: expected at most the mean"]);
+    // Wide rows belong to integers alone.
+    let bytes = edited(&good(), b"SUMS", |s| s.element = 2);
+    assert_refused(&bytes, &["SUMS", "elements of type I32 beside wide sums", "F32"]);
+}
+
+/// A point whose terms are as large as they can be, over and over.
+#[test]
+fn rounding_is_no_defect() {
+    let s = 0.5f32.sqrt();
+    for (direction, offset) in
+        [([s, s, 0.0], [2.0, 2.0, -2.0]), ([0.0, 1.0, 0.0], [1e-4, -1e-4, 1e-4])]
+    {
+        let point = SurfacePoint { direction, normal: direction, ..SurfacePoint::default() };
+        let terms: [f32; N_SUMS] = terms(&point, offset, [1.0; 3]);
+        let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i32);
+        let edit = |sums: &mut StoredSums| match sums {
+            StoredSums::Mixed { rows, .. } => rows[3] = quanta.map(|q| 4000 * q),
+            StoredSums::F32(rows) => rows[3] = terms.map(|term| 4000.0 * term),
+            StoredSums::F64(rows) => rows[3] = terms.map(|term| 4000.0 * f64::from(term)),
+        };
+        for mut sums in [mixed(), f32s(), f64s()] {
+            edit(&mut sums);
+            let checkpoint = sample(sums);
+            assert_eq!(parse(&to_bytes(&checkpoint)).unwrap().checkpoint, checkpoint);
+        }
+    }
+}

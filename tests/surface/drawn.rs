@@ -1,0 +1,82 @@
+//! Frames drawn by formulas.
+
+use glam::{DVec3, dvec3};
+use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
+use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSettings};
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::image::Image;
+use vbgs_studio::math::observation::Observation;
+use vbgs_studio::math::pose::Pose;
+
+/// World units per code.
+pub const UNIT: f64 = 1e-4;
+pub const WIDTH: usize = 45;
+pub const HEIGHT: usize = 37;
+
+/// A camera that looks at the origin from a slant.
+pub fn camera() -> Camera {
+    let intrinsics = Intrinsics {
+        width: WIDTH as u32,
+        height: HEIGHT as u32,
+        fx: 60.0,
+        fy: 63.0,
+        cx: 21.0,
+        cy: 19.5,
+    };
+    let pose = Pose::look_at(dvec3(1.0, -2.0, 0.7), DVec3::ZERO, DVec3::Z).unwrap();
+    Camera { intrinsics, pose }
+}
+
+/// A frame whose depth along the axis is `z` at each column and row, 0 at holes.
+pub fn frame(kind: DepthKind, z: impl Fn(usize, usize) -> f64) -> Frame {
+    let camera = camera();
+    let code = |i: usize| {
+        let (column, row) = (i % WIDTH, i / WIDTH);
+        let per_z = match kind {
+            DepthKind::RayDistance => camera.intrinsics.ray(column, row).length(),
+            DepthKind::Z => 1.0,
+        };
+        (z(column, row) * per_z / UNIT).round() as u16
+    };
+    let codes = Image::from_vec(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(code).collect());
+    let color = |i: usize| [(i % WIDTH) as u8, (i / WIDTH) as u8, 200, 255];
+    let depth = Depth {
+        codes: DepthCodes::Linear16 { codes, unit: UNIT },
+        kind,
+        trusted: [0.0, f64::INFINITY],
+    };
+    Frame {
+        name: "drawn".to_owned(),
+        camera,
+        color: Image::from_vec(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(color).collect()),
+        depth: Some(depth),
+    }
+}
+
+/// Depth at a pixel of the plane `normal · p = distance` of the camera's frame.
+pub fn plane(normal: DVec3, distance: f64) -> impl Fn(usize, usize) -> f64 {
+    let k = camera().intrinsics;
+    move |column, row| distance / normal.dot(k.ray(column, row))
+}
+
+/// Every stage on.
+pub fn settings(sensor: Sensor) -> SurfaceSettings {
+    SurfaceSettings {
+        sensor,
+        thresholds: None,
+        plane_fit: true,
+        flying_pixels: true,
+        cosine: true,
+        calibration: None,
+        origin: DVec3::ZERO,
+    }
+}
+
+pub fn prepare(
+    frame: &Frame,
+    settings: &SurfaceSettings,
+) -> (Preparer, Observation, SurfaceCounts) {
+    let (mut preparer, mut out) = (Preparer::new(), Observation::empty());
+    let counts = preparer.prepare(frame, settings, &mut out).unwrap();
+    (preparer, out, counts)
+}
