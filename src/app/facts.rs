@@ -42,7 +42,7 @@ fn scene_facts(run: &SceneRun, dataset: &Dataset) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
     let h = number(engine.h);
     let scale = match scale {
-        StructuralScale::Pixels(n) => format!("{h} world units ({n} pixels)"),
+        StructuralScale::Pixels(n) => format!("{h} world units (asked for: {n} pixels)"),
         StructuralScale::World(_) => format!("{h} world units"),
     };
     let budget = match run.budget {

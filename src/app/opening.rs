@@ -144,7 +144,14 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
         Err(error) => {
             let all = run.splats().map_err(RunError::from)?;
             let text = format!("{error}; the scene is shown, but training cannot go on");
-            Ok(view(path, drawable(&all), run.up(), run.bytes, vec![(NoticeKind::Warning, text)], serial))
+            Ok(view(
+                path,
+                drawable(&all),
+                run.up(),
+                run.bytes,
+                vec![(NoticeKind::Warning, text)],
+                serial,
+            ))
         }
     }
 }

@@ -115,7 +115,7 @@ impl Session {
         let asked = asked.into();
         let seed = asked.seed();
         let plan = Plan::new(&dataset, &selection, seed)?;
-        let range = range::estimate(&dataset, plan.split)?;
+        // A scene says best what is wrong with its depth.
         let method = match asked {
             Asked::Paper(config) => Method::Paper(config),
             Asked::Scene(overrides) => {
@@ -125,6 +125,7 @@ impl Session {
                 Method::Scene(SceneRun::new(&dataset, &all, &overrides)?)
             }
         };
+        let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
         let (learner, normalization) = match &config.method {
             Method::Paper(train) => {

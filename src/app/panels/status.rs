@@ -64,9 +64,9 @@ fn components(snapshot: &Snapshot) -> String {
     match opened.as_ref().and_then(|opened| opened.method.as_ref()) {
         None => format!("{components} splats"),
         Some(Method::Paper(_)) => format!("{used} of {components} components used"),
-        Some(Method::Scene(SceneRun { budget: None, .. })) => format!("{components} components"),
+        Some(Method::Scene(SceneRun { budget: None, .. })) => format!("{used} components"),
         Some(Method::Scene(SceneRun { budget: Some(budget), .. })) => {
-            format!("{components} of at most {} components", budget.components())
+            format!("{used} of at most {} components", budget.components())
         }
     }
 }
