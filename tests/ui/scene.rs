@@ -2,8 +2,8 @@
 //! of photographs, settings of training, export to plain splats.
 
 use super::harness::{
-    Window, click, dataset, drop_on, is, paper_window, train, wait, wait_for_label, wait_for_picture,
-    window, write_to,
+    Window, click, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
+    wait_for_picture, window, write_to,
 };
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
