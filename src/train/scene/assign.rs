@@ -105,10 +105,9 @@ impl Kernel for Nearest<'_> {
     fn run<V: Vector>(self) {
         let Self { near, limit, points, owners } = self;
         let mut place = [[0.0f32; GROUP]; 3];
+        let [xs, ys, zs] = &mut place;
         for (i, point) in points.iter().enumerate() {
-            for axis in 0..3 {
-                place[axis][i] = point.position[axis];
-            }
+            [xs[i], ys[i], zs[i]] = point.position;
         }
         let (mut best, mut found) = ([limit; GROUP], [NONE; GROUP]);
         for (&id, seed) in near.ids.iter().zip(&near.seeds) {
@@ -150,7 +149,9 @@ mod tests {
         points.truncate(points.len() - 7);
         let mut owners = Vec::new();
         let mut components = Components::default();
-        (0..grid.len() as u32).for_each(|seed| drop(components.born(seed)));
+        for seed in 0..grid.len() as u32 {
+            components.born(seed);
+        }
         assign(&grid, &components, 0.1, &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {
             assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));

@@ -76,9 +76,9 @@ impl SceneEngine {
         either!(self, t => t.state())
     }
 
-    /// See [`SceneTrainer::stored_order`].
-    pub fn stored_order(&self) -> Vec<u32> {
-        either!(self, t => t.stored_order())
+    /// See [`SceneTrainer::stored_splats`].
+    pub fn stored_splats(&self) -> SplatSet {
+        either!(self, t => t.stored_splats())
     }
 
     /// See [`SceneTrainer::train`].

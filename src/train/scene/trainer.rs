@@ -114,7 +114,7 @@ impl<W: Word> SceneTrainer<W> {
 
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
     /// order of frames, their order does not either.
-    pub fn stored_order(&self) -> Vec<u32> {
+    fn stored_order(&self) -> Vec<u32> {
         let mut order: Vec<u32> = (0..self.components() as u32).collect();
         if self.config.births.is_order_invariant() {
             let seed = |id: &u32| self.grid.position(*id as usize);
@@ -303,18 +303,30 @@ impl<W: Word> SceneTrainer<W> {
     }
 
     /// What renderers draw of all components; slot `k` is component `k`. Of a lattice that exceeds its
-    /// budget, components in their [`Self::stored_order`], merged until they hold it.
+    /// budget, see [`Self::stored_splats`].
     pub fn splats(&self) -> SplatSet {
-        let most = self.config.most;
-        if self.config.births.is_order_invariant()
-            && self.used() > most
-            && let Some(mut merged) = Self::restore(&self.config, self.state(), self.frames)
-        {
-            let Self { ledger, components, grid, .. } = &mut merged;
-            merge_down(ledger, components, grid, self.config.h, most);
-            return merged.every_splat();
+        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
+    }
+
+    /// The same in the order in which checkpoints hold the components; components of a lattice that
+    /// exceeds its budget are merged in that order until they hold it.
+    pub fn stored_splats(&self) -> SplatSet {
+        match self.within_budget() {
+            Some(merged) => merged.every_splat(),
+            None => self.splats_of(&self.stored_order()),
         }
-        self.every_splat()
+    }
+
+    /// The scene of a lattice that exceeds its budget, merged until it holds it.
+    fn within_budget(&self) -> Option<Self> {
+        let most = self.config.most;
+        if !self.config.births.is_order_invariant() || self.used() <= most {
+            return None;
+        }
+        let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
+        let Self { ledger, components, grid, .. } = &mut merged;
+        merge_down(ledger, components, grid, self.config.h, most);
+        Some(merged)
     }
 
     fn every_splat(&self) -> SplatSet {
