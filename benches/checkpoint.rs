@@ -1,4 +1,4 @@
-//! Size of checkpoints, and time to save and to load one, for every form of totals.
+//! Size of checkpoints, and time to save and to load one, for every form of totals and for scenes.
 //!
 //! `cargo bench --bench checkpoint` runs the table at 100,000 components, `-- N` at another size.
 
@@ -7,10 +7,13 @@
 mod common;
 
 use common::times_ms;
-use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, read, to_bytes, write};
+use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, to_bytes, write};
+use vbgs_studio::math::observation::SurfacePoint;
 use vbgs_studio::math::points::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::prior::Hyper;
+use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums};
+use vbgs_studio::model::scene::sums as scene;
 use vbgs_studio::model::state::{Means, ModelState, Totals};
 
 /// Files per row of the table.
@@ -33,22 +36,36 @@ fn main() {
     let fixed64 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(40)) as i64)).collect();
     let fixed128 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(80)) as i128)).collect();
     let f32s = rows.iter().map(|row| row.map(|v| v as f32)).collect();
-    time("fixed64", means(), Totals::Fixed64 { rows: fixed64, carries: Vec::new() });
-    time("fixed128", means(), Totals::Fixed128(fixed128));
-    time("f32", means(), Totals::F32(f32s));
+    let mixture = |totals| StoredModel::Mixture {
+        normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
+        hyper: Hyper::paper(n, n as f64),
+        state: ModelState { alpha_init: vec![1.0; n], means: means(), totals },
+    };
+    time("fixed64", n, mixture(Totals::Fixed64 { rows: fixed64, carries: Vec::new() }));
+    time("fixed128", n, mixture(Totals::Fixed128(fixed128)));
+    time("f32", n, mixture(Totals::F32(f32s)));
+    let point = SurfacePoint { direction: [0.6, 0.0, 0.8], ..SurfacePoint::default() };
+    let quanta = |sums: [f32; scene::N_SUMS]| sums.map(|sum| (f64::from(sum) / QUANTUM) as i32);
+    let scene = SceneState {
+        origin: [0.0; 3],
+        seeds: rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32)).collect(),
+        sums: StoredSums::Mixed {
+            rows: vec![quanta(scene::terms(&point, [0.1; 3], [0.5; 3])); n],
+            wide: Vec::new(),
+        },
+        looks: vec![Looks { expected: 640, seen: 1, missed: 0 }; n],
+    };
+    time("scene", n, StoredModel::Scene(scene));
 }
 
-fn time(name: &str, means: Means, totals: Totals) {
-    let n = means.rows().len();
+fn time(name: &str, n: usize, model: StoredModel) {
     let checkpoint = Checkpoint {
         config: "{}".into(),
         meta: "{}".into(),
         numerics: "{}".into(),
         history: None,
         cursor: Cursor { frames: 200, points: 1, visited: (0..200).collect() },
-        normalization: Normalization { offset: [0.0; 3], scale: [1.0; 3] },
-        hyper: Hyper::paper(n, n as f64),
-        model: ModelState { alpha_init: vec![1.0; n], means, totals },
+        model,
     };
     let folder = tempfile::tempdir().expect("a folder for temporary files");
     let path = folder.path().join("checkpoint.vbgs");

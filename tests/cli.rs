@@ -16,6 +16,7 @@ mod cli {
     mod real;
     mod report;
     mod runner;
+    mod scenes;
     mod settings;
     mod usage;
 }

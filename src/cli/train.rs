@@ -72,6 +72,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
+    session.learner().warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
     let color_camera = session.config().method.color_camera();

@@ -20,7 +20,7 @@ fn births(rule: BirthRule) -> SceneOverrides {
 
 /// So coarse that some components have more points than fit in a row.
 fn coarse(rule: BirthRule) -> SceneOverrides {
-    SceneOverrides { scale: Some(StructuralScale::World(0.8)), ..births(rule) }
+    SceneOverrides { scale: Some(StructuralScale::World(3.0)), ..births(rule) }
 }
 
 fn scene(content: &Checkpoint) -> &SceneState {

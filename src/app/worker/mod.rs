@@ -367,6 +367,9 @@ impl Trainer {
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
+            for warning in session.learner().warnings() {
+                self.notify(NoticeKind::Warning, warning);
+            }
         }
     }
 

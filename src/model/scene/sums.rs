@@ -97,9 +97,8 @@ impl SceneSums {
     /// From sums in the order of [`N_SUMS`], offsets in units of `h`.
     pub fn new(sums: &[f64; N_SUMS], h: f64) -> Self {
         let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
-        let rows = |at: usize| {
-            DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose()
-        };
+        let rows =
+            |at: usize| DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose();
         let second = [sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]];
         let last = sums[0] - sums[28] - sums[31];
         let view_second = [sums[28], sums[29], sums[30], sums[31], sums[32], last];
@@ -119,7 +118,8 @@ impl SceneSums {
     /// Back in the order of [`N_SUMS`], offsets as they are.
     pub fn to_array(&self) -> [f64; N_SUMS] {
         let mut sums = [0.0; N_SUMS];
-        let mut put = |at: usize, values: &[f64]| sums[at..at + values.len()].copy_from_slice(values);
+        let mut put =
+            |at: usize, values: &[f64]| sums[at..at + values.len()].copy_from_slice(values);
         put(0, &[self.count]);
         put(1, &self.first.to_array());
         put(4, &self.second.to_array());
@@ -139,9 +139,7 @@ impl SceneSums {
 
     /// Covariance of the points; N > 0.
     pub fn covariance(&self) -> Sym3 {
-        self.second
-            .scaled(1.0 / self.count)
-            .add_scaled(-1.0, Sym3::outer(self.mean_offset()))
+        self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
     }
 
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and

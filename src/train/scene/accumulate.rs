@@ -1,8 +1,8 @@
 //! Adds a frame's points to the sums of their components.
 
 use super::config::LookRule;
-use super::places::Places;
 use super::ledger::{Ledger, Look, Row, Word};
+use super::places::Places;
 use crate::math::observation::SurfacePoint;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -156,9 +156,9 @@ fn clamp<R: Real>(value: R, most: f32) -> R {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::rng::{Purpose, Rng};
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
-    use crate::math::rng::{Purpose, Rng};
 
     fn points(n: usize) -> Vec<SurfacePoint> {
         let mut rng = Rng::new(4, Purpose::Synthetic, 0);

@@ -60,7 +60,9 @@ impl Components {
     /// Bytes that the bookkeeping takes.
     pub fn bytes(&self) -> usize {
         self.sharing.as_ref().map_or(0, |s| {
-            size_of_val(&s.component[..]) + size_of_val(&s.reference[..]) + size_of_val(&s.seeds[..])
+            size_of_val(&s.component[..])
+                + size_of_val(&s.reference[..])
+                + size_of_val(&s.seeds[..])
         })
     }
 

@@ -46,8 +46,13 @@ pub fn merge_down<W: Word>(
             return;
         }
         for &(kept, dropped) in &pairs {
-            let [a, b] = [kept, dropped].map(|id| summary(ledger, components, grid, h, id as usize));
-            ledger.merge(kept as usize, dropped as usize, &moved(&b.sums, b.seed - a.seed).to_array());
+            let [a, b] =
+                [kept, dropped].map(|id| summary(ledger, components, grid, h, id as usize));
+            ledger.merge(
+                kept as usize,
+                dropped as usize,
+                &moved(&b.sums, b.seed - a.seed).to_array(),
+            );
         }
         components.merge(&pairs);
     }
@@ -62,11 +67,8 @@ fn cheapest_pairs<W: Word>(
     n: usize,
 ) -> Vec<(u32, u32)> {
     let ids = 0..components.n_rows();
-    let summaries: Vec<Summary> = ids
-        .clone()
-        .into_par_iter()
-        .map(|id| summary(ledger, components, grid, h, id))
-        .collect();
+    let summaries: Vec<Summary> =
+        ids.clone().into_par_iter().map(|id| summary(ledger, components, grid, h, id)).collect();
     let mut pairs: Vec<(f64, u32, u32)> = ids
         .into_par_iter()
         .filter_map(|id| best_partner(&summaries, components, grid, h, id))
@@ -155,7 +157,8 @@ fn error(sums: &SceneSums) -> f64 {
 
 /// Sums about a seed that lies `shift` before their own.
 fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
-    let crossed = DMat3::from_cols(sums.first * shift.x, sums.first * shift.y, sums.first * shift.z);
+    let crossed =
+        DMat3::from_cols(sums.first * shift.x, sums.first * shift.y, sums.first * shift.z);
     let second = sums
         .second
         .add_scaled(1.0, Sym3::from_mat3(crossed + crossed.transpose()))

@@ -1,7 +1,7 @@
 //! Which components a frame could see: evidence for and against them (`accuracy.md` 3, step 4).
 
-use super::places::Places;
 use super::ledger::{Ledger, Look, Word};
+use super::places::Places;
 use crate::math::observation::Observation;
 use glam::{DMat3, DVec3};
 
@@ -65,7 +65,8 @@ impl Viewer<'_> {
         } else {
             return None; // hidden, or unknown
         };
-        let facing = (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
+        let facing =
+            (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
         Some((look, facing * self.h * self.h * k.fx * k.fy / (range * range)))
     }
 }

@@ -32,9 +32,8 @@ pub fn shift<W: Word>(
     if -slope < LEAST_COSINE * length {
         return 0.0;
     }
-    let offset = [0, 1, 2].map(|i| {
-        f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n
-    });
+    let offset =
+        [0, 1, 2].map(|i| f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n);
     let distance = dot(normal, offset) / slope;
     if distance.abs() > limit {
         return 0.0;

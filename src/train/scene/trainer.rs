@@ -31,8 +31,6 @@ use rayon::prelude::*;
 const EVERYTHING_EVERY: u64 = 16;
 /// Components beyond the budget that a frame may bring in any case.
 const LEAST_EXCESS: usize = 64;
-/// Seeds at most for every component of the budget: merged components keep theirs.
-const SEEDS_PER_COMPONENT: usize = 8;
 
 /// Points that found no component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -166,12 +164,10 @@ impl<W: Word> SceneTrainer<W> {
     /// exceed it by an eighth, until its components are merged. How many were born.
     fn give_birth(&mut self, points: &[SurfacePoint]) -> usize {
         let (rule, h, most) = (self.config.births, self.config.h as f32, self.config.most);
+        let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
-            true => Limits { components: most, seeds: most },
-            false => Limits {
-                components: most + (most / 8).max(LEAST_EXCESS),
-                seeds: most.saturating_mul(SEEDS_PER_COMPONENT),
-            },
+            true => Limits { components: seeds, seeds },
+            false => Limits { components: most + (most / 8).max(LEAST_EXCESS), seeds },
         };
         let Self { grid, components, owners, .. } = self;
         let births = give_birth(rule, h, grid, components, points, owners, limits);
@@ -180,8 +176,8 @@ impl<W: Word> SceneTrainer<W> {
         births.born
     }
 
-    /// Merges components until the budget holds; whether any were. Components of a lattice stay: they
-    /// may not depend on when the budget was reached.
+    /// Merges components until the budget holds; whether any were. Components of a lattice may not
+    /// depend on when the budget was reached: they are merged when they are drawn.
     fn merge(&mut self) -> bool {
         let most = self.config.most;
         let is_over = self.components.used() > most;
@@ -306,8 +302,22 @@ impl<W: Word> SceneTrainer<W> {
         self.config.native.splat(&self.sums(id), &self.anchor(id))
     }
 
-    /// What renderers draw of all components; slot `k` is component `k`.
+    /// What renderers draw of all components; slot `k` is component `k`. Of a lattice that exceeds its
+    /// budget, components in their [`Self::stored_order`], merged until they hold it.
     pub fn splats(&self) -> SplatSet {
+        let most = self.config.most;
+        if self.config.births.is_order_invariant()
+            && self.used() > most
+            && let Some(mut merged) = Self::restore(&self.config, self.state(), self.frames)
+        {
+            let Self { ledger, components, grid, .. } = &mut merged;
+            merge_down(ledger, components, grid, self.config.h, most);
+            return merged.every_splat();
+        }
+        self.every_splat()
+    }
+
+    fn every_splat(&self) -> SplatSet {
         let splats = (0..self.components()).into_par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
         SplatSet::new(splats, appearance)

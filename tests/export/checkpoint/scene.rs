@@ -208,7 +208,8 @@ fn view_directions_longer_than_one() {
 
 #[test]
 fn wide_sums() {
-    let with = |edit: &dyn Fn(&mut Vec<[i32; N_SUMS]>, &mut Vec<WideRow>), parts: &[&str]| {
+    type Edit = dyn Fn(&mut Vec<[i32; N_SUMS]>, &mut Vec<WideRow>);
+    let with = |edit: &Edit, parts: &[&str]| {
         let edit = |scene: &mut SceneState| {
             let StoredSums::Mixed { rows, wide } = &mut scene.sums else { unreachable!() };
             edit(rows, wide);

@@ -1,0 +1,185 @@
+//! Checkpoints of scenes: runs that stop and go on, shards that are merged, models for every command.
+
+use super::runner::Scratch;
+use std::fs;
+use vbgs_studio::export::checkpoint::{StoredModel, read};
+
+const TRAIN: &str = "train room --preset scene";
+
+fn model(scratch: &Scratch, folder: &str) -> StoredModel {
+    read(&scratch.path(&format!("{folder}/checkpoint.vbgs"))).unwrap().checkpoint.model
+}
+
+#[test]
+fn a_scene_goes_on_in_another_process() {
+    let scratch = Scratch::with_room();
+    for births in ["seeds", "lattice"] {
+        for threads in [1, 2] {
+            let options = format!("--births {births} --threads {threads}");
+            scratch.run(&format!("{TRAIN} --out whole {options}")).succeeds();
+            scratch.run(&format!("{TRAIN} --out half {options} --max-frames 4")).succeeds();
+            let resume = "train room --out on --resume half/checkpoint.vbgs --max-frames 8";
+            scratch.run(&format!("{resume} --threads {}", 3 - threads)).succeeds();
+            assert!(scratch.bytes("on/scene.ply") == scratch.bytes("whole/scene.ply"), "{options}");
+            assert!(model(&scratch, "on") == model(&scratch, "whole"), "{options}");
+        }
+    }
+    let report = scratch.json("on/report.json");
+    assert_eq!(report["frames"].as_array().unwrap().len(), 8);
+    assert_eq!(report["config"]["births"], "lattice");
+}
+
+#[test]
+fn merged_lattices_are_the_run_over_all_frames() {
+    let scratch = Scratch::with_room();
+    for births in ["lattice", "body-centred"] {
+        let train = format!("{TRAIN} --births {births}");
+        scratch.run(&format!("{train} --out whole")).succeeds();
+        for n in [2, 3] {
+            let shards: Vec<String> = (1..=n)
+                .map(|k| {
+                    let options = format!("--out s{k} --shard {k}/{n} --threads {k}");
+                    scratch.run(&format!("{train} {options}")).succeeds();
+                    format!("s{k}/checkpoint.vbgs")
+                })
+                .collect();
+            let (last, others) = shards.split_last().unwrap();
+            let said = scratch.run(&format!("merge {last} {} -o m.vbgs", others.join(" ")));
+            let said = said.succeeds().stdout;
+            assert!(said.contains(&format!("wrote m.vbgs: {n} models, 8 frames")), "{said}");
+            let merged = read(&scratch.path("m.vbgs")).unwrap().checkpoint.model;
+            assert!(merged == model(&scratch, "whole"), "{births}, {n} shards");
+            scratch.run("export m.vbgs -o m.ply").succeeds();
+            assert!(scratch.bytes("m.ply") == scratch.bytes("whole/scene.ply"), "{n} shards");
+        }
+    }
+}
+
+#[test]
+fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
+    let scratch = Scratch::with_room();
+    for k in [1, 2] {
+        scratch.run(&format!("{TRAIN} --out s{k} --shard {k}/2")).succeeds();
+    }
+    let parts = ["s1/checkpoint.vbgs", "found one trained with --births seeds", "--births lattice"];
+    let merge = "merge s1/checkpoint.vbgs s2/checkpoint.vbgs -o m.vbgs";
+    scratch.run(merge).fails(1, &parts);
+    scratch.run("train room --preset paper --components 500 --out s2 --shard 2/2").succeeds();
+    scratch.run(&format!("{TRAIN} --births lattice --out s1 --shard 1/2")).succeeds();
+    scratch.run(merge).fails(1, &["expected the same setting `preset`", "scene and paper"]);
+    assert!(!scratch.path("m.vbgs").exists());
+}
+
+#[test]
+fn options_that_contradict_a_scene_are_wrong_usage() {
+    let scratch = Scratch::with_room();
+    scratch.run(&format!("{TRAIN} --out out --max-frames 3")).succeeds();
+    fs::write(scratch.path("other.ron"), "(scale: \"4px\")").unwrap();
+    fs::write(scratch.path("paper.ron"), "(components: 7)").unwrap();
+    let before = scratch.bytes("out/checkpoint.vbgs");
+    for (options, parts) in [
+        ("--scale 3px", &["--scale: expected 2.5px", "out/checkpoint.vbgs", "found 3px"][..]),
+        ("--config other.ron", &["--scale: expected 2.5px", "found 4px"]),
+        ("--births lattice", &["--births: expected seeds", "found lattice"]),
+        ("--budget 5MB", &["--budget: expected no such option", "found 5MB"]),
+        ("--without refine", &["--with or --without refine: expected true", "found false"]),
+        ("--precision f64", &["--precision: expected mixed", "found f64"]),
+        ("--preset paper", &["--preset: expected scene", "found paper"]),
+        ("--preset paper --config paper.ron", &["--preset: expected scene", "found paper"]),
+        ("--components 5", &["--components: expected no such option", "found 5", "leave"]),
+        ("--stride 2", &["--stride: expected 1", "found 2", "leave the option out"]),
+    ] {
+        let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
+        scratch.run(&run).fails(2, parts);
+    }
+    assert!(scratch.bytes("out/checkpoint.vbgs") == before);
+    let repeated = "--preset scene --scale 2.5px --births seeds --with refine --precision mixed";
+    scratch.run(&format!("train room --out on --resume out/checkpoint.vbgs {repeated}")).succeeds();
+}
+
+#[test]
+fn a_stored_scene_is_a_model() {
+    let scratch = Scratch::with_room();
+    scratch.run(&format!("{TRAIN} --out out")).succeeds();
+    // By content, not by name.
+    fs::copy(scratch.path("out/checkpoint.vbgs"), scratch.path("scene.glb")).unwrap();
+    scratch.run("export scene.glb -o again.ply").succeeds();
+    assert!(scratch.bytes("again.ply") == scratch.bytes("out/scene.ply"));
+    scratch.run("export scene.glb -o split.ply --export-split 2").succeeds();
+    assert!(scratch.model("split.ply").splats.len() > scratch.model("again.ply").splats.len());
+    scratch.run("render scene.glb -o a.png --dataset room --view 0").succeeds();
+    assert!(scratch.path("a.png").exists());
+    let eval = |model: &str| {
+        let run = scratch.run(&format!("eval {model} room --json")).succeeds();
+        run.json()["eval"][0]["psnr_mean"].as_f64().unwrap()
+    };
+    // Plain files lose the flat tops and colour gradients that a checkpoint keeps.
+    let (native, plain) = (eval("scene.glb"), eval("out/scene.ply"));
+    assert!(native > 15.0 && native != plain, "{native} {plain}");
+}
+
+#[test]
+fn info_tells_what_a_stored_scene_holds() {
+    let scratch = Scratch::with_room();
+    scratch.run(&format!("{TRAIN} --out out --max-frames 5")).succeeds();
+    let info = scratch.run("info out/checkpoint.vbgs --json").succeeds().json();
+    let summary = scratch.json("out/report.json")["summary"].clone();
+    assert_eq!((&info["kind"], &info["version"]), (&"checkpoint".into(), &"1.1".into()));
+    assert_eq!((&info["frames"], &info["planned_frames"]), (&5.into(), &5.into()));
+    assert_eq!((&info["components"], &info["used"]), (&summary["components"], &summary["used"]));
+    let drawn = scratch.model("out/scene.ply").splats.len();
+    assert_eq!(info["drawn"], drawn);
+    assert_eq!(info["bytes"], scratch.bytes("out/checkpoint.vbgs").len());
+    let (components, size) = (&info["components"], &info["bytes_per_component"]);
+    assert!(components.as_u64() > Some(drawn as u64) && size.as_f64() < Some(200.0), "{size}");
+    assert_eq!(info["config"]["scale"], "2.5px");
+    assert_eq!(info["defects"], serde_json::json!([]));
+    let said = scratch.run("info out/checkpoint.vbgs").succeeds().stdout;
+    for part in [
+        "checkpoint, version 1.1",
+        "5 of 5 frames",
+        &format!("of {components} components used, {drawn} drawn"),
+        "\"preset\":\"scene\"",
+        "0 defects",
+    ] {
+        assert!(said.contains(part), "`{part}` is missing from: {said}");
+    }
+    fs::rename(scratch.path("room"), scratch.path("elsewhere")).unwrap();
+    let said = scratch.run("info out/checkpoint.vbgs").succeeds().stdout;
+    assert!(said.contains("defect: its dataset cannot be opened") && said.contains("1 defects"));
+    scratch.run("train elsewhere --out on --resume out/checkpoint.vbgs").succeeds();
+}
+
+#[test]
+fn autosaves_keep_the_one_before() {
+    let scratch = Scratch::with_room();
+    scratch.run(&format!("{TRAIN} --out out --autosave-frames 3 --max-frames 7")).succeeds();
+    let frames = |file: &str| {
+        let info = scratch.run(&format!("info {file} --json")).succeeds().json();
+        info["frames"].as_u64().unwrap()
+    };
+    assert_eq!(frames("out/checkpoint.vbgs"), 7);
+    assert_eq!(frames("out/checkpoint.vbgs.bak"), 3, "kept when the sixth frame was saved");
+    let resume = "train room --out on --resume out/checkpoint.vbgs.bak --max-frames 7";
+    scratch.run(resume).succeeds();
+    assert!(model(&scratch, "on") == model(&scratch, "out"));
+}
+
+/// The structural scale is found in frames all over the dataset, as far as they can be read.
+#[test]
+fn the_first_frames_train_where_the_others_are_lost() {
+    let scratch = Scratch::with_room();
+    let read = |name: &str| scratch.bytes(name);
+    let lost: Vec<_> = fs::read_dir(scratch.path("room/train")).unwrap().flatten().collect();
+    for file in lost.iter().map(fs::DirEntry::path) {
+        let name = file.file_name().unwrap().to_str().unwrap().to_owned();
+        if !name.starts_with("r_0") && !name.starts_with("r_1") {
+            fs::write(&file, "lost").unwrap();
+        }
+    }
+    scratch.run(&format!("{TRAIN} --out two --max-frames 2")).succeeds();
+    scratch.run(&format!("{TRAIN} --out one --max-frames 1")).succeeds();
+    let resume = "train room --out on --resume one/checkpoint.vbgs --max-frames 2";
+    scratch.run(resume).succeeds();
+    assert!(read("on/scene.ply") == read("two/scene.ply"));
+}
