@@ -5,7 +5,7 @@ use super::harness::{
     Window, click, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
     wait_for_picture, window, write_to,
 };
-use super::viewer::{choose, press};
+use super::viewer::{choose, evaluated, press, session};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
@@ -14,9 +14,11 @@ use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
 use vbgs_studio::app::viewer::mode::ViewMode;
 use vbgs_studio::app::viewer::stops::Stop;
 use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::export;
+use vbgs_studio::pipeline::scene::SceneOverrides;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 
@@ -170,7 +172,8 @@ fn a_calibration_is_dropped_on_its_dataset() {
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 2);
     let file = folder.path().join("room.ron");
-    std::fs::write(&file, "(depth_scale: 0.9)").unwrap();
+    let camera = "(focal: (62.0, 61.0), principal: (31.0, 25.0), offset: (0.05, 0.01, 0.0))";
+    std::fs::write(&file, format!("(color_camera: {camera}, depth_scale: 1.01)")).unwrap();
     let Some(mut window) = window(None, Painting::Auto) else { return };
     drop_on(&mut window, &file);
     wait(&mut window, "the message", |s| !s.snapshot().notices.is_empty());
@@ -189,13 +192,21 @@ fn a_calibration_is_dropped_on_its_dataset() {
     drop_on(&mut window, &file);
     wait(&mut window, "the dataset again", |s| serial(s) > before);
     let opened = window.state().snapshot().opened.clone().unwrap();
-    let scale = |o: &Opened| o.scene().unwrap().surface.calibration.as_ref().map(|c| c.depth_scale);
-    assert_eq!(scale(&opened), Some(0.9));
-    click(&mut window, "Step");
-    wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
+    let calibration = |opened: &Opened| opened.scene().unwrap().surface.calibration.clone();
+    let read = Calibration::read(&file).unwrap();
+    assert_eq!(calibration(&opened).as_ref(), Some(&read));
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+
+    press(&mut window, Key::G);
+    let options = window.state().view().settings.measured();
+    let overrides = SceneOverrides { calibration: Some(read.clone()), ..SceneOverrides::default() };
+    let expected = evaluated(&session(&path, overrides), Stop::FIRST, options);
+    wait_for_label(&mut window, &expected);
+
     click(&mut window, "Reset");
     click(&mut window, "Discard");
     wait(&mut window, "the start", |s| s.snapshot().frames_done == 0);
     let opened = window.state().snapshot().opened.clone().unwrap();
-    assert_eq!(scale(&opened), Some(0.9), "its cameras stay corrected");
+    assert_eq!(calibration(&opened), Some(read), "its cameras stay corrected");
 }

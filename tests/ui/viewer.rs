@@ -144,17 +144,18 @@ fn every_colour_mode_is_offered_or_says_what_is_missing() {
 }
 
 /// The scene that the window trains, and its dataset.
-fn session(path: &Path) -> Session {
+pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
-    let mut session =
-        Session::new(dataset, SceneOverrides::default(), Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, overrides, Selection::everything()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     session
 }
 
 /// What `eval` prints for a view with the window's settings.
-fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
-    let options = EvalOptions::plain(GroundTruth::Composited, render);
+pub fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
+    let color_camera = session.config().method.color_camera();
+    let options =
+        EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
     let views = [stop.index];
     let (_, scores) =
         evaluate(&session.splats(), session.dataset(), stop.split, &views, &options, |_| {})
@@ -168,7 +169,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
     let folder = tempfile::tempdir().unwrap();
     for painting in BOTH {
         let Some(mut window) = trained(folder.path(), painting) else { return };
-        let session = session(&folder.path().join("room"));
+        let session = session(&folder.path().join("room"), SceneOverrides::default());
         let stop = |window: &Window| window.state().view().stop();
         press(&mut window, Key::CloseBracket);
         assert_eq!(stop(&window), Some(Stop::FIRST));
