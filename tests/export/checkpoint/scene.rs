@@ -208,8 +208,8 @@ fn view_directions_longer_than_one() {
 
 #[test]
 fn wide_sums() {
-    type Edit = dyn Fn(&mut Vec<[i32; N_SUMS]>, &mut Vec<WideRow>);
-    let with = |edit: &Edit, parts: &[&str]| {
+    type Edit<'a> = dyn Fn(&mut Vec<[i32; N_SUMS]>, &mut Vec<WideRow>) + 'a;
+    let with = |edit: &Edit<'_>, parts: &[&str]| {
         let edit = |scene: &mut SceneState| {
             let StoredSums::Mixed { rows, wide } = &mut scene.sums else { unreachable!() };
             edit(rows, wide);
