@@ -150,7 +150,7 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
             Ok(opened)
         }
         Err(error) => {
-            let all = run.splats().map_err(RunError::from)?;
+            let all = run.splats()?;
             let text = format!("{error}; the scene is shown, but training cannot go on");
             Ok(view(
                 path,
