@@ -258,7 +258,10 @@ impl SceneRun {
         let mut surface = SurfaceSettings::new(dataset, origin);
         surface.sensor = overrides.sensor.unwrap_or(surface.sensor);
         surface.plane_fit = overrides.plane_fit.unwrap_or(surface.plane_fit);
-        surface.flying_pixels = overrides.flying_pixels.unwrap_or(surface.flying_pixels);
+        // Computed depth has no pixels between two surfaces: at a crease, where no plane fits, it is
+        // right all the same.
+        let is_computed = matches!(surface.sensor, Sensor::Exact { .. });
+        surface.flying_pixels = overrides.flying_pixels.unwrap_or(!is_computed);
         surface.cosine = overrides.cosine.unwrap_or(surface.cosine);
         if let Some(calibration) = &overrides.calibration {
             surface.calibration = Some(calibration.clone());

@@ -58,7 +58,7 @@ impl Arguments {
 #[derive(Subcommand)]
 pub enum Command {
     /// Train headless; writes scene.ply, checkpoint.vbgs and report.json
-    Train(TrainArgs),
+    Train(Box<TrainArgs>),
     /// Measure a model against the photographs of a dataset
     Eval(EvalArgs),
     /// Render one view or a turntable

@@ -69,13 +69,19 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
     let seeds = (0..N).map(|_| [0; 3].map(|_| rng.range(-2.0, 2.0) as f32)).collect();
     let look = |k: u32| Looks { expected: 640 * k, seen: k as u16, missed: 3 };
     let looks = (0..N as u32).map(look).collect();
-    checkpoint(StoredModel::Scene(SceneState { origin: [1.0, -2.0, 0.5], seeds, sums, looks }))
+    checkpoint(StoredModel::Scene(SceneState {
+        origin: [1.0, -2.0, 0.5],
+        seeds,
+        components: None,
+        sums,
+        looks,
+    }))
 }
 
 /// A scene before its first frame.
 pub fn nothing() -> SceneState {
     let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
-    SceneState { origin: [0.0; 3], seeds: Vec::new(), sums, looks: Vec::new() }
+    SceneState { origin: [0.0; 3], seeds: Vec::new(), components: None, sums, looks: Vec::new() }
 }
 
 fn good() -> Vec<u8> {
