@@ -19,10 +19,9 @@ use vbgs_studio::train::config::TrainConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let conversion = Conversion { scale_factor, ..Conversion::right() };
-    let Learner::Paper { engine, config, normalization } = session.learner() else {
-        unreachable!()
-    };
-    let splats = engine.splats(&TrainConfig { conversion, ..config.clone() }, normalization);
+    let Learner::Paper(paper) = session.learner() else { unreachable!() };
+    let config = TrainConfig { conversion, ..paper.config.clone() };
+    let splats = paper.engine.splats(&config, &paper.normalization);
     let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let dataset = session.dataset();

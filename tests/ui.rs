@@ -9,6 +9,7 @@ mod ui {
     mod harness;
     mod inspect;
     mod opening;
+    mod scene;
     mod states;
     mod viewer;
 }

@@ -46,7 +46,7 @@ impl Purpose {
 
     fn hint(self) -> &'static str {
         match self {
-            Purpose::Open => "A dataset folder, a checkpoint, a .ply or a .glb",
+            Purpose::Open => "A dataset folder, a checkpoint, a .ply, a .glb or a calibration",
             Purpose::Save => "A file name ending in .vbgs",
             Purpose::Export => "A file name ending in .ply or .glb",
         }
@@ -82,18 +82,18 @@ impl PathDialog {
         Self { purpose, is_open: false, path: path.to_owned(), picker: None, no_native: false }
     }
 
+    /// Whether it is shown.
+    pub fn is_open(&self) -> bool {
+        self.is_open
+    }
+
     /// Shows the dialog from now on.
     pub fn show(&mut self) {
         self.is_open = true;
     }
 
     /// Draws the dialog with further `choices`; the path once the user confirmed it.
-    pub fn ui(
-        &mut self,
-        ui: &Ui,
-        waker: &Waker,
-        choices: impl FnOnce(&mut Ui),
-    ) -> Option<PathBuf> {
+    pub fn ui(&mut self, ui: &Ui, waker: &Waker, choices: impl FnOnce(&mut Ui)) -> Option<PathBuf> {
         if !self.is_open {
             return None;
         }
@@ -129,7 +129,10 @@ impl PathDialog {
                     });
                     self.browse(ui, waker, "Browse files…", || {
                         rfd::FileDialog::new()
-                            .add_filter("models", &["vbgs", "ply", "glb", "gltf"])
+                            .add_filter(
+                                "models and calibrations",
+                                &["vbgs", "ply", "glb", "gltf", "ron"],
+                            )
                             .pick_file()
                     });
                 }
@@ -222,7 +225,7 @@ const MOUSE: [(&str, &str); 5] = [
     ("Right or middle drag", "Pan"),
     ("Wheel, pinch", "Dolly"),
     ("Drag a divider", "Wipe from one picture to the other"),
-    ("Drop a folder or file", "Open it"),
+    ("Drop a folder or file", "Open it, or calibrate what is open by it"),
 ];
 
 /// The list of shortcuts.

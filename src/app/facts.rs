@@ -42,7 +42,7 @@ fn scene_facts(run: &SceneRun, dataset: &Dataset) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
     let h = number(engine.h);
     let scale = match scale {
-        StructuralScale::Pixels(n) => format!("{h} world units ({n} pixels)"),
+        StructuralScale::Pixels(n) => format!("{h} world units (asked for: {n} pixels)"),
         StructuralScale::World(_) => format!("{h} world units"),
     };
     let budget = match run.budget {
@@ -90,9 +90,14 @@ fn sensor(sensor: Sensor) -> String {
 fn calibration(surface: &SurfaceSettings, dataset: &Dataset) -> &'static str {
     match &surface.calibration {
         None => "none: colour and depth are taken as registered",
-        known if *known == Calibration::known(dataset) => {
+        Some(_) if is_assumed(surface, dataset) => {
             "the published Kinect's colour camera; `calibrate` finds this one's"
         }
         Some(_) => "given",
     }
+}
+
+/// Whether the cameras are corrected by what is known of such cameras and not of these.
+pub fn is_assumed(surface: &SurfaceSettings, dataset: &Dataset) -> bool {
+    surface.calibration.is_some() && surface.calibration == Calibration::known(dataset)
 }

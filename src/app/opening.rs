@@ -1,7 +1,7 @@
 //! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
 
 use super::color_mode::ColorMode;
-use super::facts::session_facts;
+use super::facts::{is_assumed, session_facts};
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::TrainSettings;
 use crate::dataset::error::DatasetError;
@@ -15,6 +15,7 @@ use crate::model::appearance::SplatSet;
 use crate::model::splats::{Framing, Splat, framing};
 use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
+use crate::pipeline::method::Method;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::{Session, SessionError};
 use crate::train::config::Preset;
@@ -92,7 +93,14 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
             format!("{n} frames are unusable; the first: {}", dataset.warnings[0]),
         )),
     };
-    let notices = notes.chain(warnings).collect();
+    let assumed = match &session.config().method {
+        Method::Scene(run) if is_assumed(&run.surface, dataset) => Some((
+            NoticeKind::Info,
+            "colour is looked up by the published Kinect's camera; `calibrate` finds this one's, whose file can be dropped here".to_owned(),
+        )),
+        Method::Scene(_) | Method::Paper(_) => None,
+    };
+    let notices = notes.chain(warnings).chain(assumed).collect();
     let facts = Opened {
         name: if is_demo { "Demo: synthetic room".to_owned() } else { dataset.name.clone() },
         facts: session_facts(&session),
@@ -142,9 +150,16 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
             Ok(opened)
         }
         Err(error) => {
-            let all = run.splats().map_err(RunError::from)?;
+            let all = run.splats()?;
             let text = format!("{error}; the scene is shown, but training cannot go on");
-            Ok(view(path, drawable(&all), run.up(), run.bytes, vec![(NoticeKind::Warning, text)], serial))
+            Ok(view(
+                path,
+                drawable(&all),
+                run.up(),
+                run.bytes,
+                vec![(NoticeKind::Warning, text)],
+                serial,
+            ))
         }
     }
 }

@@ -22,6 +22,7 @@ use eframe::egui::{
     CentralPanel, Color32, Context, FocusDirection, Frame, Key, Panel, RichText, Ui,
     ViewportCommand, Visuals,
 };
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -217,7 +218,9 @@ impl Studio {
 
     /// Keys are left to text fields and open questions.
     fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        if ui.ctx().egui_wants_keyboard_input() || self.discarding.is_some() {
+        let dialogs = [&self.open_dialog, &self.save_dialog, &self.export_dialog];
+        let asks = self.discarding.is_some() || dialogs.iter().any(|dialog| dialog.is_open());
+        if asks || ui.ctx().egui_wants_keyboard_input() {
             return;
         }
         if ui.input(|i| i.key_pressed(Key::Tab)) {
@@ -238,7 +241,7 @@ impl Studio {
     fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
         if let Some(path) = dropped {
-            self.discard_then(Order::Open(Subject::Path(path)), snapshot);
+            self.discard_then(order_to_open(path), snapshot);
         }
     }
 
@@ -253,7 +256,7 @@ impl Studio {
 
     fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         if let Some(path) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
-            self.discard_then(Order::Open(Subject::Path(path)), snapshot);
+            self.discard_then(order_to_open(path), snapshot);
         }
         if let Some(path) = self.save_dialog.ui(ui, &self.waker, |_| ()) {
             self.worker.send(Order::Save(path));
@@ -391,6 +394,14 @@ impl Studio {
                 self.obey(Command::OpenDemo, snapshot);
             }
         });
+    }
+}
+
+/// Calibrations are opened for what is open already.
+fn order_to_open(path: PathBuf) -> Order {
+    match path.extension() {
+        Some(extension) if extension == "ron" => Order::Calibrate(path),
+        _ => Order::Open(Subject::Path(path)),
     }
 }
 

@@ -9,12 +9,13 @@ use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
 use std::sync::Arc;
+use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::model::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::method::Asked as AskedMethod;
+use vbgs_studio::pipeline::method::{Asked as AskedMethod, Method};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::Lens;
 
@@ -49,6 +50,9 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
+    if takes_known_calibration(&session) {
+        eprintln!("note: {KNOWN_CALIBRATION}");
+    }
     let memory = session.memory();
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
@@ -72,6 +76,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
+    session.learner().warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
     let color_camera = session.config().method.color_camera();
@@ -90,6 +95,17 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         Some(failure) => Err(failure),
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
+    }
+}
+
+const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another";
+
+/// Whether colours come from what is known of the layout's cameras.
+fn takes_known_calibration(session: &Session) -> bool {
+    let known = Calibration::known(session.dataset());
+    match &session.config().method {
+        Method::Scene(run) => known.is_some() && run.surface.calibration == known,
+        Method::Paper(_) => false,
     }
 }
 

@@ -9,27 +9,34 @@ use crate::train::candidates::IndexError;
 use crate::train::config::TrainConfig;
 use crate::train::engine::Engine;
 use crate::train::scene::engine::SceneEngine;
+use crate::train::scene::trainer::Lost;
 use crate::train::trainer::FrameOutcome;
 
 /// A model that learns.
 pub enum Learner {
     /// The published algorithm.
-    Paper {
-        /// The model.
-        engine: Engine,
-        /// How its posterior becomes splats.
-        config: TrainConfig,
-        /// World to model coordinates.
-        normalization: Normalization,
-    },
+    Paper(Box<PaperLearner>),
     /// Only what a scene needs.
     Scene(SceneEngine),
+}
+
+/// A mixture of the published algorithm.
+pub struct PaperLearner {
+    /// The model.
+    pub engine: Engine,
+    /// How its posterior becomes splats.
+    pub config: TrainConfig,
+    /// World to model coordinates.
+    pub normalization: Normalization,
 }
 
 macro_rules! either {
     ($self:expr, $engine:ident => $body:expr) => {
         match $self {
-            Learner::Paper { engine: $engine, .. } => $body,
+            Learner::Paper(paper) => {
+                let $engine = &paper.engine;
+                $body
+            }
             Learner::Scene($engine) => $body,
         }
     };
@@ -39,7 +46,7 @@ impl Learner {
     /// Learns from one frame, whole or not at all. Material of the other preset teaches nothing.
     pub(super) fn train(&mut self, material: &Material) -> Result<FrameOutcome, IndexError> {
         match (self, material) {
-            (Self::Paper { engine, .. }, Material::Points(points)) => engine.train(points),
+            (Self::Paper(paper), Material::Points(points)) => paper.engine.train(points),
             (Self::Scene(engine), Material::Surfaces(frame)) => Ok(engine.train(frame)),
             _ => Ok(FrameOutcome::default()),
         }
@@ -58,8 +65,8 @@ impl Learner {
     /// Components with points.
     pub fn used(&self) -> usize {
         match self {
-            Self::Paper { engine, .. } => engine.used(),
-            Self::Scene(engine) => engine.components(),
+            Self::Paper(paper) => paper.engine.used(),
+            Self::Scene(engine) => engine.used(),
         }
     }
 
@@ -81,9 +88,7 @@ impl Learner {
     /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
     pub fn splats(&self) -> SplatSet {
         match self {
-            Self::Paper { engine, config, normalization } => {
-                engine.splats(config, normalization).into()
-            }
+            Self::Paper(paper) => paper.engine.splats(&paper.config, &paper.normalization).into(),
             Self::Scene(engine) => engine.splats(),
         }
     }
@@ -91,16 +96,16 @@ impl Learner {
     /// The same in the order in which checkpoints hold the components.
     pub fn stored_splats(&self) -> SplatSet {
         match self {
-            Self::Paper { .. } => self.splats(),
-            Self::Scene(engine) => engine.splats_of(&engine.stored_order()),
+            Self::Paper(_) => self.splats(),
+            Self::Scene(engine) => engine.stored_splats(),
         }
     }
 
     /// Splats of the listed components, in their order.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         match self {
-            Self::Paper { engine, config, normalization } => {
-                engine.splats_of(ids, config, normalization).into()
+            Self::Paper(paper) => {
+                paper.engine.splats_of(ids, &paper.config, &paper.normalization).into()
             }
             Self::Scene(engine) => engine.splats_of(ids),
         }
@@ -109,9 +114,10 @@ impl Learner {
     /// What renderers draw of one component.
     pub fn splat(&self, component: usize) -> (Splat, Appearance) {
         match self {
-            Self::Paper { engine, config, normalization } => {
-                let posterior = engine.posterior(component);
-                (config.conversion.splat(&posterior, normalization), Appearance::default())
+            Self::Paper(paper) => {
+                let posterior = paper.engine.posterior(component);
+                let splat = paper.config.conversion.splat(&posterior, &paper.normalization);
+                (splat, Appearance::default())
             }
             Self::Scene(engine) => engine.splat(component),
         }
@@ -119,12 +125,18 @@ impl Learner {
 
     /// Sums the ELBO of the frames to come by component.
     pub fn start_component_elbo(&mut self) {
-        either!(self, e => e.start_component_elbo());
+        match self {
+            Self::Paper(paper) => paper.engine.start_component_elbo(),
+            Self::Scene(engine) => engine.start_component_elbo(),
+        }
     }
 
     /// Ends what [`Self::start_component_elbo`] began.
     pub fn stop_component_elbo(&mut self) {
-        either!(self, e => e.stop_component_elbo());
+        match self {
+            Self::Paper(paper) => paper.engine.stop_component_elbo(),
+            Self::Scene(engine) => engine.stop_component_elbo(),
+        }
     }
 
     /// Mean ELBO and number of a component's points of the last frame.
@@ -135,5 +147,22 @@ impl Learner {
     /// Components that [`Self::component_elbo`] knows of, each once.
     pub fn components_with_elbo(&self) -> &[u32] {
         either!(self, e => e.components_with_elbo())
+    }
+
+    /// What a user should know about points that found no component.
+    pub fn warnings(&self) -> Vec<String> {
+        let Self::Scene(engine) = self else { return Vec::new() };
+        let Lost { budget, reach } = engine.lost();
+        let budget = (budget > 0).then(|| {
+            format!(
+                "{budget} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"
+            )
+        });
+        let reach = (reach > 0).then(|| {
+            format!(
+                "{reach} points lie more than a million structural scales from the scene's origin and were left out; widen --scale, or limit --depth-range"
+            )
+        });
+        budget.into_iter().chain(reach).collect()
     }
 }

@@ -12,7 +12,7 @@ pub enum Method {
     /// The published algorithm.
     Paper(TrainConfig),
     /// Only what a scene needs.
-    Scene(SceneRun),
+    Scene(Box<SceneRun>),
 }
 
 impl Method {

@@ -19,7 +19,7 @@ const COMPONENT_BYTES: usize = 200;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum StructuralScale {
-    /// Pixels, at the distance beyond which a tenth of the points lie.
+    /// Pixels, at the distance beyond which one point in a hundred lies: elsewhere it is more.
     Pixels(f64),
     /// World units.
     World(f64),
@@ -83,7 +83,9 @@ impl std::str::FromStr for Budget {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("expected components such as 25000, or megabytes such as 5MB, found `{text}`");
+        let wrong = || {
+            format!("expected components such as 25000, or megabytes such as 5MB, found `{text}`")
+        };
         match text.strip_suffix("MB") {
             None => text.parse().map(Self::Components).map_err(|_| wrong()),
             Some(number) => match number.trim().parse::<f64>() {
@@ -191,7 +193,10 @@ const SAMPLED_FRAMES: usize = 8;
 /// Every so-many-th point of them.
 const SAMPLED_POINTS: usize = 7;
 /// Share of the points that are nearer than the typical distance.
-const NEARER: f64 = 0.9;
+const NEARER: f64 = 0.99;
+/// Returns per component of a lattice, whose cells surfaces cut through, against those of a component
+/// whose points surround its seed.
+const LATTICE_DENSITY: f64 = 0.7;
 /// Structural scale where none is asked for.
 const DEFAULT_SCALE: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
 /// The same in pixels.
@@ -266,6 +271,7 @@ impl SceneRun {
             engine.refine = false;
             engine.gain = false;
             engine.looks = LookRule::Returned;
+            engine.native.opacity.rho0 *= LATTICE_DENSITY;
         }
         engine.refine = overrides.refine.unwrap_or(engine.refine);
         engine.gain = overrides.gain.unwrap_or(engine.gain);
@@ -384,8 +390,14 @@ fn no_points(dataset: &Dataset, trusted: [f64; 2], seen: &mut [f64], frames: usi
 
 /// The power of ten that brings a depth into the trusted interval, if one does.
 fn unit_advice(trusted: [f64; 2], middle: f64) -> String {
-    let factors = [(1e-3, "millimetres"), (1e3, "kilometres"), (1e-2, "centimetres"), (1e-4, "tenths of millimetres")];
-    let likely = factors.iter().find(|(factor, _)| (trusted[0]..trusted[1]).contains(&(middle * factor)));
+    let factors = [
+        (1e-3, "millimetres"),
+        (1e3, "kilometres"),
+        (1e-2, "centimetres"),
+        (1e-4, "tenths of millimetres"),
+    ];
+    let likely =
+        factors.iter().find(|(factor, _)| (trusted[0]..trusted[1]).contains(&(middle * factor)));
     match likely {
         Some((factor, unit)) => format!(
             "the depths look like {unit} taken for metres: multiply --depth-scale by {factor}, or widen --depth-range"

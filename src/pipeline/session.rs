@@ -1,7 +1,7 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
 use super::births::Births;
-use super::learner::Learner;
+use super::learner::{Learner, PaperLearner};
 use super::machine;
 use super::memory::{Estimate, MemoryError};
 use super::method::{Asked, Method};
@@ -115,16 +115,17 @@ impl Session {
         let asked = asked.into();
         let seed = asked.seed();
         let plan = Plan::new(&dataset, &selection, seed)?;
-        let range = range::estimate(&dataset, plan.split)?;
+        // A scene says best what is wrong with its depth.
         let method = match asked {
             Asked::Paper(config) => Method::Paper(config),
             Asked::Scene(overrides) => {
                 // Frames in their own order: whatever is found in them is the same in any order.
                 let whole = Selection { order: Order::Sequential, ..selection.whole() };
                 let all = Plan::new(&dataset, &whole, seed)?;
-                Method::Scene(SceneRun::new(&dataset, &all, &overrides)?)
+                Method::Scene(Box::new(SceneRun::new(&dataset, &all, &overrides)?))
             }
         };
+        let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
         let (learner, normalization) = match &config.method {
             Method::Paper(train) => {
@@ -133,7 +134,8 @@ impl Session {
                 Estimate::new(train, plan.pixels(&dataset), threads).check(train.components)?;
                 let draw = initial_draw(&dataset, &config, train, normalization)?;
                 let engine = Engine::new(train, &draw)?;
-                (Learner::Paper { engine, config: train.clone(), normalization }, normalization)
+                let paper = PaperLearner { engine, config: train.clone(), normalization };
+                (Learner::Paper(Box::new(paper)), normalization)
             }
             Method::Scene(run) => {
                 let engine = SceneEngine::new(&run.engine, run.surface.origin);

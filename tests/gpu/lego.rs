@@ -58,7 +58,7 @@ fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
     let mut session = Session::new(dataset, config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     let splats: Vec<Splat> =
-        session.splats().into_iter().filter(|splat| splat.is_drawable()).collect();
+        session.splats().into_splats().into_iter().filter(Splat::is_drawable).collect();
     println!("{} splats after {} frames", splats.len(), session.frames().len());
     (splats, camera)
 }

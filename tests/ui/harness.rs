@@ -28,6 +28,35 @@ pub fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
     Some(harness)
 }
 
+/// A file dropped on the window.
+#[derive(Debug)]
+struct Dropped(PathBuf);
+
+impl eframe::egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
+
+pub fn drop_on(window: &mut Window, path: &Path) {
+    window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_owned())));
+    window.step();
+}
+
+/// The window on something to be trained by the paper's preset.
+pub fn paper_window(path: &Path, painting: Painting) -> Option<Window> {
+    let mut window = window(None, painting)?;
+    click(&mut window, "Settings");
+    click(&mut window, "Paper preset");
+    drop_on(&mut window, path);
+    wait(&mut window, "ready", is(RunState::Ready));
+    Some(window)
+}
+
 /// Steps the window until the condition holds.
 pub fn wait(window: &mut Window, what: &str, condition: impl Fn(&Studio) -> bool) {
     let started = Instant::now();
@@ -85,6 +114,16 @@ pub fn dataset(folder: &Path, n_train: usize) -> PathBuf {
         SyntheticParams { width: 64, height: 48, n_train, n_eval: 1, seed: 1, depth_noise: 0.0 };
     write(&params, &path, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {}).unwrap();
     path
+}
+
+/// Waits until a text is somewhere in the window.
+pub fn wait_for_label(window: &mut Window, text: &str) {
+    let started = Instant::now();
+    while window.query_all_by_label(text).next().is_none() {
+        assert!(started.elapsed() < PATIENCE, "`{text}` is never shown");
+        window.step();
+        std::thread::sleep(Duration::from_millis(10));
+    }
 }
 
 /// Whether the middle of the picture shows more than the background.

@@ -1,6 +1,6 @@
 //! What is dropped on the window, and what of it cannot be used.
 
-use super::harness::{Window, click, dataset, is, train, wait, window};
+use super::harness::{click, dataset, drop_on, is, train, wait, window};
 use crate::common::adapter::turn;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
@@ -43,25 +43,6 @@ fn what_cannot_be_opened_is_said_and_what_was_open_stays() {
     );
     click(&mut window, "Dismiss");
     assert!(window.query_by_label("Dismiss").is_none());
-}
-
-/// A file dropped on the window.
-#[derive(Debug)]
-struct Dropped(PathBuf);
-
-impl eframe::egui::DroppedFile for Dropped {
-    fn path(&self) -> &Path {
-        &self.0
-    }
-
-    fn bytes(&self) -> Result<Vec<u8>, String> {
-        std::fs::read(&self.0).map_err(|e| e.to_string())
-    }
-}
-
-fn drop_on(window: &mut Window, path: &Path) {
-    window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_owned())));
-    window.step();
 }
 
 #[test]

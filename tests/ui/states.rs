@@ -17,7 +17,7 @@ fn the_demo_trains_at_start_and_is_seen() {
     click(&mut window, "Pause");
     wait(&mut window, "pause", is(RunState::Paused));
     assert!(window.state().snapshot().frames_done > 0);
-    window.get_by_label("Candidate search");
+    window.get_by_label("Assignment");
 }
 
 #[test]

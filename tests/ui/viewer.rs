@@ -1,7 +1,8 @@
 //! The viewport's renderers, comparisons, colours and dataset cameras, with both painters.
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, drag, drag_between, train, wait, wait_for_picture, window,
+    Window, click, dataset, drag, drag_between, train, wait, wait_for_label, wait_for_picture,
+    window,
 };
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
@@ -9,7 +10,6 @@ use eframe::egui::{Key, PointerButton, Pos2, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 use vbgs_studio::app::color_mode::ColorMode;
 use vbgs_studio::app::state::Subject;
 use vbgs_studio::app::viewer::mode::ViewMode;
@@ -18,9 +18,9 @@ use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
 use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::scene::SceneOverrides;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Lens, RenderOptions, Renderer};
-use vbgs_studio::train::config::TrainConfig;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 
@@ -46,16 +46,6 @@ pub fn choose(window: &mut Window, menu: usize, entry: &str) {
     window.get_all_by_role(Role::ComboBox).nth(menu).unwrap().click();
     window.run_steps(2);
     click(window, entry);
-}
-
-/// Waits until a text is somewhere in the window.
-fn wait_for_label(window: &mut Window, text: &str) {
-    let started = Instant::now();
-    while window.query_all_by_label(text).next().is_none() {
-        assert!(started.elapsed() < PATIENCE, "`{text}` is never shown");
-        window.step();
-        std::thread::sleep(Duration::from_millis(10));
-    }
 }
 
 fn renderer(window: &Window) -> Renderer {
@@ -154,16 +144,18 @@ fn every_colour_mode_is_offered_or_says_what_is_missing() {
 }
 
 /// The scene that the window trains, and its dataset.
-fn session(path: &Path) -> Session {
+pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
     let dataset = Arc::new(dataset::open(path, &LoadOptions::default()).unwrap());
-    let mut session = Session::new(dataset, TrainConfig::paper(), Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, overrides, Selection::everything()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     session
 }
 
 /// What `eval` prints for a view with the window's settings.
-fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
-    let options = EvalOptions::plain(GroundTruth::Composited, render);
+pub fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
+    let color_camera = session.config().method.color_camera();
+    let options =
+        EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
     let views = [stop.index];
     let (_, scores) =
         evaluate(&session.splats(), session.dataset(), stop.split, &views, &options, |_| {})
@@ -177,7 +169,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
     let folder = tempfile::tempdir().unwrap();
     for painting in BOTH {
         let Some(mut window) = trained(folder.path(), painting) else { return };
-        let session = session(&folder.path().join("room"));
+        let session = session(&folder.path().join("room"), SceneOverrides::default());
         let stop = |window: &Window| window.state().view().stop();
         press(&mut window, Key::CloseBracket);
         assert_eq!(stop(&window), Some(Stop::FIRST));

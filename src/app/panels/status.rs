@@ -4,7 +4,6 @@ use crate::app::state::{RunState, Snapshot};
 use crate::eval::report::quantile;
 use crate::pipeline::machine;
 use crate::pipeline::method::Method;
-use crate::pipeline::scene::SceneRun;
 use eframe::egui::{Color32, Label, RichText, Ui};
 
 /// What the line says beside the snapshot.
@@ -64,10 +63,10 @@ fn components(snapshot: &Snapshot) -> String {
     match opened.as_ref().and_then(|opened| opened.method.as_ref()) {
         None => format!("{components} splats"),
         Some(Method::Paper(_)) => format!("{used} of {components} components used"),
-        Some(Method::Scene(SceneRun { budget: None, .. })) => format!("{components} components"),
-        Some(Method::Scene(SceneRun { budget: Some(budget), .. })) => {
-            format!("{components} of at most {} components", budget.components())
-        }
+        Some(Method::Scene(run)) => match run.budget {
+            None => format!("{used} components"),
+            Some(budget) => format!("{used} of at most {} components", budget.components()),
+        },
     }
 }
 

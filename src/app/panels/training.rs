@@ -16,19 +16,21 @@ const FIRST_BUDGET: usize = 25_000;
 pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (preset, label, tooltip) in [
-            (Preset::Scene, "Scene", "Components are born where surfaces are seen"),
-            (Preset::Paper, "Paper", "The published algorithm with its 100,000 components"),
+            (Preset::Scene, "Scene preset", "Components are born where surfaces are seen"),
+            (Preset::Paper, "Paper preset", "The published algorithm with its 100,000 components"),
         ] {
             ui.selectable_value(&mut settings.preset, preset, label).on_hover_text(tooltip);
         }
     });
     if settings.preset == Preset::Scene {
-        Grid::new("training").num_columns(2).show(ui, |ui| {
-            scale(&mut settings.scene, ui);
-            births(&mut settings.scene, ui);
-            budget(&mut settings.scene, ui);
+        ui.collapsing("Details", |ui| {
+            Grid::new("training").num_columns(2).show(ui, |ui| {
+                scale(&mut settings.scene, ui);
+                births(&mut settings.scene, ui);
+                budget(&mut settings.scene, ui);
+            });
+            stages(&mut settings.scene, ui);
         });
-        stages(&mut settings.scene, ui);
     }
     ui.label(RichText::new("Holds for what is opened next, and after Reset").weak());
 }
@@ -58,7 +60,11 @@ fn births(scene: &mut SceneOverrides, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (rule, label, tooltip) in [
             (BirthRule::Seeds, "Seeds", "Where a point has no seed within the structural scale"),
-            (BirthRule::Lattice, "Cubic", "Cells of a lattice: the order of frames does not matter"),
+            (
+                BirthRule::Lattice,
+                "Cubic",
+                "Cells of a lattice: the order of frames does not matter",
+            ),
             (
                 BirthRule::BodyCentred,
                 "Body-centred",
@@ -96,7 +102,11 @@ fn stages(scene: &mut SceneOverrides, ui: &mut Ui) {
     ui.label("Preparation of frames")
         .on_hover_text("The view “Preparation” shows what becomes of every pixel");
     for (stage, label, tooltip) in [
-        (&mut scene.plane_fit, "Fit planes", "Depth of the plane around each pixel, else as measured"),
+        (
+            &mut scene.plane_fit,
+            "Fit planes",
+            "Depth of the plane around each pixel, else as measured",
+        ),
         (&mut scene.flying_pixels, "Drop flying pixels", "Pixels that no plane explains"),
         (&mut scene.cosine, "Drop slanted surfaces", "Surfaces seen nearly from their edge"),
     ] {

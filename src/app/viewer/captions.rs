@@ -3,7 +3,7 @@
 use super::mode::ViewMode;
 use super::photo::Sight;
 use super::shot::{Partner, Second, Shot};
-use super::{LEGEND, Place, SceneView, fates, overlay};
+use super::{Place, SceneView, fates, overlay};
 use crate::render::Renderer;
 use crate::render::compare::Combination;
 use eframe::egui::{Align2, Rect, Ui, Vec2};
@@ -34,7 +34,7 @@ impl SceneView {
         }
         let known = sight.as_ref().and_then(|s| s.as_ref().ok());
         if let Some(fates) = known.and_then(|s| s.fates) {
-            fates::legend(&fates, rect.left_bottom() + LEGEND, ui);
+            fates::legend(&fates, inner.right_bottom(), ui);
         }
         let psnr = known.and_then(|s| s.psnr);
         if let Some(psnr) = psnr {

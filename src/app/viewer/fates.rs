@@ -6,7 +6,9 @@ use crate::dataset::surface::{PixelFate, Preparer, SurfaceCounts, SurfaceSetting
 use crate::eval::views::{GroundTruth, ground_truth};
 use crate::math::image::{RgbImage, unit_to_byte};
 use crate::math::observation::Observation;
-use eframe::egui::{Align2, Area, Color32, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Ui, Vec2};
+use eframe::egui::{
+    Align2, Area, Color32, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Ui, Vec2,
+};
 
 /// Share of a fate's colour in a pixel that made no point.
 const OVERLAY: f32 = 0.7;
@@ -22,7 +24,7 @@ struct Reason {
 
 /// Every reason, in the order in which pixels are looked at.
 const REASONS: [Reason; 7] = [
-    reason(PixelFate::Hole, [0.15; 3], "no depth", |c| c.holes),
+    reason(PixelFate::Hole, [0.25; 3], "no depth", |c| c.holes),
     reason(PixelFate::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
     reason(PixelFate::Range, [0.34, 0.71, 0.91], "outside the trusted depth", |c| c.dropped_range),
     reason(PixelFate::Flying, [0.84, 0.37, 0.0], "explained by no plane", |c| c.dropped_flying),
@@ -77,9 +79,9 @@ impl FatePainter {
     }
 }
 
-/// Draws the legend with its lower left corner at `corner`: what there is of each, by its share.
+/// Draws the legend with its lower right corner at `corner`: what there is of each, by its share.
 pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
-    let area = Area::new(Id::unique("fates")).fixed_pos(corner).pivot(Align2::LEFT_BOTTOM);
+    let area = Area::new(Id::unique("fates")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
     area.interactable(false).show(ui.ctx(), |ui| {
         Plate::popup(ui.style()).show(ui, |ui| {
             ui.label(RichText::new("Preparation").strong());

@@ -54,10 +54,22 @@ pub struct SceneArgs {
     #[arg(long, value_parser = choice::<LookRule>(), help_heading = "Scene preset")]
     pub looks: Option<LookRule>,
     /// Leave parts out
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "PART", help_heading = "Scene preset")]
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        value_name = "PART",
+        help_heading = "Scene preset"
+    )]
     pub without: Vec<Part>,
     /// Ask for parts that this dataset or birth rule leaves out
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "PART", help_heading = "Scene preset")]
+    #[arg(
+        long,
+        value_enum,
+        value_delimiter = ',',
+        value_name = "PART",
+        help_heading = "Scene preset"
+    )]
     pub with: Vec<Part>,
     /// What the depth is from [default: by the dataset's files]
     #[arg(long, value_enum, help_heading = "Scene preset")]

@@ -1,8 +1,6 @@
 //! Arguments of `train`.
 
-use super::{
-    ComparisonArgs, DepthArgs, MappingArgs, RendererArgs, SceneArgs, choice, parse_count,
-};
+use super::{ComparisonArgs, DepthArgs, MappingArgs, RendererArgs, SceneArgs, choice, parse_count};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::pipeline::plan::{Order, Shard};
@@ -75,7 +73,12 @@ pub struct TrainArgs {
     #[arg(long, value_name = "C", allow_negative_numbers = true, help_heading = "Paper preset")]
     pub candidates: Option<Candidates>,
     /// Points that pass through the engine at once, or `frame` [default: frame]
-    #[arg(long, value_name = "POINTS", allow_negative_numbers = true, help_heading = "Paper preset")]
+    #[arg(
+        long,
+        value_name = "POINTS",
+        allow_negative_numbers = true,
+        help_heading = "Paper preset"
+    )]
     pub batch: Option<Batch>,
     /// Whether responsibilities are summed at once or written out first [default: fused]
     #[arg(long, value_parser = choice::<StatisticsForm>(), help_heading = "Paper preset")]

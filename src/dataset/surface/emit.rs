@@ -24,6 +24,7 @@ pub(super) struct Emitter<'a> {
     /// Of the camera, relative to the origin.
     centre: Vec3,
     focal: [f32; 2],
+    per_focal: f32,
     least_cosine: f32,
 }
 
@@ -61,6 +62,7 @@ impl<'a> Emitter<'a> {
             rotation: pose.rotation().as_mat3(),
             centre: (pose.centre() - settings.origin).as_vec3(),
             focal: [k.fx as f32, k.fy as f32],
+            per_focal: (1.0 / k.fx) as f32,
             least_cosine: if settings.cosine { cosine } else { f32::NEG_INFINITY },
         }
     }
@@ -129,9 +131,9 @@ impl<'a> Emitter<'a> {
             range,
             color,
             noise: self.planes.noise[at] * per_z,
-            normal: (self.rotation * (tilt.normal / -normal_length)).to_array(),
-            footprint: range / self.focal[0],
-            direction: (self.rotation * (ray / per_z)).to_array(),
+            normal: (self.rotation * (tilt.normal * (-1.0 / normal_length))).to_array(),
+            footprint: range * self.per_focal,
+            direction: (self.rotation * (ray * (1.0 / per_z))).to_array(),
             pixel: pixel as u32,
         })
     }

@@ -58,8 +58,8 @@ impl Kernel for FitRows<'_> {
                 let to = line * blocks + block;
                 out.usable[to] = usable as u8;
                 if usable != 0 {
-                    let accepted = fit_block(planes, at, &limits, out, to * LANES);
-                    out.accepted[to] = (accepted & usable) as u8;
+                    out.accepted[to] =
+                        fit_block(planes, at, usable, &limits, out, to * LANES) as u8;
                 }
             }
         }
@@ -100,11 +100,12 @@ impl<V: Vector> Limits<V> {
     }
 }
 
-/// Fits eight pixels whose first is `at`; the lanes that a plane explains.
+/// Fits eight pixels whose first is `at`; the usable lanes that a plane explains.
 #[inline(always)]
 fn fit_block<V: Vector>(
     planes: &Planes,
     at: usize,
+    usable: u32,
     limits: &Limits<V>,
     out: &mut Fitted,
     to: usize,
@@ -112,17 +113,19 @@ fn fit_block<V: Vector>(
     let noise = V::load(&planes.noise[at..]);
     let inverse = V::load(&planes.inverse[at..]);
     let residuals = window(planes, at, noise, limits.steepness);
-    let mut plane = [V::splat(0.0); 3];
-    let mut limit = V::splat(ANY);
-    let mut sums = inliers(&residuals, plane, limit);
-    let mut sound = sums.are_enough();
+    let mut sums = inliers(&residuals, [V::splat(0.0); 3], V::splat(ANY));
+    let mut sound = usable & sums.are_enough();
     for _ in 1..ROUNDS {
-        plane = sums.solve();
-        limit = limits.inlier;
-        sums = inliers(&residuals, plane, limit);
-        sound &= sums.are_enough();
+        let next = inliers(&residuals, sums.solve(), limits.inlier);
+        sound &= next.are_enough();
+        // Where all that the gate let in are inliers, another round would find the same plane.
+        let is_settled = usable & !sums.n.at_most(next.n) == 0;
+        sums = next;
+        if is_settled {
+            break;
+        }
     }
-    plane = sums.solve();
+    let plane = sums.solve();
     // From units of q / z² to multiples of 1 / z.
     let unit = noise * inverse;
     let [excess, step_x, step_y] = [plane[0] * unit, plane[1] * unit, plane[2] * unit];

@@ -12,6 +12,8 @@ use glam::{Mat3, Vec2, Vec3};
 pub(super) struct Painter<'a> {
     image: &'a Image<[u8; 4]>,
     beside: Option<Beside<'a>>,
+    /// Of every byte.
+    channel: [f32; 256],
     gain: Vec3,
 }
 
@@ -46,15 +48,16 @@ impl<'a> Painter<'a> {
             occluders.fill(planes, [image.width, image.height], &camera);
             Beside { camera, occluders, margin: tolerance.margin }
         });
-        Self { image, beside, gain }
+        let channel = std::array::from_fn(|byte| byte as f32 / 255.0);
+        Self { image, beside, channel, gain }
     }
 
     /// Colour of a pixel of the depth image, whose point in the depth camera's frame is given;
     /// `None` where the colour camera does not see it.
     #[inline(always)]
     pub fn color(&self, pixel: usize, point: Vec3) -> Option<[f32; 3]> {
-        let bytes = match &self.beside {
-            None => texel(self.image.data[pixel]),
+        let color = match &self.beside {
+            None => self.texel(pixel),
             Some(Beside { camera, occluders, margin: [constant, linear] }) => {
                 let point = camera.turned(point);
                 if occluders.hide(camera, point, constant + linear * point.z) {
@@ -63,12 +66,18 @@ impl<'a> Painter<'a> {
                 self.bilinear(camera.project(point)?)?
             }
         };
-        Some((bytes / 255.0 * self.gain).min(Vec3::ONE).to_array())
+        Some((color * self.gain).min(Vec3::ONE).to_array())
+    }
+
+    #[inline(always)]
+    fn texel(&self, pixel: usize) -> Vec3 {
+        let [r, g, b, _] = self.image.data[pixel].map(|byte| self.channel[usize::from(byte)]);
+        Vec3::new(r, g, b)
     }
 
     #[inline(always)]
     fn bilinear(&self, at: Vec2) -> Option<Vec3> {
-        let Image { width, height, data } = self.image;
+        let Image { width, height, .. } = self.image;
         let corner = at - 0.5;
         let last = Vec2::new(*width as f32 - 1.0, *height as f32 - 1.0);
         if !(corner.cmpge(Vec2::ZERO).all() && corner.cmple(last).all()) {
@@ -79,8 +88,8 @@ impl<'a> Painter<'a> {
         let right = usize::from(x + 1 < *width);
         let below = if y + 1 < *height { *width } else { 0 };
         let i = y * width + x;
-        let above = mix(texel(data[i]), texel(data[i + right]), t.x);
-        let under = mix(texel(data[i + below]), texel(data[i + below + right]), t.x);
+        let above = mix(self.texel(i), self.texel(i + right), t.x);
+        let under = mix(self.texel(i + below), self.texel(i + below + right), t.x);
         Some(mix(above, under, t.y))
     }
 }
@@ -106,11 +115,6 @@ impl Projection {
     pub fn project(&self, point: Vec3) -> Option<Vec2> {
         (point.z > 0.0).then(|| self.focal * point.truncate() / point.z + self.principal)
     }
-}
-
-#[inline(always)]
-fn texel([r, g, b, _]: [u8; 4]) -> Vec3 {
-    Vec3::new(f32::from(r), f32::from(g), f32::from(b))
 }
 
 #[inline(always)]

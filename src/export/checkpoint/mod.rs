@@ -34,6 +34,7 @@
 //! |---|---|---|
 //! | `ORIG` | f64 | world position that seeds are relative to |
 //! | `SEED` | f32 | seeds, rows x y z, world units |
+//! | `COMP` | u32 | by seed its component; only where a budget made seeds share components |
 //! | `SUMS` | i32, f32 or f64 | sums about the seeds, rows of [`N_SUMS`]; integers count 2⁻¹⁵, and are 0 where `WIDI` names the component |
 //! | `WIDI` | u32 | components with 4,096 points or more, ascending; only beside integers, if there are any |
 //! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
@@ -176,6 +177,7 @@ mod tag {
     pub const WIDE_IDS: [u8; 4] = *b"WIDI";
     pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
     pub const LOOKS: [u8; 4] = *b"LOOK";
+    pub const COMPONENTS: [u8; 4] = *b"COMP";
 
     /// What every checkpoint may have.
     const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
@@ -183,7 +185,8 @@ mod tag {
     pub const OF_MIXTURES: [[u8; 4]; 9] =
         [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
     /// What only scenes have.
-    pub const OF_SCENES: [[u8; 4]; 6] = [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, LOOKS];
+    pub const OF_SCENES: [[u8; 4]; 7] =
+        [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, COMPONENTS, LOOKS];
 
     /// Whether this program knows what a section means.
     pub fn is_known(tag: [u8; 4]) -> bool {

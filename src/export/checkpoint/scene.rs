@@ -29,6 +29,8 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         StoredSums::F32(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
         StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
     }
+    let components = state.components.as_ref();
+    sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
     sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.looks)));
     sections
 }
@@ -37,12 +39,20 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
 pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     sections.refuse(&tag::OF_MIXTURES, "scene")?;
     let seeds = sections.rows::<f32, 3>(tag::SEEDS, None)?;
-    let n = seeds.len();
-    check_size(tag::SEEDS, 0, n)?;
-    let looks = sections.rows::<u32, N_LOOKS>(tag::LOOKS, Some(n))?;
+    check_size(tag::SEEDS, 0, seeds.len())?;
+    let components = match sections.has(tag::COMPONENTS) {
+        true => Some(sections.elements::<u32>(tag::COMPONENTS, Some(seeds.len()))?),
+        false => None,
+    };
+    // Seeds may share components; else each has its own.
+    let n = components.is_none().then_some(seeds.len());
+    let looks = sections.rows::<u32, N_LOOKS>(tag::LOOKS, n)?;
+    let n = looks.len();
+    check_size(tag::LOOKS, 0, n)?;
     let state = SceneState {
         origin: sections.numbers(tag::ORIGIN)?,
         seeds,
+        components,
         sums: sums(sections, n)?,
         looks: bytemuck::cast_vec(looks),
     };

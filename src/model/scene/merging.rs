@@ -28,6 +28,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     let mut scene = SceneState {
         origin: a.origin,
         seeds: Vec::with_capacity(terms.len()),
+        components: None,
         sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
         looks: Vec::with_capacity(terms.len()),
     };
@@ -105,6 +106,7 @@ mod tests {
         SceneState {
             origin: [1.0, 2.0, 3.0],
             seeds: components.iter().map(|&(x, _)| [x, 0.5, -0.5]).collect(),
+            components: None,
             sums: StoredSums::Mixed { rows, wide },
             looks: components
                 .iter()

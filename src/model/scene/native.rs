@@ -54,7 +54,8 @@ impl NativeRule {
         }
         let mean = sums.mean_offset();
         let covariance = sums.covariance();
-        let (scale, rotation) = decompose(self.regular(covariance, sums.count, anchor.h), CovarianceForm::Eigen);
+        let (scale, rotation) =
+            decompose(self.regular(covariance, sums.count, anchor.h), CovarianceForm::Eigen);
         let scale = (scale * self.scale).max(DVec3::splat(self.least_scale * anchor.h));
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
@@ -79,7 +80,10 @@ impl NativeRule {
     /// The covariance with the prior's points added to it.
     fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
         let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
-        covariance.scaled(count).add_scaled(self.prior_points, prior).scaled(1.0 / (count + self.prior_points))
+        covariance
+            .scaled(count)
+            .add_scaled(self.prior_points, prior)
+            .scaled(1.0 / (count + self.prior_points))
     }
 
     /// Conditional mean of the joint Gaussian of colour and position:

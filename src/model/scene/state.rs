@@ -7,20 +7,23 @@ use std::cmp::Ordering;
 /// What integer sums count: exact in f64 as long as a sum is below [`MOST_SUM`].
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
-/// From so many points on, a component's sums are in a wide row. With as many more terms within ±4
-/// a row of 32-bit quanta is still a quarter below its limit.
+/// From so many points on, a component's sums are in a wide row. With as many more terms within ±7.84
+/// (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
 pub const WIDE_POINTS: u32 = 1 << 12;
 
 /// Largest sum of a wide row: 2⁵³ quanta.
 pub const MOST_SUM: f64 = (1u64 << 38) as f64;
 
-/// A trained scene at a frame boundary. Row `k` of every column is component `k`.
+/// A trained scene at a frame boundary. Row `k` of the sums and looks is component `k`; it is free
+/// if no seed is its.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
     /// World position that seeds are relative to.
     pub origin: [f64; 3],
-    /// Seeds, world units.
+    /// Seeds, world units, in the order they were born in.
     pub seeds: Vec<[f32; 3]>,
+    /// By seed its component, where seeds share components; `None` while seed `k` is component `k`'s.
+    pub components: Option<Vec<u32>>,
     /// Sums over everything seen, about the seeds.
     pub sums: StoredSums,
     /// How often components were looked at.

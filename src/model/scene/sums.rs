@@ -14,12 +14,12 @@ use glam::{DMat3, DVec3};
 pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
-pub const MAX_OFFSET: f32 = 2.0;
+pub const MAX_OFFSET: f32 = 2.8;
 
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
-pub const MOST_TERM: f64 = 4.0;
+pub const MOST_TERM: f64 = 7.84;
 
-/// Adds nothing: what one point at offset `d` (units of `h`) adds to each sum.
+/// What one point at offset `d` (units of `h`) adds to each sum.
 #[inline(always)]
 pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_SUMS] {
     let (n, v) = (point.normal.map(|x| R::of(x.into())), point.direction.map(|x| R::of(x.into())));
@@ -97,9 +97,8 @@ impl SceneSums {
     /// From sums in the order of [`N_SUMS`], offsets in units of `h`.
     pub fn new(sums: &[f64; N_SUMS], h: f64) -> Self {
         let vector = |at: usize| DVec3::new(sums[at], sums[at + 1], sums[at + 2]);
-        let rows = |at: usize| {
-            DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose()
-        };
+        let rows =
+            |at: usize| DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose();
         let second = [sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]];
         let last = sums[0] - sums[28] - sums[31];
         let view_second = [sums[28], sums[29], sums[30], sums[31], sums[32], last];
@@ -116,6 +115,23 @@ impl SceneSums {
         }
     }
 
+    /// Back in the order of [`N_SUMS`], offsets as they are.
+    pub fn to_array(&self) -> [f64; N_SUMS] {
+        let mut sums = [0.0; N_SUMS];
+        let mut put =
+            |at: usize, values: &[f64]| sums[at..at + values.len()].copy_from_slice(values);
+        put(0, &[self.count]);
+        put(1, &self.first.to_array());
+        put(4, &self.second.to_array());
+        put(10, &self.color.to_array());
+        put(13, &self.color_offset.transpose().to_cols_array());
+        put(22, &self.normal.to_array());
+        put(25, &self.view.to_array());
+        put(28, &self.view_second.to_array()[..5]);
+        put(33, &self.color_view.transpose().to_cols_array());
+        sums
+    }
+
     /// Mean of the points, about the seed.
     pub fn mean_offset(&self) -> DVec3 {
         self.first / self.count
@@ -123,9 +139,7 @@ impl SceneSums {
 
     /// Covariance of the points; N > 0.
     pub fn covariance(&self) -> Sym3 {
-        self.second
-            .scaled(1.0 / self.count)
-            .add_scaled(-1.0, Sym3::outer(self.mean_offset()))
+        self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
     }
 
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and

@@ -5,7 +5,7 @@ use crate::export::checkpoint::StoredModel;
 use crate::math::points::Normalization;
 use crate::model::scene::state::{SceneState, StoredSums};
 use crate::model::state::{ModelState, Totals};
-use crate::pipeline::learner::Learner;
+use crate::pipeline::learner::{Learner, PaperLearner};
 use crate::pipeline::method::Method;
 use crate::pipeline::scene::SceneRun;
 use crate::train::config::{TrainConfig, UpdateWidth};
@@ -26,7 +26,7 @@ impl SavedRun {
             Pair::Paper(config, normalization, state) => {
                 let engine = Engine::restore(config, state.clone(), frames)?;
                 let (config, normalization) = (config.clone(), *normalization);
-                Ok(Learner::Paper { engine, config, normalization })
+                Ok(Learner::Paper(Box::new(PaperLearner { engine, config, normalization })))
             }
             Pair::Scene(run, state) => {
                 let engine = SceneEngine::restore(&run.engine, state.clone(), frames);

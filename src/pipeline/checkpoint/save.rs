@@ -55,10 +55,10 @@ impl Session {
                 visited: plan.frames[..past.visited].iter().map(|&frame| frame as u32).collect(),
             },
             model: match self.learner() {
-                Learner::Paper { engine, config, normalization } => StoredModel::Mixture {
-                    normalization: *normalization,
-                    hyper: config.hyper(),
-                    state: engine.state(),
+                Learner::Paper(paper) => StoredModel::Mixture {
+                    normalization: paper.normalization,
+                    hyper: paper.config.hyper(),
+                    state: paper.engine.state(),
                 },
                 Learner::Scene(engine) => StoredModel::Scene(engine.state()),
             },

@@ -1,8 +1,8 @@
 //! Adds a frame's points to the sums of their components.
 
 use super::config::LookRule;
-use super::grid::SeedGrid;
 use super::ledger::{Ledger, Look, Row, Word};
+use super::places::Places;
 use crate::math::observation::SurfacePoint;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -45,7 +45,7 @@ impl Matched<'_> {
 /// owners, ascending.
 pub fn accumulate<W: Word>(
     ledger: &mut Ledger<W>,
-    grid: &SeedGrid,
+    places: Places<'_>,
     frame: Matched<'_>,
     h: f64,
     looks: LookRule,
@@ -53,7 +53,7 @@ pub fn accumulate<W: Word>(
 ) {
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     ledger.for_each_part(PARTS, |first, rows, _| {
-        let part = Isa::best().run(Part { first, rows, grid, frame, h, looks });
+        let part = Isa::best().run(Part { first, rows, places, frame, h, looks });
         if let Ok(mut parts) = parts.lock() {
             parts.push((first, part));
         }
@@ -80,7 +80,7 @@ struct Received {
 struct Part<'a, W> {
     first: usize,
     rows: &'a mut [Row<W>],
-    grid: &'a SeedGrid,
+    places: Places<'a>,
     frame: Matched<'a>,
     h: f64,
     looks: LookRule,
@@ -91,7 +91,7 @@ impl<W: Word> Kernel for Part<'_, W> {
 
     #[inline(always)]
     fn run<V: Vector>(self) -> Received {
-        let Self { first, rows, grid, frame, h, looks } = self;
+        let Self { first, rows, places, frame, h, looks } = self;
         let mine = first..first + rows.len();
         let mut order: Vec<u64> = Vec::new();
         for (i, &owner) in frame.owners.iter().enumerate() {
@@ -103,7 +103,7 @@ impl<W: Word> Kernel for Part<'_, W> {
         let mut received = Received::default();
         for run in order.chunk_by(|a, b| a >> 32 == b >> 32) {
             let id = (run[0] >> 32) as usize;
-            let (row, seed) = (&mut rows[id - first], grid.position(id));
+            let (row, seed) = (&mut rows[id - first], places.of(id));
             let points = run.iter().map(|key| *key as u32 as usize);
             if run.len() as f64 > W::FULL {
                 let terms = points.clone().map(|i| frame.terms(i, seed, h));
@@ -157,6 +157,8 @@ fn clamp<R: Real>(value: R, most: f32) -> R {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::train::scene::components::Components;
+    use crate::train::scene::grid::SeedGrid;
 
     fn points(n: usize) -> Vec<SurfacePoint> {
         let mut rng = Rng::new(4, Purpose::Synthetic, 0);
@@ -176,14 +178,16 @@ mod tests {
     /// One component that stands at the origin and gets all points of every frame.
     fn summed(frames: &[&[SurfacePoint]]) -> Ledger<i32> {
         let mut grid = SeedGrid::new(1.0);
-        grid.insert([0.0; 3]);
+        let mut components = Components::default();
+        components.born(grid.insert([0.0; 3]));
+        let places = Places { grid: &grid, components: &components };
         let mut ledger = Ledger::<i32>::default();
         ledger.grow(1);
         for points in frames {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
             let frame = Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
             let mut touched = Vec::new();
-            accumulate(&mut ledger, &grid, frame, 1.0, LookRule::Projected, &mut touched);
+            accumulate(&mut ledger, places, frame, 1.0, LookRule::Projected, &mut touched);
             assert_eq!(touched, [0]);
             ledger.carry_over(&touched);
         }

@@ -1,5 +1,6 @@
 //! The component of every point: the one with the nearest seed within the structural scale.
 
+use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
 use crate::math::observation::SurfacePoint;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -17,13 +18,24 @@ struct Near {
     seeds: Vec<[f32; 3]>,
 }
 
-/// Replaces `owners` by the component of every point; [`NONE`] where no seed is near enough.
-pub fn assign(grid: &SeedGrid, reach: f32, points: &[SurfacePoint], owners: &mut Vec<u32>) {
+/// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`] where no seed is near enough.
+pub fn assign(
+    grid: &SeedGrid,
+    components: &Components,
+    reach: f32,
+    points: &[SurfacePoint],
+    owners: &mut Vec<u32>,
+) {
     owners.clear();
     owners.resize(points.len(), NONE);
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each_init(
         Near::default,
-        |near, (owners, points)| assign_group(grid, reach, points, owners, near),
+        |near, (owners, points)| {
+            assign_group(grid, reach, points, owners, near);
+            for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
+                *owner = components.of_seed(*owner);
+            }
+        },
     );
 }
 
@@ -54,11 +66,28 @@ fn assign_group(
     }
     near.ids.clear();
     near.seeds.clear();
+    let (low_corner, high_corner) = corners(points);
     grid.visit(low, high, |id, seed| {
-        near.ids.push(id);
-        near.seeds.push(seed);
+        let is_near =
+            (0..3).all(|i| seed[i] >= low_corner[i] - reach && seed[i] <= high_corner[i] + reach);
+        if is_near {
+            near.ids.push(id);
+            near.seeds.push(seed);
+        }
     });
     Isa::best().run(Nearest { near, limit: reach * reach, points, owners });
+}
+
+/// The box around some points.
+fn corners(points: &[SurfacePoint]) -> ([f32; 3], [f32; 3]) {
+    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    for point in points {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(point.position[axis]);
+            high[axis] = high[axis].max(point.position[axis]);
+        }
+    }
+    (low, high)
 }
 
 /// The nearest of some seeds, for up to [`GROUP`] points at once.
@@ -76,10 +105,9 @@ impl Kernel for Nearest<'_> {
     fn run<V: Vector>(self) {
         let Self { near, limit, points, owners } = self;
         let mut place = [[0.0f32; GROUP]; 3];
+        let [xs, ys, zs] = &mut place;
         for (i, point) in points.iter().enumerate() {
-            for axis in 0..3 {
-                place[axis][i] = point.position[axis];
-            }
+            [xs[i], ys[i], zs[i]] = point.position;
         }
         let (mut best, mut found) = ([limit; GROUP], [NONE; GROUP]);
         for (&id, seed) in near.ids.iter().zip(&near.seeds) {
@@ -120,7 +148,11 @@ mod tests {
         }
         points.truncate(points.len() - 7);
         let mut owners = Vec::new();
-        assign(&grid, 0.1, &points, &mut owners);
+        let mut components = Components::default();
+        for seed in 0..grid.len() as u32 {
+            components.born(seed);
+        }
+        assign(&grid, &components, 0.1, &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {
             assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
         }

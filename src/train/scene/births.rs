@@ -1,5 +1,6 @@
 //! Births: points that no component is near become seeds, in the order of the points.
 
+use super::components::Components;
 use super::config::BirthRule;
 use super::grid::{NONE, SeedGrid};
 use super::lattice;
@@ -16,15 +17,25 @@ pub struct Births {
     pub out_of_reach: usize,
 }
 
-/// Gives the points of [`NONE`] an owner: a seed of this frame within the structural scale, or one
-/// of their own while there are fewer than `most` components.
+/// What bounds births.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Components at most.
+    pub components: usize,
+    /// Seeds at most.
+    pub seeds: usize,
+}
+
+/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within the structural
+/// scale, or one of their own within the limits.
 pub fn give_birth(
     rule: BirthRule,
     h: f32,
     grid: &mut SeedGrid,
+    components: &mut Components,
     points: &[SurfacePoint],
     owners: &mut [u32],
-    most: usize,
+    limits: Limits,
 ) -> Births {
     let mut births = Births::default();
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
@@ -34,14 +45,14 @@ pub fn give_birth(
             BirthRule::Lattice | BirthRule::BodyCentred => grid.at(place),
         };
         *owner = match found {
-            Some(id) => id,
+            Some(seed) => components.of_seed(seed),
             None if !grid.reaches(place) => {
                 births.out_of_reach += 1;
                 NONE
             }
-            None if grid.len() < most => {
+            None if components.used() < limits.components && grid.len() < limits.seeds => {
                 births.born += 1;
-                grid.insert(place)
+                components.born(grid.insert(place))
             }
             None => {
                 births.refused += 1;
@@ -57,11 +68,14 @@ pub fn assign_to_lattice(
     rule: BirthRule,
     h: f32,
     grid: &SeedGrid,
+    components: &Components,
     points: &[SurfacePoint],
     owners: &mut Vec<u32>,
 ) {
     use rayon::prelude::*;
-    let owner = |p: &SurfacePoint| grid.at(seed_of(rule, h, p.position)).unwrap_or(NONE);
+    let owner = |p: &SurfacePoint| {
+        grid.at(seed_of(rule, h, p.position)).map_or(NONE, |seed| components.of_seed(seed))
+    };
     points.par_iter().with_min_len(256).map(owner).collect_into_vec(owners);
 }
 

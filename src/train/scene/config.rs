@@ -1,9 +1,9 @@
 //! Settings of the scene preset.
 
 use super::engine::SumForm;
-use crate::train::config::{ConfigError, MAX_COMPONENTS};
 use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
+use crate::train::config::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
@@ -103,6 +103,11 @@ impl SceneConfig {
             ..fine.native
         };
         Self { gain: true, native, ..fine }
+    }
+
+    /// Seeds at most: merged components keep theirs, and a lattice is merged only when it is drawn.
+    pub fn most_seeds(&self) -> usize {
+        self.most.saturating_mul(8)
     }
 
     /// These settings, or the first that is out of range.

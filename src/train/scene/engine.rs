@@ -1,7 +1,7 @@
 //! One scene trainer behind either form of sums.
 
 use super::config::SceneConfig;
-use super::trainer::SceneTrainer;
+use super::trainer::{Lost, SceneTrainer};
 use crate::math::observation::Observation;
 use crate::model::appearance::{Appearance, SplatSet};
 use crate::model::posterior::ComponentPosterior;
@@ -76,9 +76,9 @@ impl SceneEngine {
         either!(self, t => t.state())
     }
 
-    /// See [`SceneTrainer::stored_order`].
-    pub fn stored_order(&self) -> Vec<u32> {
-        either!(self, t => t.stored_order())
+    /// See [`SceneTrainer::stored_splats`].
+    pub fn stored_splats(&self) -> SplatSet {
+        either!(self, t => t.stored_splats())
     }
 
     /// See [`SceneTrainer::train`].
@@ -91,9 +91,19 @@ impl SceneEngine {
         either!(self, t => t.frames())
     }
 
-    /// Components.
+    /// Slots of components, in use or free.
     pub fn components(&self) -> usize {
         either!(self, t => t.components())
+    }
+
+    /// Components in use.
+    pub fn used(&self) -> usize {
+        either!(self, t => t.used())
+    }
+
+    /// Points that found no component so far.
+    pub fn lost(&self) -> Lost {
+        either!(self, t => t.lost())
     }
 
     /// Components that the last frame changed, each once.

@@ -14,6 +14,8 @@ pub trait Word: Copy + Default + Send + Sync + 'static {
     const FULL: f64;
     /// A term, rounded to the form of the sums.
     fn of(term: Self::Term) -> Self;
+    /// A sum, rounded likewise.
+    fn of_sum(sum: f64) -> Self;
     /// The sum.
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
@@ -34,6 +36,10 @@ impl Word for i32 {
         /// Added to a number below 2²², leaves the nearest integer, ties to even, in the low bits.
         const SHIFTER: f32 = 1.5 * (1 << 23) as f32;
         (term * QUANTA + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits()) as i32
+    }
+
+    fn of_sum(sum: f64) -> Self {
+        (sum / QUANTUM).round_ties_even() as i32
     }
 
     #[inline(always)]
@@ -67,6 +73,10 @@ macro_rules! plain_word {
             #[inline(always)]
             fn of(term: $t) -> Self {
                 term
+            }
+
+            fn of_sum(sum: f64) -> Self {
+                sum as $t
             }
 
             #[inline(always)]
@@ -273,6 +283,23 @@ impl<W: Word> Ledger<W> {
             }
             let sums = std::mem::replace(&mut row.sums, [W::default(); N_SUMS]);
             self.add_wide(id, sums.map(W::value));
+        }
+    }
+
+    /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
+    /// leaves the other without any.
+    pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
+        let looks = std::mem::take(&mut self.rows[dropped].looks);
+        self.rows[dropped].sums = [W::default(); N_SUMS];
+        self.wide.remove(&(dropped as u32));
+        let row = &mut self.rows[kept];
+        row.looks = row.looks.plus(looks);
+        if row.sums[0].value() + sums[0] < W::FULL {
+            let sums = sums.map(W::of_sum);
+            row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.plus(other));
+        } else {
+            let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
+            self.add_wide(kept as u32, sums);
         }
     }
 

@@ -1,7 +1,7 @@
 //! Which components a frame could see: evidence for and against them (`accuracy.md` 3, step 4).
 
-use super::grid::SeedGrid;
 use super::ledger::{Ledger, Look, Word};
+use super::places::Places;
 use crate::math::observation::Observation;
 use glam::{DMat3, DVec3};
 
@@ -18,7 +18,7 @@ struct Viewer<'a> {
 
 /// Counts the looks of one frame at every component: seen where the frame measured it, missed where
 /// it measured something farther; what is hidden or unknown does not count.
-pub fn observe<W: Word>(ledger: &mut Ledger<W>, grid: &SeedGrid, frame: &Observation, h: f64) {
+pub fn observe<W: Word>(ledger: &mut Ledger<W>, places: Places<'_>, frame: &Observation, h: f64) {
     let pose = &frame.camera.pose;
     let viewer = Viewer {
         frame,
@@ -32,10 +32,10 @@ pub fn observe<W: Word>(ledger: &mut Ledger<W>, grid: &SeedGrid, frame: &Observa
             if n == 0.0 {
                 continue;
             }
-            let seed = DVec3::from_array(grid.position(id).map(f64::from));
+            let seed = DVec3::from_array(places.of(id).map(f64::from));
             let mean = seed + DVec3::from_array(sum) * (h / n);
             if let Some((look, expected)) = viewer.look(mean, DVec3::from_array(normal)) {
-                row.look(look, expected);
+                row.look(look, expected * places.components.n_seeds(id));
             }
         }
     });
@@ -65,7 +65,8 @@ impl Viewer<'_> {
         } else {
             return None; // hidden, or unknown
         };
-        let facing = (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
+        let facing =
+            (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
         Some((look, facing * self.h * self.h * k.fx * k.fy / (range * range)))
     }
 }

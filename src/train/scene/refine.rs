@@ -7,7 +7,7 @@ use crate::math::observation::SurfacePoint;
 /// Fewest points of a component that is trusted as a plane.
 const LEAST_POINTS: f64 = 20.0;
 /// Most times as much as the point itself that the plane counts for.
-const MOST_TRUST: f64 = 4.0;
+const MOST_TRUST: f64 = 2.0;
 /// Least cosine between ray and plane normal.
 const LEAST_COSINE: f64 = 0.3;
 
@@ -32,9 +32,8 @@ pub fn shift<W: Word>(
     if -slope < LEAST_COSINE * length {
         return 0.0;
     }
-    let offset = [0, 1, 2].map(|i| {
-        f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n
-    });
+    let offset =
+        [0, 1, 2].map(|i| f64::from(seed[i]) - f64::from(point.position[i]) + first[i] * h / n);
     let distance = dot(normal, offset) / slope;
     if distance.abs() > limit {
         return 0.0;

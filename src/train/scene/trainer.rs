@@ -2,12 +2,15 @@
 
 use super::accumulate::{Matched, accumulate};
 use super::assign::assign;
-use super::births::{Births, assign_to_lattice, give_birth};
+use super::births::{Limits, assign_to_lattice, give_birth};
+use super::components::Components;
 use super::config::{BirthRule, LookRule, SceneConfig};
 use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::ledger::{Ledger, Word};
+use super::merge::merge_down;
 use super::observe::observe;
+use super::places::Places;
 use super::refine::shift;
 use crate::math::observation::{Observation, SurfacePoint};
 use crate::model::appearance::{Appearance, SplatSet};
@@ -24,6 +27,20 @@ use crate::train::trainer::FrameOutcome;
 use glam::DVec3;
 use rayon::prelude::*;
 
+/// Every so many frames all components are told to have changed.
+const EVERYTHING_EVERY: u64 = 16;
+/// Components beyond the budget that a frame may bring in any case.
+const LEAST_EXCESS: usize = 64;
+
+/// Points that found no component.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lost {
+    /// The budget was used up.
+    pub budget: u64,
+    /// They lay too far from the origin to be told from their neighbours.
+    pub reach: u64,
+}
+
 /// Components and buffers; sums are kept in words `W`.
 pub struct SceneTrainer<W> {
     config: SceneConfig,
@@ -31,6 +48,7 @@ pub struct SceneTrainer<W> {
     hyper: Hyper,
     scoring: Scoring,
     grid: SeedGrid,
+    components: Components,
     ledger: Ledger<W>,
     owners: Vec<u32>,
     shifts: Vec<f32>,
@@ -40,7 +58,8 @@ pub struct SceneTrainer<W> {
     ownership: Option<Ownership>,
     touched: Vec<u32>,
     frames: u64,
-    births: Births,
+    /// Points that found no component so far.
+    lost: Lost,
 }
 
 impl<W: Word> SceneTrainer<W> {
@@ -53,6 +72,7 @@ impl<W: Word> SceneTrainer<W> {
             hyper,
             scoring: Scoring::new(&hyper),
             grid: SeedGrid::new(config.h),
+            components: Components::default(),
             ledger: Ledger::default(),
             owners: Vec::new(),
             shifts: Vec::new(),
@@ -60,7 +80,7 @@ impl<W: Word> SceneTrainer<W> {
             ownership: None,
             touched: Vec::new(),
             frames: 0,
-            births: Births::default(),
+            lost: Lost::default(),
         }
     }
 
@@ -68,10 +88,14 @@ impl<W: Word> SceneTrainer<W> {
     /// its sums have another form.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let mut trainer = Self::new(config, DVec3::from_array(state.origin));
-        for seed in state.seeds {
-            trainer.grid.insert(seed);
-        }
         trainer.ledger = Ledger::restore(state.sums, state.looks)?;
+        for seed in state.seeds {
+            let seed = trainer.grid.insert(seed);
+            trainer.components.born(seed);
+        }
+        if let Some(components) = state.components {
+            trainer.components = Components::restore(components, trainer.ledger.len())?;
+        }
         trainer.frames = frames;
         Some(trainer)
     }
@@ -80,13 +104,17 @@ impl<W: Word> SceneTrainer<W> {
     pub fn state(&self) -> SceneState {
         let order = self.stored_order();
         let (sums, looks) = self.ledger.state(&order);
-        let seeds = order.into_iter().map(|id| self.grid.position(id as usize)).collect();
-        SceneState { origin: self.origin.to_array(), seeds, sums, looks }
+        let components = self.components.shared().map(<[u32]>::to_vec);
+        let seeds = match components {
+            Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
+            None => order.into_iter().map(|id| self.grid.position(id as usize)).collect(),
+        };
+        SceneState { origin: self.origin.to_array(), seeds, components, sums, looks }
     }
 
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
     /// order of frames, their order does not either.
-    pub fn stored_order(&self) -> Vec<u32> {
+    fn stored_order(&self) -> Vec<u32> {
         let mut order: Vec<u32> = (0..self.components() as u32).collect();
         if self.config.births.is_order_invariant() {
             let seed = |id: &u32| self.grid.position(*id as usize);
@@ -102,47 +130,79 @@ impl<W: Word> SceneTrainer<W> {
         let mut clock = Stopwatch::start();
         self.assign(&frame.points);
         ms.candidates = clock.lap_ms();
-        self.births = give_birth(
-            self.config.births,
-            self.config.h as f32,
-            &mut self.grid,
-            &frame.points,
-            &mut self.owners,
-            self.config.most,
-        );
+        let births = self.give_birth(&frame.points);
         ms.reassign = clock.lap_ms();
         let (points, elbo_mean) = self.explain(&frame.points);
         self.refine(frame);
         let gain = self.gain(&frame.points);
         ms.e_step = clock.lap_ms();
-        self.ledger.grow(self.grid.len());
+        self.ledger.grow(self.components.n_rows());
         let matched =
             Matched { points: &frame.points, owners: &self.owners, shifts: &self.shifts, gain };
         let (h, looks) = (self.config.h, self.config.looks);
-        accumulate(&mut self.ledger, &self.grid, matched, h, looks, &mut self.touched);
+        let places = Places { grid: &self.grid, components: &self.components };
+        accumulate(&mut self.ledger, places, matched, h, looks, &mut self.touched);
         ms.stats = clock.lap_ms();
         self.ledger.carry_over(&self.touched);
         if looks == LookRule::Projected {
-            observe(&mut self.ledger, &self.grid, frame, h);
+            observe(&mut self.ledger, places, frame, h);
         }
         ms.update = clock.lap_ms();
         self.frames += 1;
+        let has_merged = self.merge();
+        if has_merged || self.frames.is_multiple_of(EVERYTHING_EVERY) {
+            // Looks and merging change components without points as well.
+            self.touched.clear();
+            self.touched.extend(0..self.components.n_rows() as u32);
+        }
+        ms.reassign += clock.lap_ms();
         ms.train = wall.elapsed_ms();
-        FrameOutcome { points, elbo_mean, reassigned: self.births.born, ms }
+        FrameOutcome { points, elbo_mean, reassigned: births, ms }
+    }
+
+    /// Gives points without a component one of their own, as far as the budget allows: a frame may
+    /// exceed it by an eighth, until its components are merged. How many were born.
+    fn give_birth(&mut self, points: &[SurfacePoint]) -> usize {
+        let (rule, h, most) = (self.config.births, self.config.h as f32, self.config.most);
+        let seeds = self.config.most_seeds();
+        let limits = match rule.is_order_invariant() {
+            true => Limits { components: seeds, seeds },
+            false => Limits { components: most + (most / 8).max(LEAST_EXCESS), seeds },
+        };
+        let Self { grid, components, owners, .. } = self;
+        let births = give_birth(rule, h, grid, components, points, owners, limits);
+        self.lost.budget += births.refused as u64;
+        self.lost.reach += births.out_of_reach as u64;
+        births.born
+    }
+
+    /// Merges components until the budget holds; whether any were. Components of a lattice may not
+    /// depend on when the budget was reached: they are merged when they are drawn.
+    fn merge(&mut self) -> bool {
+        let most = self.config.most;
+        let is_over = self.components.used() > most;
+        if is_over && !self.config.births.is_order_invariant() {
+            // Some less than allowed: merging takes longer than a frame.
+            let target = most - most / 16;
+            let Self { ledger, components, grid, .. } = self;
+            merge_down(ledger, components, grid, self.config.h, target);
+            return true;
+        }
+        false
     }
 
     /// Points that have a component, and the mean of their ELBO under the initial model; 0 without
     /// points.
     fn explain(&mut self, points: &[SurfacePoint]) -> (usize, f64) {
-        let grid = &self.grid;
+        let places = Places { grid: &self.grid, components: &self.components };
         let q = |(point, &owner): (&SurfacePoint, &u32)| match owner {
             NONE => f64::NAN,
-            id => f64::from(squared_distance(point.position, grid.position(id as usize))),
+            id => f64::from(squared_distance(point.position, places.of(id as usize))),
         };
         points.par_iter().zip(&self.owners).with_min_len(1024).map(q).collect_into_vec(&mut self.q);
         if let Some(ownership) = &mut self.ownership {
             ownership.owners.clone_from(&self.owners);
-            ownership.grow(grid.len());
+            ownership.grow(self.components.n_rows());
             ownership.count(&self.q);
         }
         let (sum, n) =
@@ -153,8 +213,12 @@ impl<W: Word> SceneTrainer<W> {
     fn assign(&mut self, points: &[SurfacePoint]) {
         let (rule, h) = (self.config.births, self.config.h as f32);
         match rule {
-            BirthRule::Seeds => assign(&self.grid, h, points, &mut self.owners),
-            _ => assign_to_lattice(rule, h, &self.grid, points, &mut self.owners),
+            BirthRule::Seeds => {
+                assign(&self.grid, &self.components, h, points, &mut self.owners);
+            }
+            BirthRule::Lattice | BirthRule::BodyCentred => {
+                assign_to_lattice(rule, h, &self.grid, &self.components, points, &mut self.owners);
+            }
         }
     }
 
@@ -164,13 +228,14 @@ impl<W: Word> SceneTrainer<W> {
         if !self.config.refine {
             return;
         }
-        let (ledger, grid, h) = (&self.ledger, &self.grid, self.config.h);
+        let (ledger, h) = (&self.ledger, self.config.h);
+        let places = Places { grid: &self.grid, components: &self.components };
         let limit = f64::from(frame.tolerance.refinement);
         let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(&frame.points);
         shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
             let id = owner as usize;
             if id < ledger.len() {
-                *moved = shift(ledger, id, grid.position(id), h, point, limit) as f32;
+                *moved = shift(ledger, id, places.of(id), h, point, limit) as f32;
             }
         });
     }
@@ -184,14 +249,24 @@ impl<W: Word> SceneTrainer<W> {
         self.frames
     }
 
-    /// Components.
+    /// Slots of components, in use or free.
     pub fn components(&self) -> usize {
         self.ledger.len()
     }
 
+    /// Components in use.
+    pub fn used(&self) -> usize {
+        self.components.used()
+    }
+
+    /// Points that found no component so far.
+    pub fn lost(&self) -> Lost {
+        self.lost
+    }
+
     /// Bytes the model itself occupies.
     pub fn model_bytes(&self) -> usize {
-        self.ledger.bytes() + self.grid.bytes()
+        self.ledger.bytes() + self.grid.bytes() + self.components.bytes()
     }
 
     /// Components that the last frame changed, ascending.
@@ -206,9 +281,15 @@ impl<W: Word> SceneTrainer<W> {
 
     /// Where a component's sums are about, world units, and the returns expected of it.
     pub fn anchor(&self, id: usize) -> Anchor {
-        let seed = DVec3::from_array(self.grid.position(id).map(f64::from));
+        let seed = self.seed(id);
         let expected = self.ledger.row(id).expected();
         Anchor { seed: self.origin + seed, h: self.config.h, expected }
+    }
+
+    /// Where a component's sums are about, world units from the origin.
+    fn seed(&self, id: usize) -> DVec3 {
+        let places = Places { grid: &self.grid, components: &self.components };
+        DVec3::from_array(places.of(id).map(f64::from))
     }
 
     /// Draws components by another rule from now on.
@@ -221,8 +302,34 @@ impl<W: Word> SceneTrainer<W> {
         self.config.native.splat(&self.sums(id), &self.anchor(id))
     }
 
-    /// What renderers draw of all components; slot `k` is component `k`.
+    /// What renderers draw of all components; slot `k` is component `k`. Of a lattice that exceeds its
+    /// budget, see [`Self::stored_splats`].
     pub fn splats(&self) -> SplatSet {
+        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
+    }
+
+    /// The same in the order in which checkpoints hold the components; components of a lattice that
+    /// exceeds its budget are merged in that order until they hold it.
+    pub fn stored_splats(&self) -> SplatSet {
+        match self.within_budget() {
+            Some(merged) => merged.every_splat(),
+            None => self.splats_of(&self.stored_order()),
+        }
+    }
+
+    /// The scene of a lattice that exceeds its budget, merged until it holds it.
+    fn within_budget(&self) -> Option<Self> {
+        let most = self.config.most;
+        if !self.config.births.is_order_invariant() || self.used() <= most {
+            return None;
+        }
+        let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
+        let Self { ledger, components, grid, .. } = &mut merged;
+        merge_down(ledger, components, grid, self.config.h, most);
+        Some(merged)
+    }
+
+    fn every_splat(&self) -> SplatSet {
         let splats = (0..self.components()).into_par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
         SplatSet::new(splats, appearance)
@@ -240,14 +347,14 @@ impl<W: Word> SceneTrainer<W> {
     pub fn posterior(&self, id: usize) -> ComponentPosterior {
         let moments = self.sums(id).moments();
         let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
-        posterior.mean_space += DVec3::from_array(self.grid.position(id).map(f64::from));
+        posterior.mean_space += self.seed(id);
         posterior
     }
 
     /// Sums the ELBO of the points of every frame to come by their component. Without it that costs
     /// neither time nor memory.
     pub fn start_component_elbo(&mut self) {
-        self.ownership.get_or_insert_with(|| Ownership::new(self.grid.len()));
+        self.ownership.get_or_insert_with(|| Ownership::new(self.components.n_rows()));
     }
 
     /// Ends what [`Self::start_component_elbo`] began.

@@ -44,6 +44,12 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
         let found = f64::from(state.seeds[at / 3][at % 3]);
         return Err(value(tag::SEEDS, at / 3, AXES[at % 3], "a finite number", found));
     }
+    let n = state.looks.len();
+    let mut components = state.components.iter().flatten().enumerate();
+    if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
+        let expected = format!("a component below {n}");
+        return Err(value(tag::COMPONENTS, at, "seed", &expected, found.into()));
+    }
     match &state.sums {
         StoredSums::Mixed { rows, wide } => {
             wide_rows(wide, rows)?;

@@ -208,7 +208,7 @@ impl Stage {
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
         let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
         // All rows are judged by the same camera, whatever they were trained with.
-        let color_camera = Training::Scene(base.clone()).color_camera();
+        let color_camera = Training::Scene(Box::new(base.clone())).color_camera();
         let options =
             EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
         let views = (evaluation.split, views);

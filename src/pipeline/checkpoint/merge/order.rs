@@ -33,7 +33,7 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
         Some(("--looks projected".to_owned(), "--looks returned"))
     } else if *sums != SumForm::Mixed {
         Some((format!("sums of the form {sums:?}"), "--precision mixed"))
-    } else if components >= *most {
+    } else if components >= config.most_seeds() {
         // Which components were born before it was reached depends on the order.
         Some((format!("a budget of {most} components that was reached"), "a larger --budget"))
     } else {

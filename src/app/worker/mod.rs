@@ -1,23 +1,29 @@
 //! The thread that owns the trainer. It takes orders between frames, publishes snapshots and
 //! changed splats, and never waits for the window.
 
-use super::feed::{Delivery, SplatChange, SplatFeed};
-use super::opening::{self, Content};
-use super::state::{HISTORY, Inspected, Notice, NoticeKind, RunState, Snapshot, Source, Subject};
-use super::training::TrainSettings;
+mod calibrate;
+mod dirty;
+mod files;
+
+use crate::app::feed::{Delivery, SplatChange, SplatFeed};
+use crate::app::opening::{self, Content};
+use crate::app::state::{
+    HISTORY, Inspected, Notice, NoticeKind, RunState, Snapshot, Source, Subject,
+};
+use crate::app::training::TrainSettings;
+use crate::dataset::calibration::Calibration;
 use crate::eval::report::{FrameReport, Summary};
 use crate::export::mapping::Mapping;
-use crate::export::{self, Format, WriteOptions};
 use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
-use crate::pipeline::session::{Session, SessionError, Step};
+use crate::pipeline::session::{SessionError, Step};
 use crate::render::attributes::Attribute;
 use crate::train::config::Preset;
-use glam::DVec3;
+use dirty::Dirty;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,6 +37,8 @@ pub enum Order {
     TrainBy(Box<TrainSettings>),
     /// Open something and, for the demo, train it at once.
     Open(Subject),
+    /// Start over with what is open, its cameras corrected by a file.
+    Calibrate(PathBuf),
     /// Train until paused or done.
     Train,
     /// Stop after the current frame.
@@ -133,6 +141,8 @@ struct Trainer {
     waker: Waker,
     published: Instant,
     training: TrainSettings,
+    /// Of what is open.
+    calibration: Option<Calibration>,
     subject: Option<Subject>,
     content: Option<Content>,
     snapshot: Snapshot,
@@ -147,37 +157,6 @@ struct Trainer {
     /// Whether the snapshot differs from the published one.
     changed: bool,
     next_serial: u64,
-}
-
-/// Components that changed since the viewport was last told.
-#[derive(Default)]
-struct Dirty {
-    ids: Vec<u32>,
-    is_dirty: Vec<bool>,
-}
-
-impl Dirty {
-    fn mark(&mut self, ids: &[u32]) {
-        for &id in ids {
-            let n = self.is_dirty.len().max(id as usize + 1);
-            self.is_dirty.resize(n, false);
-            if !std::mem::replace(&mut self.is_dirty[id as usize], true) {
-                self.ids.push(id);
-            }
-        }
-    }
-
-    fn mark_all(&mut self, components: usize) {
-        self.ids = (0..components as u32).collect();
-        self.is_dirty = vec![true; components];
-    }
-
-    fn take(&mut self) -> Vec<u32> {
-        for &id in &self.ids {
-            self.is_dirty[id as usize] = false;
-        }
-        std::mem::take(&mut self.ids)
-    }
 }
 
 /// Least time between two snapshots where a GPU draws them.
@@ -195,6 +174,7 @@ impl Trainer {
             waker,
             published: Instant::now(),
             training: TrainSettings::default(),
+            calibration: None,
             subject: None,
             content: None,
             snapshot: Snapshot::default(),
@@ -246,7 +226,8 @@ impl Trainer {
     fn obey(&mut self, order: Order) {
         match order {
             Order::TrainBy(settings) => self.training = *settings,
-            Order::Open(subject) => self.open(subject),
+            Order::Open(subject) => self.open_with(None, subject),
+            Order::Calibrate(path) => self.calibrate(&path),
             Order::Train => self.set_state(RunState::Training),
             Order::Pause => {
                 self.set_state(RunState::Paused);
@@ -259,7 +240,7 @@ impl Trainer {
             }
             Order::Reset => {
                 if let Some(subject) = self.subject.clone() {
-                    self.open(subject);
+                    self.open_with(self.calibration.clone(), subject);
                 }
             }
             Order::Save(path) => self.save(&path),
@@ -279,14 +260,16 @@ impl Trainer {
         }
     }
 
-    fn open(&mut self, subject: Subject) {
+    fn open_with(&mut self, calibration: Option<Calibration>, subject: Subject) {
+        let mut training = self.training.clone();
+        training.scene.calibration = calibration.clone();
         let before = self.snapshot.state;
         self.snapshot.state = RunState::Loading;
         self.publish(true);
-        match opening::open(&subject, &self.training, self.next_serial) {
+        match opening::open(&subject, &training, self.next_serial) {
             Ok(opened) => {
                 self.next_serial += 1;
-                self.subject = Some(subject);
+                (self.subject, self.calibration) = (Some(subject), calibration);
                 self.begin(opened);
             }
             Err(error) => {
@@ -384,6 +367,9 @@ impl Trainer {
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
+            for warning in session.learner().warnings() {
+                self.notify(NoticeKind::Warning, warning);
+            }
         }
     }
 
@@ -416,57 +402,6 @@ impl Trainer {
         }
     }
 
-    fn save(&mut self, path: &Path) {
-        let Some(Content::Session(session)) = &self.content else { return };
-        match session.save(path) {
-            Ok(bytes) => {
-                self.snapshot.unsaved_frames = 0;
-                let text = format!(
-                    "Saved {} frames ({:.1} MB) to {}",
-                    self.snapshot.frames_done,
-                    bytes as f64 * 1e-6,
-                    path.display()
-                );
-                self.notify(NoticeKind::Info, text);
-            }
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
-        }
-    }
-
-    fn export(&mut self, path: &Path, mapping: Mapping) {
-        let written = Format::from_path(path).and_then(|format| {
-            let options = WriteOptions {
-                metric: self.is_metric(),
-                up: self.up(),
-                mapping,
-                ..WriteOptions::new(format)
-            };
-            export::write(path, &self.splats(), &options)
-        });
-        match written {
-            Ok(summary) => {
-                self.snapshot.unsaved_frames = 0;
-                let megabytes = summary.bytes as f64 * 1e-6;
-                let text = format!(
-                    "Wrote {} splats ({megabytes:.1} MB) to {}",
-                    summary.n_written,
-                    path.display()
-                );
-                self.notify(NoticeKind::Info, text);
-            }
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
-        }
-    }
-
-    /// Up in the world of what is open.
-    fn up(&self) -> DVec3 {
-        self.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up)
-    }
-
-    fn is_metric(&self) -> bool {
-        matches!(&self.content, Some(Content::Session(session)) if is_metric(session))
-    }
-
     fn fail(&mut self, message: String) {
         self.snapshot.state = RunState::Failed;
         self.notify(NoticeKind::Error, message);
@@ -491,7 +426,7 @@ impl Trainer {
     /// only when the viewport took the last ones.
     fn publish(&mut self, at_once: bool) {
         let due = self.published.elapsed() >= self.shared.interval();
-        let news = self.changed || !self.dirty.ids.is_empty();
+        let news = self.changed || !self.dirty.is_empty();
         if !(at_once || due && news) {
             return;
         }
@@ -507,7 +442,7 @@ impl Trainer {
 
     fn deliver_splats(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
-        if !self.dirty.ids.is_empty() && self.shared.feed.is_empty() {
+        if !self.dirty.is_empty() && self.shared.feed.is_empty() {
             let ids = self.dirty.take();
             let splats = session.splats_of(&ids);
             let attributes = self.attributes_of(&ids);
@@ -557,12 +492,6 @@ impl Trainer {
         };
         Some(Arc::new(inspected))
     }
-}
-
-/// Whether the dataset's world is in metres.
-fn is_metric(session: &Session) -> bool {
-    use crate::dataset::Layout;
-    matches!(session.dataset().layout, Layout::SevenScenes | Layout::Synthetic)
 }
 
 fn text_of(panic: &(dyn Any + Send)) -> &str {

@@ -1,0 +1,36 @@
+//! Starting over with corrected cameras.
+
+use super::Trainer;
+use crate::app::state::{NoticeKind, Subject};
+use crate::dataset::calibration::Calibration;
+use crate::train::config::Preset;
+use std::path::Path;
+
+impl Trainer {
+    pub(super) fn calibrate(&mut self, path: &Path) {
+        let read = match self.calibratable() {
+            Ok(subject) => Calibration::read(path)
+                .map(|calibration| (subject, calibration))
+                .map_err(|error| error.to_string()),
+            Err(why) => Err(format!("{}: {why}", path.display())),
+        };
+        match read {
+            Ok((subject, calibration)) => self.open_with(Some(calibration), subject),
+            Err(text) => self.notify(NoticeKind::Error, text),
+        }
+    }
+
+    /// What a calibration would be of, or why of nothing.
+    fn calibratable(&self) -> Result<Subject, &'static str> {
+        match (&self.subject, self.training.preset) {
+            (None, _) => Err("a calibration belongs to a dataset: open that first"),
+            (Some(Subject::Path(open)), _) if open.is_file() => {
+                Err("a calibration belongs to a dataset and a file is open: open its dataset first")
+            }
+            (_, Preset::Paper) => Err(
+                "the paper's preset knows no calibration: choose the scene preset in Settings first",
+            ),
+            (Some(subject), Preset::Scene) => Ok(subject.clone()),
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! Files that the trainer writes.
+
+use super::Trainer;
+use crate::app::opening::Content;
+use crate::app::state::NoticeKind;
+use crate::dataset::Layout;
+use crate::export::mapping::Mapping;
+use crate::export::{self, Format, WriteOptions};
+use crate::pipeline::session::Session;
+use glam::DVec3;
+use std::path::Path;
+
+impl Trainer {
+    pub(super) fn save(&mut self, path: &Path) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        match session.save(path) {
+            Ok(bytes) => {
+                self.snapshot.unsaved_frames = 0;
+                let text = format!(
+                    "Saved {} frames ({:.1} MB) to {}",
+                    self.snapshot.frames_done,
+                    bytes as f64 * 1e-6,
+                    path.display()
+                );
+                self.notify(NoticeKind::Info, text);
+            }
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+        }
+    }
+
+    pub(super) fn export(&mut self, path: &Path, mapping: Mapping) {
+        let written = Format::from_path(path).and_then(|format| {
+            let options = WriteOptions {
+                metric: self.is_metric(),
+                up: self.up(),
+                mapping,
+                ..WriteOptions::new(format)
+            };
+            export::write(path, &self.splats(), &options)
+        });
+        match written {
+            Ok(summary) => {
+                self.snapshot.unsaved_frames = 0;
+                let megabytes = summary.bytes as f64 * 1e-6;
+                let text = format!(
+                    "Wrote {} splats ({megabytes:.1} MB) to {}",
+                    summary.n_written,
+                    path.display()
+                );
+                self.notify(NoticeKind::Info, text);
+            }
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+        }
+    }
+
+    /// Up in the world of what is open.
+    fn up(&self) -> DVec3 {
+        self.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up)
+    }
+
+    fn is_metric(&self) -> bool {
+        matches!(&self.content, Some(Content::Session(session)) if is_metric(session))
+    }
+}
+
+/// Whether the dataset's world is in metres.
+fn is_metric(session: &Session) -> bool {
+    matches!(session.dataset().layout, Layout::SevenScenes | Layout::Synthetic)
+}

@@ -1,0 +1,236 @@
+//! Fewer components than were born: those whose union explains as much are merged in closed form
+//! (joint moments), the cheapest first.
+
+use super::components::Components;
+use super::grid::SeedGrid;
+use super::ledger::{Ledger, Word};
+use crate::math::sym3::Sym3;
+use crate::model::scene::sums::SceneSums;
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+/// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
+const MOST_SPREAD: f64 = 0.8;
+/// Squared colour error (0 to 1 per channel) that counts as much as a squared distance of `h` from
+/// the plane: a surface a quarter of `h` off is as bad as a colour an eighth off.
+const THICKNESS_COST: f64 = 0.25;
+/// Ridge of the colour's regression on position, units of `h²`.
+const RIDGE: f64 = 0.025;
+/// Passes over all components at most; every pass merges pairs.
+const PASSES: usize = 12;
+
+/// A component as merging sees it; offsets about the scene's origin, units of `h`.
+#[derive(Clone, Copy)]
+struct Summary {
+    sums: SceneSums,
+    seed: DVec3,
+    /// What it leaves unexplained, less the part that merging does not change.
+    error: f64,
+}
+
+/// Merges until at most `most` components are left, or no two neighbours may be merged.
+pub fn merge_down<W: Word>(
+    ledger: &mut Ledger<W>,
+    components: &mut Components,
+    grid: &SeedGrid,
+    h: f64,
+    most: usize,
+) {
+    for _ in 0..PASSES {
+        let surplus = components.used().saturating_sub(most);
+        if surplus == 0 {
+            return;
+        }
+        let pairs = cheapest_pairs(ledger, components, grid, h, surplus);
+        if pairs.is_empty() {
+            return;
+        }
+        for &(kept, dropped) in &pairs {
+            let [a, b] =
+                [kept, dropped].map(|id| summary(ledger, components, grid, h, id as usize));
+            ledger.merge(
+                kept as usize,
+                dropped as usize,
+                &moved(&b.sums, b.seed - a.seed).to_array(),
+            );
+        }
+        components.merge(&pairs);
+    }
+}
+
+/// Up to `n` disjoint pairs of neighbours whose union costs least, the older of each first.
+fn cheapest_pairs<W: Word>(
+    ledger: &Ledger<W>,
+    components: &Components,
+    grid: &SeedGrid,
+    h: f64,
+    n: usize,
+) -> Vec<(u32, u32)> {
+    let ids = 0..components.n_rows();
+    let summaries: Vec<Summary> =
+        ids.clone().into_par_iter().map(|id| summary(ledger, components, grid, h, id)).collect();
+    let mut pairs: Vec<(f64, u32, u32)> = ids
+        .into_par_iter()
+        .filter_map(|id| best_partner(&summaries, components, grid, h, id))
+        .collect();
+    pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let mut taken = vec![false; summaries.len()];
+    let mut chosen = Vec::new();
+    for (_, a, b) in pairs {
+        if chosen.len() < n && !taken[a as usize] && !taken[b as usize] {
+            (taken[a as usize], taken[b as usize]) = (true, true);
+            chosen.push((a, b));
+        }
+    }
+    chosen
+}
+
+fn summary<W: Word>(
+    ledger: &Ledger<W>,
+    components: &Components,
+    grid: &SeedGrid,
+    h: f64,
+    id: usize,
+) -> Summary {
+    let sums = SceneSums::new(&ledger.sums(id), 1.0);
+    let seed = DVec3::from_array(grid.position(components.reference(id)).map(f64::from)) / h;
+    Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
+}
+
+/// The neighbour that a component is cheapest merged with, and what that costs.
+fn best_partner(
+    summaries: &[Summary],
+    components: &Components,
+    grid: &SeedGrid,
+    h: f64,
+    id: usize,
+) -> Option<(f64, u32, u32)> {
+    let own = &summaries[id];
+    if own.sums.count == 0.0 {
+        return None;
+    }
+    let mean = (own.seed + own.sums.mean_offset()) * h;
+    let cell = grid.cell_of(mean.as_vec3().to_array());
+    let mut best: Option<(f64, u32, u32)> = None;
+    grid.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |seed, _| {
+        let other_id = components.of_seed(seed);
+        let other = &summaries[other_id as usize];
+        if other_id as usize == id || other.sums.count == 0.0 {
+            return;
+        }
+        let is_older = components.reference(id) < components.reference(other_id as usize);
+        let (a, b) = if is_older { (own, other) } else { (other, own) };
+        let Some(cost) = cost(a, b) else { return };
+        let pair = if is_older { (cost, id as u32, other_id) } else { (cost, other_id, id as u32) };
+        if best.is_none_or(|best| (pair.0, pair.1, pair.2) < best) {
+            best = Some(pair);
+        }
+    });
+    best
+}
+
+/// By how much more two components leave unexplained as one; `None` if that would be too large.
+fn cost(a: &Summary, b: &Summary) -> Option<f64> {
+    let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
+    let spread = union.covariance().trace();
+    (spread <= MOST_SPREAD * MOST_SPREAD).then(|| error(&union) - a.error - b.error)
+}
+
+/// Squared error over a component's points of a plane with a linear colour, less `Σ |c|²`, which is
+/// the same for a union as for its parts.
+fn error(sums: &SceneSums) -> f64 {
+    let n = sums.count;
+    let (mean, color, covariance) = (sums.mean_offset(), sums.color / n, sums.covariance());
+    let joint = sums.color_offset * (1.0 / n)
+        - DMat3::from_cols(color * mean.x, color * mean.y, color * mean.z);
+    let explained = match covariance.add_scaled(1.0, Sym3::diagonal(RIDGE)).inverse() {
+        Some(inverse) => {
+            let rows = joint.transpose();
+            let row = |v: DVec3| inverse.quadratic_form(v);
+            row(rows.x_axis) + row(rows.y_axis) + row(rows.z_axis)
+        }
+        None => 0.0,
+    };
+    let thickness = covariance.eigen().values.min_element().max(0.0);
+    n * (THICKNESS_COST * thickness - color.length_squared() - explained)
+}
+
+/// Sums about a seed that lies `shift` before their own.
+fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
+    let crossed =
+        DMat3::from_cols(sums.first * shift.x, sums.first * shift.y, sums.first * shift.z);
+    let second = sums
+        .second
+        .add_scaled(1.0, Sym3::from_mat3(crossed + crossed.transpose()))
+        .add_scaled(sums.count, Sym3::outer(shift));
+    let c = sums.color;
+    SceneSums {
+        first: sums.first + shift * sums.count,
+        second,
+        color_offset: sums.color_offset + DMat3::from_cols(c * shift.x, c * shift.y, c * shift.z),
+        ..*sums
+    }
+}
+
+fn plus(a: &SceneSums, b: &SceneSums) -> SceneSums {
+    SceneSums {
+        count: a.count + b.count,
+        first: a.first + b.first,
+        second: a.second.add_scaled(1.0, b.second),
+        color: a.color + b.color,
+        color_offset: a.color_offset + b.color_offset,
+        normal: a.normal + b.normal,
+        view: a.view + b.view,
+        view_second: a.view_second.add_scaled(1.0, b.view_second),
+        color_view: a.color_view + b.color_view,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(at: DVec3, color: impl Fn(DVec3) -> DVec3) -> SceneSums {
+        let mut sums = SceneSums::default();
+        for i in 0..25 {
+            let offset = DVec3::new((i % 5) as f64 * 0.1, (i / 5) as f64 * 0.1, 0.0);
+            let c = color(at + offset);
+            sums.count += 1.0;
+            sums.first += offset;
+            sums.second = sums.second.add_scaled(1.0, Sym3::outer(offset));
+            sums.color += c;
+            sums.color_offset += DMat3::from_cols(c * offset.x, c * offset.y, c * offset.z);
+        }
+        sums
+    }
+
+    fn at(seed: DVec3, color: impl Fn(DVec3) -> DVec3) -> Summary {
+        let sums = points(seed, color);
+        Summary { sums, seed, error: error(&sums) }
+    }
+
+    #[test]
+    fn sums_are_the_same_about_any_seed() {
+        let color = |p: DVec3| p * 0.3 + DVec3::splat(0.2);
+        let (a, b) = (at(DVec3::ZERO, color), at(DVec3::X * 0.5, color));
+        let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
+        let back = moved(&moved(&b.sums, DVec3::new(0.3, -1.0, 2.0)), -DVec3::new(0.3, -1.0, 2.0));
+        assert!((back.first - b.sums.first).length() < 1e-12);
+        assert!((back.second.trace() - b.sums.second.trace()).abs() < 1e-9);
+        assert!((union.mean_offset().x - 0.45).abs() < 1e-12);
+    }
+
+    #[test]
+    fn flat_and_even_is_cheap_and_an_edge_is_dear() {
+        let grey = |_: DVec3| DVec3::splat(0.5);
+        let step = |p: DVec3| DVec3::splat(if p.x < 0.45 { 0.1 } else { 0.9 });
+        let pair = |offset: DVec3, color: fn(DVec3) -> DVec3| {
+            cost(&at(DVec3::ZERO, color), &at(offset, color))
+        };
+        let even = pair(DVec3::X * 0.5, grey).unwrap();
+        assert!(even.abs() < 1e-9, "{even}");
+        assert!(pair(DVec3::X * 0.5, step).unwrap() > 0.5);
+        assert!(pair(DVec3::new(0.5, 0.0, 0.4), grey).unwrap() > 0.05, "two planes");
+        assert!(pair(DVec3::X * 3.0, grey).is_none(), "too large");
+    }
+}

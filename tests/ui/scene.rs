@@ -1,0 +1,212 @@
+//! What the scene preset brings to the window: components that become more, what preparation makes
+//! of photographs, settings of training, export to plain splats.
+
+use super::harness::{
+    Window, click, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
+    wait_for_picture, window, write_to,
+};
+use super::viewer::{choose, evaluated, press, session};
+use crate::common::adapter::turn;
+use eframe::egui::{Key, Modifiers};
+use egui_kittest::kittest::Queryable;
+use std::path::Path;
+use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
+use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::app::viewer::stops::Stop;
+use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::calibration::Calibration;
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
+use vbgs_studio::export;
+use vbgs_studio::pipeline::scene::SceneOverrides;
+
+const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
+
+fn n_drawn(window: &mut Window, more_than: usize) -> usize {
+    wait(window, "more splats", |s| s.n_drawn() > more_than);
+    window.state().n_drawn()
+}
+
+#[test]
+fn components_become_more_in_every_colour() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 4);
+    for painting in BOTH {
+        let Some(mut window) = window(Some(Subject::Path(path.clone())), painting) else { return };
+        wait(&mut window, "ready", is(RunState::Ready));
+        let (mut drawn, mut components) = (0, 0);
+        for (n, color) in
+            [(1, "Evidence"), (2, "Birth frame"), (3, "Per-point ELBO"), (4, "Colour")]
+        {
+            click(&mut window, "Step");
+            wait(&mut window, "a frame", |s| s.snapshot().frames_done == n);
+            drawn = n_drawn(&mut window, drawn);
+            let now = window.state().snapshot().components;
+            assert!(now > components, "{now} components after {components}");
+            components = now;
+            window.get_by_label(&format!("{components} components"));
+            choose(&mut window, 1, color);
+            wait_for_picture(&mut window);
+        }
+        let run = window.state().snapshot();
+        assert!(run.notices.is_empty(), "{:?}", run.notices);
+    }
+}
+
+#[test]
+fn preparation_is_painted_over_the_photograph() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    for painting in BOTH {
+        let Some(mut window) = window(Some(Subject::Path(path.clone())), painting) else { return };
+        train(&mut window);
+        choose(&mut window, 0, "Preparation");
+        let view = window.state().view();
+        assert_eq!((view.mode(), view.stop()), (ViewMode::Preparation, Some(Stop::FIRST)));
+        for text in ["kept", "explained by no plane"] {
+            wait_for_label(&mut window, text);
+        }
+        assert!(
+            window.query_by_label_contains("PSNR").is_none(),
+            "painted pixels are not measured"
+        );
+        press(&mut window, Key::G);
+        assert_eq!(window.state().view().mode(), ViewMode::PhotoWipe);
+        assert!(window.query_by_label("kept").is_none());
+    }
+}
+
+#[test]
+fn the_preset_is_chosen_in_settings_and_reset_trains_by_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = paper_window(&path, Painting::Auto) else { return };
+    click(&mut window, "Latency");
+    click(&mut window, "Step");
+    wait_for_label(&mut window, "Candidate search");
+    assert_eq!(window.state().snapshot().components, 100_000);
+
+    click(&mut window, "Settings");
+    click(&mut window, "Scene preset");
+    click(&mut window, "Details");
+    click(&mut window, "Cubic");
+    click(&mut window, "At most");
+    assert_eq!(window.state().snapshot().components, 100_000, "until the next run");
+    click(&mut window, "Scene");
+    click(&mut window, "Reset");
+    click(&mut window, "Discard");
+    wait(&mut window, "a scene", |s| s.snapshot().components == 0);
+    click(&mut window, "Step");
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
+    let components = window.state().snapshot().components;
+    assert!((1..25_000).contains(&components), "{components}");
+    wait_for_label(&mut window, &format!("{components} of at most 25000 components"));
+    window.get_by_label("25000 components");
+    window.get_by_label_contains("cubic lattice");
+}
+
+#[test]
+fn a_scene_tells_its_settings_and_is_exported_as_chosen() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    click(&mut window, "Scene");
+    for label in ["Structural scale", "Births", "Budget", "Sensor", "Preparation", "Calibration"] {
+        window.get_by_label(label);
+    }
+    let file = folder.path().join("one.ply");
+    write_to(&mut window, Key::E, "Export", &file);
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let one = export::read(&file).unwrap().splats;
+    assert!(one.iter().all(|splat| splat.opacity < 1.0));
+
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    click(&mut window, "4");
+    press(&mut window, Key::Escape);
+    assert!(window.query_by_label("4").is_none(), "the dialog is closed");
+    let file = folder.path().join("four.ply");
+    write_to(&mut window, Key::E, "Export", &file);
+    wait(&mut window, "the file", |_| file.exists());
+    assert_eq!(export::read(&file).unwrap().splats.len(), 4 * one.len());
+}
+
+/// The depth codes of a dataset, times ten.
+fn spoil_unit(path: &Path) {
+    for split in std::fs::read_dir(path).unwrap() {
+        let Ok(files) = std::fs::read_dir(split.unwrap().path()) else { continue };
+        for file in files.map(|f| f.unwrap().path()) {
+            if file.to_string_lossy().ends_with("depth.png") {
+                let mut depth = image::open(&file).unwrap().into_luma16();
+                depth.pixels_mut().for_each(|p| p.0[0] *= 10);
+                depth.save(&file).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn depth_in_a_wrong_unit_is_said() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room");
+    let params =
+        SyntheticParams { width: 64, height: 48, n_train: 2, n_eval: 1, seed: 1, depth_noise: 0.0 };
+    write(&params, &path, SyntheticLayout::SevenScenes, &mut |_, _| {}).unwrap();
+    spoil_unit(&path);
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    drop_on(&mut window, &path);
+    wait(&mut window, "the message", |s| !s.snapshot().notices.is_empty());
+    let notice = window.state().snapshot().notices[0].clone();
+    assert_eq!(notice.kind, NoticeKind::Error);
+    assert!(notice.text.contains("--depth-scale"), "{}", notice.text);
+}
+
+#[test]
+fn a_calibration_is_dropped_on_its_dataset() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let file = folder.path().join("room.ron");
+    let camera = "(focal: (62.0, 61.0), principal: (31.0, 25.0), offset: (0.05, 0.01, 0.0))";
+    std::fs::write(&file, format!("(color_camera: {camera}, depth_scale: 1.01)")).unwrap();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    drop_on(&mut window, &file);
+    wait(&mut window, "the message", |s| !s.snapshot().notices.is_empty());
+    let notice = window.state().snapshot().notices[0].clone();
+    assert!(
+        notice.text.contains("room.ron: a calibration belongs to a dataset"),
+        "{}",
+        notice.text
+    );
+    click(&mut window, "Dismiss");
+
+    drop_on(&mut window, &path);
+    wait(&mut window, "ready", is(RunState::Ready));
+    let serial = |s: &Studio| s.snapshot().opened.as_ref().unwrap().serial;
+    let before = serial(window.state());
+    drop_on(&mut window, &file);
+    wait(&mut window, "the dataset again", |s| serial(s) > before);
+    let opened = window.state().snapshot().opened.clone().unwrap();
+    let calibration = |opened: &Opened| opened.scene().unwrap().surface.calibration.clone();
+    let read = Calibration::read(&file).unwrap();
+    assert_eq!(calibration(&opened).as_ref(), Some(&read));
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+
+    press(&mut window, Key::G);
+    let options = window.state().view().settings.measured();
+    let overrides = SceneOverrides { calibration: Some(read.clone()), ..SceneOverrides::default() };
+    let expected = evaluated(&session(&path, overrides), Stop::FIRST, options);
+    wait_for_label(&mut window, &expected);
+
+    click(&mut window, "Reset");
+    click(&mut window, "Discard");
+    wait(&mut window, "the start", |s| s.snapshot().frames_done == 0);
+    let opened = window.state().snapshot().opened.clone().unwrap();
+    assert_eq!(calibration(&opened), Some(read), "its cameras stay corrected");
+}
