@@ -18,7 +18,8 @@ const DEPTH: &str = "train/r_1_depth_0001.png";
 fn skips_one(data: &TempDir, parts: &[&str]) {
     let scratch = Scratch::empty();
     let path = data.path().to_str().unwrap();
-    let train = ["train", path, "--out", "out", "--components", "200", "--json"];
+    let train =
+        ["train", path, "--preset", "paper", "--out", "out", "--components", "200", "--json"];
     let run = scratch.run_args(&train).succeeds();
     let warnings: Vec<&str> = run.stderr.lines().filter(|l| l.starts_with("warning: ")).collect();
     assert_eq!(warnings.len(), 1, "{}", run.stderr);
@@ -43,7 +44,7 @@ fn skips_one(data: &TempDir, parts: &[&str]) {
 fn refuses(data: &TempDir, parts: &[&str]) {
     let scratch = Scratch::empty();
     let path = data.path().to_str().unwrap();
-    scratch.run_args(&["train", path, "--out", "out"]).fails(1, parts);
+    scratch.run_args(&["train", path, "--preset", "paper", "--out", "out"]).fails(1, parts);
     assert!(!scratch.path("out/scene.ply").exists());
 }
 
@@ -216,7 +217,8 @@ fn a_depth_scale_that_leaves_nothing() {
     let data = tiny(SyntheticLayout::Blender(DepthBits::Sixteen));
     let scratch = Scratch::empty();
     let path = data.path().to_str().unwrap();
-    let train = ["train", path, "--out", "out", "--depth-range", "900", "1000"];
+    let train =
+        ["train", path, "--preset", "paper", "--out", "out", "--depth-range", "900", "1000"];
     scratch.run_args(&train).fails(1, &["expected", "usable", "out of range", "check"]);
 }
 

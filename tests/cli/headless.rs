@@ -33,7 +33,8 @@ fn the_demo_trains_without_a_display() {
     assert_eq!(report["machine"]["adapter"], serde_json::Value::Null);
     let used = report["summary"]["used"].as_u64().unwrap();
     for file in ["vbgs-demo/scene.ply", "vbgs-demo/scene.glb"] {
-        assert_eq!(scratch.model(file).splats.len() as u64, used, "{file}");
+        let drawn = scratch.model(file).splats.len() as u64;
+        assert!((used / 2..=used).contains(&drawn), "{file}: {drawn} of {used}");
     }
     let preview = image::open(scratch.path("vbgs-demo/preview.png")).unwrap().into_rgb8();
     assert_eq!(preview.dimensions(), (320, 240));

@@ -8,7 +8,9 @@ fn lego_trains_and_evaluates() {
     let Some(data) = shared("data/lego400") else { return };
     let data = data.to_str().unwrap();
     let scratch = Scratch::empty();
-    scratch.run_args(&["train", data, "--out", "out", "--max-frames", "5"]).succeeds();
+    scratch
+        .run_args(&["train", data, "--preset", "paper", "--out", "out", "--max-frames", "5"])
+        .succeeds();
     let report = scratch.json("out/report.json");
     assert_eq!(report["dataset"]["split"], "test");
     assert_eq!(report["config"]["camera_convention"], "paper");

@@ -6,16 +6,25 @@ use super::runner::Scratch;
 fn settings_out_of_range() {
     let scratch = Scratch::with_room();
     for (option, parts) in [
-        ("--components 0", &["--components", "1 to 20000000", "found 0"][..]),
-        ("--components 20000001", &["--components", "1 to 20000000", "found 20000001"]),
+        ("--preset paper --components 0", &["--components", "1 to 20000000", "found 0"][..]),
+        (
+            "--preset paper --components 20000001",
+            &["--components", "1 to 20000000", "found 20000001"],
+        ),
         ("--components -5", &["'-5'", "--components"]),
         ("--components many", &["'many'", "--components"]),
-        ("--candidates 0", &["--candidates", "1 to 1024, or dense", "found 0"]),
+        ("--preset paper --candidates 0", &["--candidates", "1 to 1024, or dense", "found 0"]),
         ("--candidates some", &["--candidates", "expected a number or `dense`", "`some`"]),
-        ("--reassign-fraction 2", &["--reassign-fraction", "0 to 1", "found 2"]),
-        ("--reassign-fraction -0.1", &["--reassign-fraction", "0 to 1", "found -0.1"]),
-        ("--reassign-fraction nan", &["--reassign-fraction", "0 to 1", "found NaN"]),
-        ("--scale-factor 0", &["--scale-factor", "more than 0, at most 100", "found 0"]),
+        ("--preset paper --reassign-fraction 2", &["--reassign-fraction", "0 to 1", "found 2"]),
+        (
+            "--preset paper --reassign-fraction -0.1",
+            &["--reassign-fraction", "0 to 1", "found -0.1"],
+        ),
+        ("--preset paper --reassign-fraction nan", &["--reassign-fraction", "0 to 1", "found NaN"]),
+        (
+            "--preset paper --scale-factor 0",
+            &["--scale-factor", "more than 0, at most 100", "found 0"],
+        ),
         ("--stride 0", &["'0'", "--stride", "1 or more"]),
         ("--max-frames 0", &["'0'", "--max-frames", "1 or more"]),
         ("--threads 0", &["'0'", "--threads", "1 or more"]),
@@ -99,7 +108,7 @@ fn help_and_version_are_no_failures() {
 fn common_options_stand_before_or_after_the_command() {
     let scratch = Scratch::with_room();
     for arguments in ["--threads 1 train room --out out", "train room --out out --threads 1"] {
-        scratch.run(&format!("{arguments} --components 100")).succeeds();
+        scratch.run(&format!("{arguments} --preset paper --components 100")).succeeds();
         assert_eq!(scratch.json("out/report.json")["machine"]["threads"], 1);
     }
 }

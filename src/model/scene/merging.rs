@@ -11,10 +11,10 @@ use crate::model::merging::AddError;
 /// [`seed_order`], as scenes are whose components do not depend on the order of frames.
 ///
 /// # Errors
-/// [`AddError::Unlike`] for scenes about different origins, [`AddError::Inexact`] unless both keep
+/// [`AddError::Unlike`] for scenes about different origins or with merged components, [`AddError::Inexact`] unless both keep
 /// integer sums, [`AddError::Overflow`] beyond what a wide row holds.
 pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
-    if a.origin != b.origin {
+    if a.origin != b.origin || [a, b].iter().any(|scene| scene.components.is_some()) {
         return Err(AddError::Unlike);
     }
     let sums = [Exact::of(&a.sums)?, Exact::of(&b.sums)?];
@@ -135,6 +135,8 @@ mod tests {
         let a = scene(&[(0.5, 1)]);
         let elsewhere = SceneState { origin: [0.0; 3], ..a.clone() };
         assert_eq!(add(&a, &elsewhere), Err(AddError::Unlike));
+        let shared = SceneState { components: Some(vec![0]), ..a.clone() };
+        assert_eq!(add(&a, &shared), Err(AddError::Unlike));
         let rounded = SceneState { sums: StoredSums::F64(vec![[1.0; N_SUMS]]), ..a.clone() };
         assert_eq!(add(&a, &rounded), Err(AddError::Inexact));
         let mut most = scene(&[(0.5, WIDE_POINTS)]);
