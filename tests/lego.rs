@@ -99,10 +99,9 @@ fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>
 }
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
-    let Learner::Paper { engine, config, normalization } = session.learner() else {
-        unreachable!()
-    };
-    engine.splats(&TrainConfig { conversion, ..config.clone() }, normalization)
+    let Learner::Paper(paper) = session.learner() else { unreachable!() };
+    let config = TrainConfig { conversion, ..paper.config.clone() };
+    paper.engine.splats(&config, &paper.normalization)
 }
 
 /// Mean PSNR over the views against either ground truth, dB.
