@@ -19,7 +19,7 @@ const COMPONENT_BYTES: usize = 200;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum StructuralScale {
-    /// Pixels, at the distance beyond which one point in a hundred lies: elsewhere it is more.
+    /// Pixels, at the distance beyond which one point in twenty lies: elsewhere it is more.
     Pixels(f64),
     /// World units.
     World(f64),
@@ -193,10 +193,10 @@ const SAMPLED_FRAMES: usize = 8;
 /// Every so-many-th point of them.
 const SAMPLED_POINTS: usize = 7;
 /// Share of the points that are nearer than the typical distance.
-const NEARER: f64 = 0.99;
+const NEARER: f64 = 0.95;
 /// Returns per component of a lattice, whose cells surfaces cut through, against those of a component
 /// whose points surround its seed.
-const LATTICE_DENSITY: f64 = 0.7;
+const LATTICE_DENSITY: f64 = 1.2;
 /// Structural scale where none is asked for.
 const DEFAULT_SCALE: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
 /// The same in pixels.

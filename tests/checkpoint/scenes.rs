@@ -229,7 +229,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         ),
         (
             "--with or --without flying-pixels",
-            with(SceneOverrides { flying_pixels: Some(false), ..none() }),
+            with(SceneOverrides { flying_pixels: Some(true), ..none() }),
         ),
         ("--with or --without cosine", with(SceneOverrides { cosine: Some(false), ..none() })),
         ("--sensor", with(SceneOverrides { sensor: Some(Sensor::Kinect), ..none() })),

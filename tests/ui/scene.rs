@@ -65,7 +65,7 @@ fn preparation_is_painted_over_the_photograph() {
         choose(&mut window, 0, "Preparation");
         let view = window.state().view();
         assert_eq!((view.mode(), view.stop()), (ViewMode::Preparation, Some(Stop::FIRST)));
-        for text in ["kept", "explained by no plane"] {
+        for text in ["kept", "seen at a slant"] {
             wait_for_label(&mut window, text);
         }
         assert!(

@@ -1,7 +1,7 @@
 //! From sums to what renderers draw: a splat with a flat top, a colour gradient and a colour that
 //! depends on the direction it is seen from (`accuracy.md` 3, Export).
 
-use super::opacity::DensityOpacity;
+use super::opacity::{DensityOpacity, early};
 use super::sums::SceneSums;
 use crate::math::sym3::Sym3;
 use crate::model::appearance::Appearance;
@@ -43,13 +43,16 @@ pub struct Anchor {
     pub h: f64,
     /// Returns expected of it so far.
     pub expected: f64,
+    /// Frames learnt so far.
+    pub frames: u64,
 }
 
 impl NativeRule {
     /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
     pub fn splat(&self, sums: &SceneSums, anchor: &Anchor) -> (Splat, Appearance) {
-        let opacity = self.opacity.opacity(sums.count, anchor.expected);
-        if sums.count < self.least_points || opacity == 0.0 {
+        let opacity = self.opacity.opacity(sums.count, anchor.expected, anchor.frames);
+        let least_points = (self.least_points * early(anchor.frames)).max(1.0);
+        if sums.count < least_points || opacity == 0.0 {
             return Default::default();
         }
         let mean = sums.mean_offset();

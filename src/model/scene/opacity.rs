@@ -19,11 +19,20 @@ pub struct DensityOpacity {
 
 impl DensityOpacity {
     /// Opacity of `count` points where `expected` could have been, 0 if that is too little to draw.
-    pub fn opacity(&self, count: f64, expected: f64) -> f64 {
-        let rho = count / (expected + self.doubt);
+    /// Few frames are not doubted as much: nothing else tells of the surfaces they show.
+    pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
+        let rho = count / (expected + self.doubt * early(frames));
         let opacity = self.tau * -(-rho / self.rho0).exp_m1();
         if opacity > self.least { opacity } else { 0.0 }
     }
+}
+
+/// Frames from which on a few stray points are held against a component in full.
+const EARLY_FRAMES: f64 = 50.0;
+
+/// How much of what many frames may ask of a component so many may: 0 to 1.
+pub fn early(frames: u64) -> f64 {
+    (frames as f64 / EARLY_FRAMES).min(1.0)
 }
 
 #[cfg(test)]
@@ -33,10 +42,11 @@ mod tests {
     #[test]
     fn opacity_grows_with_returns_and_falls_with_looks() {
         let rule = DensityOpacity { tau: 3.0, rho0: 0.4, doubt: 20.0, least: 0.3 };
-        assert_eq!(rule.opacity(0.0, 100.0), 0.0);
-        assert!(rule.opacity(100.0, 100.0) > rule.opacity(50.0, 100.0));
-        assert!(rule.opacity(100.0, 100.0) > rule.opacity(100.0, 200.0));
-        assert_eq!(rule.opacity(1.0, 500.0), 0.0, "a stray point is not drawn");
-        assert!(rule.opacity(1e6, 1.0) <= 3.0);
+        assert_eq!(rule.opacity(0.0, 100.0, 100), 0.0);
+        assert!(rule.opacity(100.0, 100.0, 100) > rule.opacity(50.0, 100.0, 100));
+        assert!(rule.opacity(100.0, 100.0, 100) > rule.opacity(100.0, 200.0, 100));
+        assert_eq!(rule.opacity(1.0, 500.0, 100), 0.0, "a stray point is not drawn");
+        assert!(rule.opacity(1e6, 1.0, 100) <= 3.0);
+        assert!(rule.opacity(5.0, 6.0, 1) > 2.0, "a surface shows in the first frame");
     }
 }

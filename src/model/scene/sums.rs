@@ -71,7 +71,7 @@ pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_S
 }
 
 /// The same sums by name, in world units about the seed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSums {
     /// `N`, points.
     pub count: f64,

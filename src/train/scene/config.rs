@@ -77,7 +77,7 @@ impl SceneConfig {
             sums: SumForm::Mixed,
             most: MOST_COMPONENTS,
             native: NativeRule {
-                opacity: DensityOpacity { tau: 2.5, rho0: 0.5, doubt: 20.0, least: 0.3 },
+                opacity: DensityOpacity { tau: 2.8, rho0: 0.5, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
                 scale: 1.2,
                 least_scale: 0.05,
@@ -96,8 +96,8 @@ impl SceneConfig {
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let native = NativeRule {
-            opacity: DensityOpacity { rho0: 1.2, doubt: 10.0, ..fine.native.opacity },
-            scale: 1.6,
+            opacity: DensityOpacity { tau: 3.0, rho0: 1.5, doubt: 10.0, ..fine.native.opacity },
+            scale: 1.5,
             gradient_ridge: 0.016,
             directional_ridge: [0.02, 0.2],
             ..fine.native

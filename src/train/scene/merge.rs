@@ -11,6 +11,8 @@ use rayon::prelude::*;
 
 /// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
 const MOST_SPREAD: f64 = 0.8;
+/// Largest distance of a merged component's mean from the seed its sums are about, units of `h`.
+const MOST_OFFSET: f64 = 1.5;
 /// Squared colour error (0 to 1 per channel) that counts as much as a squared distance of `h` from
 /// the plane: a surface a quarter of `h` off is as bad as a colour an eighth off.
 const THICKNESS_COST: f64 = 0.25;
@@ -132,8 +134,9 @@ fn best_partner(
 /// By how much more two components leave unexplained as one; `None` if that would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
-    let spread = union.covariance().trace();
-    (spread <= MOST_SPREAD * MOST_SPREAD).then(|| error(&union) - a.error - b.error)
+    let is_small = union.covariance().trace() <= MOST_SPREAD * MOST_SPREAD
+        && union.mean_offset().length() <= MOST_OFFSET;
+    is_small.then(|| error(&union) - a.error - b.error)
 }
 
 /// Squared error over a component's points of a plane with a linear colour, less `Σ |c|²`, which is
@@ -189,9 +192,10 @@ fn plus(a: &SceneSums, b: &SceneSums) -> SceneSums {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::scene::sums::N_SUMS;
 
     fn points(at: DVec3, color: impl Fn(DVec3) -> DVec3) -> SceneSums {
-        let mut sums = SceneSums::default();
+        let mut sums = SceneSums::new(&[0.0; N_SUMS], 1.0);
         for i in 0..25 {
             let offset = DVec3::new((i % 5) as f64 * 0.1, (i / 5) as f64 * 0.1, 0.0);
             let c = color(at + offset);

@@ -283,7 +283,7 @@ impl<W: Word> SceneTrainer<W> {
     pub fn anchor(&self, id: usize) -> Anchor {
         let seed = self.seed(id);
         let expected = self.ledger.row(id).expected();
-        Anchor { seed: self.origin + seed, h: self.config.h, expected }
+        Anchor { seed: self.origin + seed, h: self.config.h, expected, frames: self.frames }
     }
 
     /// Where a component's sums are about, world units from the origin.

@@ -191,11 +191,26 @@ fn sums_that_no_points_have() {
     with(
         12,
         22,
-        49 * 32768,
-        &["component 12, normal x]: expected at most 4 a point, of 12 points"],
+        95 * 32768,
+        &["component 12, normal x]: expected at most 7.84 a point, of 12 points"],
     );
-    with(0, 10, 1, &["SUMS[component 0, red]: expected at most 4 a point, of 0 points"]);
+    with(0, 10, 1, &["SUMS[component 0, red]: expected at most 7.84 a point, of 0 points"]);
     with(12, 0, 4096 * 32768, &["component 12, N]: expected fewer than 4096 points", "found 4096"]);
+}
+
+#[test]
+fn seeds_may_share_components() {
+    let mut checkpoint = sample(mixed());
+    let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
+    let n = state.looks.len() as u32;
+    state.seeds.push([0.5; 3]);
+    state.components = Some((0..n).chain([7]).collect());
+    let bytes = to_bytes(&checkpoint);
+    assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
+    let beyond = edited(&bytes, b"COMP", |s| s.content[..4].copy_from_slice(&n.to_le_bytes()));
+    assert_refused(&beyond, &["COMP[component 0, seed]", "a component below 20", "found 20"]);
+    let short = edited(&bytes, b"COMP", |s| s.content.truncate(4 * n as usize));
+    assert_refused(&short, &["COMP", "21 elements", "found 20"]);
 }
 
 #[test]
