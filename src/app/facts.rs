@@ -90,9 +90,7 @@ fn sensor(sensor: Sensor) -> String {
 fn calibration(surface: &SurfaceSettings, dataset: &Dataset) -> &'static str {
     match &surface.calibration {
         None => "none: colour and depth are taken as registered",
-        Some(_) if is_assumed(surface, dataset) => {
-            "the published Kinect's colour camera; `calibrate` finds this one's"
-        }
+        Some(_) if is_assumed(surface, dataset) => "the published Kinect's colour camera",
         Some(_) => "given",
     }
 }

@@ -96,7 +96,7 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
     let assumed = match &session.config().method {
         Method::Scene(run) if is_assumed(&run.surface, dataset) => Some((
             NoticeKind::Info,
-            "colour is looked up by the published Kinect's camera; `calibrate` finds this one's, whose file can be dropped here".to_owned(),
+            "colour is looked up by the published Kinect's camera; another is described in a calibration file, which can be dropped here".to_owned(),
         )),
         Method::Scene(_) | Method::Paper(_) => None,
     };

@@ -60,7 +60,7 @@ pub enum CalibrationError {
         source: std::io::Error,
     },
     /// The file is no calibration.
-    #[error("{}: expected a calibration as `calibrate` writes it (RON), found: {source}; correct this place or calibrate again", path.display())]
+    #[error("{}: expected a calibration (RON, such as (depth_offset: 0.004)), found: {source}; correct this place", path.display())]
     Parse {
         /// The file.
         path: PathBuf,
@@ -68,9 +68,7 @@ pub enum CalibrationError {
         source: Box<ron::error::SpannedError>,
     },
     /// A number outside its range.
-    #[error(
-        "calibration: `{setting}`: expected {expected}, found {found}; correct it or calibrate again"
-    )]
+    #[error("calibration: `{setting}`: expected {expected}, found {found}; correct it")]
     Value {
         /// Name of the field.
         setting: String,

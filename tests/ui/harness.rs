@@ -136,7 +136,8 @@ fn picture_has_content(window: &mut Window) -> bool {
             colors.insert(image.get_pixel(x, y).0);
         }
     }
-    colors.len() > 50
+    // Few frames make few colours of birth; nothing but the background makes one or two.
+    colors.len() > 8
 }
 
 /// Picture or order of the splats come from another thread a moment after the splats themselves.

@@ -22,10 +22,6 @@ use vbgs_studio::pipeline::scene::SceneOverrides;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 
-fn n_drawn(window: &mut Window, more_than: usize) -> usize {
-    wait(window, "more splats", |s| s.n_drawn() > more_than);
-    window.state().n_drawn()
-}
 
 #[test]
 fn components_become_more_in_every_colour() {
@@ -35,13 +31,13 @@ fn components_become_more_in_every_colour() {
     for painting in BOTH {
         let Some(mut window) = window(Some(Subject::Path(path.clone())), painting) else { return };
         wait(&mut window, "ready", is(RunState::Ready));
-        let (mut drawn, mut components) = (0, 0);
+        let mut components = 0;
         for (n, color) in
             [(1, "Evidence"), (2, "Birth frame"), (3, "Per-point ELBO"), (4, "Colour")]
         {
             click(&mut window, "Step");
             wait(&mut window, "a frame", |s| s.snapshot().frames_done == n);
-            drawn = n_drawn(&mut window, drawn);
+            wait(&mut window, "splats", |s| s.n_drawn() > 0);
             let now = window.state().snapshot().components;
             assert!(now > components, "{now} components after {components}");
             components = now;

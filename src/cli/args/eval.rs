@@ -42,7 +42,7 @@ pub struct EvalArgs {
     pub comparison: ComparisonArgs,
     #[command(flatten)]
     pub renderer: RendererArgs,
-    /// Corrections of the cameras, as `calibrate` writes them: photographs are drawn by its colour
+    /// Corrections of the cameras, a RON file: photographs are drawn by its colour
     /// camera [default: what the model was trained with, else what is known of the layout]
     #[arg(long, value_name = "FILE.ron")]
     pub calibration: Option<PathBuf>,

@@ -74,7 +74,7 @@ pub struct SceneArgs {
     /// What the depth is from [default: by the dataset's files]
     #[arg(long, value_enum, help_heading = "Scene preset")]
     pub sensor: Option<SensorName>,
-    /// Corrections of the cameras, as `calibrate` writes them [default: what is known of the layout]
+    /// Corrections of the cameras, a RON file [default: what is known of the layout]
     #[arg(long, value_name = "FILE.ron", help_heading = "Scene preset")]
     pub calibration: Option<PathBuf>,
 }
