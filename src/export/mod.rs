@@ -1,6 +1,7 @@
 //! Models as files: PLY in the 3DGS layout, point-cloud PLY and GLB with `KHR_gaussian_splatting` for
-//! other programs, and the native [`checkpoint`]. The only place where file conventions (log scales, logits, quaternion
-//! order, axes, linear colour) are converted; everywhere else a splat is a [`Splat`].
+//! other programs, and the native [`checkpoint`]. The only place where file conventions (log scales,
+//! logits, quaternion order, axes, linear colour) are converted; everywhere else a splat is a
+//! [`crate::model::splats::Splat`].
 //!
 //! ```
 //! use vbgs_studio::export::{Format, ModelKind, WriteOptions, read, write};

@@ -2,8 +2,8 @@
 //! of photographs, settings of training, export to plain splats.
 
 use super::harness::{
-    Window, click, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
-    wait_for_picture, window, write_to,
+    click, dataset, drop_on, is, paper_window, train, wait, wait_for_label, wait_for_picture,
+    window, write_to,
 };
 use super::viewer::{choose, evaluated, press, session};
 use crate::common::adapter::turn;
@@ -21,7 +21,6 @@ use vbgs_studio::export;
 use vbgs_studio::pipeline::scene::SceneOverrides;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
-
 
 #[test]
 fn components_become_more_in_every_colour() {

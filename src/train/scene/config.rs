@@ -96,8 +96,8 @@ impl SceneConfig {
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let native = NativeRule {
-            opacity: DensityOpacity { tau: 3.0, rho0: 1.5, doubt: 10.0, ..fine.native.opacity },
-            scale: 1.5,
+            opacity: DensityOpacity { tau: 3.0, rho0: 1.2, doubt: 10.0, ..fine.native.opacity },
+            scale: 1.6,
             gradient_ridge: 0.016,
             directional_ridge: [0.02, 0.2],
             ..fine.native

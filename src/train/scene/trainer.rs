@@ -100,7 +100,7 @@ impl<W: Word> SceneTrainer<W> {
         Some(trainer)
     }
 
-    /// The scene as it stands, its components in their [`Self::stored_order`].
+    /// The scene as it stands, its components in their stored order.
     pub fn state(&self) -> SceneState {
         let order = self.stored_order();
         let (sums, looks) = self.ledger.state(&order);
