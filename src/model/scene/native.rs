@@ -2,7 +2,7 @@
 //! depends on the direction it is seen from (`accuracy.md` 3, Export).
 
 use super::opacity::{DensityOpacity, early};
-use super::sums::SceneSums;
+use super::sums::{SceneSums, outer};
 use crate::math::sym3::Sym3;
 use crate::model::appearance::Appearance;
 use crate::model::splats::{CovarianceForm, Splat, decompose};
@@ -92,8 +92,7 @@ impl NativeRule {
     /// Conditional mean of the joint Gaussian of colour and position:
     /// `G = cov(c, s) (Σ + l I)⁻¹`, row per channel.
     fn gradient(&self, sums: &SceneSums, covariance: Sym3, h: f64) -> DMat3 {
-        let n = sums.count;
-        let joint = sums.color_offset * (1.0 / n) - outer(sums.color / n, sums.mean_offset());
+        let joint = sums.color_covariance();
         let ridge = Sym3::diagonal(self.gradient_ridge * h * h);
         match covariance.add_scaled(1.0, ridge).inverse() {
             Some(inverse) => joint * inverse.to_mat3(),
@@ -113,11 +112,6 @@ impl NativeRule {
             None => DMat3::ZERO,
         }
     }
-}
-
-/// `a bᵀ`.
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 fn rows(m: DMat3) -> [[f32; 3]; 3] {

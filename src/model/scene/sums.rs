@@ -70,6 +70,11 @@ pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_S
     ]
 }
 
+/// `a bᵀ`.
+pub fn outer(a: DVec3, b: DVec3) -> DMat3 {
+    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
+}
+
 /// The same sums by name, in world units about the seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneSums {
@@ -140,6 +145,11 @@ impl SceneSums {
     /// Covariance of the points; N > 0.
     pub fn covariance(&self) -> Sym3 {
         self.second.scaled(1.0 / self.count).add_scaled(-1.0, Sym3::outer(self.mean_offset()))
+    }
+
+    /// Covariance of colour and position, row per channel; N > 0.
+    pub fn color_covariance(&self) -> DMat3 {
+        self.color_offset * (1.0 / self.count) - outer(self.color / self.count, self.mean_offset())
     }
 
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and

@@ -4,9 +4,10 @@
 use super::components::Components;
 use super::grid::SeedGrid;
 use super::ledger::{Ledger, Word};
+use super::places::Places;
 use crate::math::sym3::Sym3;
-use crate::model::scene::sums::SceneSums;
-use glam::{DMat3, DVec3};
+use crate::model::scene::sums::{SceneSums, outer};
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
@@ -95,7 +96,7 @@ fn summary<W: Word>(
     id: usize,
 ) -> Summary {
     let sums = SceneSums::new(&ledger.sums(id), 1.0);
-    let seed = DVec3::from_array(grid.position(components.reference(id)).map(f64::from)) / h;
+    let seed = DVec3::from_array(Places { grid, components }.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
@@ -143,12 +144,10 @@ fn cost(a: &Summary, b: &Summary) -> Option<f64> {
 /// the same for a union as for its parts.
 fn error(sums: &SceneSums) -> f64 {
     let n = sums.count;
-    let (mean, color, covariance) = (sums.mean_offset(), sums.color / n, sums.covariance());
-    let joint = sums.color_offset * (1.0 / n)
-        - DMat3::from_cols(color * mean.x, color * mean.y, color * mean.z);
+    let (color, covariance) = (sums.color / n, sums.covariance());
     let explained = match covariance.add_scaled(1.0, Sym3::diagonal(RIDGE)).inverse() {
         Some(inverse) => {
-            let rows = joint.transpose();
+            let rows = sums.color_covariance().transpose();
             let row = |v: DVec3| inverse.quadratic_form(v);
             row(rows.x_axis) + row(rows.y_axis) + row(rows.z_axis)
         }
@@ -160,17 +159,15 @@ fn error(sums: &SceneSums) -> f64 {
 
 /// Sums about a seed that lies `shift` before their own.
 fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
-    let crossed =
-        DMat3::from_cols(sums.first * shift.x, sums.first * shift.y, sums.first * shift.z);
+    let crossed = outer(sums.first, shift);
     let second = sums
         .second
         .add_scaled(1.0, Sym3::from_mat3(crossed + crossed.transpose()))
         .add_scaled(sums.count, Sym3::outer(shift));
-    let c = sums.color;
     SceneSums {
         first: sums.first + shift * sums.count,
         second,
-        color_offset: sums.color_offset + DMat3::from_cols(c * shift.x, c * shift.y, c * shift.z),
+        color_offset: sums.color_offset + outer(sums.color, shift),
         ..*sums
     }
 }
@@ -203,7 +200,7 @@ mod tests {
             sums.first += offset;
             sums.second = sums.second.add_scaled(1.0, Sym3::outer(offset));
             sums.color += c;
-            sums.color_offset += DMat3::from_cols(c * offset.x, c * offset.y, c * offset.z);
+            sums.color_offset += outer(c, offset);
         }
         sums
     }
