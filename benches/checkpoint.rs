@@ -55,6 +55,7 @@ fn main() {
             wide: Vec::new(),
         },
         looks: vec![Looks { expected: 640, seen: 1, missed: 0 }; n],
+        exposures: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));
 }

@@ -77,6 +77,11 @@ struct Composite {
     area_min: vec2<f32>,
     area_max: vec2<f32>,
     amount: f32,                // divider of a wipe (share of the width), gain of a difference
+    // Coverage that counts as full, and factors on the colour, of either picture.
+    second_closing: f32,
+    exposure: vec3<f32>,
+    closing: f32,
+    second_exposure: vec3<f32>,
 }
 
 const COMPARE_NOTHING: u32 = 0u;

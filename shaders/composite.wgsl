@@ -1,4 +1,4 @@
-// Lays the premultiplied splat image over a background, C + (1 − A)·bg clamped to [0, 1], and
+// Finishes the premultiplied splat image, lays it over a background, C + (1 − A)·bg clamped to [0, 1], and
 // combines it with a second picture by the formulas of `src/render/compare.rs`.
 // Values are sRGB-encoded from the splats to the screen; only a target that encodes by itself
 // (`*Srgb`) needs them decoded first.
@@ -40,8 +40,11 @@ fn fragment_linear(in: Fragment) -> @location(0) vec4<f32> {
 fn combined(uv: vec2<f32>) -> vec3<f32> {
     // Both are sampled before anything branches, as WGSL asks.
     let inner = (uv - composite.area_min) / (composite.area_max - composite.area_min);
-    let first = over_background(textureSample(image, image_sampler, uv));
-    let second = over_background(textureSample(second_image, image_sampler, inner));
+    let first = over_background(textureSample(image, image_sampler, uv),
+        composite.exposure, composite.closing);
+    let second =
+        over_background(textureSample(second_image, image_sampler, inner),
+        composite.second_exposure, composite.second_closing);
     if composite.mode == COMPARE_NOTHING {
         return first;
     }
@@ -54,7 +57,10 @@ fn combined(uv: vec2<f32>) -> vec3<f32> {
     return select(second, first, uv.x < composite.amount);
 }
 
-fn over_background(over: vec4<f32>) -> vec3<f32> {
+// Finished as in `src/render/finish.rs`; the least coverage keeps 1/0 away.
+fn over_background(open: vec4<f32>, exposure: vec3<f32>, closing: f32) -> vec3<f32> {
+    let over =
+        open * min(1.0 / closing, 1.0 / max(open.a, 1e-6)) * vec4<f32>(exposure, 1.0);
     return clamp(over.rgb + (1.0 - over.a) * composite.background, vec3<f32>(0.0), vec3<f32>(1.0));
 }
 

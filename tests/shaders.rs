@@ -134,7 +134,19 @@ fn shared_structs_agree_with_rust() {
         ),
         rust_layout!("Appearance", GpuAppearance, gradient, directional, padding),
         rust_layout!("SparseAppearance", SparseAppearance, appearance, index),
-        rust_layout!("Composite", Composite, background, mode, area_min, area_max, amount),
+        rust_layout!(
+            "Composite",
+            Composite,
+            background,
+            mode,
+            area_min,
+            area_max,
+            amount,
+            second_closing,
+            exposure,
+            closing,
+            second_exposure
+        ),
     ];
     let theirs = wgsl_layouts();
     assert_eq!(theirs.len(), ours.len(), "structs in common.wgsl: {:?}", theirs.keys());

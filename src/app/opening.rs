@@ -165,7 +165,7 @@ fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError
 }
 
 fn drawable(all: &SplatSet) -> SplatSet {
-    let mut drawn = SplatSet::default();
+    let mut drawn = SplatSet::default().finished(all.finishing().clone());
     for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {
         drawn.push(*splat, all.appearance_of(i));
     }

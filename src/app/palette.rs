@@ -100,14 +100,14 @@ impl Palette {
 
     fn color(&mut self, ids: Vec<u32>) -> SplatChange {
         let splats: Vec<Splat> = ids.iter().map(|&id| self.colored(id as usize)).collect();
-        let splats = SplatSet::from(splats);
+        let splats = SplatSet::from(splats).finished(self.learned.finishing().clone());
         self.shown.replace(&ids, &splats);
         SplatChange::Some { ids, splats }
     }
 
     fn color_all(&mut self) -> SplatChange {
         let all: Vec<Splat> = (0..self.learned.len()).map(|slot| self.colored(slot)).collect();
-        self.shown = all.into();
+        self.shown = SplatSet::from(all).finished(self.learned.finishing().clone());
         SplatChange::All(self.shown.clone())
     }
 }

@@ -10,6 +10,7 @@ use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
 use crate::model::appearance::SplatSet;
 use crate::render::RenderOptions;
+use crate::render::finish::Finish;
 use crate::render::gpu::GpuError;
 use crate::render::gpu::adapters::{self, AdapterChoice, AdapterFacts};
 use crate::render::gpu::composite::{Compositor, Second};
@@ -238,11 +239,14 @@ impl GpuPainter {
             self.photo = Some((photo.clone(), texture));
         }
         let second = shot.second.as_ref().and_then(|second| {
-            let view = match second.partner {
-                Partner::Splats(_) => self.second.as_ref().map(|r| r.target().view()),
-                Partner::Photo(_) => self.photo.as_ref().map(|(_, texture)| texture.view()),
+            let (view, finish) = match second.partner {
+                Partner::Splats(_) => {
+                    let target = self.second.as_ref()?.target();
+                    (target.view(), target.finish())
+                }
+                Partner::Photo(_) => (self.photo.as_ref()?.1.view(), Finish::NONE),
             };
-            Some(Second { view: view?, area: second.area, how: second.how })
+            Some(Second { view, finish, area: second.area, how: second.how })
         });
         let image = self.renderer.target();
         let background = shot.options.background;

@@ -80,7 +80,7 @@ pub fn seen(
 
 impl Comparison<'_> {
     fn options(&self, method: Method) -> EvalOptions {
-        let ComparisonArgs { ground_truth, background, partial_coverage } = *self.args;
+        let ComparisonArgs { ground_truth, background, partial_coverage, exposure } = *self.args;
         EvalOptions {
             ground_truth: match ground_truth {
                 GroundTruthName::Composited => GroundTruth::Composited,
@@ -88,7 +88,10 @@ impl Comparison<'_> {
             },
             partial_coverage,
             color_camera: self.color_camera,
-            render: RenderOptions::evaluation(method, background),
+            render: RenderOptions {
+                exposing: exposure,
+                ..RenderOptions::evaluation(method, background)
+            },
         }
     }
 }

@@ -56,7 +56,10 @@ fn render_orbit(
     args: &RenderArgs,
 ) -> Result<(), Failure> {
     let intrinsics = intrinsics(args);
-    let options = |method| RenderOptions::viewport(method, args.background, radius);
+    let options = |method| RenderOptions {
+        exposing: args.exposure,
+        ..RenderOptions::viewport(method, args.background, radius)
+    };
     let mut draw = |orbit: Orbit, path: &Path| {
         painter.draw(&Camera { intrinsics, pose: orbit.pose() }, &options, path)
     };
@@ -93,7 +96,10 @@ fn render_view(painter: &mut Painter, path: &Path, args: &RenderArgs) -> Result<
             args.view
         )));
     };
-    let options = |method| RenderOptions::evaluation(method, args.background);
+    let options = |method| RenderOptions {
+        exposing: args.exposure,
+        ..RenderOptions::evaluation(method, args.background)
+    };
     let names = painter.draw(&entry.camera, &options, &args.output)?;
     output::line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
     Ok(())

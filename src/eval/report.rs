@@ -5,6 +5,7 @@ use super::seen::Seen;
 use super::views::PartialCoverage;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
+use crate::render::finish::Exposing;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
@@ -167,6 +168,8 @@ pub struct EvalReport {
     pub ground_truth: String,
     /// What the render shows where splats cover a pixel in part.
     pub partial_coverage: PartialCoverage,
+    /// How bright the scene was drawn.
+    pub exposure: Exposing,
     /// The camera that took the photographs; `None` if it measured depth as well.
     pub color_camera: Option<ColorCamera>,
     /// Background of the render, sRGB-encoded.

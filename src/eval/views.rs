@@ -282,6 +282,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         response: exact.map(|e| e.response),
         ground_truth: ground_truth.to_owned(),
         partial_coverage: options.partial_coverage,
+        exposure: options.render.exposing,
         color_camera: options.color_camera,
         background: options.render.background,
         views: scores.len(),

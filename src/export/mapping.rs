@@ -28,8 +28,6 @@ use serde::{Deserialize, Serialize};
 
 /// Largest opacity of a mapped splat; renderers cap alpha there too.
 const OPAQUE: f64 = 0.99;
-/// Factor on standard deviations that native splats come with.
-const NATIVE_SCALE: f64 = 1.2;
 
 /// How native splats become plain ones; `default()` writes one splat for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,12 +73,14 @@ impl Mapping {
     }
 
     /// Factor on standard deviations. Single splats without a gradient look best wider than native
-    /// ones: at 1.3 and 1.5 times the deviation of the points instead of 1.2.
-    fn scale(self) -> f64 {
+    /// ones: at 1.3 and 1.5 times the deviation of the points where those have 1.2. What closing adds
+    /// to opacity widens a splat too, by less than it would if its neighbours were not there.
+    fn scale(self, closing: f64) -> f64 {
+        let narrower = closing.powf(0.25);
         match (self.split, self.opacity) {
-            (Split::One, OpacityMapping::EqualArea) => 1.3 / NATIVE_SCALE,
-            (Split::One, OpacityMapping::Clip) => 1.5 / NATIVE_SCALE,
-            (Split::Two | Split::Four, _) => 1.0,
+            (Split::One, OpacityMapping::EqualArea) => 1.3 / 1.2 * narrower,
+            (Split::One, OpacityMapping::Clip) => 1.5 / 1.2,
+            (Split::Two | Split::Four, _) => narrower,
         }
     }
 }
@@ -106,9 +106,10 @@ impl Split {
 }
 
 /// Whether a plain file can hold the drawable splats as they are: none more opaque than 1, none with
-/// a colour gradient.
+/// a colour gradient, and cracks between them left open.
 pub fn is_plain(view: SplatView) -> bool {
-    drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
+    view.finishing().closing == 1.0
+        && drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
 }
 
 /// Splats that a plain file can hold, or `None` if these are (see [`is_plain`]). One native splat
@@ -118,10 +119,11 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
     }
+    let closing = f64::from(view.finishing().closing);
     let mut plain = SplatSet::default();
     for (i, native) in drawable(view) {
         for piece in pieces(native, gradient(view, i), mapping.split) {
-            if let Some((splat, appearance)) = closed(piece, mapping).to_splat() {
+            if let Some((splat, appearance)) = plain_of(piece, closing, mapping).to_splat() {
                 plain.push(splat, appearance);
             }
         }
@@ -156,8 +158,10 @@ fn pieces(native: Gaussian, gradient: DMat3, split: Split) -> Vec<Gaussian> {
 }
 
 /// The splat with an opacity that plain files can hold.
-fn closed(splat: Gaussian, mapping: Mapping) -> Gaussian {
-    let mut factor = mapping.scale();
+fn plain_of(splat: Gaussian, closing: f64, mapping: Mapping) -> Gaussian {
+    let mut factor = mapping.scale(closing);
+    // Where one splat alone covers a pixel, that is what closing makes of it.
+    let splat = Gaussian { opacity: splat.opacity / closing, ..splat };
     if splat.opacity > OPAQUE && mapping.opacity == OpacityMapping::EqualArea {
         // ∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c)): a Gaussian of peak c covers 2πc.
         factor *= (1.0 + (splat.opacity / OPAQUE).ln()).sqrt();

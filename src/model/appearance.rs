@@ -1,7 +1,9 @@
 //! What a scene's splats carry beyond position, shape and one colour (`rendering.md` (h)).
 
+use super::scene::exposure::ExposureLog;
 use super::splats::Splat;
 use std::ops::Deref;
+use std::sync::Arc;
 
 /// A pixel's change of colour by a splat's gradient is held within this.
 pub const GRADIENT_LIMIT: f64 = 0.5;
@@ -30,6 +32,7 @@ impl Appearance {
 pub struct SplatView<'a> {
     splats: &'a [Splat],
     appearance: &'a [Appearance],
+    finishing: &'a Finishing,
 }
 
 impl<'a> SplatView<'a> {
@@ -37,7 +40,7 @@ impl<'a> SplatView<'a> {
     /// numbers differ.
     pub fn new(splats: &'a [Splat], appearance: &'a [Appearance]) -> Option<Self> {
         let fits = appearance.is_empty() || appearance.len() == splats.len();
-        fits.then_some(Self { splats, appearance })
+        fits.then_some(Self { splats, appearance, finishing: &PLAIN })
     }
 
     /// The splats.
@@ -49,6 +52,11 @@ impl<'a> SplatView<'a> {
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
     }
+
+    /// What becomes of finished pixels.
+    pub fn finishing(&self) -> &'a Finishing {
+        self.finishing
+    }
 }
 
 /// Splats together with their appearance. Dereferences to the splats; of plain ones there is nothing
@@ -58,13 +66,42 @@ pub struct SplatSet {
     splats: Vec<Splat>,
     /// Empty until a splat comes that is not plain.
     appearance: Vec<Appearance>,
+    finishing: Finishing,
+}
+
+/// What a scene says of finished pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finishing {
+    /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`; 1 for plain splats.
+    pub closing: f32,
+    /// How the frames behind the splats were exposed, where that is known.
+    pub exposures: Option<Arc<ExposureLog>>,
+}
+
+static PLAIN: Finishing = Finishing { closing: 1.0, exposures: None };
+
+/// That of plain splats.
+impl Default for Finishing {
+    fn default() -> Self {
+        PLAIN.clone()
+    }
 }
 
 impl SplatSet {
     /// Splats with one appearance each.
     pub fn new(splats: Vec<Splat>, appearance: Vec<Appearance>) -> Self {
         assert_eq!(splats.len(), appearance.len(), "a splat has one appearance");
-        Self { splats, appearance }
+        Self { splats, appearance, ..Self::default() }
+    }
+
+    /// The same with other finished pixels.
+    pub fn finished(self, finishing: Finishing) -> Self {
+        Self { finishing, ..self }
+    }
+
+    /// What becomes of finished pixels.
+    pub fn finishing(&self) -> &Finishing {
+        &self.finishing
     }
 
     /// Adds a splat.
@@ -72,9 +109,10 @@ impl SplatSet {
         self.put(self.splats.len(), splat, appearance);
     }
 
-    /// Puts the splats of `new` into the listed slots, in their order. Slots that are not there yet
-    /// are added; those in between stay empty.
+    /// Puts the splats of `new` into the listed slots, in their order, and finishes pixels as `new`
+    /// does. Slots that are not there yet are added; those in between stay empty.
     pub fn replace(&mut self, slots: &[u32], new: &SplatSet) {
+        self.finishing.clone_from(&new.finishing);
         for (i, (&slot, splat)) in slots.iter().zip(&new.splats).enumerate() {
             self.put(slot as usize, *splat, new.appearance_of(i));
         }
@@ -107,7 +145,7 @@ impl SplatSet {
 
     /// What renderers take.
     pub fn view(&self) -> SplatView<'_> {
-        SplatView { splats: &self.splats, appearance: &self.appearance }
+        SplatView { splats: &self.splats, appearance: &self.appearance, finishing: &self.finishing }
     }
 }
 
@@ -121,7 +159,7 @@ impl Deref for SplatSet {
 
 impl From<Vec<Splat>> for SplatSet {
     fn from(splats: Vec<Splat>) -> Self {
-        Self { splats, appearance: Vec::new() }
+        Self { splats, ..Self::default() }
     }
 }
 
@@ -133,7 +171,7 @@ impl<'a> From<&'a SplatSet> for SplatView<'a> {
 
 impl<'a> From<&'a [Splat]> for SplatView<'a> {
     fn from(splats: &'a [Splat]) -> Self {
-        Self { splats, appearance: &[] }
+        Self { splats, appearance: &[], finishing: &PLAIN }
     }
 }
 

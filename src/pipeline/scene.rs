@@ -127,8 +127,12 @@ pub struct SceneOverrides {
     pub budget: Option<Budget>,
     /// Whether points are moved along their rays towards their component's plane.
     pub refine: Option<bool>,
+    /// Whether each frame's pose is corrected to fit the scene.
+    pub align: Option<bool>,
     /// Whether each frame's exposure is fitted to the scene's.
     pub gain: Option<bool>,
+    /// Whether cracks between splats are closed when they are drawn.
+    pub closing: Option<bool>,
     /// How looks are counted.
     pub looks: Option<LookRule>,
     /// Whether colour varies over a splat.
@@ -158,7 +162,9 @@ impl SceneOverrides {
             births: self.births.or(fallback.births),
             budget: self.budget.or(fallback.budget),
             refine: self.refine.or(fallback.refine),
+            align: self.align.or(fallback.align),
             gain: self.gain.or(fallback.gain),
+            closing: self.closing.or(fallback.closing),
             looks: self.looks.or(fallback.looks),
             gradient: self.gradient.or(fallback.gradient),
             directional: self.directional.or(fallback.directional),
@@ -272,12 +278,17 @@ impl SceneRun {
         engine.births = overrides.births.unwrap_or(engine.births);
         if engine.births.is_order_invariant() {
             engine.refine = false;
+            engine.align = false;
             engine.gain = false;
             engine.looks = LookRule::Returned;
             engine.native.opacity.rho0 *= LATTICE_DENSITY;
         }
         engine.refine = overrides.refine.unwrap_or(engine.refine);
+        engine.align = overrides.align.unwrap_or(engine.align);
         engine.gain = overrides.gain.unwrap_or(engine.gain);
+        if overrides.closing == Some(false) {
+            engine.native.closing = 1.0;
+        }
         engine.looks = overrides.looks.unwrap_or(engine.looks);
         engine.sums = overrides.sums.unwrap_or(engine.sums);
         engine.most = overrides.budget.map_or(engine.most, Budget::components);

@@ -6,6 +6,7 @@
 
 pub mod attributes;
 pub mod compare;
+pub mod finish;
 mod lens;
 mod options;
 pub mod outline;

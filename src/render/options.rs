@@ -1,5 +1,6 @@
 //! What a view needs besides splats and camera.
 
+use super::finish::Exposing;
 use super::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
 use crate::model::splats::Splat;
 use glam::DVec3;
@@ -179,12 +180,15 @@ pub struct RenderOptions {
     pub method: Method,
     /// What to change about every splat.
     pub look: Look,
+    /// How bright the splats are drawn.
+    pub exposing: Exposing,
 }
 
 impl RenderOptions {
     /// The settings of measured images: near plane 0.2, splats as they are.
     pub fn evaluation(method: Method, background: [f32; 3]) -> Self {
-        Self { background, near: EVALUATION_NEAR, method, look: Look::PLAIN }
+        let exposing = Exposing::Neutral;
+        Self { background, near: EVALUATION_NEAR, method, look: Look::PLAIN, exposing }
     }
 
     /// The settings of a view people move in: the near plane shrinks with small scenes, whose

@@ -67,6 +67,7 @@ eval[].cracks.training_distance.over_01 number
 eval[].cracks.training_distance.over_03 number
 eval[].cracks.views number
 eval[].depth_mae_mean number
+eval[].exposure string
 eval[].ground_truth string
 eval[].partial_coverage string
 eval[].psnr_aligned_covered_mean number

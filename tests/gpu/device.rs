@@ -8,6 +8,7 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::appearance::SplatView;
 use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;
@@ -102,6 +103,7 @@ pub const PLAIN: RenderOptions = RenderOptions {
     near: 0.2,
     method: Method::PROJECTED,
     look: vbgs_studio::render::Look::PLAIN,
+    exposing: Exposing::Neutral,
 };
 
 /// Splats in a cube of side 3 around the origin, axis ratios up to 100.

@@ -4,8 +4,12 @@ use super::compare::{TOLERANCE, assert_close, error, oracle};
 use super::device::{Gpu, PLAIN, camera, outside, random_scene};
 use crate::common::scenes::{NATIVE_SCENES, SCENES, camera_of, exact, options, random_appearance};
 use glam::{DMat3, DQuat, DVec3};
-use vbgs_studio::model::appearance::SplatView;
+use std::sync::Arc;
+use vbgs_studio::math::pose::Pose;
+use vbgs_studio::model::appearance::{Finishing, SplatSet, SplatView};
+use vbgs_studio::model::scene::exposure::{Exposure, ExposureLog};
 use vbgs_studio::model::splats::Splat;
+use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
 /// Every renderer with every setting that changes the shaders' formulas.
@@ -66,6 +70,23 @@ fn every_method_agrees_with_the_oracle() {
             let label = format!("{} {method:?}", scene.name);
             assert_close(&image, &oracle(&splats, &view, &options), &label);
         }
+    }
+    gpu.assert_no_faults();
+}
+
+#[test]
+fn every_method_finishes_pixels() {
+    let Some(gpu) = Gpu::new() else { return };
+    let splats = NATIVE_SCENES[1].splats(9);
+    let appearance = random_appearance(&splats, 9);
+    let frames = vec![Exposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
+    let exposures = Some(Arc::new(ExposureLog::new(frames, 0.1)));
+    let set = SplatSet::new(splats, appearance).finished(Finishing { closing: 0.4, exposures });
+    for method in METHODS {
+        let options = RenderOptions { exposing: Exposing::Recorded, ..options(method) };
+        let view = camera_of(method);
+        let image = gpu.image(&set, &view, &options);
+        assert_close(&image, &oracle(&set, &view, &options), &format!("finished {method:?}"));
     }
     gpu.assert_no_faults();
 }

@@ -7,11 +7,14 @@ use crate::common::scenes::{
     METHODS, NATIVE_SCENES, Scene, camera, camera_of, exact, options, random_appearance,
 };
 use glam::{DVec2, DVec3};
+use std::sync::Arc;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::model::appearance::{Appearance, SplatView};
+use vbgs_studio::model::appearance::{Appearance, Finishing, SplatSet, SplatView};
+use vbgs_studio::model::scene::exposure::{Exposure, ExposureLog};
 use vbgs_studio::model::splats::Splat;
 use vbgs_studio::render::cpu::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
+use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
 const EXACT: Method = exact(Response::Ray, Antialias::None, Lens::Pinhole);
@@ -42,6 +45,34 @@ fn whole_native_images_agree_with_the_oracle() {
             agreement.assert_close(0.05, &label);
             assert!(agreement.mean < 1e-5, "{label}: {agreement:?}");
             assert!(agreement.n_covered * 20 > agreement.n_pixels, "{label}: {agreement:?}");
+        }
+    }
+}
+
+/// A scene whose pixels are full from a coverage of 0.4 on, drawn as bright as its one frame was.
+#[test]
+fn finished_images_agree_with_the_oracle() {
+    for (seed, scene) in NATIVE_SCENES.iter().enumerate() {
+        let splats = scene.splats(40 + seed as u64);
+        let appearance = random_appearance(&splats, 40 + seed as u64);
+        let frames = vec![Exposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
+        let finishing =
+            Finishing { closing: 0.4, exposures: Some(Arc::new(ExposureLog::new(frames, 0.1))) };
+        let set = SplatSet::new(splats, appearance).finished(finishing);
+        for method in METHODS {
+            let label = format!("finished {} {method:?}", scene.name);
+            let options = RenderOptions { exposing: Exposing::Recorded, ..options(method) };
+            let camera = camera_of(method);
+            let agreement = agreement(set.view(), &camera, &options, &label);
+            agreement.assert_close(0.05, &label);
+            let [open, closed] =
+                [SplatSet::new(set.to_vec(), set.view().appearance().to_vec()), set.clone()]
+                    .map(|set| Oracle::of(&set, &camera, &options).render());
+            for (open, closed) in open.data.iter().zip(&closed.data) {
+                let coverage = (open.rgba[3] / 0.4).min(1.0);
+                assert!((closed.rgba[3] - coverage).abs() < 1e-6, "{label}");
+                assert!((closed.depth - open.depth).abs() < 1e-9, "{label}");
+            }
         }
     }
 }

@@ -6,6 +6,7 @@ use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
 };
+use crate::render::finish::Exposing;
 use crate::render::{Antialias, Lens, Renderer};
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, Ui};
 
@@ -37,6 +38,8 @@ pub fn ui(
         splats(settings, ui);
         section(ui, "Background");
         background(settings, ui);
+        section(ui, "Exposure");
+        exposure(settings, ui);
         section(ui, "Comparison");
         ui.add(
             Slider::new(&mut settings.difference_gain, GAINS)
@@ -143,6 +146,21 @@ fn splats(settings: &mut ViewSettings, ui: &mut Ui) {
 
 fn reset() -> eframe::egui::Button<'static> {
     eframe::egui::Button::new("Reset")
+}
+
+fn exposure(settings: &mut ViewSettings, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        for (choice, label, tooltip) in [
+            (Exposing::Neutral, "Neutral", "The whole scene as the first frames were exposed"),
+            (
+                Exposing::Recorded,
+                "As recorded",
+                "Every view as bright as the frames recorded around it, where the camera exposed by itself",
+            ),
+        ] {
+            ui.selectable_value(&mut settings.exposing, choice, label).on_hover_text(tooltip);
+        }
+    });
 }
 
 fn background(settings: &mut ViewSettings, ui: &mut Ui) {

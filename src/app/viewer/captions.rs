@@ -39,8 +39,9 @@ impl SceneView {
         let psnr = known.and_then(|s| s.psnr);
         if let Some(psnr) = psnr {
             let [r, g, b] = self.settings.background.rgb8();
+            let exposure = self.settings.exposing;
             let tooltip = format!(
-                "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x}` measures it"
+                "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure {exposure}` measures it"
             );
             let text = format!("PSNR {psnr:.2} dB");
             overlay::plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);

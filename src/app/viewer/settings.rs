@@ -2,6 +2,7 @@
 
 use crate::app::color_mode::ColorMode;
 use crate::app::kept;
+use crate::render::finish::Exposing;
 use crate::render::{Antialias, Exact, Lens, Look, Method, RenderOptions, Renderer, Response};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -69,6 +70,8 @@ pub struct ViewSettings {
     pub opacity_cut: f32,
     /// Colour behind the scene.
     pub background: Background,
+    /// How bright a scene is drawn whose cameras exposed by themselves.
+    pub exposing: Exposing,
     /// Factor on differences.
     pub difference_gain: f32,
     /// What colours mean. Not kept: the next scene may not tell it.
@@ -87,6 +90,7 @@ impl Default for ViewSettings {
             scale: 1.0,
             opacity_cut: 0.0,
             background: Background::Dark,
+            exposing: Exposing::Neutral,
             difference_gain: 8.0,
             color_mode: ColorMode::Color,
         }
@@ -151,13 +155,20 @@ impl ViewSettings {
             opacity_cut: self.opacity_cut,
             paint: self.color_mode.paint(range),
         };
-        RenderOptions { look, ..RenderOptions::viewport(method, self.background.rgb(), radius) }
+        // Colours that stand for something else must not change with the place.
+        let exposing = match self.color_mode {
+            ColorMode::Color => self.exposing,
+            _ => Exposing::Neutral,
+        };
+        let plain = RenderOptions::viewport(method, self.background.rgb(), radius);
+        RenderOptions { look, exposing, ..plain }
     }
 
     /// The settings by which `eval` would measure the renderer chosen here at a dataset's camera.
     pub fn measured(&self) -> RenderOptions {
         let method = self.method(self.renderer, Lens::Pinhole);
-        RenderOptions::evaluation(method, self.background.rgb())
+        let plain = RenderOptions::evaluation(method, self.background.rgb());
+        RenderOptions { exposing: self.exposing, ..plain }
     }
 }
 
@@ -169,6 +180,7 @@ mod tests {
     fn settings_survive_a_restart_but_not_the_colour_mode() {
         let chosen = ViewSettings {
             antialias: Antialias::None,
+            exposing: Exposing::Recorded,
             pinhole_fov_deg: Some(90.0),
             scale: 0.5,
             background: Background::Custom([1, 2, 3]),

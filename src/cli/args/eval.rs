@@ -5,6 +5,7 @@ use super::{DepthArgs, RendererArgs, choice, parse_count};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::eval::views::PartialCoverage;
+use vbgs_studio::render::finish::Exposing;
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum GroundTruthName {
@@ -27,6 +28,10 @@ pub struct ComparisonArgs {
     /// divided by coverage (from 0.5 on)
     #[arg(long, value_parser = choice::<PartialCoverage>(), default_value = "composited")]
     pub partial_coverage: PartialCoverage,
+    /// How bright scenes are drawn whose cameras exposed by themselves: as the first frames were, or
+    /// as those recorded around each view
+    #[arg(long, value_parser = choice::<Exposing>(), default_value = "neutral")]
+    pub exposure: Exposing,
 }
 
 #[derive(Args)]

@@ -5,6 +5,7 @@ use super::{RendererArgs, choice, parse_count, parse_size};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::render::Lens;
+use vbgs_studio::render::finish::Exposing;
 
 #[derive(Args)]
 pub struct RenderArgs {
@@ -44,6 +45,10 @@ pub struct RenderArgs {
     /// Colour behind the splats: black, white or #rrggbb
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
+    /// How bright a scene is drawn whose cameras exposed by themselves: as the first frames were, or
+    /// as those recorded around the view
+    #[arg(long, value_parser = choice::<Exposing>(), default_value = "neutral")]
+    pub exposure: Exposing,
     #[command(flatten)]
     pub renderer: RendererArgs,
     /// What the splats' colours show

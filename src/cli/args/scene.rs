@@ -17,8 +17,12 @@ pub enum Part {
     Cosine,
     /// Moving points along their rays towards their component's plane
     Refine,
+    /// Correcting each frame's pose to fit the scene
+    Align,
     /// Fitting each frame's exposure to the scene's
     Gain,
+    /// Closing cracks between splats when they are drawn
+    Closing,
     /// Colour that varies over a splat
     Gradient,
     /// Colour that depends on the view direction

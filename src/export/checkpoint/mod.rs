@@ -39,6 +39,7 @@
 //! | `WIDI` | u32 | components with 4,096 points or more, ascending; only beside integers, if there are any |
 //! | `WIDE` | f64 | their sums, rows as in `SUMS`, whole multiples of 2⁻¹⁵ |
 //! | `LOOK` | u32 | rows of two: returns expected, in 64ths; frames in which the component was seen (low half) and seen through (high half) |
+//! | `EXPO` | f64 | where gains were fitted, by frame learnt: the camera's centre and unit direction in the world, and the gains of red, green and blue |
 //!
 //! What follows from these is not saved: the index, posteriors, and the state of random streams,
 //! which is their name ([`crate::math::rng`]).
@@ -178,6 +179,7 @@ mod tag {
     pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
     pub const LOOKS: [u8; 4] = *b"LOOK";
     pub const COMPONENTS: [u8; 4] = *b"COMP";
+    pub const EXPOSURES: [u8; 4] = *b"EXPO";
 
     /// What every checkpoint may have.
     const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
@@ -185,8 +187,8 @@ mod tag {
     pub const OF_MIXTURES: [[u8; 4]; 9] =
         [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
     /// What only scenes have.
-    pub const OF_SCENES: [[u8; 4]; 7] =
-        [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, COMPONENTS, LOOKS];
+    pub const OF_SCENES: [[u8; 4]; 8] =
+        [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, COMPONENTS, LOOKS, EXPOSURES];
 
     /// Whether this program knows what a section means.
     pub fn is_known(tag: [u8; 4]) -> bool {

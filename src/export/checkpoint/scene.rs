@@ -4,11 +4,15 @@ use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
+use crate::model::scene::exposure::Exposure;
 use crate::model::scene::state::{Looks, SceneState, StoredSums, WideRow};
 use crate::model::scene::sums::N_SUMS;
 
 /// Words of a component's looks.
 const N_LOOKS: usize = size_of::<Looks>() / size_of::<u32>();
+
+/// Numbers of a frame's exposure.
+const N_EXPOSURE: usize = size_of::<Exposure>() / size_of::<f64>();
 
 /// In the order of the file.
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
@@ -32,6 +36,10 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
     sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.looks)));
+    if !state.exposures.is_empty() {
+        let numbers = bytemuck::cast_slice(&state.exposures);
+        sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
+    }
     sections
 }
 
@@ -55,6 +63,10 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
         components,
         sums: sums(sections, n)?,
         looks: bytemuck::cast_vec(looks),
+        exposures: match sections.has(tag::EXPOSURES) {
+            true => bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(tag::EXPOSURES, None)?),
+            false => Vec::new(),
+        },
     };
     check::scene(&state)?;
     Ok(state)

@@ -14,7 +14,7 @@ use crate::model::merging::AddError;
 /// [`AddError::Unlike`] for scenes about different origins or with merged components, [`AddError::Inexact`] unless both keep
 /// integer sums, [`AddError::Overflow`] beyond what a wide row holds.
 pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
-    if a.origin != b.origin || [a, b].iter().any(|scene| scene.components.is_some()) {
+    if a.origin != b.origin || [a, b].iter().any(|scene| depends_on_order(scene)) {
         return Err(AddError::Unlike);
     }
     let sums = [Exact::of(&a.sums)?, Exact::of(&b.sums)?];
@@ -31,6 +31,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         components: None,
         sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
         looks: Vec::with_capacity(terms.len()),
+        exposures: Vec::new(),
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
     for same in terms.chunk_by(|a, b| a.seed == b.seed) {
@@ -54,6 +55,12 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     }
     scene.sums = StoredSums::Mixed { rows, wide };
     Ok(scene)
+}
+
+/// Seeds that share components were merged when a budget was reached, and gains follow the frames
+/// before.
+fn depends_on_order(scene: &SceneState) -> bool {
+    scene.components.is_some() || !scene.exposures.is_empty()
 }
 
 /// A component of one of the scenes.
@@ -112,6 +119,7 @@ mod tests {
                 .iter()
                 .map(|&(_, points)| Looks { expected: points, seen: 1, missed: 40_000 })
                 .collect(),
+            exposures: Vec::new(),
         }
     }
 

@@ -18,6 +18,9 @@ pub struct NativeRule {
     pub least_points: f64,
     /// Factor on the standard deviations.
     pub scale: f64,
+    /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`.
+    #[serde(default = "open")]
+    pub closing: f64,
     /// Least standard deviation, units of `h`.
     pub least_scale: f64,
     /// Standard deviation of the points that every component starts with, units of `h`.
@@ -63,7 +66,7 @@ impl NativeRule {
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
-            appearance.gradient = rows(self.gradient(sums, covariance, anchor.h));
+            appearance.gradient = rows(sums.gradient(self.gradient_ridge * anchor.h * anchor.h));
         }
         if self.directional {
             let weights = self.directional(sums);
@@ -89,17 +92,6 @@ impl NativeRule {
             .scaled(1.0 / (count + self.prior_points))
     }
 
-    /// Conditional mean of the joint Gaussian of colour and position:
-    /// `G = cov(c, s) (Σ + l I)⁻¹`, row per channel.
-    fn gradient(&self, sums: &SceneSums, covariance: Sym3, h: f64) -> DMat3 {
-        let joint = sums.color_covariance();
-        let ridge = Sym3::diagonal(self.gradient_ridge * h * h);
-        match covariance.add_scaled(1.0, ridge).inverse() {
-            Some(inverse) => joint * inverse.to_mat3(),
-            None => DMat3::ZERO,
-        }
-    }
-
     /// Ridge regression of colour on view direction, row per channel.
     fn directional(&self, sums: &SceneSums) -> DMat3 {
         let n = sums.count;
@@ -112,6 +104,11 @@ impl NativeRule {
             None => DMat3::ZERO,
         }
     }
+}
+
+/// Scenes written before there was a closing.
+fn open() -> f64 {
+    1.0
 }
 
 fn rows(m: DMat3) -> [[f32; 3]; 3] {

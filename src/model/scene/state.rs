@@ -1,5 +1,6 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
+use super::exposure::Exposure;
 use super::sums::N_SUMS;
 use bytemuck::{Pod, Zeroable};
 use std::cmp::Ordering;
@@ -28,6 +29,8 @@ pub struct SceneState {
     pub sums: StoredSums,
     /// How often components were looked at.
     pub looks: Vec<Looks>,
+    /// How the frames were exposed, in the order they were learnt in, where gains were fitted.
+    pub exposures: Vec<Exposure>,
 }
 
 /// Order of components that are born in none of their own: by x, then y, then z of their seeds.

@@ -152,6 +152,15 @@ impl SceneSums {
         self.color_offset * (1.0 / self.count) - outer(self.color / self.count, self.mean_offset())
     }
 
+    /// How colour changes with position: conditional mean of their joint Gaussian,
+    /// `G = cov(c, s) (Σ + l I)⁻¹` with the ridge `l` in world units², row per channel; N > 0.
+    pub fn gradient(&self, ridge: f64) -> DMat3 {
+        match self.covariance().add_scaled(1.0, Sym3::diagonal(ridge)).inverse() {
+            Some(inverse) => self.color_covariance() * inverse.to_mat3(),
+            None => DMat3::ZERO,
+        }
+    }
+
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and
     /// scale of [`crate::math::points::Normalization`].
     pub fn moments(&self) -> Moments {

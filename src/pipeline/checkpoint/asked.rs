@@ -54,6 +54,8 @@ impl SavedRun {
             return Ok(()); // settings are always JSON objects
         };
         let Ok(stored) = serde_json::to_value(&self.config) else { return Ok(()) };
+        let closes = stored["native"]["closing"].as_f64().map(|coverage| coverage < 1.0);
+        let closes = Value::from(closes);
         // What one option says to both presets is judged by the run's own.
         let foreign = foreign.iter().filter(|(name, _)| !SHARED.contains(&name.as_str()));
         let given = asked.iter().chain(&own).chain(foreign).filter(|(_, value)| !value.is_null());
@@ -62,6 +64,7 @@ impl SavedRun {
                 "covariance_form" => &stored["conversion"]["form"],
                 "scale_factor" => &stored["conversion"]["scale_factor"],
                 "gradient" | "directional" => &stored["native"][name],
+                "closing" => &closes,
                 "plane_fit" | "flying_pixels" | "cosine" | "sensor" | "calibration" => {
                     &stored["surface"][name]
                 }
@@ -85,8 +88,8 @@ fn option_name(name: &str) -> String {
     match name {
         "covariance_form" => "--conversion".to_owned(),
         "sums" => "--precision".to_owned(),
-        "refine" | "gain" | "gradient" | "directional" | "plane_fit" | "flying_pixels"
-        | "cosine" => format!("--with or --without {}", name.replace('_', "-")),
+        "refine" | "align" | "gain" | "closing" | "gradient" | "directional" | "plane_fit"
+        | "flying_pixels" | "cosine" => format!("--with or --without {}", name.replace('_', "-")),
         other => format!("--{}", other.replace('_', "-")),
     }
 }

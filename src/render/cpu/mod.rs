@@ -20,6 +20,7 @@ mod sort;
 mod tile;
 mod view;
 
+use super::finish::Finish;
 use super::{RenderOptions, TILE};
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
@@ -151,7 +152,8 @@ impl CpuRenderer {
         observer(Stage::Sort);
         self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
         observer(Stage::Bin);
-        self.rasterise(camera, options, &mut image);
+        let finish = Finish::new(splats.finishing(), camera, options);
+        self.rasterise(camera, options, finish, &mut image);
         observer(Stage::Raster);
         image
     }
@@ -170,7 +172,13 @@ impl CpuRenderer {
         self.counts.iter().map(|count| count.n_invalid).sum()
     }
 
-    fn rasterise(&mut self, camera: &Camera, options: &RenderOptions, image: &mut Rendered) {
+    fn rasterise(
+        &mut self,
+        camera: &Camera,
+        options: &RenderOptions,
+        finish: Finish,
+        image: &mut Rendered,
+    ) {
         let (width, height) = (image.color.width, image.color.height);
         let n_rows = height.div_ceil(TILE);
         self.canvases.resize_with(n_rows, RowCanvas::default);
@@ -179,6 +187,7 @@ impl CpuRenderer {
             intrinsics: camera.intrinsics,
             method: options.method,
             background: options.background,
+            finish,
         };
         let (isa, rows) = (Isa::best(), &self.rows);
         let pixels_per_row = width * TILE;

@@ -5,6 +5,7 @@ use super::record::Records;
 use super::tile::{Form, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
+use crate::render::finish::Finish;
 use crate::render::{Lens, Method, Response, TILE};
 use wide::bytemuck::cast_slice;
 
@@ -29,6 +30,7 @@ pub(super) struct Sheet<'a> {
     pub intrinsics: Intrinsics,
     pub method: Method,
     pub background: [f32; 3],
+    pub finish: Finish,
 }
 
 /// Draws the splats of `list` (nearest first) into one row of tiles.
@@ -99,7 +101,7 @@ impl RowCanvas {
         }));
     }
 
-    /// Composites the tiles over the background into the row's pixels.
+    /// Finishes the tiles' pixels and composites them over the background.
     pub(super) fn write(
         &self,
         sheet: &Sheet<'_>,
@@ -117,14 +119,16 @@ impl RowCanvas {
             for row in 0..color.len() / width {
                 for column in 0..TILE.min(width - left) {
                     let [t, r, g, b, z] = planes.map(|plane| plane[row * TILE + column]);
-                    let (t, pixel) = (t.abs(), row * width + left + column);
+                    let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
+                    let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
+                    let t = 1.0 - covered;
                     color[pixel] = [
                         (r + t * sheet.background[0]).clamp(0.0, 1.0),
                         (g + t * sheet.background[1]).clamp(0.0, 1.0),
                         (b + t * sheet.background[2]).clamp(0.0, 1.0),
                     ];
-                    coverage[pixel] = 1.0 - t;
-                    depth[pixel] = if t < 1.0 { z / (1.0 - t) } else { 0.0 };
+                    coverage[pixel] = covered;
+                    depth[pixel] = if open > 0.0 { z / open } else { 0.0 };
                     if per_z {
                         depth[pixel] *= k.ray(left + column, top + row).length() as f32;
                     }

@@ -3,19 +3,22 @@
 use super::layout::{Composite, shader};
 use super::target::SplatTarget;
 use crate::render::compare::{Area, Combination};
+use crate::render::finish::Finish;
 
 /// A second picture to compare with.
 #[derive(Clone, Copy, Debug)]
 pub struct Second<'a> {
     /// Of another [`SplatTarget`] or of a [`super::photo::PhotoTexture`].
     pub view: &'a wgpu::TextureView,
+    /// What becomes of its pixels; nothing of a photograph's.
+    pub finish: Finish,
     /// The part of the viewport that it fills.
     pub area: Area,
     /// What is shown of the two.
     pub how: Combination,
 }
 
-/// Lays a splat image over a background, `C + (1 − A)·bg` (`rendering.md` (d) 3), and compares it
+/// Finishes a splat image, lays it over a background, `C + (1 − A)·bg` (`rendering.md` (d) 3), and compares it
 /// with a second picture if there is one.
 #[derive(Debug)]
 pub struct Compositor {
@@ -69,7 +72,7 @@ impl Compositor {
         background: [f32; 3],
         second: Option<Second<'_>>,
     ) {
-        let uniforms = uniforms(background, second);
+        let uniforms = uniforms(background, image.finish(), second);
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
         let second_view = second.map_or(image.view(), |second| second.view);
         self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -104,14 +107,27 @@ impl Compositor {
     }
 }
 
-fn uniforms(background: [f32; 3], second: Option<Second<'_>>) -> Composite {
+fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) -> Composite {
     let area = second.map_or(Area::FULL, |second| second.area);
     let (mode, amount) = match second.map(|second| second.how) {
         None => (0, 0.0),
         Some(Combination::Wipe(divider)) => (1, divider),
         Some(Combination::Difference(gain)) => (2, gain),
     };
-    Composite { background, mode, area_min: area.min, area_max: area.max, amount, padding: [0; 3] }
+    let second_finish = second.map_or(Finish::NONE, |second| second.finish);
+    Composite {
+        background,
+        mode,
+        area_min: area.min,
+        area_max: area.max,
+        amount,
+        second_closing: second_finish.closing,
+        padding: [0; 2],
+        exposure: finish.exposure,
+        closing: finish.closing,
+        second_exposure: second_finish.exposure,
+        end: 0,
+    }
 }
 
 fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {

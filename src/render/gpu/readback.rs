@@ -10,7 +10,7 @@ use std::time::Duration;
 /// A GPU that takes longer than this for one picture is not coming back.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Premultiplied, sRGB-encoded colour and coverage of every pixel, without background.
+/// Premultiplied, sRGB-encoded colour and coverage of every finished pixel, without background.
 pub fn premultiplied(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -18,7 +18,8 @@ pub fn premultiplied(
 ) -> Result<Image<[f32; 4]>, GpuError> {
     let (width, height) = image.size();
     let halves = texels::<[u16; 4]>(device, queue, image.texture(), width, height)?;
-    Ok(halves.map(|texel| texel.map(f32_from_f16)))
+    let finish = image.finish();
+    Ok(halves.map(|texel| finish.apply(texel.map(f32_from_f16))))
 }
 
 /// The bytes a screen would show: `image` over an sRGB-encoded background, opaque RGBA. `format` is

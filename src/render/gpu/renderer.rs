@@ -121,6 +121,7 @@ impl SplatRenderer {
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
+        self.target.set_finish(scene.finish(camera, options));
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
         if self.target.is_empty() {
             return Ok(());

@@ -5,7 +5,10 @@ use super::allocation::Allocation;
 use super::context::max_buffer_bytes;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat};
 use super::scatter::Scatter;
-use crate::model::appearance::SplatView;
+use crate::math::camera::Camera;
+use crate::model::appearance::{Finishing, SplatView};
+use crate::render::RenderOptions;
+use crate::render::finish::Finish;
 use std::future::Future;
 use std::task::{Context, Poll, Waker};
 
@@ -37,6 +40,7 @@ pub struct GpuScene {
     /// By splat, whether it cannot be drawn although it has an opacity.
     is_invalid: Vec<bool>,
     n_invalid: usize,
+    finishing: Finishing,
 }
 
 #[derive(Debug)]
@@ -65,6 +69,7 @@ impl GpuScene {
             n_order: [0; N_ORDERS],
             is_invalid: Vec::new(),
             n_invalid: 0,
+            finishing: splats.finishing().clone(),
         };
         scene.upload_whole(queue, splats);
         Ok(scene)
@@ -84,6 +89,7 @@ impl GpuScene {
     ) -> Result<u64, GpuError> {
         let splats: SplatView<'a> = splats.into();
         self.buffers.allocation.check()?;
+        self.finishing.clone_from(splats.finishing());
         let n_splats = splats.splats().len();
         if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
             let grown = Buffers::new(device, splats, self.buffers.capacity)?;
@@ -149,6 +155,10 @@ impl GpuScene {
     /// Splats that fit before the next growth.
     pub fn capacity(&self) -> usize {
         self.buffers.capacity
+    }
+
+    pub(super) fn finish(&self, camera: &Camera, options: &RenderOptions) -> Finish {
+        Finish::new(&self.finishing, camera, options)
     }
 
     pub(super) fn splat_buffer(&self) -> &wgpu::Buffer {

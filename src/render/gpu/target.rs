@@ -1,17 +1,19 @@
 //! The offscreen image that splats are drawn into.
 
 use super::GpuError;
+use crate::render::finish::Finish;
 
 /// Premultiplied colour and coverage in half floats: blending in bytes would band.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
-/// Premultiplied, sRGB-encoded splat colour and coverage; the background is not in it.
+/// Premultiplied, sRGB-encoded splat colour and coverage, not finished yet; the background is not in it.
 #[derive(Debug)]
 pub struct SplatTarget {
     texture: wgpu::Texture,
     view: wgpu::TextureView,
     width: u32,
     height: u32,
+    finish: Finish,
 }
 
 impl SplatTarget {
@@ -40,12 +42,21 @@ impl SplatTarget {
             view_formats: &[],
         });
         let view = texture.create_view(&Default::default());
-        Ok(Self { texture, view, width, height })
+        Ok(Self { texture, view, width, height, finish: Finish::NONE })
     }
 
     /// Columns and rows, either may be 0.
     pub fn size(&self) -> (u32, u32) {
         (self.width, self.height)
+    }
+
+    /// What becomes of the pixels when the image is laid over a background.
+    pub fn finish(&self) -> Finish {
+        self.finish
+    }
+
+    pub(super) fn set_finish(&mut self, finish: Finish) {
+        self.finish = finish;
     }
 
     pub(super) fn is_empty(&self) -> bool {

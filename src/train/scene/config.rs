@@ -53,6 +53,9 @@ pub struct SceneConfig {
     pub h: f64,
     /// Whether points are moved along their rays towards their component's plane.
     pub refine: bool,
+    /// Whether each frame's pose is corrected to fit the scene.
+    #[serde(default)]
+    pub align: bool,
     /// Whether each frame's exposure is fitted to the scene's.
     pub gain: bool,
     /// How looks are counted.
@@ -72,19 +75,21 @@ impl SceneConfig {
             births: BirthRule::Seeds,
             h,
             refine: true,
+            align: false,
             gain: false,
             looks: LookRule::Projected,
             sums: SumForm::Mixed,
             most: MOST_COMPONENTS,
             native: NativeRule {
-                opacity: DensityOpacity { tau: 2.8, rho0: 0.5, doubt: 20.0, least: 0.3 },
+                opacity: DensityOpacity { tau: 2.4, rho0: 0.55, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
-                scale: 1.2,
+                scale: 1.12,
+                closing: 0.8,
                 least_scale: 0.05,
                 prior_scale: 0.3,
                 prior_points: 2.0,
                 gradient: true,
-                gradient_ridge: 0.025,
+                gradient_ridge: 0.005,
                 directional: true,
                 directional_ridge: [0.01, 0.2],
             },
@@ -96,13 +101,14 @@ impl SceneConfig {
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let native = NativeRule {
-            opacity: DensityOpacity { tau: 3.0, rho0: 1.2, doubt: 10.0, ..fine.native.opacity },
-            scale: 1.6,
+            opacity: DensityOpacity { tau: 3.0, rho0: 2.0, ..fine.native.opacity },
+            scale: 1.35,
+            closing: 0.5,
+            least_scale: 0.15,
             gradient_ridge: 0.016,
-            directional_ridge: [0.02, 0.2],
             ..fine.native
         };
-        Self { gain: true, native, ..fine }
+        Self { align: true, gain: true, native, ..fine }
     }
 
     /// Seeds at most: merged components keep theirs, and a lattice is merged only when it is drawn.
@@ -124,6 +130,14 @@ impl SceneConfig {
                 setting: "--scale",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
+            });
+        }
+        let closing = self.native.closing;
+        if !(closing > 0.0 && closing <= 1.0) {
+            return Err(ConfigError {
+                setting: "closing",
+                expected: "a coverage above 0, at most 1".to_owned(),
+                found: closing.to_string(),
             });
         }
         Ok(self)

@@ -10,6 +10,7 @@ pub mod engine;
 pub mod trainer;
 
 mod accumulate;
+mod align;
 mod assign;
 mod births;
 mod components;

@@ -2,6 +2,7 @@
 
 use super::ledger::{Ledger, Look, Word};
 use super::places::Places;
+use crate::math::camera::Camera;
 use crate::math::observation::Observation;
 use glam::{DMat3, DVec3};
 
@@ -17,9 +18,16 @@ struct Viewer<'a> {
 }
 
 /// Counts the looks of one frame at every component: seen where the frame measured it, missed where
-/// it measured something farther; what is hidden or unknown does not count.
-pub fn observe<W: Word>(ledger: &mut Ledger<W>, places: Places<'_>, frame: &Observation, h: f64) {
-    let pose = &frame.camera.pose;
+/// it measured something farther; what is hidden or unknown does not count. `camera` is the frame's,
+/// where it really stood.
+pub fn observe<W: Word>(
+    ledger: &mut Ledger<W>,
+    places: Places<'_>,
+    frame: &Observation,
+    camera: &Camera,
+    h: f64,
+) {
+    let pose = &camera.pose;
     let viewer = Viewer {
         frame,
         rotation: pose.rotation().transpose(),

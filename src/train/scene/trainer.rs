@@ -1,6 +1,7 @@
 //! The trainer of the scene preset: owns the components and applies frames to them.
 
 use super::accumulate::{Matched, accumulate};
+use super::align::{Alignment, Motion};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
 use super::components::Components;
@@ -12,10 +13,12 @@ use super::merge::merge_down;
 use super::observe::observe;
 use super::places::Places;
 use super::refine::shift;
-use crate::math::observation::{Observation, SurfacePoint};
-use crate::model::appearance::{Appearance, SplatSet};
+use crate::math::camera::Camera;
+use crate::math::observation::{DepthTolerance, Observation, SurfacePoint};
+use crate::model::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::posterior::ComponentPosterior;
 use crate::model::prior::Hyper;
+use crate::model::scene::exposure::{Exposure, ExposureLog};
 use crate::model::scene::native::{Anchor, NativeRule};
 use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
@@ -26,6 +29,7 @@ use crate::train::timing::{StageMs, Stopwatch};
 use crate::train::trainer::FrameOutcome;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Every so many frames all components are told to have changed.
 const EVERYTHING_EVERY: u64 = 16;
@@ -60,6 +64,10 @@ pub struct SceneTrainer<W> {
     frames: u64,
     /// Points that found no component so far.
     lost: Lost,
+    /// How the frames were exposed, while gains are fitted.
+    exposures: Vec<Exposure>,
+    /// Points of the frame being learnt as its corrected pose has them.
+    moved: Vec<SurfacePoint>,
 }
 
 impl<W: Word> SceneTrainer<W> {
@@ -81,6 +89,8 @@ impl<W: Word> SceneTrainer<W> {
             touched: Vec::new(),
             frames: 0,
             lost: Lost::default(),
+            exposures: Vec::new(),
+            moved: Vec::new(),
         }
     }
 
@@ -96,6 +106,7 @@ impl<W: Word> SceneTrainer<W> {
         if let Some(components) = state.components {
             trainer.components = Components::restore(components, trainer.ledger.len())?;
         }
+        trainer.exposures = state.exposures;
         trainer.frames = frames;
         Some(trainer)
     }
@@ -109,7 +120,8 @@ impl<W: Word> SceneTrainer<W> {
             Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
             None => order.into_iter().map(|id| self.grid.position(id as usize)).collect(),
         };
-        SceneState { origin: self.origin.to_array(), seeds, components, sums, looks }
+        let exposures = self.exposures.clone();
+        SceneState { origin: self.origin.to_array(), seeds, components, sums, looks, exposures }
     }
 
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
@@ -128,26 +140,32 @@ impl<W: Word> SceneTrainer<W> {
         let wall = Stopwatch::start();
         let mut ms = StageMs::default();
         let mut clock = Stopwatch::start();
-        self.assign(&frame.points);
-        ms.candidates = clock.lap_ms();
-        let births = self.give_birth(&frame.points);
-        ms.reassign = clock.lap_ms();
-        let (points, elbo_mean) = self.explain(&frame.points);
-        self.refine(frame);
-        let gain = self.gain(&frame.points);
+        let (moved, camera) = self.moved(frame);
+        let points = moved.as_deref().unwrap_or(&frame.points);
         ms.e_step = clock.lap_ms();
+        self.assign(points);
+        ms.candidates = clock.lap_ms();
+        let births = self.give_birth(points);
+        ms.reassign = clock.lap_ms();
+        let (n_points, elbo_mean) = self.explain(points);
+        self.refine(points, frame.tolerance);
+        let gain = self.gain(points);
+        ms.e_step += clock.lap_ms();
         self.ledger.grow(self.components.n_rows());
-        let matched =
-            Matched { points: &frame.points, owners: &self.owners, shifts: &self.shifts, gain };
+        let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
         let (h, looks) = (self.config.h, self.config.looks);
         let places = Places { grid: &self.grid, components: &self.components };
         accumulate(&mut self.ledger, places, matched, h, looks, &mut self.touched);
         ms.stats = clock.lap_ms();
         self.ledger.carry_over(&self.touched);
         if looks == LookRule::Projected {
-            observe(&mut self.ledger, places, frame, h);
+            observe(&mut self.ledger, places, frame, &camera, h);
         }
         ms.update = clock.lap_ms();
+        if self.config.gain {
+            self.exposures.push(Exposure::new(&camera.pose, gain));
+        }
+        self.moved = moved.unwrap_or_default();
         self.frames += 1;
         let has_merged = self.merge();
         if has_merged || self.frames.is_multiple_of(EVERYTHING_EVERY) {
@@ -157,7 +175,34 @@ impl<W: Word> SceneTrainer<W> {
         }
         ms.reassign += clock.lap_ms();
         ms.train = wall.elapsed_ms();
-        FrameOutcome { points, elbo_mean, reassigned: births, ms }
+        FrameOutcome { points: n_points, elbo_mean, reassigned: births, ms }
+    }
+
+    /// The frame's points and camera as they stood, if the scene tells better than the recorded pose.
+    fn moved(&mut self, frame: &Observation) -> (Option<Vec<SurfacePoint>>, Camera) {
+        match self.config.align.then(|| self.motion(frame)).flatten() {
+            None => (None, frame.camera),
+            Some(motion) => {
+                let mut points = std::mem::take(&mut self.moved);
+                let camera = motion.apply(frame, &mut points);
+                (Some(points), camera)
+            }
+        }
+    }
+
+    /// See [`Alignment::motion`].
+    pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
+        self.assign(&frame.points);
+        let alignment = Alignment {
+            ledger: &self.ledger,
+            places: Places { grid: &self.grid, components: &self.components },
+            h: self.config.h,
+            ridge: self.config.native.gradient_ridge * self.config.h * self.config.h,
+            frame,
+            owners: &self.owners,
+            gain: self.gain(&frame.points),
+        };
+        alignment.motion()
     }
 
     /// Gives points without a component one of their own, as far as the budget allows: a frame may
@@ -222,16 +267,16 @@ impl<W: Word> SceneTrainer<W> {
         }
     }
 
-    fn refine(&mut self, frame: &Observation) {
+    fn refine(&mut self, points: &[SurfacePoint], tolerance: DepthTolerance) {
         self.shifts.clear();
-        self.shifts.resize(frame.points.len(), 0.0);
+        self.shifts.resize(points.len(), 0.0);
         if !self.config.refine {
             return;
         }
         let (ledger, h) = (&self.ledger, self.config.h);
         let places = Places { grid: &self.grid, components: &self.components };
-        let limit = f64::from(frame.tolerance.refinement);
-        let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(&frame.points);
+        let limit = f64::from(tolerance.refinement);
+        let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(points);
         shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
             let id = owner as usize;
             if id < ledger.len() {
@@ -332,14 +377,21 @@ impl<W: Word> SceneTrainer<W> {
     fn every_splat(&self) -> SplatSet {
         let splats = (0..self.components()).into_par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
-        SplatSet::new(splats, appearance)
+        self.set_of(splats, appearance)
     }
 
     /// What renderers draw of the listed components, in their order.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
         let splats = ids.par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
-        SplatSet::new(splats, appearance)
+        self.set_of(splats, appearance)
+    }
+
+    fn set_of(&self, splats: Vec<Splat>, appearance: Vec<Appearance>) -> SplatSet {
+        let exposures = ExposureLog::new(self.exposures.clone(), self.config.h);
+        let exposures = (!self.exposures.is_empty()).then(|| Arc::new(exposures));
+        let closing = self.config.native.closing as f32;
+        SplatSet::new(splats, appearance).finished(Finishing { closing, exposures })
     }
 
     /// Posterior of a component, world units relative to the scene's origin, colours normalised.

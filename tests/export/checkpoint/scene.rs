@@ -5,6 +5,7 @@ use super::{N, assert_refused, checkpoint, fixed64, means_f32};
 use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, VERSION, parse, to_bytes};
 use vbgs_studio::math::observation::SurfacePoint;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::scene::exposure::Exposure;
 use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums, WideRow};
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
 
@@ -75,13 +76,21 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         components: None,
         sums,
         looks,
+        exposures: Vec::new(),
     }))
 }
 
 /// A scene before its first frame.
 pub fn nothing() -> SceneState {
     let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
-    SceneState { origin: [0.0; 3], seeds: Vec::new(), components: None, sums, looks: Vec::new() }
+    SceneState {
+        origin: [0.0; 3],
+        seeds: Vec::new(),
+        components: None,
+        sums,
+        looks: Vec::new(),
+        exposures: Vec::new(),
+    }
 }
 
 fn good() -> Vec<u8> {
@@ -211,6 +220,30 @@ fn seeds_may_share_components() {
     assert_refused(&beyond, &["COMP[component 0, seed]", "a component below 20", "found 20"]);
     let short = edited(&bytes, b"COMP", |s| s.content.truncate(4 * n as usize));
     assert_refused(&short, &["COMP", "21 elements", "found 20"]);
+}
+
+#[test]
+fn frames_may_have_gains() {
+    let mut checkpoint = sample(mixed());
+    let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
+    let exposure = |gain| Exposure { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8], gain };
+    state.exposures = vec![exposure([1.0; 3]), exposure([0.5, 1.25, 2.0])];
+    let bytes = to_bytes(&checkpoint);
+    assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
+    let with = |frame: usize, at: usize, value: f64| {
+        edited(&bytes, b"EXPO", |s| {
+            let first = 8 * (9 * frame + at);
+            s.content[first..first + 8].copy_from_slice(&value.to_le_bytes());
+        })
+    };
+    let parts = ["EXPO[component 1, gain]", "a positive number"];
+    for gain in [0.0, -1.0, f64::NAN] {
+        assert_refused(&with(1, 7, gain), &parts);
+    }
+    assert_refused(&with(0, 4, 2.0), &["EXPO[component 0, direction]", "a unit vector"]);
+    assert_refused(&with(0, 0, f64::INFINITY), &["EXPO[component 0, centre]", "finite"]);
+    let part = edited(&bytes, b"EXPO", |s| s.content.truncate(8 * 17));
+    assert_refused(&part, &["EXPO", "whole rows of 9 elements"]);
 }
 
 #[test]

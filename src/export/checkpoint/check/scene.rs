@@ -44,6 +44,18 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
         let found = f64::from(state.seeds[at / 3][at % 3]);
         return Err(value(tag::SEEDS, at / 3, AXES[at % 3], "a finite number", found));
     }
+    for (at, frame) in state.exposures.iter().enumerate() {
+        if let Some(&found) = frame.centre.iter().find(|x| !x.is_finite()) {
+            return Err(value(tag::EXPOSURES, at, "centre", "a finite number", found));
+        }
+        let length = frame.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if !((length - 1.0).abs() < 1e-3) {
+            return Err(value(tag::EXPOSURES, at, "direction", "a unit vector", length));
+        }
+        if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
+            return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
+        }
+    }
     let n = state.looks.len();
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {

@@ -39,7 +39,7 @@ pub struct Variant {
 type Part = (&'static str, fn(&mut SceneRun));
 
 /// In the order of `accuracy.md` 5.
-const PARTS: [Part; 9] = [
+const PARTS: [Part; 11] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -49,9 +49,11 @@ const PARTS: [Part; 9] = [
     ("density opacity and flat tops", constant_opacity),
     ("tight inliers", loose_inliers),
     ("gain per frame", |run| run.engine.gain = false),
+    ("pose correction", |run| run.engine.align = false),
     ("depth refinement", |run| run.engine.refine = false),
     ("colour by direction", |run| run.engine.native.directional = false),
     ("colour gradient", |run| run.engine.native.gradient = false),
+    ("closing", |run| run.engine.native.closing = 1.0),
 ];
 
 /// Changes beside leaving one part out.

@@ -22,11 +22,13 @@ pub(super) fn orderless(run: &SavedRun) -> Result<(), RunError> {
 
 /// The setting by which a scene depends on the order of frames, and the one to take in its place.
 fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
-    let SceneConfig { births, refine, gain, looks, sums, most, .. } = config;
+    let SceneConfig { births, refine, align, gain, looks, sums, most, .. } = config;
     if !births.is_order_invariant() {
         Some(("--births seeds".to_owned(), "--births lattice"))
     } else if *refine {
         Some(("--with refine".to_owned(), "--without refine"))
+    } else if *align {
+        Some(("--with align".to_owned(), "--without align"))
     } else if *gain {
         Some(("--with gain".to_owned(), "--without gain"))
     } else if *looks == LookRule::Projected {

@@ -12,6 +12,7 @@ pub use splat::{AppearanceF64, SplatF64};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::model::appearance::SplatView;
+use crate::render::finish::Finish;
 use crate::render::{ALPHA_CUT, Lens, Method, RenderOptions, TRANSMITTANCE_STOP};
 use exact::Exact;
 use glam::{DVec2, DVec3};
@@ -38,6 +39,7 @@ pub struct Sample {
 pub struct Oracle {
     intrinsics: Intrinsics,
     background: DVec3,
+    finish: Finish,
     alpha_cut: f64,
     transmittance_stop: f64,
     splats: Sorted,
@@ -66,6 +68,7 @@ impl Oracle {
         Self {
             intrinsics: *k,
             background: DVec3::from_array(options.background.map(f64::from)),
+            finish: Finish::NONE,
             alpha_cut: ALPHA_CUT,
             transmittance_stop: TRANSMITTANCE_STOP,
             splats: match options.method {
@@ -92,7 +95,8 @@ impl Oracle {
         let wide = view.splats().iter().enumerate();
         let wide: Vec<SplatF64> =
             wide.map(|(i, splat)| SplatF64 { appearance: appearance(i), ..splat.into() }).collect();
-        Self::new(&wide, camera, options)
+        let finish = Finish::new(view.finishing(), camera, options);
+        Self { finish, ..Self::new(&wide, camera, options) }
     }
 
     /// The same view with both thresholds moved: shows what f32 may do in a pixel that lies on one
@@ -141,12 +145,15 @@ impl Oracle {
             transmittance = next;
             n_blended += 1;
         }
-        let coverage = 1.0 - transmittance;
-        let over = color + self.background * transmittance;
+        let open = 1.0 - transmittance;
+        let coverage = (open / f64::from(self.finish.closing)).min(1.0);
+        let closed = if open > 0.0 { color * (coverage / open) } else { color };
+        let exposure = DVec3::from_array(self.finish.exposure.map(f64::from));
+        let over = closed * exposure + self.background * (1.0 - coverage);
         let [r, g, b] = over.clamp(DVec3::ZERO, DVec3::ONE).to_array();
         Sample {
             rgba: [r, g, b, coverage],
-            depth: if coverage > 0.0 { depth / coverage } else { 0.0 },
+            depth: if open > 0.0 { depth / open } else { 0.0 },
             n_blended,
         }
     }
