@@ -91,15 +91,15 @@ impl Studio {
         let egui = context.egui_ctx.clone();
         let worker = Arc::new(Worker::start(Arc::new(move || egui.request_repaint()))?);
         let first = subject.map_or(Order::Deliver, Order::Open);
-        Self::attach(context, worker, first, Exit::default(), painting, started)
+        Self::attach(context, worker, vec![first], Exit::default(), painting, started)
     }
 
-    /// Builds the application on a run that may be under way and gives the `first` order; `exit`
+    /// Builds the application on a run that may be under way and gives the `first` orders; `exit`
     /// learns why the window ends.
     pub fn attach(
         context: &eframe::CreationContext<'_>,
         worker: Arc<Worker>,
-        first: Order,
+        first: Vec<Order>,
         exit: Exit,
         painting: Painting,
         started: Instant,
@@ -107,7 +107,7 @@ impl Studio {
         // The trainer begins while the GPU is made ready.
         let Kept { view, training, problems } = Kept::read(context.storage);
         worker.send(Order::TrainBy(Box::new(training.clone())));
-        worker.send(first);
+        first.into_iter().for_each(|order| worker.send(order));
         for problem in problems {
             worker.send(Order::Report(NoticeKind::Warning, problem));
         }

@@ -9,6 +9,7 @@ use super::{WindowError, adapter_memory, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -91,9 +92,11 @@ fn keep_open(
 }
 
 /// Opens the window on `subject` and runs until it is closed. Without an `adapter` the one that was
-/// chosen in an earlier window draws. `started` is when the process began.
+/// chosen in an earlier window draws. A dataset's cameras are corrected by a `calibration` file.
+/// `started` is when the process began.
 pub fn run(
     subject: Subject,
+    calibration: Option<PathBuf>,
     adapter: Option<AdapterChoice>,
     started: Instant,
 ) -> Result<(), WindowError> {
@@ -102,10 +105,11 @@ pub fn run(
         return Err(WindowError::NoDisplay);
     }
     let host = Host::new(started).map_err(|e| WindowError::Window(e.to_string()))?;
-    let mut subject = Some(subject);
+    let mut first: Vec<Order> = vec![Order::Open(subject)];
+    first.extend(calibration.map(Order::Calibrate));
     let open = |adapter: &AdapterChoice| {
         let opened = Instant::now();
-        let leave = host.open_window(&mut subject, adapter)?;
+        let leave = host.open_window(&mut first, adapter)?;
         Ok((leave, opened.elapsed()))
     };
     let tell = |kind, text| host.worker.send(Order::Report(kind, text));
@@ -145,22 +149,21 @@ impl Host {
         !matches!(self.worker.snapshot().state, RunState::Empty | RunState::Loading)
     }
 
-    /// Runs one window to its end; `subject` is opened in the first one.
+    /// Runs one window to its end; the `first` one takes the orders that the run begins with.
     fn open_window(
         &self,
-        subject: &mut Option<Subject>,
+        first: &mut Vec<Order>,
         adapter: &AdapterChoice,
     ) -> Result<Leave, WindowError> {
         let exit = Exit::default();
         let (word, worker, context) = (exit.clone(), self.worker.clone(), self.context.clone());
         let (started, told) = (self.started, self.told.clone());
-        let first = subject.clone();
+        let orders = first.clone();
         let create = move |creation: &eframe::CreationContext<'_>| {
             let window = creation.egui_ctx.clone();
             *context.lock().unwrap_or_else(PoisonError::into_inner) = Some(window);
             tell_caveat(creation, &worker, &told);
-            let first = first.map_or(Order::Deliver, Order::Open);
-            let studio = Studio::attach(creation, worker, first, word, Painting::Auto, started)?;
+            let studio = Studio::attach(creation, worker, orders, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
         let options = native_options(adapter);
@@ -173,7 +176,7 @@ impl Host {
             Ok(result) => result?,
             Err(_) => exit.leave(Leave::DeviceLost),
         }
-        *subject = None;
+        *first = vec![Order::Deliver];
         Ok(exit.why())
     }
 }

@@ -25,7 +25,6 @@ mod window;
 use args::{Arguments, Command};
 use failure::Failure;
 use std::io::IsTerminal;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -47,7 +46,7 @@ pub fn run() -> ExitCode {
 fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
     set_threads(arguments.threads)?;
     match arguments.command {
-        None => open_window(arguments.path, arguments.adapter.as_deref(), started),
+        None => open_window(arguments, started),
         Some(Command::Train(args)) => train::run(&args),
         Some(Command::Eval(args)) => eval::run(&args),
         Some(Command::Render(args)) => render::run(&args),
@@ -61,18 +60,15 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
 }
 
 #[cfg(feature = "gui")]
-fn open_window(
-    path: Option<PathBuf>,
-    adapter: Option<&str>,
-    started: Instant,
-) -> Result<(), Failure> {
-    window::run(path, adapter, started)
+fn open_window(arguments: Arguments, started: Instant) -> Result<(), Failure> {
+    let Arguments { path, calibration, adapter, .. } = arguments;
+    window::run(path, calibration, adapter.as_deref(), started)
 }
 
 /// Without the window compiled in, the demo is trained as if there were no display.
 #[cfg(not(feature = "gui"))]
-fn open_window(path: Option<PathBuf>, _: Option<&str>, _: Instant) -> Result<(), Failure> {
-    match path {
+fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
+    match arguments.path {
         None => demo::run("this build has no window"),
         Some(path) => Err(Failure::Usage(format!(
             "{}: this build has no window; use `train`, `eval`, `render`, `export` or `info`",

@@ -15,14 +15,19 @@ const FOLDER: &str = "vbgs-unattended";
 
 /// Opens the window; the demo falls back to headless training where there is no display or no
 /// usable adapter.
-pub fn run(path: Option<PathBuf>, adapter: Option<&str>, started: Instant) -> Result<(), Failure> {
+pub fn run(
+    path: Option<PathBuf>,
+    calibration: Option<PathBuf>,
+    adapter: Option<&str>,
+    started: Instant,
+) -> Result<(), Failure> {
     let adapter = adapter.map(AdapterChoice::parse);
     if let Some(choice) = &adapter {
         let unknown = |e: adapters::UnknownAdapter| Failure::Usage(format!("--{e}"));
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
-    match (app::run(subject, adapter, started), path) {
+    match (app::run(subject, calibration, adapter, started), path) {
         (Ok(()), _) => Ok(()),
         (Err(WindowError::Gone(error, run)), _) => go_on(&error, run),
         (Err(error), None) => demo::run(&error.to_string()),

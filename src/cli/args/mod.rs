@@ -39,6 +39,9 @@ pub struct Arguments {
     /// the one chosen in Settings, else auto]
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
+    /// Corrections of the cameras of the dataset at PATH, a RON file
+    #[arg(long, value_name = "FILE.ron", requires = "path")]
+    pub calibration: Option<PathBuf>,
     #[command(subcommand)]
     pub command: Option<Command>,
 }
