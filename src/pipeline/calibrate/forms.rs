@@ -1,0 +1,54 @@
+//! The result for people.
+
+use super::{Agreement, Calibrated, Value};
+use crate::pipeline::bench::table;
+
+impl Calibrated {
+    /// How well the views agree before and after, every value, and what else there is to say.
+    pub fn text(&self) -> String {
+        let Self { before, after, .. } = self;
+        let (frames, split) = (self.frames, &self.split);
+        let seen = format!(
+            "{frames} frames of `{split}`, {} surface patches seen by several of them",
+            after.components
+        );
+        let number = |of: fn(&Agreement) -> f64| [of(before), of(after)].map(digits);
+        let rows = [
+            ("colour variance inside components", number(|a| a.color_variance)),
+            ("thickness of surfaces, world units", number(|a| a.thickness)),
+            ("components born", [before.births.to_string(), after.births.to_string()]),
+        ];
+        let rows = rows.map(|(name, [before, after])| [name.to_owned(), before, after]);
+        let agreement = table::text(["", "before", "after"], &rows);
+        let rows: Vec<_> = self.values.iter().map(row).collect();
+        let header = ["value", "before", "after", "best", "standard error", ""];
+        let notes = self.notes.iter().cloned().chain((!self.changed).then(|| UNCHANGED.to_owned()));
+        let notes = notes.map(|note| format!("{note}\n")).collect::<String>();
+        format!("{seen}\n\n{agreement}\n\n{}\n\n{notes}", table::text(header, &rows))
+            .trim_end()
+            .to_owned()
+    }
+}
+
+const UNCHANGED: &str = "nothing was changed: the file holds the calibration as it was";
+
+fn row(value: &Value) -> [String; 6] {
+    let verdict = match &value.reason {
+        _ if value.determined => "determined".to_owned(),
+        Some(reason) => format!("not determined by this data: {reason}"),
+        None => "not determined by this data".to_owned(),
+    };
+    let [before, after, best, error] =
+        [value.before, value.after, value.best, value.standard_error].map(digits);
+    [value.name.to_owned(), before, after, best, error, verdict]
+}
+
+/// Four digits behind the point, or enough for two of a small number.
+fn digits(value: f64) -> String {
+    match value.abs() {
+        0.0 => "0".to_owned(),
+        size if size >= 100.0 => format!("{value:.2}"),
+        size if size >= 0.001 => format!("{value:.4}"),
+        _ => format!("{value:.1e}"),
+    }
+}
