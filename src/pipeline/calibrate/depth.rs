@@ -19,7 +19,6 @@ struct Spread {
     curvature: [[f64; 2]; 2],
     gradient: [f64; 2],
     square: f64,
-    weight: f64,
 }
 
 impl Spread {
@@ -31,7 +30,6 @@ impl Spread {
             self.gradient[i] += factor * other.gradient[i];
         }
         self.square += factor * other.square;
-        self.weight += factor * other.weight;
     }
 
     fn total(views: &[Self]) -> Self {
@@ -91,12 +89,6 @@ impl DepthFit {
             samples.iter().map(|s| f64::from(of(s))).sum::<f64>() / samples.len() as f64
         };
         Self { views, floor: 0.25 * mean(|s| s.point.noise), range: mean(|s| s.point.range) }
-    }
-
-    /// Root mean square distance of points from the plane of their component, world units.
-    pub fn thickness(&self) -> f64 {
-        let total = Spread::total(&self.views);
-        (total.square / total.weight).sqrt()
     }
 
     /// Offset and relative change of scale that thin surfaces most; the others than the `free` are 0.
@@ -172,7 +164,6 @@ fn add_component(matches: &Matches, run: &[Sample], along_z: bool, views: &mut [
             view.gradient[i] += weight * slope[i] * off;
         }
         view.square += weight * off * off;
-        view.weight += weight;
     }
 }
 
@@ -232,6 +223,5 @@ mod tests {
         let fit = DepthFit::new(&room(0.0, 1.0), false);
         let [offset, growth] = fit.change(&[0, 1]);
         assert!(offset.abs() < 1e-5 && growth.abs() < 1e-5, "{offset} {growth}");
-        assert!(fit.thickness() < 1e-6);
     }
 }

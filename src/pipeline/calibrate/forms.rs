@@ -1,6 +1,6 @@
 //! The result for people.
 
-use super::{Agreement, Calibrated, Value};
+use super::{Calibrated, Value};
 use crate::pipeline::bench::table;
 
 impl Calibrated {
@@ -12,10 +12,11 @@ impl Calibrated {
             "{frames} frames of `{split}`, {} surface patches seen by several of them",
             after.components
         );
-        let number = |of: fn(&Agreement) -> f64| [of(before), of(after)].map(digits);
         let rows = [
-            ("colour variance inside components", number(|a| a.color_variance)),
-            ("thickness of surfaces, world units", number(|a| a.thickness)),
+            (
+                "colour variance inside components",
+                [digits(before.color_variance), digits(after.color_variance)],
+            ),
             ("components born", [before.births.to_string(), after.births.to_string()]),
         ];
         let rows = rows.map(|(name, [before, after])| [name.to_owned(), before, after]);

@@ -188,9 +188,7 @@ fn means(rays: &[Ray]) -> ([f64; 3], [[f64; N]; 3]) {
     for ray in rays {
         for i in 0..3 {
             color[i] += weight * ray.color[i];
-            for j in 0..N {
-                slope[i][j] += weight * ray.slope[i][j];
-            }
+            slope[i].iter_mut().zip(ray.slope[i]).for_each(|(mean, s)| *mean += weight * s);
         }
     }
     (color, slope)
