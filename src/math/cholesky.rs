@@ -5,8 +5,8 @@
 /// ```
 /// use vbgs_studio::math::cholesky::Cholesky;
 ///
-/// let factor = Cholesky::new(2, &[4.0, 2.0, 2.0, 3.0]).unwrap();
-/// assert_eq!(factor.solve(&[8.0, 8.0]), [1.0, 2.0]);
+/// let factor = Cholesky::new(2, &[4.0, 2.0, 2.0, 2.0]).unwrap();
+/// assert_eq!(factor.solve(&[8.0, 6.0]), [1.0, 2.0]);
 /// assert!(Cholesky::new(2, &[1.0, 2.0, 2.0, 1.0]).is_none(), "indefinite");
 /// ```
 #[derive(Clone, Debug)]

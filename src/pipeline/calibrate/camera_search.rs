@@ -164,9 +164,12 @@ fn without(
 
 /// A value that keeps what it was: determined if the best is the same within [`SAME`].
 fn staying(mut value: Value, apart: f64, reason: String) -> Value {
-    value.keep(reason);
-    if apart <= SAME {
-        (value.determined, value.reason) = (true, None);
+    match apart <= SAME {
+        true => {
+            value.keep("the best is the same to a pixel".to_owned());
+            value.determined = true;
+        }
+        false => value.keep(reason),
     }
     value
 }

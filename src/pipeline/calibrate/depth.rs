@@ -214,7 +214,7 @@ mod tests {
         let fit = DepthFit::new(&room(0.01, 1.0), false);
         let [offset, growth] = fit.change(&[0]);
         assert!((offset - 0.01).abs() < 3e-4 && growth == 0.0, "{offset}");
-        assert!(fit.rise(0, offset, &[0]) > 1.0, "all the thickness there is comes of it");
+        assert!(fit.rise(0, offset, &[0]) > 0.9, "all the thickness there is comes of it");
         assert!(fit.errors(&[0])[0] >= 0.0005, "a quarter of the noise is hidden");
     }
 

@@ -38,7 +38,7 @@ pub(super) fn search(ground: &mut Ground) -> Result<Vec<Value>, FrameError> {
             break;
         }
         values[i].keep(match certainty(i) < SIGNIFICANT {
-            true => format!("surfaces are thinnest {:.1} standard errors from it", certainty(i)),
+            true => format!("the best is only {:.1} standard errors away", certainty(i)),
             false => format!("with it surfaces are {:.1} % thicker at most", 50.0 * rise),
         });
         free.retain(|&other| other != i);

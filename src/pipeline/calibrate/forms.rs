@@ -34,14 +34,11 @@ impl Calibrated {
 const UNCHANGED: &str = "nothing was changed: the file holds the calibration as it was";
 
 fn row(value: &Value) -> [String; 6] {
-    let verdict = match &value.reason {
-        _ if value.determined => "determined".to_owned(),
-        Some(reason) => format!("not determined by this data: {reason}"),
-        None => "not determined by this data".to_owned(),
-    };
+    let verdict = if value.determined { "determined" } else { "not determined by this data" };
+    let reason = value.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
     let [before, after, best, error] =
         [value.before, value.after, value.best, value.standard_error].map(digits);
-    [value.name.to_owned(), before, after, best, error, verdict]
+    [value.name.to_owned(), before, after, best, error, format!("{verdict}{reason}")]
 }
 
 /// Four digits behind the point, or enough for two of a small number.

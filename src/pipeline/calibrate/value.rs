@@ -13,7 +13,8 @@ pub struct Value {
     pub after: f64,
     /// Where the data is explained best.
     pub best: f64,
-    /// Of the best, from how much the views differ among themselves.
+    /// Of the best, from how much the views differ among themselves; errors that they share, such as
+    /// those of poses, come on top.
     pub standard_error: f64,
     /// Whether the data says what it is.
     pub determined: bool,
