@@ -15,7 +15,7 @@
 //! | [`render`] | splats to pixels: CPU (`render::cpu`) and GPU (`render::gpu`, feature `gui`) |
 //! | [`export`] | PLY, GLB and checkpoints, written and read |
 //! | [`eval`] | PSNR, SSIM, depth error; the report's types |
-//! | [`pipeline`] | the one training loop: prefetch, train, publish; runs saved, continued, merged |
+//! | [`pipeline`] | the one training loop: prefetch, train, publish; runs saved, continued, merged; cameras calibrated |
 //! | `app` (feature `gui`) | the window |
 //! | `cli` (in the binary) | the command line |
 //!

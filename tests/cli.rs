@@ -5,6 +5,7 @@ mod common;
 mod cli {
     mod bad_input;
     mod bench;
+    mod calibrate;
     mod checkpoint;
     mod commands;
     mod determinism;

@@ -2,6 +2,7 @@
 
 mod args;
 mod bench;
+mod calibrate;
 mod checkpoint_info;
 mod demo;
 mod eval;
@@ -54,6 +55,7 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Synth(args)) => synth::run(&args),
         Some(Command::Merge(args)) => merge::run(&args),
         Some(Command::Info(args)) => info::run(&args),
+        Some(Command::Calibrate(args)) => calibrate::run(&args),
         Some(Command::Bench(args)) => bench::run(&args),
         Some(Command::PrecisionSearch(args)) => precision_search::run(&args),
     }

@@ -98,7 +98,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
 }
 
-const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another";
+const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another, `vbgs-studio calibrate DATASET` checks it";
 
 /// Whether colours come from what is known of the layout's cameras.
 fn takes_known_calibration(session: &Session) -> bool {

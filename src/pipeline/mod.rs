@@ -3,6 +3,7 @@
 
 pub mod bench;
 mod births;
+pub mod calibrate;
 pub mod checkpoint;
 pub mod demo;
 pub mod inspection;

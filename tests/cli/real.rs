@@ -2,6 +2,7 @@
 
 use super::runner::Scratch;
 use crate::common::shared;
+use serde_json::Value;
 
 #[test]
 fn lego_trains_and_evaluates() {
@@ -54,4 +55,37 @@ fn both_recordings_are_free_of_defects() {
         let found: u64 = splits.iter().map(|s| s["frames"].as_u64().unwrap()).sum();
         assert_eq!(found, frames, "{name}");
     }
+}
+
+#[test]
+fn the_kinects_colour_camera_is_found_from_scratch() {
+    let Some(data) = shared("data/kinect_office") else { return };
+    let data = data.to_str().unwrap();
+    let scratch = Scratch::empty();
+    let found =
+        scratch.run_args(&["calibrate", data, "--from-scratch", "--json"]).succeeds().json();
+    let camera = &found["calibration"]["color_camera"];
+    let near = |value: &Value, expected: f64, within: f64| {
+        let value = value.as_f64().unwrap();
+        assert!((value - expected).abs() < within, "{value} is not {expected}: {found}");
+    };
+    near(&camera["focal"][0], 522.0, 6.0);
+    near(&camera["offset"][0], 0.023, 0.004);
+    // Offset y and principal point y make up for each other: where the axis is seen 2 m away.
+    let number = |value: &Value| value.as_f64().unwrap();
+    let below = 0.5 * number(&camera["focal"][1]) * number(&camera["offset"][1]);
+    near(&(number(&camera["principal"][1]) - below).into(), 238.1, 2.0);
+    let known = scratch.run_args(&["calibrate", data, "--json"]).succeeds().json();
+    assert_eq!(known["changed"], false, "{known}");
+    let variance = |found: &Value, when: &str| found[when]["color_variance"].as_f64().unwrap();
+    assert!(variance(&found, "after") < 1.02 * variance(&known, "before"));
+}
+
+#[test]
+fn legos_colours_are_registered() {
+    let Some(data) = shared("data/lego400") else { return };
+    let scratch = Scratch::empty();
+    let run = scratch.run_args(&["calibrate", data.to_str().unwrap()]).succeeds();
+    assert!(run.stdout.contains("registered to depth"), "{}", run.stdout);
+    assert!(run.stdout.contains("nothing was changed"), "{}", run.stdout);
 }

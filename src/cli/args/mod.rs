@@ -1,5 +1,6 @@
 //! Arguments of every command.
 
+mod calibrate;
 mod eval;
 mod mapping;
 mod parse;
@@ -8,6 +9,7 @@ mod renderer;
 mod scene;
 mod train;
 
+pub use calibrate::CalibrateArgs;
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
 pub use mapping::MappingArgs;
 pub use parse::{choice, parse_count, parse_size};
@@ -74,6 +76,8 @@ pub enum Command {
     Merge(MergeArgs),
     /// Say what a dataset or a model holds, and every defect found
     Info(InfoArgs),
+    /// Find colour camera, depth bias and exposures from the data itself; writes a RON file
+    Calibrate(CalibrateArgs),
     /// Measure speed against error; writes a table, JSON, CSV and a plot
     Bench(BenchArgs),
     /// Find the cheapest precision of every operation within an error bound

@@ -7,6 +7,7 @@
 
 pub mod config;
 pub mod engine;
+pub mod partition;
 pub mod trainer;
 
 mod accumulate;

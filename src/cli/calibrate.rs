@@ -1,0 +1,39 @@
+//! `calibrate`: what a recording says of its own cameras.
+
+use super::args::CalibrateArgs;
+use super::failure::Failure;
+use super::train::announce;
+use super::{output, progress};
+use vbgs_studio::dataset;
+use vbgs_studio::dataset::calibration::Calibration;
+use vbgs_studio::pipeline::calibrate::{self, CalibratePlan};
+
+/// Searches as asked.
+pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
+    let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
+    let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
+    announce(&dataset);
+    let start = match start {
+        Some(start) => start,
+        None if args.from_scratch => Calibration::NONE,
+        None => Calibration::known(&dataset).unwrap_or_default(),
+    };
+    let plan = CalibratePlan {
+        split: args.split.clone(),
+        max_frames: args.max_frames,
+        exposure: args.exposure,
+        start,
+    };
+    let found = progress::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
+    found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
+    output::write_text(&args.output, &found.calibration.to_text()?)?;
+    if args.json {
+        return output::json(&found);
+    }
+    output::line(found.text());
+    output::line(format!(
+        "wrote {}, which `train --calibration` and the window take",
+        args.output.display()
+    ));
+    Ok(())
+}

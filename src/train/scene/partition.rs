@@ -1,0 +1,53 @@
+//! Which points belong together, without a model of them.
+
+use super::assign::assign;
+use super::births::{Limits, give_birth};
+use super::components::Components;
+use super::config::{BirthRule, MOST_COMPONENTS};
+use super::grid::{NONE, SeedGrid};
+use crate::math::observation::SurfacePoint;
+
+/// Seeds that points are assigned to, and born from, as the trainer does.
+///
+/// ```
+/// use vbgs_studio::math::observation::SurfacePoint;
+/// use vbgs_studio::train::scene::partition::Partition;
+///
+/// let at = |x: f32| SurfacePoint { position: [x, 0.0, 0.0], ..SurfacePoint::default() };
+/// let mut partition = Partition::new(0.5);
+/// assert_eq!(partition.assign(&[at(0.0), at(0.2), at(3.0)]), [Some(0), Some(0), Some(1)]);
+/// assert_eq!(partition.assign(&[at(2.8)]), [Some(1)]);
+/// assert_eq!(partition.components(), 2);
+/// ```
+pub struct Partition {
+    h: f32,
+    grid: SeedGrid,
+    components: Components,
+    owners: Vec<u32>,
+}
+
+impl Partition {
+    /// No seeds; `h` is the structural scale, world units.
+    pub fn new(h: f64) -> Self {
+        Self {
+            h: h as f32,
+            grid: SeedGrid::new(h),
+            components: Components::default(),
+            owners: Vec::new(),
+        }
+    }
+
+    /// The component of every point, born where none is near; `None` where there may be no more.
+    pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
+        let Self { h, grid, components, owners } = self;
+        assign(grid, components, *h, points, owners);
+        let limits = Limits { components: MOST_COMPONENTS, seeds: MOST_COMPONENTS };
+        give_birth(BirthRule::Seeds, *h, grid, components, points, owners, limits);
+        owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
+    }
+
+    /// Components born.
+    pub fn components(&self) -> usize {
+        self.components.used()
+    }
+}

@@ -1,0 +1,134 @@
+//! `calibrate` finds what is wrong with a recording, and leaves alone what is right.
+
+use super::runner::Scratch;
+use serde_json::Value;
+use std::fs;
+use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
+use vbgs_studio::dataset::synthetic::{SyntheticParams, SyntheticScene};
+use vbgs_studio::dataset::{self, LoadOptions};
+
+const FRAMES: usize = 16;
+
+/// With a dataset `room` in the layout of 7-Scenes, whose colours are registered.
+fn with_recording() -> Scratch {
+    let scratch = Scratch::empty();
+    let synth = format!(
+        "synth room --layout seven-scenes --size 160x120 --frames {FRAMES} --eval-frames 1"
+    );
+    scratch.run(&synth).succeeds();
+    scratch
+}
+
+/// Takes the recording's photographs again, by a camera of their own.
+fn photograph(scratch: &Scratch, camera: &ColorCamera) {
+    let params = SyntheticParams {
+        width: 160,
+        height: 120,
+        n_train: FRAMES,
+        n_eval: 1,
+        ..SyntheticParams::demo()
+    };
+    let scene = SyntheticScene::new(&params).unwrap();
+    let dataset = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap();
+    for frame in dataset.splits.iter().flat_map(|split| &split.frames) {
+        let view = scene.view(&camera.beside(&frame.camera));
+        let bytes = view.color.data.as_flattened();
+        image::save_buffer(frame.color_path().unwrap(), bytes, 160, 120, image::ColorType::Rgba8)
+            .unwrap();
+    }
+}
+
+fn value<'a>(found: &'a Value, name: &str) -> &'a Value {
+    let values = found["values"].as_array().unwrap();
+    values.iter().find(|v| v["name"].as_str().unwrap().contains(name)).unwrap()
+}
+
+#[test]
+fn a_wrong_depth_comes_back_and_registered_colours_stay() {
+    let scratch = with_recording();
+    fs::write(scratch.path("wrong.ron"), "(depth_offset: 0.03)").unwrap();
+    let run = scratch.run("calibrate room --calibration wrong.ron -o right.ron --json").succeeds();
+    let found = run.json();
+    let offset = value(&found, "depth offset");
+    assert_eq!((offset["before"].as_f64(), &offset["determined"]), (Some(0.03), &true.into()));
+    let [before, after] = ["before", "after"].map(|when| found[when].clone());
+    assert!(before["births"].as_u64() > after["births"].as_u64(), "{before} {after}");
+    assert!(found["notes"][0].as_str().unwrap().contains("registered"), "{found}");
+    let file = Calibration::read(&scratch.path("right.ron")).unwrap();
+    assert!((file.depth_offset + 1.5 * (file.depth_scale - 1.0)).abs() < 0.004, "{file:?}");
+    assert_eq!(file.color_camera, None);
+    scratch.run("train room --out out --calibration right.ron --max-frames 2").succeeds();
+    let used = &scratch.json("out/report.json")["config"]["surface"]["calibration"];
+    assert_eq!(used["depth_offset"].as_f64(), Some(file.depth_offset));
+}
+
+#[test]
+fn what_is_right_is_left_alone() {
+    let scratch = with_recording();
+    let run = scratch.run("calibrate room --exposure").succeeds();
+    for part in ["registered to depth", "nothing was changed", "wrote calibration.ron"] {
+        assert!(run.stdout.contains(part), "`{part}` is missing from: {}", run.stdout);
+    }
+    assert!(!run.stdout.contains("  determined"), "{}", run.stdout);
+    let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
+    assert_eq!(file, Calibration::NONE);
+}
+
+#[test]
+fn a_colour_camera_is_found() {
+    let scratch = with_recording();
+    let k = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap().splits[0].frames
+        [0]
+    .camera
+    .intrinsics;
+    let camera = ColorCamera {
+        focal: [0.9 * k.fx, 0.9 * k.fy],
+        principal: [k.cx, k.cy],
+        offset: [0.1, 0.0, 0.0],
+        rotation: [0.0; 3],
+    };
+    photograph(&scratch, &camera);
+    let found = scratch.run("calibrate room --json").succeeds().json();
+    let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
+    let best = file.color_camera.unwrap();
+    assert!((best.focal[0] / camera.focal[0] - 1.0).abs() < 0.005, "{found}");
+    assert!((best.offset[0] - 0.1).abs() < 0.01, "{found}");
+    assert_eq!(value(&found, "focal")["determined"], true);
+    let variance = |when: &str| found[when]["color_variance"].as_f64().unwrap();
+    assert!(variance("after") < 0.7 * variance("before"), "{found}");
+}
+
+#[test]
+fn two_frames_must_see_the_same() {
+    let scratch = with_recording();
+    let parts = ["at least 2 frames that see the same surface", "1 usable of 1", "--max-frames"];
+    scratch.run("calibrate room --max-frames 1").fails(1, &parts);
+    for i in 0..FRAMES {
+        let far = format!("1 0 0 {}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", 1000 * i);
+        fs::write(scratch.path(&format!("room/train/frame-{i:06}.pose.txt")), far).unwrap();
+    }
+    let parts = ["at least 2 frames that see the same surface", "0 patches of surface in common"];
+    scratch.run("calibrate room").fails(1, &parts);
+    assert!(!scratch.path("calibration.ron").exists());
+}
+
+#[test]
+fn wrong_beginnings_are_refused() {
+    let scratch = Scratch::with_room();
+    scratch.run("calibrate room --calibration no.ron").fails(1, &["no.ron", "calibration file"]);
+    scratch.run("calibrate room --split dusk").fails(1, &["dusk", "eval, train"]);
+    let both = "calibrate room --calibration no.ron --from-scratch";
+    scratch.run(both).fails(2, &["--calibration", "--from-scratch"]);
+    for name in ["train", "eval"] {
+        let list = scratch.path(&format!("room/transforms_{name}.json"));
+        let text = fs::read_to_string(&list).unwrap();
+        fs::write(&list, text.replace("integer_depth_scale", "was_depth_scale")).unwrap();
+        for file in fs::read_dir(scratch.path(&format!("room/{name}"))).unwrap() {
+            let path = file.unwrap().path();
+            if path.to_str().unwrap().contains("_depth_") {
+                fs::remove_file(path).unwrap();
+            }
+        }
+    }
+    scratch.run("calibrate room").fails(1, &["depth"]);
+}
