@@ -99,6 +99,27 @@ fn a_colour_camera_is_found() {
 }
 
 #[test]
+fn exposures_are_found_when_asked_for() {
+    let scratch = with_recording();
+    for i in (1..FRAMES).step_by(2) {
+        let path = scratch.path(&format!("room/train/frame-{i:06}.color.png"));
+        let mut photo = image::open(&path).unwrap().to_rgb8();
+        photo.iter_mut().for_each(|byte| *byte = (f64::from(*byte) * 0.7).round() as u8);
+        photo.save(&path).unwrap();
+    }
+    scratch.run("calibrate room -o plain.ron").succeeds();
+    assert_eq!(Calibration::read(&scratch.path("plain.ron")).unwrap().exposure, []);
+    let found = scratch.run("calibrate room --exposure --json").succeeds().json();
+    assert_eq!(value(&found, "exposures")["determined"], true);
+    let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
+    assert_eq!(file.exposure.len(), FRAMES, "{found}");
+    for pair in file.exposure.chunks(2) {
+        let ratio = pair[0].gain[1] / pair[1].gain[1];
+        assert!((ratio / 0.7 - 1.0).abs() < 0.1, "{ratio}: {found}");
+    }
+}
+
+#[test]
 fn two_frames_must_see_the_same() {
     let scratch = with_recording();
     let parts = ["at least 2 frames that see the same surface", "1 usable of 1", "--max-frames"];

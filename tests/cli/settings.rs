@@ -69,3 +69,26 @@ fn files_that_are_no_settings_are_refused() {
     scratch.run("train room --out out --config none.ron").fails(1, &parts);
     assert!(!scratch.path("out").exists(), "nothing is made before the settings are right");
 }
+
+#[test]
+fn the_kinects_calibration_is_taken_unless_another_is_given() {
+    let scratch = Scratch::empty();
+    let synth = "synth room --layout seven-scenes --size 640x480 --frames 1 --eval-frames 1";
+    scratch.run(synth).succeeds();
+    // The published intrinsics hold where the folder names none.
+    fs::remove_file(scratch.path("room/camera-intrinsics.txt")).unwrap();
+    let note = "the published Kinect's colour camera";
+    let focal = || {
+        let config = scratch.json("out/report.json")["config"].clone();
+        config["surface"]["calibration"]["color_camera"]["focal"][0].as_f64()
+    };
+    let run = scratch.run("train room --out out").succeeds();
+    assert!(run.stderr.contains(note), "{}", run.stderr);
+    assert_eq!(focal(), Some(522.0));
+    fs::write(scratch.path("none.ron"), "()").unwrap();
+    let run = scratch.run("train room --out out --calibration none.ron").succeeds();
+    assert!(!run.stderr.contains(note), "{}", run.stderr);
+    assert_eq!(focal(), None);
+    let run = scratch.run("train room --out out --preset paper --components 500").succeeds();
+    assert!(!run.stderr.contains(note), "{}", run.stderr);
+}

@@ -46,36 +46,37 @@ pub(super) fn search(
     let known = ground.calibration.color_camera;
     let start = known.unwrap_or_else(|| registered(&ground.frames[0].camera.intrinsics));
     let start = Unknowns::of(start);
-    let all: Vec<usize> = (0..N).collect();
     let mut best = start;
     let mut gains = vec![[1.0; 3]; images.len()];
     for level in (1..LEVELS).rev() {
-        let matches = ground.matches(&best, level)?;
-        for _ in 0..ROUNDS {
-            let scene = Scene { matches: &matches, images, gains: &gains, level };
-            fit(&scene, &mut best, &all);
-            gains = exposure(&scene.patches(&best), images.len()).gains;
-        }
+        refine(ground, images, level, &mut best, &mut gains)?;
         tick();
     }
-    let matches = ground.matches(&best, 0)?;
-    for _ in 0..ROUNDS {
-        let scene = Scene { matches: &matches, images, gains: &gains, level: 0 };
-        fit(&scene, &mut best, &all);
-        gains = exposure(&scene.patches(&best), images.len()).gains;
-    }
+    let matches = refine(ground, images, 0, &mut best, &mut gains)?;
     let scene = Scene { matches: &matches, images, gains: &gains, level: 0 };
     let found = judge(&scene, &start, best, known.is_some());
     tick();
     Ok(found)
 }
 
-impl Ground {
-    fn matches(&self, unknowns: &Unknowns, level: usize) -> Result<Matches, FrameError> {
-        let settings = self.settings(Some(unknowns.camera()));
-        let h = self.h * f64::from(1u32 << level);
-        Matches::new(&self.frames, &settings, h, self.step)
+/// Fits camera and gains at a size of the images; what was matched for it.
+fn refine(
+    ground: &Ground,
+    images: &[Pyramid],
+    level: usize,
+    best: &mut Unknowns,
+    gains: &mut Vec<[f64; 3]>,
+) -> Result<Matches, FrameError> {
+    let all: Vec<usize> = (0..N).collect();
+    let settings = ground.settings(Some(best.camera()));
+    let h = ground.h * f64::from(1u32 << level);
+    let matches = Matches::new(&ground.frames, &settings, h, ground.step)?;
+    for _ in 0..ROUNDS {
+        let scene = Scene { matches: &matches, images, gains, level };
+        fit(&scene, best, &all);
+        *gains = exposure(&scene.patches(best), images.len()).gains;
     }
+    Ok(matches)
 }
 
 /// Whether the best camera is worth taking, and which of its values.

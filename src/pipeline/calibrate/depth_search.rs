@@ -17,18 +17,15 @@ const SIGNIFICANT: f64 = 4.0;
 pub(super) fn search(ground: &mut Ground) -> Result<Vec<Value>, FrameError> {
     let before = depth_of(ground);
     let mut free = vec![0, 1];
-    let mut values: Vec<Value> = Vec::new();
+    let names = ["depth offset, world units", "depth scale"];
+    let value = |i| Value::determined(names[i], before[i], before[i], f64::INFINITY);
+    let mut values = [0, 1].map(value);
     while !free.is_empty() {
         set_depth(ground, before);
         let fit = thin_surfaces(ground, &free)?;
         let (after, errors) = (depth_of(ground), fit.errors(&free));
-        if values.is_empty() {
-            let names = ["depth offset, world units", "depth scale"];
-            let value = |i| Value::determined(names[i], before[i], after[i], errors[i]);
-            values.extend((0..2).map(value));
-        }
         for &i in &free {
-            values[i] = Value::determined(values[i].name, before[i], after[i], errors[i]);
+            values[i] = Value::determined(names[i], before[i], after[i], errors[i]);
         }
         let certainty = |i: usize| (after[i] - before[i]).abs() / errors[i];
         let least = free.iter().copied().min_by(|&a, &b| certainty(a).total_cmp(&certainty(b)));
@@ -44,7 +41,7 @@ pub(super) fn search(ground: &mut Ground) -> Result<Vec<Value>, FrameError> {
         free.retain(|&other| other != i);
         set_depth(ground, before);
     }
-    Ok(values)
+    Ok(values.to_vec())
 }
 
 /// Offset and scale.
