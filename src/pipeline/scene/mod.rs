@@ -200,7 +200,8 @@ impl SceneRun {
 /// Settings measured with each kind of sensor (`accuracy.md` 3 and 7).
 fn engine_for(sensor: Sensor, h: f64) -> SceneConfig {
     match sensor {
-        Sensor::Inverse8Ray | Sensor::Exact { .. } => SceneConfig::fine(h),
+        Sensor::Inverse8Ray => SceneConfig::fine(h),
+        Sensor::Exact { .. } => SceneConfig::exact(h),
         Sensor::Kinect | Sensor::Lidar => SceneConfig::coarse(h),
     }
 }

@@ -81,10 +81,10 @@ impl SceneConfig {
             sums: SumForm::Mixed,
             most: MOST_COMPONENTS,
             native: NativeRule {
-                opacity: DensityOpacity { tau: 2.4, rho0: 0.55, doubt: 20.0, least: 0.3 },
+                opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
                 scale: 1.12,
-                closing: 0.8,
+                closing: 0.9,
                 least_scale: 0.05,
                 prior_scale: 0.3,
                 prior_points: 2.0,
@@ -96,12 +96,20 @@ impl SceneConfig {
         }
     }
 
+    /// For computed depth: its surfaces return all that they can, so nothing speaks against opacities
+    /// that keep them closed where a view comes near.
+    pub fn exact(h: f64) -> Self {
+        let mut exact = Self::fine(h);
+        exact.native.opacity.tau = 4.5;
+        exact
+    }
+
     /// For real depth cameras, whose poses, depth and exposure err more than the structural scale
     /// resolves (`accuracy.md` 7).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let native = NativeRule {
-            opacity: DensityOpacity { tau: 3.0, rho0: 2.0, ..fine.native.opacity },
+            opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.native.opacity },
             scale: 1.35,
             closing: 0.5,
             least_scale: 0.15,
