@@ -37,7 +37,16 @@ fn accuracy_is_taken_apart() {
     let json = scratch.json("found/accuracy.json");
     let rows = json["rows"].as_array().unwrap();
     let of_table = |name: &str| rows.iter().filter(|row| row["table"] == name).collect::<Vec<_>>();
-    let [steps, changes, scales] = ["cumulative", "leave-one-out", "scale"].map(of_table);
+    let [steps, changes, scales, budgets] =
+        ["cumulative", "leave-one-out", "scale", "budget"].map(of_table);
+    let largest = |row: &serde_json::Value| {
+        row["configuration"].as_str()?.strip_prefix("budget ")?.parse::<f64>().ok()
+    };
+    for (more, fewer) in budgets.iter().zip(&budgets[1..]) {
+        assert!(fewer["drawn"].as_f64() <= largest(fewer) && fewer["drawn"] != 0.0, "{fewer}");
+        let [more, fewer] = [more, fewer].map(|row| row["psnr"].as_f64().unwrap());
+        assert!(fewer < more + 0.1, "fewer components show no more: {fewer} {more}");
+    }
     let preset = [steps[steps.len() - 1], changes[0], scales[0]];
     assert!(
         preset.iter().all(|row| row["psnr"] == preset[0]["psnr"] && row["h"] == preset[0]["h"])

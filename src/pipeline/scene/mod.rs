@@ -98,9 +98,6 @@ pub struct SceneRun {
     pub surface: SurfaceSettings,
 }
 
-/// Returns per component of a lattice, whose cells surfaces cut through, against those of a component
-/// whose points surround its seed.
-const LATTICE_DENSITY: f64 = 1.2;
 /// Structural scale where none is asked for.
 const DEFAULT_SCALE: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
 /// The same in pixels.
@@ -179,7 +176,6 @@ impl SceneRun {
             engine.align = false;
             engine.gain = false;
             engine.looks = LookRule::Returned;
-            engine.native.opacity.rho0 *= LATTICE_DENSITY;
         }
         engine.refine = overrides.refine.unwrap_or(engine.refine);
         engine.align = overrides.align.unwrap_or(engine.align);

@@ -17,16 +17,18 @@ use crate::model::scene::sums::{SceneSums, outer};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
+/// Every so-many-th point of a frame is looked at: neighbours say the same.
+pub const EVERY: usize = 4;
 /// Fewest points of a component that is trusted as a plane.
 const LEAST_POINTS: f64 = 20.0;
-/// Fewest points of the frame in it.
-const LEAST_OWNED: usize = 3;
+/// Fewest points of those looked at in it.
+const LEAST_OWNED: usize = 2;
 /// Least length of the mean normal of a plane.
 const LEAST_AGREEMENT: f64 = 0.8;
 /// Fewest components that determine a motion.
 const LEAST_COMPONENTS: usize = 500;
 /// Points of a component at which its residual counts in full.
-const FULL_POINTS: f64 = 10.0;
+const FULL_POINTS: f64 = 3.0;
 /// Neighbouring components err together: so many count as one.
 const ALIKE: f64 = 100.0;
 /// Variance of a component's mean colour from frame to frame.
@@ -50,7 +52,9 @@ pub struct Alignment<'a, W> {
     pub ridge: f64,
     /// The frame as recorded.
     pub frame: &'a Observation,
-    /// Component of each of its points.
+    /// Those of its points that are looked at.
+    pub points: &'a [SurfacePoint],
+    /// Component of each of them.
     pub owners: &'a [u32],
     /// Factors that bring its colours to the scene's exposure.
     pub gain: [f32; 3],
@@ -126,7 +130,7 @@ impl<W: Word> Alignment<'_, W> {
         let n = run.len() as f64;
         let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for key in run {
-            let point = &self.frame.points[*key as u32 as usize];
+            let point = &self.points[*key as u32 as usize];
             seen += (vector(point.position) - seed) / n;
             seen_color += self.exposed(point) / n;
             noise += f64::from(point.noise) / n;

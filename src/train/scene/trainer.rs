@@ -1,7 +1,7 @@
 //! The trainer of the scene preset: owns the components and applies frames to them.
 
 use super::accumulate::{Matched, accumulate};
-use super::align::{Alignment, Motion};
+use super::align::{Alignment, EVERY, Motion};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
 use super::components::Components;
@@ -192,15 +192,17 @@ impl<W: Word> SceneTrainer<W> {
 
     /// See [`Alignment::motion`].
     pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
-        self.assign(&frame.points);
+        let points: Vec<SurfacePoint> = frame.points.iter().step_by(EVERY).copied().collect();
+        self.assign(&points);
         let alignment = Alignment {
             ledger: &self.ledger,
             places: Places { grid: &self.grid, components: &self.components },
             h: self.config.h,
             ridge: self.config.native.gradient_ridge * self.config.h * self.config.h,
             frame,
+            points: &points,
             owners: &self.owners,
-            gain: self.gain(&frame.points),
+            gain: self.gain(&points),
         };
         alignment.motion()
     }

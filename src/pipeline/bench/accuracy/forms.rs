@@ -7,12 +7,13 @@ use super::super::table;
 use super::variants::Table;
 use super::{AccuracyRow, Summary};
 
-/// The three tables, one below the other.
+/// The tables, one below the other.
 pub fn text(rows: &[AccuracyRow]) -> String {
     let tables = [
         (Table::Cumulative, "Every row adds to the one above:"),
         (Table::LeaveOneOut, "One change each:"),
         (Table::Scale, "Structural scale:"),
+        (Table::Budget, "Budget, the least useful components merged:"),
     ];
     let of_table = |(which, title): (Table, &str)| {
         let rows: Vec<_> = rows.iter().filter(|r| r.table == which).map(cells).collect();
@@ -96,7 +97,8 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
             Spread::exact(row.psnr_aligned_covered.unwrap_or(f64::NAN))
         })
     };
-    let named: Vec<&AccuracyRow> = rows.iter().filter(|r| r.table != Table::Scale).collect();
+    let is_curve = |row: &AccuracyRow| matches!(row.table, Table::Scale | Table::Budget);
+    let named: Vec<&AccuracyRow> = rows.iter().filter(|r| !is_curve(r)).collect();
     let of_table = |which: Table, name: &str| {
         let rows = named.iter().enumerate().filter(|(_, row)| row.table == which);
         let mark = |(i, row): (usize, &&AccuracyRow)| Mark {
@@ -125,14 +127,18 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
 }
 
 fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Series> {
-    let rows: Vec<&AccuracyRow> = rows.iter().filter(|r| r.table == Table::Scale).collect();
-    let of_rule = |rule: &[&AccuracyRow]| Series {
-        name: rule.first().map_or_else(String::new, |row| row.births.to_string()),
-        marks: rule
+    let of_table = |which| rows.iter().filter(move |row| row.table == which);
+    let scales: Vec<&AccuracyRow> = of_table(Table::Scale).collect();
+    let budgets: Vec<&AccuracyRow> = of_table(Table::Budget).collect();
+    let curve = |name: String, rows: &[&AccuracyRow]| Series {
+        name,
+        marks: rows
             .iter()
             .map(|row| Mark { x: Spread::exact(row.drawn), y: measure(row), label: None })
             .collect(),
         connected: true,
     };
-    rows.chunk_by(|a, b| a.births == b.births).map(of_rule).collect()
+    let by_rule = scales.chunk_by(|a, b| a.births == b.births);
+    let by_rule = by_rule.map(|rule| curve(rule[0].births.to_string(), rule));
+    by_rule.chain([curve("seeds, budgets".to_owned(), &budgets)]).collect()
 }

@@ -23,7 +23,7 @@ use crate::train::scene::config::BirthRule;
 use serde::Serialize;
 use std::sync::Arc;
 use training::{Trained, n_sweeps, train};
-use variants::{Table, Variant, parts, scales};
+use variants::{Table, Variant, budgets, parts, scales};
 
 /// How much of the tables is run.
 #[derive(Clone, Debug)]
@@ -151,6 +151,7 @@ pub fn run(
     let mut rows = parts(&base);
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
+    rows.extend(budgets(&base, stage.born(&base)?));
     // Equal configurations are run once.
     let mut runs: Vec<SceneRun> = Vec::new();
     for row in &rows {
@@ -213,6 +214,12 @@ impl Stage {
             EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
         let views = (evaluation.split, views);
         Ok((Self { dataset, plan: training, views, crack_views, options }, base))
+    }
+
+    /// Components that the preset makes of the frames as listed.
+    fn born(&self, base: &SceneRun) -> Result<usize, BenchError> {
+        let trained = train(&self.dataset, &self.plan, std::slice::from_ref(base), &mut || ())?;
+        Ok(trained.first().map_or(0, |trained| trained.born))
     }
 
     /// The training frames as listed, reversed, or in a shuffle of its own.

@@ -22,6 +22,8 @@ pub enum Table {
     LeaveOneOut,
     /// Components against quality: the structural scale under one birth rule.
     Scale,
+    /// Components against quality: the preset's scale, merged down to a budget.
+    Budget,
 }
 
 /// A configuration by its name in a table.
@@ -143,6 +145,20 @@ pub fn parts(base: &SceneRun) -> Vec<Variant> {
         }
     }
     rows
+}
+
+/// Budgets, as shares of the components born without one.
+const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
+
+/// The preset merged down from the `born` components it makes.
+pub fn budgets(base: &SceneRun, born: usize) -> Vec<Variant> {
+    let of_share = |share: f64| {
+        let mut run = base.clone();
+        run.engine.most = ((born as f64 * share) as usize).max(1);
+        let name = format!("budget {}", run.engine.most);
+        Variant { table: Table::Budget, name, run }
+    };
+    BUDGETS.map(of_share).to_vec()
 }
 
 /// The structural scale of `base` times each factor, under every birth rule; scales below what the
