@@ -49,7 +49,7 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::EXPOSURES, at, "centre", "a finite number", found));
         }
         let length = frame.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if !((length - 1.0).abs() < 1e-3) {
+        if length.is_nan() || (length - 1.0).abs() > 1e-3 {
             return Err(value(tag::EXPOSURES, at, "direction", "a unit vector", length));
         }
         if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
