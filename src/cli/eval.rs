@@ -45,12 +45,10 @@ fn color_camera(
     model: &Model,
     dataset: &Dataset,
 ) -> Result<Option<ColorCamera>, Failure> {
-    let calibration = match (&args.calibration, &model.method) {
-        (Some(path), _) => Some(Calibration::read(path)?),
-        (None, Some(method)) => return Ok(method.color_camera()),
-        (None, None) => Calibration::known(dataset),
-    };
-    Ok(calibration.and_then(|c| c.color_camera))
+    match &args.calibration {
+        Some(path) => Ok(Calibration::read(path)?.color_camera),
+        None => Ok(model.color_camera(dataset)),
+    }
 }
 
 fn choose_views(dataset: &Dataset, args: &EvalArgs) -> Result<(usize, Vec<usize>), Failure> {

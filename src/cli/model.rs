@@ -3,6 +3,8 @@
 use super::failure::Failure;
 use glam::DVec3;
 use std::path::Path;
+use vbgs_studio::dataset::Dataset;
+use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::model::appearance::SplatSet;
@@ -19,6 +21,17 @@ pub struct Model {
     pub method: Option<Method>,
     /// What this program said about the conversion to splats.
     pub comments: Vec<String>,
+}
+
+impl Model {
+    /// The camera that takes a dataset's photographs, if not the one that measures depth: what the
+    /// model was trained with, else what is known of the layout.
+    pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
+        match &self.method {
+            Some(method) => method.color_camera(),
+            None => Calibration::known(dataset).and_then(|c| c.color_camera),
+        }
+    }
 }
 
 /// Reads a model, recognised by its content, and says on stderr what was ignored or guessed.

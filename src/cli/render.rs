@@ -2,6 +2,7 @@
 
 use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
+use super::model::Model;
 use super::{model, output, progress};
 use anyhow::anyhow;
 use glam::DVec3;
@@ -37,7 +38,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         renderer: CpuRenderer::new(),
     };
     if let Some(dataset) = &args.dataset {
-        return render_view(&mut painter, dataset, args);
+        return render_view(&mut painter, &model, dataset, args);
     }
     let framing = painter.framing.ok_or_else(|| {
         anyhow!(
@@ -81,8 +82,14 @@ fn render_orbit(
     Ok(())
 }
 
-fn render_view(painter: &mut Painter, path: &Path, args: &RenderArgs) -> Result<(), Failure> {
+fn render_view(
+    painter: &mut Painter,
+    model: &Model,
+    path: &Path,
+    args: &RenderArgs,
+) -> Result<(), Failure> {
     let dataset = dataset::open(path, &LoadOptions::default())?;
+    let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
         None => dataset.evaluation(dataset.training_split().unwrap_or(0)).split,
@@ -100,7 +107,8 @@ fn render_view(painter: &mut Painter, path: &Path, args: &RenderArgs) -> Result<
         exposing: args.exposure,
         ..RenderOptions::evaluation(method, args.background)
     };
-    let names = painter.draw(&entry.camera, &options, &args.output)?;
+    let camera = photographed.map_or(entry.camera, |color| color.beside(&entry.camera));
+    let names = painter.draw(&camera, &options, &args.output)?;
     output::line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
     Ok(())
 }

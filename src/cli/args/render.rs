@@ -15,7 +15,7 @@ pub struct RenderArgs {
     /// are called NAME-projected.png and NAME-exact.png
     #[arg(short, long, value_name = "IMG.png")]
     pub output: PathBuf,
-    /// Take the camera from this dataset
+    /// Take the camera from this dataset, that of its photographs
     #[arg(long, value_name = "DIR", conflicts_with_all = ["orbit", "turntable", "size", "lens", "fov", "up"])]
     pub dataset: Option<PathBuf>,
     /// Position of the view in its split
