@@ -16,8 +16,8 @@ use rayon::prelude::*;
 use scenes::{draws, lego, smooth, together};
 use std::hint::black_box;
 use std::num::NonZero;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::simd::Isa;
+use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
 
 type Mean = [f32; 3];

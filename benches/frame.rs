@@ -10,11 +10,11 @@
 mod scenes;
 
 use scenes::{draws, lego, smooth, together};
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::simd::Isa;
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::engine::Engine;
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::engine::Engine;
+use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::timing::StageMs;
 
 /// Frames of a measurement.

@@ -13,18 +13,18 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use scenes::{draws, smooth};
 use std::hint::black_box;
 use std::num::NonZero;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::statistics::{N_SUMS, Record};
-use vbgs_studio::model::totals::{Statistics, UpdateWidth};
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::conjugate::statistics::{N_SUMS, Record};
+use vbgs_studio::model::paper::totals::{Statistics, UpdateWidth};
+use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::engine::Engine;
 use vbgs_studio::train::estep::Scoring;
-use vbgs_studio::train::init::InitialDraw;
-use vbgs_studio::train::reassign::{Chooser, Quota};
+use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::engine::Engine;
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::reassign::{Chooser, Quota};
 
 const COMPONENTS: usize = 100_000;
 

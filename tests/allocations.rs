@@ -6,11 +6,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
-use vbgs_studio::math::observation::Observation;
-use vbgs_studio::math::points::Points;
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::engine::Engine;
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::engine::Engine;
+use vbgs_studio::train::paper::init::InitialDraw;
 
 struct Counting;
 

@@ -9,7 +9,7 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::train::config::{
+use vbgs_studio::train::paper::config::{
     Candidates, Overrides, Precision, ReassignPolicy, StatisticsForm, TrainConfig,
 };
 

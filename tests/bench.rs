@@ -7,15 +7,21 @@ mod common;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use vbgs_studio::bench::findings::{Bench, BenchOptions};
+use vbgs_studio::bench::paper::ablation;
+use vbgs_studio::bench::paper::ablation::AblationPlan;
+use vbgs_studio::bench::paper::pareto;
+use vbgs_studio::bench::paper::pareto::ParetoPlan;
+use vbgs_studio::bench::paper::precision_search;
+use vbgs_studio::bench::paper::precision_search::SearchPlan;
+use vbgs_studio::bench::paper::scaling;
+use vbgs_studio::bench::paper::scaling::ScalingPlan;
+use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::render;
+use vbgs_studio::bench::render::{Device, RenderPlan, Scene};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
-use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
-use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
-use vbgs_studio::pipeline::bench::render::{self, Device, RenderPlan, Scene};
-use vbgs_studio::pipeline::bench::scaling::{self, ScalingPlan};
-use vbgs_studio::pipeline::bench::{Bench, BenchOptions, stability};
-use vbgs_studio::pipeline::precision_search::{self, SearchPlan};
-use vbgs_studio::train::config::{
+use vbgs_studio::train::paper::config::{
     Batch, Candidates, Overrides, Precision, ReassignPolicy, TrainConfig,
 };
 

@@ -5,9 +5,9 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use proptest::prelude::*;
 use rayon::prelude::*;
 use std::num::NonZero;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
+use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{Grid, KdTree, Search, nearest_in_tile, nearest_in_tile_wide};
 
 type Mean = [f32; 3];

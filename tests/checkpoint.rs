@@ -18,10 +18,10 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{Checkpoint, write};
 use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::method::{Asked as AskedMethod, Method};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::train::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
+use vbgs_studio::train::paper::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
 
 /// Training frames of the room.
 const FRAMES: usize = 40;

@@ -2,15 +2,15 @@
 //! bit, whatever is an approximation must stay close to the f64 oracle.
 #![allow(clippy::unwrap_used)]
 
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::state::ModelState;
-use vbgs_studio::train::config::{
+use vbgs_studio::model::paper::state::ModelState;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{
     Batch, Candidates, IndexKind, Operations, Overrides, Precision, ReassignPolicy, StatisticsForm,
     TrainConfig, UpdateWidth, Width,
 };
-use vbgs_studio::train::engine::Engine;
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::train::paper::engine::Engine;
+use vbgs_studio::train::paper::init::InitialDraw;
 
 const COMPONENTS: usize = 3000;
 const POLICIES: [ReassignPolicy; 4] = [

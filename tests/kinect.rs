@@ -10,12 +10,12 @@ use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::report::{EvalReport, Summary};
 use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
-use vbgs_studio::model::posterior::Conversion;
+use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::pipeline::learner::Learner;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::config::TrainConfig;
+use vbgs_studio::train::paper::config::TrainConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let conversion = Conversion { scale_factor, ..Conversion::right() };

@@ -19,14 +19,14 @@ use vbgs_studio::eval::views::{GroundTruth, ground_truth};
 use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
-use vbgs_studio::model::posterior::Conversion;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::conjugate::posterior::Conversion;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::learner::Learner;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
 
 /// Distance from a published figure that differing initial draws may cause, dB.
 const TOLERANCE_DB: f64 = 0.3;

@@ -18,8 +18,8 @@ mod render {
 
 use common::agreement::{Agreement, samples};
 use vbgs_studio::math::camera::Camera;
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::oracle::Oracle;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};

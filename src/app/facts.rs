@@ -4,9 +4,9 @@ use super::panels::legend::number;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
-use crate::pipeline::method::Method;
-use crate::pipeline::scene::{SceneRun, StructuralScale};
 use crate::pipeline::session::{Session, layout_name};
+use crate::pipeline::settings::method::Method;
+use crate::pipeline::settings::scene::{SceneRun, StructuralScale};
 use crate::train::scene::config::BirthRule;
 
 /// Lines for the scene panel: label and value.

@@ -1,8 +1,8 @@
 //! Changed splats on their way from the trainer to the viewport. Nobody waits: the trainer adds to
 //! the feed only when the last delivery was taken, and the viewport takes what is there.
 
-use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
+use crate::model::splat::appearance::SplatSet;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// One delivery.
@@ -83,8 +83,8 @@ pub fn apply(splats: &mut SplatSet, change: SplatChange) -> Option<Vec<u32>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::appearance::Appearance;
-    use crate::model::splats::Splat;
+    use crate::model::splat::appearance::Appearance;
+    use crate::model::splat::splats::Splat;
 
     const EMPTY: Splat = Splat { opacity: 0.0, ..VISIBLE };
     const VISIBLE: Splat = Splat {

@@ -2,9 +2,9 @@
 //! stand for what is known of them.
 
 use super::feed::{Delivery, SplatChange, apply};
-use crate::model::appearance::SplatSet;
 use crate::model::attributes::Attributes;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use std::sync::Arc;
 

@@ -4,7 +4,7 @@ use super::picker::Picker;
 use super::state::{Inspected, Snapshot};
 use super::viewer::shot::{Partner, Shot};
 use super::worker::Waker;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;
 use crate::render::outline::outline;

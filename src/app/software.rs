@@ -8,7 +8,7 @@ use super::viewer::shot::{Partner, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::{RgbImage, unit_to_byte};
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};

@@ -2,9 +2,9 @@
 //! next.
 
 use super::kept;
-use crate::pipeline::method::Asked;
-use crate::pipeline::scene::SceneOverrides;
-use crate::train::config::{Preset, TrainConfig};
+use crate::pipeline::settings::method::Asked;
+use crate::pipeline::settings::scene::SceneOverrides;
+use crate::train::paper::config::{Preset, TrainConfig};
 use serde::{Deserialize, Serialize};
 
 /// How what is opened next is trained.
@@ -47,7 +47,7 @@ impl TrainSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::scene::{Budget, StructuralScale};
+    use crate::pipeline::settings::scene::{Budget, StructuralScale};
     use crate::train::scene::config::BirthRule;
 
     #[test]

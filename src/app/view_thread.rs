@@ -3,7 +3,7 @@
 
 use super::feed::{SplatChange, apply};
 use super::worker::Waker;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
@@ -140,7 +140,7 @@ impl<Q, A> Drop for ViewThread<Q, A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::splats::Splat;
+    use crate::model::splat::splats::Splat;
     use std::sync::mpsc::channel;
     use std::time::Duration;
 

@@ -8,7 +8,7 @@ use super::viewer::shot::{Partner, Second as SecondPicture, Shot};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::finish::Finish;
 use crate::render::gpu::GpuError;

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use vbgs_studio::dataset::error::DatasetError;
 use vbgs_studio::dataset::synthetic::write::WriteError;
 use vbgs_studio::pipeline::checkpoint::RunError;
-use vbgs_studio::train::config::ConfigError;
+use vbgs_studio::train::setting::ConfigError;
 
 /// Why a command did not do its work.
 pub enum Failure {

@@ -7,10 +7,10 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
-use vbgs_studio::model::appearance::SplatSet;
-use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::model::splat::appearance::SplatSet;
+use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
-use vbgs_studio::pipeline::method::Method;
+use vbgs_studio::pipeline::settings::method::Method;
 
 /// What commands need of a model, whatever file it came from.
 pub struct Model {

@@ -7,13 +7,14 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::surface::Sensor;
-use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::Asked;
-use vbgs_studio::pipeline::method::Asked as Method;
 use vbgs_studio::pipeline::plan::Selection;
-use vbgs_studio::pipeline::scene::SceneOverrides;
-use vbgs_studio::train::config::{ConfigError, Overrides, Precision, Preset, TrainConfig};
+use vbgs_studio::pipeline::settings::method::Asked as Method;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::train::paper::config::{Overrides, Precision, Preset, TrainConfig};
 use vbgs_studio::train::scene::engine::SumForm;
+use vbgs_studio::train::setting::ConfigError;
 
 /// Frames and their order.
 pub fn selection(args: &TrainArgs) -> Selection {

@@ -13,10 +13,10 @@ use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::appearance::SplatSet;
+use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::method::{Asked as AskedMethod, Method};
 use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
 use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.

@@ -1,7 +1,7 @@
 //! What the files of a recording do not say of its cameras: where the colour camera stands, how
 //! depth is biased, how bright each frame was exposed. A RON file that people may edit.
 
-use super::seven_scenes::DEFAULT_INTRINSICS;
+use super::formats::seven_scenes::DEFAULT_INTRINSICS;
 use super::{Dataset, Layout};
 use crate::math::camera::{Camera, Intrinsics};
 use glam::{DMat3, DQuat, DVec2, DVec3};

@@ -10,20 +10,17 @@
 pub mod calibration;
 pub mod error;
 pub mod frame;
-pub mod points;
 pub mod range;
 pub mod splits;
 pub mod surface;
 pub mod synthetic;
+pub mod unproject;
 
-mod blender;
-mod candidate;
 mod decode;
 mod edges;
 mod folder;
-mod formats;
+pub mod formats;
 mod matrix;
-mod seven_scenes;
 
 use crate::math::camera::Camera;
 use decode::DepthEncoding;

@@ -2,8 +2,8 @@
 
 use super::Dataset;
 use super::error::FrameError;
-use super::points::{CameraConvention, camera_point};
-use crate::math::points::Normalization;
+use super::unproject::{CameraConvention, camera_point};
+use crate::math::normalization::Normalization;
 use glam::DVec3;
 
 /// A box of world positions; points outside are legal.

@@ -13,7 +13,7 @@ use crate::dataset::frame::Frame;
 use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use glam::{DQuat, DVec3};
@@ -162,7 +162,7 @@ mod tests {
     use crate::dataset::frame::{Depth, DepthCodes, DepthKind};
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
-    use crate::model::splats::Splat;
+    use crate::model::splat::splats::Splat;
     use crate::render::Method;
     use std::ops::Range;
 

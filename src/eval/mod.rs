@@ -5,8 +5,10 @@ pub mod cracks;
 pub mod metrics;
 pub mod report;
 pub mod seen;
+pub mod spread;
 pub mod ssim;
 pub mod surfaces;
+pub mod table;
 pub mod views;
 
 mod reproject;

@@ -13,7 +13,7 @@ use crate::dataset::frame::{DepthKind, Frame};
 use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{EVALUATION_NEAR, Method, RenderOptions, Renderer};
 use serde::{Deserialize, Serialize};

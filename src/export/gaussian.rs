@@ -1,7 +1,7 @@
 //! A splat on its way to or from a file: f64, floored, normalised, turned to other axes.
 
-use crate::model::appearance::{Appearance, SplatView};
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::{Appearance, SplatView};
+use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 

@@ -3,8 +3,8 @@
 //!
 //! ```
 //! use vbgs_studio::export::mapping::{Mapping, Split, to_plain};
-//! use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
-//! use vbgs_studio::model::splats::Splat;
+//! use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
+//! use vbgs_studio::model::splat::splats::Splat;
 //!
 //! // A disc with a flat top, redder along its long axis.
 //! let splat =
@@ -22,7 +22,7 @@
 //! ```
 
 use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows};
-use crate::model::appearance::{GRADIENT_LIMIT, SplatSet, SplatView};
+use crate::model::splat::appearance::{GRADIENT_LIMIT, SplatSet, SplatView};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! What is known of a component beside its splat.
 
-use super::posterior::ComponentPosterior;
-use crate::math::points::Normalization;
+use super::conjugate::posterior::ComponentPosterior;
+use crate::math::normalization::Normalization;
 
 /// What is known of a component beside its splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,8 +43,8 @@ impl Attributes {
 mod tests {
     use super::*;
     use crate::math::sym3::Sym3;
-    use crate::model::prior::Hyper;
-    use crate::model::statistics::Moments;
+    use crate::model::conjugate::prior::Hyper;
+    use crate::model::conjugate::statistics::Moments;
     use glam::DVec3;
 
     /// Four points around the initial mean, a unit apart on the first axis: the expected covariance

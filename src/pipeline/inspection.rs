@@ -1,12 +1,12 @@
 //! Everything known of one component, in world units.
 
 use super::session::Session;
-use crate::math::points::Normalization;
+use crate::math::normalization::Normalization;
 use crate::math::sym3::Sym3;
-use crate::model::appearance::Appearance;
 use crate::model::attributes::Attributes;
-use crate::model::posterior::ComponentPosterior;
-use crate::model::splats::{CovarianceForm, Splat, decompose};
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DQuat, DVec3};
 
 /// A component of a session's model.

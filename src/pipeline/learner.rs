@@ -1,16 +1,16 @@
 //! A model that learns, whichever preset it follows.
 
-use super::prepared::Material;
-use crate::math::points::Normalization;
-use crate::model::appearance::{Appearance, SplatSet};
-use crate::model::posterior::ComponentPosterior;
-use crate::model::splats::Splat;
+use super::prepare::Material;
+use crate::math::normalization::Normalization;
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::model::splat::splats::Splat;
 use crate::train::candidates::IndexError;
-use crate::train::config::TrainConfig;
-use crate::train::engine::Engine;
+use crate::train::outcome::FrameOutcome;
+use crate::train::paper::config::TrainConfig;
+use crate::train::paper::engine::Engine;
 use crate::train::scene::engine::SceneEngine;
 use crate::train::scene::trainer::Lost;
-use crate::train::trainer::FrameOutcome;
 
 /// A model that learns.
 pub enum Learner {

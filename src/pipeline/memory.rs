@@ -1,11 +1,11 @@
 //! What a run will take of the machine's memory, before it is taken.
 
 use super::machine;
-use crate::math::observation::SurfacePoint;
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
-use crate::model::statistics::N_SUMS;
-use crate::train::config::{
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
+use crate::observation::surface::SurfacePoint;
+use crate::train::paper::config::{
     Batch, Candidates, IndexKind, Precision, StatisticsForm, TrainConfig, UpdateWidth,
 };
 use crate::train::scene::config::SceneConfig;
@@ -141,7 +141,7 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::config::Overrides;
+    use crate::train::paper::config::Overrides;
 
     #[test]
     fn what_does_not_fit_is_refused_with_what_would() {

@@ -3,7 +3,7 @@
 //! all train, a decoding thread doubles the time of the trainings it runs beside (`engine.md` 10).
 
 use super::plan::Plan;
-use super::prepared::{Counts, Desk, Material, Preparation};
+use super::prepare::{Counts, Desk, Material, Preparation};
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::train::timing::Stopwatch;

@@ -1,15 +1,16 @@
 //! The settings of a run, and the model they start from.
 
-use super::method::Method;
 use super::plan::{Plan, Selection};
-use super::prepared::Preparation;
+use super::prepare::Preparation;
+use super::settings::method::Method;
 use crate::dataset::error::DatasetError;
-use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use crate::dataset::range::PositionRange;
+use crate::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use crate::dataset::{Dataset, Layout, LoadOptions};
-use crate::math::points::{Normalization, Points};
-use crate::train::config::{Init, Preset, TrainConfig};
-use crate::train::init::InitialDraw;
+use crate::math::normalization::Normalization;
+use crate::observation::points::Points;
+use crate::train::paper::config::{Init, Preset, TrainConfig};
+use crate::train::paper::init::InitialDraw;
 use serde::{Deserialize, Serialize};
 
 /// Every setting that shaped a run, for the report.

@@ -4,22 +4,22 @@ use super::births::Births;
 use super::learner::{Learner, PaperLearner};
 use super::machine;
 use super::memory::{Estimate, MemoryError};
-use super::method::{Asked, Method};
 use super::plan::{Order, Plan, Selection};
 use super::prefetch::{Prefetch, Prepared, PreparedFrame, SpawnError};
 use super::run::{RunConfig, initial_draw};
-use super::scene::{SceneError, SceneRun};
+use super::settings::method::{Asked, Method};
+use super::settings::scene::{SceneError, SceneRun};
 use crate::dataset::error::DatasetError;
 use crate::dataset::range::{self, RangeError};
 use crate::dataset::{Dataset, Layout};
 use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
+use crate::math::normalization::Normalization;
 use crate::math::orbit::mean_up;
-use crate::math::points::Normalization;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::train::candidates::IndexError;
-use crate::train::engine::Engine;
+use crate::train::paper::engine::Engine;
 use crate::train::scene::engine::SceneEngine;
 use glam::DVec3;
 use std::sync::Arc;
@@ -173,7 +173,7 @@ impl Session {
         Ok(session)
     }
 
-    /// Trains on the next frame, waiting for it to be decoded. On errors see [`crate::train::engine::Engine::train`].
+    /// Trains on the next frame, waiting for it to be decoded. On errors see [`crate::train::paper::engine::Engine::train`].
     pub fn step(&mut self) -> Result<Step, SessionError> {
         let Some(Prepared { position, name, result }) = self.prefetch.next_frame() else {
             return self.finish();

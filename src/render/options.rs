@@ -2,7 +2,7 @@
 
 use super::finish::Exposing;
 use super::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};

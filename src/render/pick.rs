@@ -6,7 +6,7 @@ use super::{
     Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, TRANSMITTANCE_STOP,
 };
 use crate::math::camera::{Camera, Intrinsics};
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 

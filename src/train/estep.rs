@@ -3,8 +3,8 @@
 //! minimum is taken off.
 
 use crate::math::real::Real;
-use crate::model::mixture::InitialModel;
-use crate::model::prior::Hyper;
+use crate::model::conjugate::prior::Hyper;
+use crate::model::paper::mixture::InitialModel;
 
 /// Nats by which a component must lose to receive nothing: e⁻⁴⁰ is below the rounding of a sum that
 /// starts with 1, in either precision.

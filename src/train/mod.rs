@@ -1,22 +1,11 @@
-//! The training engine: one frame of points in, updated statistics out.
-//!
-//! A frame runs through candidate search, E-step, statistics, update and reassignment
-//! (`model.md` 6–10). The pass over the points changes no shared state; only the final addition of
-//! its records does, and that cannot fail: a frame is applied whole or not at all.
+//! The training engine: one frame in, updated statistics out. What both presets share lies here;
+//! each has a folder of its own.
 
 pub mod candidates;
-pub mod config;
-pub mod engine;
 pub mod estep;
-mod fused;
-pub mod index;
-pub mod init;
+pub mod outcome;
 mod ownership;
-pub mod pass;
-mod plain;
-pub mod reassign;
-pub mod scalar;
+pub mod paper;
 pub mod scene;
-mod slots;
+pub mod setting;
 pub mod timing;
-pub mod trainer;

@@ -2,9 +2,9 @@
 
 use super::*;
 use vbgs_studio::export::checkpoint::StoredModel;
-use vbgs_studio::model::state::Totals;
+use vbgs_studio::model::paper::state::Totals;
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
-use vbgs_studio::train::config::Init;
+use vbgs_studio::train::paper::config::Init;
 
 fn message(runs: Vec<SavedRun>) -> String {
     merge(runs).unwrap_err().to_string()

@@ -3,12 +3,14 @@
 use super::*;
 use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::export::checkpoint::{CheckpointError, StoredModel};
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::splats::CovarianceForm;
-use vbgs_studio::model::state::{ModelState, Totals};
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::paper::state::{ModelState, Totals};
+use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::train::config::{Batch, Candidates, IndexKind, Init, Preset, StatisticsForm};
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, IndexKind, Init, Preset, StatisticsForm,
+};
 
 fn half() -> SavedRun {
     saved(&trained(&off(), first(3)))

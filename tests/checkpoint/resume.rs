@@ -1,7 +1,7 @@
 //! Going on after a stop.
 
 use super::*;
-use vbgs_studio::train::config::Init;
+use vbgs_studio::train::paper::config::Init;
 
 const POLICIES: [ReassignPolicy; 4] = [
     ReassignPolicy::Off,

@@ -7,8 +7,8 @@ use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::state::{SceneState, StoredSums};
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::pipeline::scene::{Budget, SceneOverrides, StructuralScale};
-use vbgs_studio::train::config::Preset;
+use vbgs_studio::pipeline::settings::scene::{Budget, SceneOverrides, StructuralScale};
+use vbgs_studio::train::paper::config::Preset;
 use vbgs_studio::train::scene::config::{BirthRule, LookRule};
 use vbgs_studio::train::scene::engine::SumForm;
 

@@ -3,7 +3,7 @@
 use super::runner::Scratch;
 use serde_json::Value;
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// Every field of `report.json` with one evaluated split; the names of the product's contract and
 /// what this version adds.

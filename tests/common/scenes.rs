@@ -4,8 +4,8 @@ use glam::DVec3;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::Appearance;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{Antialias, Exact, Lens, Method, RenderOptions, Response, Support};
 
 /// A random scene around the origin: centres in a cube of twice `radius`, standard deviations even

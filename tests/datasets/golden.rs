@@ -6,11 +6,12 @@ use crate::common::shared;
 use glam::{DMat4, DVec3};
 use std::path::Path;
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind, Frame};
-use vbgs_studio::dataset::points::{
+use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector, camera_point,
 };
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::math::points::{COLOR_SCALE, Normalization, Points};
+use vbgs_studio::math::normalization::{COLOR_SCALE, Normalization};
+use vbgs_studio::observation::points::Points;
 
 fn f64s(folder: &Path, name: &str) -> Vec<f64> {
     let bytes = std::fs::read(folder.join(format!("{name}.f64.bin"))).unwrap();

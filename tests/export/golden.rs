@@ -6,7 +6,7 @@ use serde_json::Value;
 use std::path::Path;
 use vbgs_studio::export::{Axes, Format, WriteOptions, read};
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::splats::{CovarianceForm, Splat, decompose};
+use vbgs_studio::model::splat::splats::{CovarianceForm, Splat, decompose};
 
 /// Factor the reference exporter puts on its scales (`export.md` 0).
 const LEGACY_SCALE_FACTOR: f64 = 1.41;

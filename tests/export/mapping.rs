@@ -8,8 +8,8 @@ use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
 

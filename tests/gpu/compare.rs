@@ -2,7 +2,7 @@
 
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 use vbgs_studio::render::{ALPHA_CUT, RenderOptions};
 

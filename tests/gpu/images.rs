@@ -6,9 +6,9 @@ use crate::common::scenes::{NATIVE_SCENES, SCENES, camera_of, exact, options, ra
 use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::model::appearance::{Finishing, SplatSet, SplatView};
-use vbgs_studio::model::scene::exposure::{Exposure, ExposureLog};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
+use vbgs_studio::model::splat::exposure::{Exposure, ExposureLog};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 

@@ -6,14 +6,14 @@ use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::cpu::oracle::Oracle;
 use vbgs_studio::render::gpu::renderer::Path;
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
 
 /// Frames learnt: enough to cover every side.
 const N_FRAMES: usize = 60;

@@ -3,7 +3,7 @@
 use crate::common::adapter::{Turn, now, turn, vulkan};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::gpu::context::{device_descriptor, required_limits};
 use vbgs_studio::render::gpu::faults::GpuFaults;

@@ -1,9 +1,9 @@
 use super::reference::*;
 use crate::common::golden::{Case, Tolerance::*};
-use vbgs_studio::math::points::Points;
-use vbgs_studio::train::config::Candidates;
-use vbgs_studio::train::scalar::Scalar;
-use vbgs_studio::train::trainer::Trainer;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::Candidates;
+use vbgs_studio::train::paper::scalar::Scalar;
+use vbgs_studio::train::paper::trainer::Trainer;
 
 const TRUNCATED: Candidates = Candidates::Nearest(4);
 

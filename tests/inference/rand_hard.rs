@@ -1,9 +1,9 @@
 use super::reference::{self, *};
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::math::special::log_sum_exp;
-use vbgs_studio::model::dirichlet;
-use vbgs_studio::train::config::Candidates;
-use vbgs_studio::train::scalar::Scalar;
+use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::train::paper::config::Candidates;
+use vbgs_studio::train::paper::scalar::Scalar;
 
 const LOW_ELBO: usize = 100;
 const TRUNCATED: Candidates = Candidates::Nearest(4);
@@ -113,7 +113,7 @@ fn dense_rescan() {
 fn check_counts<R: Scalar>(
     case: &Case,
     prefix: &str,
-    trainer: &vbgs_studio::train::trainer::Trainer<R>,
+    trainer: &vbgs_studio::train::paper::trainer::Trainer<R>,
 ) {
     let counts: Vec<f64> = (0..trainer.components()).map(|k| trainer.moments(k).count).collect();
     case.check(&format!("{prefix}_N"), &counts, Abs(0.0));

@@ -3,13 +3,13 @@ use super::reference::{
 };
 use crate::common::golden::{Case, Tolerance::*};
 use glam::DVec3;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::special::log_sum_exp;
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::dirichlet;
-use vbgs_studio::model::niw::Niw;
-use vbgs_studio::train::config::Candidates;
-use vbgs_studio::train::trainer::Trainer;
+use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::model::conjugate::niw::Niw;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::Candidates;
+use vbgs_studio::train::paper::trainer::Trainer;
 
 fn log_scores(trainer: &Trainer<f64>, points: &Points<f64>, i: usize, ids: &[u32]) -> Vec<f64> {
     let (scoring, model) = trainer.scoring();

@@ -5,16 +5,16 @@ use crate::common::golden::{Case, Tolerance::*};
 
 use glam::DVec3;
 use std::collections::BTreeMap;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::special::mv_digamma3;
-use vbgs_studio::model::dirichlet;
-use vbgs_studio::model::posterior::ComponentPosterior;
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::train::config::{Candidates, Operations, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::init::InitialDraw;
-use vbgs_studio::train::reassign::Chooser;
-use vbgs_studio::train::scalar::Scalar;
-use vbgs_studio::train::trainer::Trainer;
+use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::model::conjugate::posterior::ComponentPosterior;
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{Candidates, Operations, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::reassign::Chooser;
+use vbgs_studio::train::paper::scalar::Scalar;
+use vbgs_studio::train::paper::trainer::Trainer;
 
 pub fn hyper(case: &Case) -> Hyper {
     Hyper {

@@ -4,7 +4,7 @@ use crate::common::agreement::{branches, largest_error, samples};
 use crate::common::render_cases::{GoldenView, golden_views};
 use crate::draw;
 use std::collections::BTreeMap;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 
 /// Tolerances of `rendering.md` (g).

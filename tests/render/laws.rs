@@ -7,7 +7,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::cpu::oracle::{Oracle, SplatF64};
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 

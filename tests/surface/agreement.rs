@@ -6,8 +6,8 @@ use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings, oracle};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::{Observation, SurfacePoint};
 use vbgs_studio::math::simd::Isa;
+use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 
 /// Share of pixels that may differ: f32 puts a depth or a neighbour on the other side of a threshold.
 const DIFFERING: f64 = 2e-4;

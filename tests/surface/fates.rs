@@ -9,7 +9,7 @@ use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSett
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::Observation;
+use vbgs_studio::observation::surface::Observation;
 
 const N: usize = WIDTH * HEIGHT;
 

@@ -5,7 +5,7 @@ use glam::{DVec3, dvec3};
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{PixelFate, Sensor, SurfaceSettings};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::SurfacePoint;
+use vbgs_studio::observation::surface::SurfacePoint;
 
 const EXACT: Sensor = Sensor::Exact { noise: 0.0 };
 

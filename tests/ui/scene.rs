@@ -18,7 +18,7 @@ use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::export;
-use vbgs_studio::pipeline::scene::SceneOverrides;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 

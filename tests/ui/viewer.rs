@@ -18,8 +18,8 @@ use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
 use vbgs_studio::pipeline::plan::Selection;
-use vbgs_studio::pipeline::scene::SceneOverrides;
 use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::{Lens, RenderOptions, Renderer};
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];

@@ -3,7 +3,7 @@
 use crate::app::state::{RunState, Snapshot};
 use crate::eval::report::quantile;
 use crate::pipeline::machine;
-use crate::pipeline::method::Method;
+use crate::pipeline::settings::method::Method;
 use eframe::egui::{Color32, Label, RichText, Ui};
 
 /// What the line says beside the snapshot.

@@ -1,8 +1,8 @@
 //! How what is opened or reset next is trained.
 
 use crate::app::training::TrainSettings;
-use crate::pipeline::scene::{Budget, DEFAULT_PIXELS, SceneOverrides, StructuralScale};
-use crate::train::config::Preset;
+use crate::pipeline::settings::scene::{Budget, DEFAULT_PIXELS, SceneOverrides, StructuralScale};
+use crate::train::paper::config::Preset;
 use crate::train::scene::config::{BirthRule, MOST_COMPONENTS};
 use eframe::egui::{Button, DragValue, Grid, RichText, Ui};
 use std::ops::RangeInclusive;

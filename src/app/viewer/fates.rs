@@ -5,7 +5,7 @@ use crate::dataset::frame::Frame;
 use crate::dataset::surface::{PixelFate, Preparer, SurfaceCounts, SurfaceSettings};
 use crate::eval::views::{GroundTruth, ground_truth};
 use crate::math::image::{RgbImage, unit_to_byte};
-use crate::math::observation::Observation;
+use crate::observation::surface::Observation;
 use eframe::egui::{
     Align2, Area, Color32, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Ui, Vec2,
 };

@@ -8,7 +8,7 @@ use crate::app::feed::SplatChange;
 use crate::app::software::{Effort, SoftwarePainter};
 use crate::app::viewport::{self, GpuPainter, PaintError};
 use crate::app::worker::Waker;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use eframe::egui::{Rect, Ui};
 
 /// The painter in use.

@@ -13,7 +13,7 @@ use crate::eval::metrics::psnr;
 use crate::eval::views::{GroundTruth, ground_truth};
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::Ui;

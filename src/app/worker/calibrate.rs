@@ -3,7 +3,7 @@
 use super::Trainer;
 use crate::app::state::{NoticeKind, Subject};
 use crate::dataset::calibration::Calibration;
-use crate::train::config::Preset;
+use crate::train::paper::config::Preset;
 use std::path::Path;
 
 impl Trainer {

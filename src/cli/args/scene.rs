@@ -3,7 +3,7 @@
 use super::choice;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
-use vbgs_studio::pipeline::scene::{Budget, StructuralScale};
+use vbgs_studio::pipeline::settings::scene::{Budget, StructuralScale};
 use vbgs_studio::train::scene::config::{BirthRule, LookRule};
 
 /// A part of the scene preset that can be left out.

@@ -3,8 +3,8 @@
 use crate::cli::args::{DepthArgs, choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
-use vbgs_studio::pipeline::bench::BenchOptions;
-use vbgs_studio::pipeline::bench::render::Device;
+use vbgs_studio::bench::findings::BenchOptions;
+use vbgs_studio::bench::render::Device;
 
 #[derive(Args)]
 pub struct BenchArgs {

@@ -12,15 +12,21 @@ use args::{BenchName, DatasetBenchArgs, RenderBenchArgs};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use vbgs_studio::dataset::{self, Dataset};
-use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
-use vbgs_studio::pipeline::bench::accuracy::{self, AccuracyPlan};
-use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
+use vbgs_studio::bench::findings::{Bench, BenchError, Progress};
+use vbgs_studio::bench::paper::ablation;
+use vbgs_studio::bench::paper::ablation::AblationPlan;
+use vbgs_studio::bench::paper::pareto;
+use vbgs_studio::bench::paper::pareto::ParetoPlan;
+use vbgs_studio::bench::paper::scaling;
+use vbgs_studio::bench::paper::scaling::ScalingPlan;
+use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::render;
 #[cfg(feature = "gui")]
-use vbgs_studio::pipeline::bench::render::Device;
-use vbgs_studio::pipeline::bench::render::{self, RenderPlan, Scene};
-use vbgs_studio::pipeline::bench::scaling::{self, ScalingPlan};
-use vbgs_studio::pipeline::bench::{Bench, BenchError, Progress, stability};
+use vbgs_studio::bench::render::Device;
+use vbgs_studio::bench::render::{RenderPlan, Scene};
+use vbgs_studio::bench::scene;
+use vbgs_studio::bench::scene::AccuracyPlan;
+use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::demo;
 
 /// Measures as asked.
@@ -32,7 +38,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         }),
         BenchName::Accuracy(args) => on_dataset(args, |dataset, progress| {
             let plan = AccuracyPlan::new(args.common.options(args.max_frames));
-            accuracy::run(&plan, dataset, progress)
+            scene::run(&plan, dataset, progress)
         }),
         BenchName::Pareto(args) => on_dataset(args, |dataset, progress| {
             let plan = ParetoPlan::new(args.common.options(args.max_frames));

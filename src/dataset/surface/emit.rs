@@ -8,10 +8,10 @@ use super::planes::Planes;
 use super::sensor::Profile;
 use super::settings::SurfaceSettings;
 use crate::dataset::frame::Frame;
-use crate::dataset::points::MAX_COORDINATE;
+use crate::dataset::unproject::MAX_COORDINATE;
 use crate::math::image::Image;
-use crate::math::observation::SurfacePoint;
 use crate::math::simd::LANES;
+use crate::observation::surface::SurfacePoint;
 use glam::{Mat3, Vec3};
 use std::ops::Range;
 

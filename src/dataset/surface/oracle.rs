@@ -8,10 +8,10 @@ use super::{LENGTHS, MIN_INLIERS, MIN_SHARE, PixelFate, RADIUS, ROUNDS, TILE};
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::{DepthKind, Frame};
-use crate::dataset::points::MAX_COORDINATE;
+use crate::dataset::unproject::MAX_COORDINATE;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
-use crate::math::observation::{Observation, SurfacePoint};
+use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use std::collections::HashMap;
 

@@ -5,7 +5,7 @@ use super::planes::Planes;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
-use crate::math::observation::DepthTolerance;
+use crate::observation::surface::DepthTolerance;
 use glam::{Mat3, Vec2, Vec3};
 
 /// Colours of one frame's points.

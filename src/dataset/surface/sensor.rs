@@ -4,7 +4,7 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::frame::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
 use crate::dataset::{Dataset, FrameSource};
 use crate::math::camera::Intrinsics;
-use crate::math::observation::DepthTolerance;
+use crate::observation::surface::DepthTolerance;
 use serde::{Deserialize, Serialize};
 
 /// Length of one code of 8-bit ray depth.

@@ -3,8 +3,8 @@
 use super::container::Section;
 use super::element::Stored;
 use super::tag;
-use crate::model::state::{Carry, Means, Totals};
-use crate::model::statistics::N_SUMS;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::state::{Carry, Means, Totals};
 use bytemuck::{Pod, pod_read_unaligned};
 
 /// First moments per component: space, then colour.

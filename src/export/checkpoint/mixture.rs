@@ -7,10 +7,10 @@ use super::element::Stored;
 use super::error::Defect;
 use super::sections::{F32, F64, I64, I128, Sections, check_size, rows, wrong_type};
 use super::{StoredModel, check, tag};
-use crate::math::points::Normalization;
-use crate::model::prior::Hyper;
-use crate::model::state::{Means, ModelState, Totals};
-use crate::model::statistics::N_SUMS;
+use crate::math::normalization::Normalization;
+use crate::model::conjugate::prior::Hyper;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::state::{Means, ModelState, Totals};
 
 /// In the order of the file.
 pub(super) fn sections<'a>(

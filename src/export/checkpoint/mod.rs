@@ -46,9 +46,9 @@
 //!
 //! ```
 //! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, write};
-//! use vbgs_studio::math::points::Normalization;
-//! use vbgs_studio::model::prior::Hyper;
-//! use vbgs_studio::model::state::{Means, ModelState, Totals};
+//! use vbgs_studio::math::normalization::Normalization;
+//! use vbgs_studio::model::conjugate::prior::Hyper;
+//! use vbgs_studio::model::paper::state::{Means, ModelState, Totals};
 //!
 //! let checkpoint = Checkpoint {
 //!     config: "{}".into(),
@@ -91,10 +91,10 @@ pub use error::{CheckpointError, Defect};
 pub use read::{is_checkpoint, parse, read};
 pub use write::{to_bytes, write, write_keeping_old};
 
-use crate::math::points::Normalization;
-use crate::model::prior::Hyper;
+use crate::math::normalization::Normalization;
+use crate::model::conjugate::prior::Hyper;
+use crate::model::paper::state::ModelState;
 use crate::model::scene::state::SceneState;
-use crate::model::state::ModelState;
 
 // Columns are written and read as they lie in memory.
 const _: () = assert!(cfg!(target_endian = "little"), "checkpoints need a little-endian machine");

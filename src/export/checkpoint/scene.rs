@@ -4,9 +4,9 @@ use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
-use crate::model::scene::exposure::Exposure;
 use crate::model::scene::state::{Looks, SceneState, StoredSums, WideRow};
 use crate::model::scene::sums::N_SUMS;
+use crate::model::splat::exposure::Exposure;
 
 /// Words of a component's looks.
 const N_LOOKS: usize = size_of::<Looks>() / size_of::<u32>();

@@ -5,7 +5,7 @@ use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, drawable};
 use crate::math::image::unit_to_byte;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use glam::DVec3;
 use std::io::{self, Write};
 

@@ -5,7 +5,7 @@ use super::state::{
     Looks, MOST_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow, seed_order,
 };
 use super::sums::N_SUMS;
-use crate::model::merging::AddError;
+use crate::model::paper::merging::AddError;
 
 /// The sum of two scenes: components with equal seeds become one. The result is in
 /// [`seed_order`], as scenes are whose components do not depend on the order of frames.

@@ -4,8 +4,8 @@
 use super::opacity::{DensityOpacity, early};
 use super::sums::{SceneSums, outer};
 use crate::math::sym3::Sym3;
-use crate::model::appearance::Appearance;
-use crate::model::splats::{CovarianceForm, Splat, decompose};
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
-use super::exposure::Exposure;
 use super::sums::N_SUMS;
+use crate::model::splat::exposure::Exposure;
 use bytemuck::{Pod, Zeroable};
 use std::cmp::Ordering;
 

@@ -1,9 +1,8 @@
 //! Sufficient statistics of one component of a scene, about its seed.
 
-use crate::math::observation::SurfacePoint;
 use crate::math::real::Real;
 use crate::math::sym3::Sym3;
-use crate::model::statistics::Moments;
+use crate::model::conjugate::statistics::Moments;
 use glam::{DMat3, DVec3};
 
 /// Sums per component, each of terms within ±[`MOST_TERM`]. With `d` the offset of a point from the seed in
@@ -19,11 +18,11 @@ pub const MAX_OFFSET: f32 = 2.8;
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
 pub const MOST_TERM: f64 = 7.84;
 
-/// What one point at offset `d` (units of `h`) adds to each sum.
+/// What one point at offset `d` (units of `h`) adds to each sum: its colour, the unit normal of its
+/// surface and the unit direction it was seen in, world axes.
 #[inline(always)]
-pub fn terms<R: Real>(point: &SurfacePoint, d: [R; 3], color: [R; 3]) -> [R; N_SUMS] {
-    let (n, v) = (point.normal.map(|x| R::of(x.into())), point.direction.map(|x| R::of(x.into())));
-    let c = color;
+pub fn terms<R: Real>(d: [R; 3], c: [R; 3], normal: [f32; 3], direction: [f32; 3]) -> [R; N_SUMS] {
+    let [n, v] = [normal, direction].map(|unit| unit.map(|x| R::of(x.into())));
     [
         R::ONE,
         d[0],
@@ -162,9 +161,9 @@ impl SceneSums {
     }
 
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and
-    /// scale of [`crate::math::points::Normalization`].
+    /// scale of [`crate::math::normalization::Normalization`].
     pub fn moments(&self) -> Moments {
-        use crate::math::points::{COLOR_OFFSET, COLOR_SCALE};
+        use crate::math::normalization::{COLOR_OFFSET, COLOR_SCALE};
         Moments {
             count: self.count,
             first: self.first,

@@ -2,10 +2,10 @@
 
 use super::{RunError, SavedRun};
 use crate::dataset::LoadOptions;
-use crate::pipeline::method::Method;
 use crate::pipeline::plan::{Order, Shard};
-use crate::pipeline::scene::SceneOverrides;
-use crate::train::config::{Overrides, Preset};
+use crate::pipeline::settings::method::Method;
+use crate::pipeline::settings::scene::SceneOverrides;
+use crate::train::paper::config::{Overrides, Preset};
 use serde::Serialize;
 use serde_json::Value;
 

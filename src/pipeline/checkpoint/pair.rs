@@ -2,14 +2,14 @@
 
 use super::{RunError, SavedRun};
 use crate::export::checkpoint::StoredModel;
-use crate::math::points::Normalization;
+use crate::math::normalization::Normalization;
+use crate::model::paper::state::{ModelState, Totals};
 use crate::model::scene::state::{SceneState, StoredSums};
-use crate::model::state::{ModelState, Totals};
 use crate::pipeline::learner::{Learner, PaperLearner};
-use crate::pipeline::method::Method;
-use crate::pipeline::scene::SceneRun;
-use crate::train::config::{TrainConfig, UpdateWidth};
-use crate::train::engine::Engine;
+use crate::pipeline::settings::method::Method;
+use crate::pipeline::settings::scene::SceneRun;
+use crate::train::paper::config::{TrainConfig, UpdateWidth};
+use crate::train::paper::engine::Engine;
 use crate::train::scene::engine::{SceneEngine, SumForm};
 
 /// Settings and a model that is theirs.

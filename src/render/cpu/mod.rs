@@ -25,7 +25,7 @@ use super::{RenderOptions, TILE};
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use prepare::ChunkCount;
 use raster::{DrawRow, RowCanvas, Sheet};
 use rayon::prelude::*;
@@ -45,7 +45,7 @@ pub struct Rendered {
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
     /// Splats dropped because they or their appearance are not valid
-    /// ([`crate::model::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
     pub n_invalid: usize,
 }
 
@@ -95,7 +95,7 @@ impl CpuRenderer {
     /// ```
     /// use glam::DVec3;
     /// use vbgs_studio::math::{camera::{Camera, Intrinsics}, pose::Pose};
-    /// use vbgs_studio::model::splats::Splat;
+    /// use vbgs_studio::model::splat::splats::Splat;
     /// use vbgs_studio::render::{Method, RenderOptions, cpu::CpuRenderer};
     ///
     /// let camera = Camera {

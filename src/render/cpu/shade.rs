@@ -3,8 +3,8 @@
 use super::conic::Tangent;
 use super::record::Gradient;
 use super::view::{Placed, View};
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
 use crate::render::Paint;
 use crate::render::paint::ramp;
 use glam::{DMat3, DVec3};

@@ -4,7 +4,7 @@ use super::lanes::exp2;
 use super::record::{Frame, Gradient, Record, Records};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, Vector};
-use crate::model::appearance::GRADIENT_LIMIT;
+use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::{ALPHA_CAP, Lens, TILE, TRANSMITTANCE_STOP};
 use glam::DVec2;
 

@@ -3,7 +3,7 @@
 
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use crate::render::{
     ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
     REFERENCE_VARIANCE, RenderOptions,

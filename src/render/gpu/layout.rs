@@ -2,8 +2,8 @@
 
 use super::GpuError;
 use crate::math::camera::Camera;
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
 use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, Support};
 
 /// WGSL of each pipeline: the shared structs, then the file.

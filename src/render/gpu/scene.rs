@@ -6,7 +6,7 @@ use super::context::max_buffer_bytes;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat};
 use super::scatter::Scatter;
 use crate::math::camera::Camera;
-use crate::model::appearance::{Finishing, SplatView};
+use crate::model::splat::appearance::{Finishing, SplatView};
 use crate::render::RenderOptions;
 use crate::render::finish::Finish;
 use std::future::Future;

@@ -1,7 +1,7 @@
 //! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
 
 use crate::math::camera::Camera;
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use crate::render::{Lens, RenderOptions, Renderer};
 use glam::DVec3;
 

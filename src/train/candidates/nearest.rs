@@ -5,9 +5,9 @@ use super::columns::Columns;
 use super::kernel::Neighbours;
 use super::lists::{Among, Lists};
 use super::search::{Search, VisitChunk};
-use crate::math::points::Points;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, LANES, Vector};
+use crate::observation::points::Points;
 use std::num::NonZero;
 use std::ops::Range;
 

@@ -3,10 +3,10 @@
 use super::config::LookRule;
 use super::ledger::{Ledger, Look, Row, Word};
 use super::places::Places;
-use crate::math::observation::SurfacePoint;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
+use crate::observation::surface::SurfacePoint;
 
 /// Runs of components that threads take; the points of each are gathered by one thread.
 const PARTS: usize = 16;
@@ -37,7 +37,7 @@ impl Matched<'_> {
             clamp(offset * per_h, MAX_OFFSET)
         });
         let color = [0, 1, 2].map(|i| real((point.color[i] * self.gain[i]).min(1.0)));
-        terms(point, offset, color)
+        terms(offset, color, point.normal, point.direction)
     }
 }
 

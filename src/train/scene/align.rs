@@ -11,9 +11,9 @@ use super::ledger::{Ledger, Word};
 use super::places::Places;
 use crate::math::camera::Camera;
 use crate::math::cholesky::Cholesky;
-use crate::math::observation::{Observation, SurfacePoint};
 use crate::math::pose::Pose;
 use crate::model::scene::sums::{SceneSums, outer};
+use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 

@@ -2,8 +2,8 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
-use crate::math::observation::SurfacePoint;
 use crate::math::simd::{Isa, Kernel, Vector};
+use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points that are searched for together.

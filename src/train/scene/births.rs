@@ -4,7 +4,7 @@ use super::components::Components;
 use super::config::BirthRule;
 use super::grid::{NONE, SeedGrid};
 use super::lattice;
-use crate::math::observation::SurfacePoint;
+use crate::observation::surface::SurfacePoint;
 
 /// What the births of one frame were.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use super::engine::SumForm;
 use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
-use crate::train::config::{ConfigError, MAX_COMPONENTS};
+use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 

@@ -2,13 +2,13 @@
 
 use super::config::SceneConfig;
 use super::trainer::{Lost, SceneTrainer};
-use crate::math::observation::Observation;
-use crate::model::appearance::{Appearance, SplatSet};
-use crate::model::posterior::ComponentPosterior;
+use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::scene::native::NativeRule;
 use crate::model::scene::state::SceneState;
-use crate::model::splats::Splat;
-use crate::train::trainer::FrameOutcome;
+use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::model::splat::splats::Splat;
+use crate::observation::surface::Observation;
+use crate::train::outcome::FrameOutcome;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, VariantNames};

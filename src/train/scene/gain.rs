@@ -2,7 +2,7 @@
 
 use super::grid::NONE;
 use super::ledger::{Ledger, Word};
-use crate::math::observation::SurfacePoint;
+use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Fewest points of a component whose colour is trusted.

@@ -3,7 +3,7 @@
 use super::ledger::{Ledger, Look, Word};
 use super::places::Places;
 use crate::math::camera::Camera;
-use crate::math::observation::Observation;
+use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
 
 /// Runs of rows that threads take.

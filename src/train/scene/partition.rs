@@ -5,12 +5,12 @@ use super::births::{Limits, give_birth};
 use super::components::Components;
 use super::config::{BirthRule, MOST_COMPONENTS};
 use super::grid::{NONE, SeedGrid};
-use crate::math::observation::SurfacePoint;
+use crate::observation::surface::SurfacePoint;
 
 /// Seeds that points are assigned to, and born from, as the trainer does.
 ///
 /// ```
-/// use vbgs_studio::math::observation::SurfacePoint;
+/// use vbgs_studio::observation::surface::SurfacePoint;
 /// use vbgs_studio::train::scene::partition::Partition;
 ///
 /// let at = |x: f32| SurfacePoint { position: [x, 0.0, 0.0], ..SurfacePoint::default() };

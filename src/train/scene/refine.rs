@@ -2,7 +2,7 @@
 //! (`accuracy.md` 3, step 2).
 
 use super::ledger::{Ledger, Word};
-use crate::math::observation::SurfacePoint;
+use crate::observation::surface::SurfacePoint;
 
 /// Fewest points of a component that is trusted as a plane.
 const LEAST_POINTS: f64 = 20.0;

@@ -8,10 +8,10 @@ mod scene;
 mod values;
 
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, Defect, StoredModel, parse};
-use vbgs_studio::math::points::Normalization;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::state::{Carry, Means, ModelState, Totals};
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::paper::state::{Carry, Means, ModelState, Totals};
 
 /// Components of the samples.
 const N: usize = 20;

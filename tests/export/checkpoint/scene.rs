@@ -3,11 +3,10 @@
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
 use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, VERSION, parse, to_bytes};
-use vbgs_studio::math::observation::SurfacePoint;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::scene::exposure::Exposure;
 use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums, WideRow};
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
+use vbgs_studio::model::splat::exposure::Exposure;
 
 /// Components of the sample with more points than fit in a row.
 const WIDE: [usize; 2] = [5, 11];
@@ -19,12 +18,8 @@ fn quanta() -> Vec<[i64; N_SUMS]> {
         let mut row = [0; N_SUMS];
         for _ in 0..k {
             let mut numbers = |lo: f64| [0; 3].map(|_| rng.range(lo, 1.0) as f32);
-            let point = SurfacePoint {
-                normal: unit(numbers(-1.0)),
-                direction: unit(numbers(-1.0)),
-                ..SurfacePoint::default()
-            };
-            let terms: [f32; N_SUMS] = terms(&point, numbers(-1.0), numbers(0.0));
+            let (normal, direction) = (unit(numbers(-1.0)), unit(numbers(-1.0)));
+            let terms: [f32; N_SUMS] = terms(numbers(-1.0), numbers(0.0), normal, direction);
             let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i64);
             row.iter_mut().zip(quanta).for_each(|(sum, quanta)| *sum += quanta);
         }
@@ -312,8 +307,7 @@ fn rounding_is_no_defect() {
     for (direction, offset) in
         [([s, s, 0.0], [2.0, 2.0, -2.0]), ([0.0, 1.0, 0.0], [1e-4, -1e-4, 1e-4])]
     {
-        let point = SurfacePoint { direction, normal: direction, ..SurfacePoint::default() };
-        let terms: [f32; N_SUMS] = terms(&point, offset, [1.0; 3]);
+        let terms: [f32; N_SUMS] = terms(offset, [1.0; 3], direction, direction);
         let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i32);
         let edit = |sums: &mut StoredSums| match sums {
             StoredSums::Mixed { rows, .. } => rows[3] = quanta.map(|q| 4000 * q),

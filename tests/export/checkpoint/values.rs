@@ -3,7 +3,7 @@
 use super::raw::edited;
 use super::{assert_refused, f32s, fixed64, fixed128, means_f32, means_f64, mixture, sample};
 use vbgs_studio::export::checkpoint::{Checkpoint, parse, to_bytes};
-use vbgs_studio::model::state::{Carry, Means, ModelState, Totals};
+use vbgs_studio::model::paper::state::{Carry, Means, ModelState, Totals};
 
 fn with_model(edit: impl FnOnce(&mut ModelState), totals: Totals) -> Vec<u8> {
     let mut checkpoint = sample(means_f32(), totals);

@@ -4,8 +4,8 @@ use super::super::error::Defect;
 use super::super::tag;
 use super::{AXES, ascending, value};
 use crate::math::real::Real;
-use crate::model::state::{Means, ModelState, Totals};
-use crate::model::statistics::N_SUMS;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::state::{Means, ModelState, Totals};
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 

@@ -2,12 +2,12 @@
 
 use super::super::{RunError, SavedRun};
 use crate::export::checkpoint::StoredModel;
-use crate::pipeline::method::Method;
+use crate::pipeline::settings::method::Method;
 use crate::train::scene::config::{LookRule, SceneConfig};
 use crate::train::scene::engine::SumForm;
 
 /// Refuses scenes that depend on the order of frames. Mixtures do so only by what
-/// [`super::same_start`] and [`crate::model::merging::add`] refuse.
+/// [`super::same_start`] and [`crate::model::paper::merging::add`] refuse.
 pub(super) fn orderless(run: &SavedRun) -> Result<(), RunError> {
     let (Method::Scene(settings), StoredModel::Scene(state)) =
         (&run.config.method, &run.content.model)

@@ -3,9 +3,9 @@
 use super::super::{RunError, SavedRun};
 use super::whole;
 use crate::export::checkpoint::StoredModel;
-use crate::model::state::Means;
-use crate::pipeline::method::Method;
+use crate::model::paper::state::Means;
 use crate::pipeline::run::RunConfig;
+use crate::pipeline::settings::method::Method;
 use serde_json::Value;
 
 const RESTART: &str = "train them with the same settings on the same dataset";

@@ -11,7 +11,7 @@ pub use splat::{AppearanceF64, SplatF64};
 
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use crate::render::finish::Finish;
 use crate::render::{ALPHA_CUT, Lens, Method, RenderOptions, TRANSMITTANCE_STOP};
 use exact::Exact;

@@ -3,7 +3,7 @@
 
 use super::SplatF64;
 use crate::math::camera::Camera;
-use crate::model::appearance::GRADIENT_LIMIT;
+use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::{Paint, paint};
 use glam::{DMat3, DVec3};
 

@@ -2,8 +2,8 @@
 
 use super::shade::Shade;
 use crate::math::camera::Camera;
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
 use crate::render::{Lens, RenderOptions, SCALE_FLOOR};
 use glam::{DMat3, DQuat, DVec3};
 

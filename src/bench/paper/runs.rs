@@ -1,0 +1,97 @@
+//! Timing of configurations against each other: they take turns, A B C A B C, so that whatever else
+//! the machine does slows all of them alike.
+
+use crate::bench::findings::BenchError;
+use crate::eval::spread::Spread;
+use crate::observation::points::Points;
+use crate::train::paper::config::TrainConfig;
+use crate::train::paper::engine::Engine;
+use crate::train::paper::init::InitialDraw;
+use crate::train::timing::StageMs;
+use rayon::ThreadPoolBuilder;
+
+/// A configuration and what it is run on.
+pub struct Variant<'a> {
+    /// Settings of the engine.
+    pub config: TrainConfig,
+    /// Threads it may use.
+    pub threads: usize,
+    /// Initial means and weights.
+    pub draw: &'a InitialDraw,
+    /// Frames of a run.
+    pub frames: &'a [Points<f32>],
+}
+
+/// Times of one variant.
+pub struct Runs {
+    /// Per run the median over its frames, stage by stage.
+    pub runs: Vec<StageMs>,
+    /// The model after the last run.
+    pub engine: Engine,
+}
+
+impl Runs {
+    /// Median and quartiles over the runs.
+    pub fn spread(&self, of: impl Fn(&StageMs) -> f64) -> Spread {
+        Spread::of(self.runs.iter().map(of).collect())
+    }
+
+    /// Medians of all stages, in the order of [`StageMs::NAMES`].
+    pub fn stages(&self) -> [f64; 5] {
+        std::array::from_fn(|i| self.spread(|ms| ms.stages()[i]).median)
+    }
+}
+
+/// Trains every variant from its start over all its frames, `repeats` times in turns. The first
+/// frame of a run warms its buffers up and does not count where there are others. `done` hears of
+/// every run.
+pub fn in_turns(
+    variants: &[Variant],
+    repeats: usize,
+    done: &mut dyn FnMut(),
+) -> Result<Vec<Runs>, BenchError> {
+    let mut found: Vec<Option<Runs>> = variants.iter().map(|_| None).collect();
+    for _ in 0..repeats.max(1) {
+        for (variant, slot) in variants.iter().zip(&mut found) {
+            let mut runs = slot.take().map_or_else(Vec::new, |earlier| earlier.runs);
+            let (engine, ms) = with_threads(variant.threads, || run(variant))??;
+            runs.push(ms);
+            *slot = Some(Runs { runs, engine });
+            done();
+        }
+    }
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Runs `work` on a pool of its own.
+pub fn with_threads<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, BenchError> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+    Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
+}
+
+fn run(variant: &Variant) -> Result<(Engine, StageMs), BenchError> {
+    let Variant { config, draw, frames, .. } = variant;
+    let mut engine = Engine::new(config, draw)?;
+    let mut times = Vec::with_capacity(frames.len());
+    for frame in *frames {
+        times.push(engine.train(frame)?.ms);
+    }
+    let counted = &times[usize::from(times.len() > 1)..];
+    Ok((engine, median(counted)))
+}
+
+/// Median of every stage on its own.
+pub fn median(times: &[StageMs]) -> StageMs {
+    let of = |stage: fn(&StageMs) -> f64| Spread::of(times.iter().map(stage).collect()).median;
+    StageMs {
+        candidates: of(|ms| ms.candidates),
+        e_step: of(|ms| ms.e_step),
+        stats: of(|ms| ms.stats),
+        update: of(|ms| ms.update),
+        reassign: of(|ms| ms.reassign),
+        train: of(|ms| ms.train),
+    }
+}

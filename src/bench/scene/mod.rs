@@ -1,0 +1,329 @@
+//! What every part of the scene preset brings (`accuracy.md` 5 and 7), on any dataset, and how many
+//! components buy which quality.
+
+mod forms;
+mod training;
+mod variants;
+
+use super::paper::sample::spaced;
+use super::plot::draw;
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::dataset::Dataset;
+use crate::eval::cracks::{self, CrackReport};
+use crate::eval::metrics::mean_std;
+use crate::eval::report::{EvalReport, SeenReport};
+use crate::eval::spread::Spread;
+use crate::eval::views::{EvalOptions, GroundTruth, evaluate};
+use crate::math::rng::{Purpose, Rng};
+use crate::pipeline::plan::{Plan, Selection};
+use crate::pipeline::session::SessionError;
+use crate::pipeline::settings::method::Method as Training;
+use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
+use crate::render::{Method, RenderOptions};
+use crate::train::scene::config::BirthRule;
+use serde::Serialize;
+use std::sync::Arc;
+use training::{Trained, n_sweeps, train};
+use variants::{Table, Variant, budgets, parts, scales};
+
+/// How much of the tables is run.
+#[derive(Clone, Debug)]
+pub struct AccuracyPlan {
+    /// Training frames at most.
+    pub frames: usize,
+    /// Held-out views at most.
+    pub views: usize,
+    /// Orders of the frames: as listed, reversed, then shuffles.
+    pub orders: usize,
+    /// Structural scales, in those of the preset.
+    pub scales: Vec<f64>,
+    /// What was asked for.
+    pub options: BenchOptions,
+}
+
+impl AccuracyPlan {
+    /// Every frame and view in three orders, or a dozen frames in two.
+    pub fn new(options: BenchOptions) -> Self {
+        let (frames, views, orders, scales) = if options.quick {
+            (12, 4, 2, vec![1.0, 1.5])
+        } else {
+            (usize::MAX, usize::MAX, 3, vec![0.625, 0.75, 0.875, 1.0, 1.25, 1.5, 2.0])
+        };
+        Self {
+            frames: options.max_frames.unwrap_or(frames),
+            views,
+            orders: options.repeats.unwrap_or(orders),
+            scales,
+            options,
+        }
+    }
+}
+
+/// One row of a table; qualities are means over views, then over the orders of frames.
+#[derive(Clone, Debug, Serialize)]
+pub struct AccuracyRow {
+    /// Which table.
+    pub table: Table,
+    /// What was changed.
+    pub configuration: String,
+    /// Where components are born.
+    pub births: BirthRule,
+    /// Structural scale, world units.
+    pub h: f64,
+    /// Components that are drawn.
+    pub drawn: f64,
+    /// Components that were born.
+    pub born: f64,
+    /// Bytes of the model per component.
+    pub bytes_per_component: f64,
+    /// Median milliseconds of training per frame.
+    pub train_ms: f64,
+    /// Median milliseconds of preparation per frame, on the thread that decodes.
+    pub prepare_ms: f64,
+    /// PSNR of the whole frame, dB.
+    pub psnr: f64,
+    /// Lowest of the orders.
+    pub psnr_low: f64,
+    /// Highest of the orders.
+    pub psnr_high: f64,
+    /// PSNR over covered pixels, dB.
+    pub psnr_covered: Option<f64>,
+    /// The same with colours aligned view by view.
+    pub psnr_aligned_covered: Option<f64>,
+    /// Share of covered pixels.
+    pub coverage: f64,
+    /// SSIM.
+    pub ssim: f64,
+    /// SSIM with colours aligned view by view.
+    pub ssim_aligned: Option<f64>,
+    /// Share of interior pixels with transmittance > 0.1 at the distance of training; this and the
+    /// next three in the first order.
+    pub cracks_01: Option<f64>,
+    /// The same with transmittance > 0.3.
+    pub cracks_03: Option<f64>,
+    /// As `cracks_01`, at half the distance.
+    pub cracks_half_01: Option<f64>,
+    /// As `cracks_03`, at half the distance.
+    pub cracks_half_03: Option<f64>,
+}
+
+/// What holds for all rows.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The preset's settings on this dataset.
+    pub base: SceneRun,
+    /// Training frames.
+    pub frames: usize,
+    /// Held-out views.
+    pub views: usize,
+    /// Orders of the frames.
+    pub orders: usize,
+    /// What the preset shows early of the frames it has learnt, as listed.
+    pub seen: Vec<SeenReport>,
+}
+
+/// Frames learnt when the preset is asked what it shows of them.
+const SEEN_AFTER: [usize; 3] = [1, 10, 50];
+
+/// A configuration in one order of the frames.
+struct Measured {
+    trained: Trained,
+    quality: EvalReport,
+}
+
+/// Everything that runs share.
+struct Stage {
+    dataset: Arc<Dataset>,
+    plan: Plan,
+    /// Split and positions of the held-out views.
+    views: (usize, Vec<usize>),
+    /// The same of those that show cracks.
+    crack_views: Option<(usize, Vec<usize>)>,
+    options: EvalOptions,
+}
+
+/// Runs the tables.
+pub fn run(
+    plan: &AccuracyPlan,
+    dataset: Arc<Dataset>,
+    progress: Progress,
+) -> Result<Bench, BenchError> {
+    let (stage, base) = Stage::new(plan, dataset)?;
+    let mut rows = parts(&base);
+    let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
+    rows.extend(of_scale.map_err(SessionError::from)?);
+    rows.extend(budgets(&base, stage.born(&base)?));
+    // Equal configurations are run once.
+    let mut runs: Vec<SceneRun> = Vec::new();
+    for row in &rows {
+        if !runs.contains(&row.run) {
+            runs.push(row.run.clone());
+        }
+    }
+    let n_orders = plan.orders.max(1);
+    let (mut done, steps) = (0, n_orders * (n_sweeps(&runs) + runs.len()) + 1);
+    let mut step = || {
+        done += 1;
+        progress(done, steps);
+    };
+    let mut measured: Vec<Vec<Measured>> = runs.iter().map(|_| Vec::new()).collect();
+    for order in 0..n_orders {
+        let ordered =
+            Plan { frames: stage.ordered(order, plan.options.seed), ..stage.plan.clone() };
+        let trained = train(&stage.dataset, &ordered, &runs, &mut step)?;
+        for (trained, measured) in trained.into_iter().zip(&mut measured) {
+            let quality = stage.quality(&trained, order == 0)?;
+            measured.push(Measured { trained, quality });
+            step();
+        }
+    }
+    let seen = stage.seen(&base)?;
+    step();
+    let found: Vec<AccuracyRow> = rows
+        .iter()
+        .filter_map(|row| {
+            let at = runs.iter().position(|run| *run == row.run)?;
+            Some(AccuracyRow::of(row, &measured[at]))
+        })
+        .collect();
+    let summary = Summary {
+        base,
+        frames: stage.plan.frames.len(),
+        views: stage.views.1.len(),
+        orders: n_orders,
+        seen,
+    };
+    stage.into_bench(plan, found, summary)
+}
+
+impl Stage {
+    fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
+        let everything = Selection::everything();
+        let all =
+            Plan::new(&dataset, &everything, plan.options.seed).map_err(SessionError::from)?;
+        let evaluation = dataset.evaluation(all.split);
+        let training = Plan { frames: spaced(&all.frames, plan.frames), ..all };
+        let base = SceneRun::new(&dataset, &training, &SceneOverrides::default());
+        let base = base.map_err(SessionError::from)?;
+        let views = spaced(&evaluation.frames, plan.views);
+        let crack_views = cracks::views(&dataset, evaluation.split, &views);
+        let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
+        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        // All rows are judged by the same camera, whatever they were trained with.
+        let color_camera = Training::Scene(Box::new(base.clone())).color_camera();
+        let options =
+            EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
+        let views = (evaluation.split, views);
+        Ok((Self { dataset, plan: training, views, crack_views, options }, base))
+    }
+
+    /// Components that the preset makes of the frames as listed.
+    fn born(&self, base: &SceneRun) -> Result<usize, BenchError> {
+        let trained = train(&self.dataset, &self.plan, std::slice::from_ref(base), &mut || ())?;
+        Ok(trained.first().map_or(0, |trained| trained.born))
+    }
+
+    /// The training frames as listed, reversed, or in a shuffle of its own.
+    fn ordered(&self, order: usize, seed: u64) -> Vec<usize> {
+        let mut frames = self.plan.frames.clone();
+        match order {
+            0 => {}
+            1 => frames.reverse(),
+            _ => Rng::new(seed, Purpose::Order, order as u64).shuffle(&mut frames),
+        }
+        frames
+    }
+
+    fn quality(&self, trained: &Trained, with_cracks: bool) -> Result<EvalReport, BenchError> {
+        let (dataset, splats) = (&self.dataset, trained.splats.view());
+        let (split, views) = &self.views;
+        let (mut report, _) = evaluate(splats, dataset, *split, views, &self.options, |_| ())?;
+        if let (true, Some((split, frames))) = (with_cracks, &self.crack_views) {
+            let render = &self.options.render;
+            report.cracks = cracks::measure(splats, dataset, (*split, frames), render, |_| ());
+        }
+        Ok(report)
+    }
+
+    /// Early looks at what was learnt, frames as listed.
+    fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
+        let mut found = Vec::new();
+        for n_frames in SEEN_AFTER.into_iter().filter(|&n| n <= self.plan.frames.len()) {
+            let frames = self.plan.frames[..n_frames].to_vec();
+            let plan = Plan { frames, ..self.plan.clone() };
+            for early in train(&self.dataset, &plan, std::slice::from_ref(base), &mut || ())? {
+                let (dataset, splats) = (&self.dataset, early.splats.view());
+                let (report, _) =
+                    evaluate(splats, dataset, plan.split, &plan.frames, &self.options, |_| ())?;
+                let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
+                found.extend(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }));
+            }
+        }
+        Ok(found)
+    }
+
+    fn into_bench(
+        self,
+        plan: &AccuracyPlan,
+        rows: Vec<AccuracyRow>,
+        summary: Summary,
+    ) -> Result<Bench, BenchError> {
+        let title = format!("Accuracy: {}", self.dataset.name);
+        let is_registered = self.options.color_camera.is_none();
+        Findings {
+            name: "accuracy",
+            dataset: &self.dataset.name,
+            adapter: None,
+            options: plan.options,
+            notes: forms::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
+            table: forms::text(&rows),
+            plot: draw::draw(&title, &forms::panels(&rows, is_registered))?,
+            rows,
+            summary,
+        }
+        .into_bench()
+    }
+}
+
+impl AccuracyRow {
+    fn of(variant: &Variant, orders: &[Measured]) -> Self {
+        let mean = |value: &dyn Fn(&Measured) -> f64| {
+            mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0
+        };
+        let mean_known = |value: &dyn Fn(&EvalReport) -> Option<f64>| {
+            let values: Option<Vec<f64>> = orders.iter().map(|m| value(&m.quality)).collect();
+            values.map(|values| mean_std(&values).0)
+        };
+        let psnr = || orders.iter().map(|m| m.quality.psnr_mean);
+        let median = |times: &dyn Fn(&Trained) -> &[f64]| {
+            Spread::of(orders.iter().flat_map(|m| times(&m.trained)).copied().collect()).median
+        };
+        let cracks: Option<&CrackReport> = orders.iter().find_map(|m| m.quality.cracks.as_ref());
+        let half = cracks.and_then(|c| c.half_distance);
+        Self {
+            table: variant.table,
+            configuration: variant.name.clone(),
+            births: variant.run.engine.births,
+            h: variant.run.engine.h,
+            drawn: mean(&|m| m.trained.drawn() as f64),
+            born: mean(&|m| m.trained.born as f64),
+            bytes_per_component: mean(&|m| {
+                m.trained.model_bytes as f64 / m.trained.born.max(1) as f64
+            }),
+            train_ms: median(&|t| &t.train_ms),
+            prepare_ms: median(&|t| &t.prepare_ms),
+            psnr: mean(&|m| m.quality.psnr_mean),
+            psnr_low: psnr().fold(f64::INFINITY, f64::min),
+            psnr_high: psnr().fold(f64::NEG_INFINITY, f64::max),
+            psnr_covered: mean_known(&|q| q.psnr_covered_mean),
+            psnr_aligned_covered: mean_known(&|q| q.psnr_aligned_covered_mean),
+            coverage: mean(&|m| m.quality.coverage_mean),
+            ssim: mean(&|m| m.quality.ssim_mean),
+            ssim_aligned: mean_known(&|q| q.ssim_aligned_mean),
+            cracks_01: cracks.map(|c| c.training_distance.over_01),
+            cracks_03: cracks.map(|c| c.training_distance.over_03),
+            cracks_half_01: half.map(|c| c.over_01),
+            cracks_half_03: half.map(|c| c.over_03),
+        }
+    }
+}

@@ -1,0 +1,364 @@
+//! Frames to coloured points: unprojection (`model.md` 13), validity, tile order (`engine.md` 2).
+
+use super::edges::{Padded, mixed_lengths, mixed_levels};
+use super::error::FrameError;
+use super::frame::{Depth, DepthCodes, DepthKind, Frame, decode_inverse8, decode_linear16};
+use crate::math::camera::Intrinsics;
+use crate::math::image::Image;
+use crate::math::normalization::Normalization;
+use crate::observation::points::Points;
+use glam::{DMat3, DVec3};
+
+/// Points farther out than this (normalised) are dropped: nothing sane lies there and `f32` would
+/// resolve it to 0.008 only.
+pub const MAX_COORDINATE: f32 = 65536.0;
+
+/// How pixels become rays.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CameraConvention {
+    /// The published loader: rays through pixel corners, and a small-angle formula with `h − 1`
+    /// from ray distance to depth (`model.md` 14, quirk 19).
+    Paper,
+    /// Rays through pixel centres, exact.
+    Exact,
+}
+
+/// Whether pixels that mix two surfaces are dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EdgeFilter {
+    /// Every pixel with depth is a point, whatever its alpha.
+    Off,
+    /// Pixels of partial alpha, and pixels between two surfaces, are dropped (`model.md` 13).
+    DropMixed,
+}
+
+/// What became of the pixels of one frame; the fields add up to width × height.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PointCounts {
+    /// Points made.
+    pub kept: usize,
+    /// No surface measured.
+    pub holes: usize,
+    /// Partially transparent.
+    pub dropped_alpha: usize,
+    /// Between two surfaces.
+    pub dropped_edge: usize,
+    /// Outside the trusted depth.
+    pub dropped_range: usize,
+    /// Not finite, or beyond [`MAX_COORDINATE`].
+    pub dropped_far: usize,
+}
+
+impl PointCounts {
+    /// Measured pixels that made no point.
+    pub fn dropped(&self) -> usize {
+        self.dropped_alpha + self.dropped_edge + self.dropped_range + self.dropped_far
+    }
+}
+
+/// What to make of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnprojectSettings {
+    /// How pixels become rays.
+    pub convention: CameraConvention,
+    /// Whether mixed pixels are dropped.
+    pub filter: EdgeFilter,
+    /// World to model coordinates.
+    pub normalization: Normalization,
+}
+
+/// Camera-space point (OpenCV axes, world units) of the pixel `[column, row]` at length `value` of
+/// `kind` (`model.md` 13); `paper` half-widths are those of the image's width.
+pub fn camera_point(
+    k: &Intrinsics,
+    convention: CameraConvention,
+    kind: DepthKind,
+    [column, row]: [usize; 2],
+    value: f64,
+) -> DVec3 {
+    let rule = RayRule::new(k, convention);
+    local_point(rule.column(column), rule.row(row), kind, value)
+}
+
+/// Slope of a ray against the optical axis in one image direction, and what it adds to the squared
+/// ray length per unit of depth.
+#[derive(Clone, Copy, Debug)]
+struct Slope {
+    tangent: f64,
+    stretch: f64,
+}
+
+struct RayRule<'a> {
+    k: &'a Intrinsics,
+    /// Pixel index to pixel coordinate.
+    shift: f64,
+    /// Factor of the paper's small-angle stretch, `(θ/2)/(h − 1)` per pixel.
+    small_angle: Option<f64>,
+}
+
+impl<'a> RayRule<'a> {
+    fn new(k: &'a Intrinsics, convention: CameraConvention) -> Self {
+        match convention {
+            CameraConvention::Exact => Self { k, shift: 0.5, small_angle: None },
+            CameraConvention::Paper => {
+                let half_width = 0.5 * f64::from(k.width);
+                let small_angle = Some(0.5 * k.fov_x() / (half_width - 1.0));
+                Self { k, shift: 0.0, small_angle }
+            }
+        }
+    }
+
+    fn slope(&self, index: usize, principal: f64, focal: f64) -> Slope {
+        let offset = index as f64 + self.shift - principal;
+        let tangent = offset / focal;
+        let per_depth = self.small_angle.map_or(tangent, |per_pixel| offset * per_pixel);
+        Slope { tangent, stretch: per_depth * per_depth }
+    }
+
+    fn column(&self, column: usize) -> Slope {
+        self.slope(column, self.k.cx, self.k.fx)
+    }
+
+    fn row(&self, row: usize) -> Slope {
+        self.slope(row, self.k.cy, self.k.fy)
+    }
+}
+
+#[inline(always)]
+fn local_point(x: Slope, y: Slope, kind: DepthKind, value: f64) -> DVec3 {
+    let z = match kind {
+        DepthKind::RayDistance => value / (1.0 + x.stretch + y.stretch).sqrt(),
+        DepthKind::Z => value,
+    };
+    DVec3::new(x.tangent * z, y.tangent * z, z)
+}
+
+/// Turns frames into points; keeps its scratch memory between frames.
+#[derive(Clone, Debug, Default)]
+pub struct Unprojector {
+    levels: Padded<u8>,
+    lengths: Padded<f32>,
+    mixed: Vec<u8>,
+    /// One [`Fate`] per pixel, rows and columns padded to whole tiles with holes.
+    fates: Vec<u8>,
+    columns: Vec<Slope>,
+}
+
+/// What becomes of a pixel.
+#[derive(Clone, Copy)]
+#[repr(u8)]
+enum Fate {
+    Hole,
+    Kept,
+    Alpha,
+    Edge,
+    Range,
+}
+
+/// Pixels on a side of a tile.
+const TILE: usize = 8;
+/// Pixels on a side of a quad.
+const QUAD: usize = 4;
+
+impl Unprojector {
+    /// No memory yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Replaces `out` by the normalised points of the frame: one tile per 8×8 pixels, rows of tiles
+    /// from the top; in a tile four 4×4 quads, in a quad rows of 4.
+    pub fn unproject(
+        &mut self,
+        frame: &Frame,
+        settings: &UnprojectSettings,
+        out: &mut Points<f32>,
+    ) -> Result<PointCounts, FrameError> {
+        out.clear();
+        let depth = frame.depth_to_use()?;
+        let mut tally = [0usize; 5];
+        match &depth.codes {
+            DepthCodes::Inverse8(codes) => {
+                self.judge_levels(frame, depth, codes, settings.filter, &mut tally);
+                let lengths: [f64; 256] =
+                    std::array::from_fn(|d| decode_inverse8(d as u8).unwrap_or(0.0));
+                self.emit(frame, depth.kind, settings, out, |i| lengths[codes.data[i] as usize]);
+            }
+            DepthCodes::Linear16 { codes, unit } => {
+                self.judge_lengths(frame, depth, codes, *unit, settings.filter, &mut tally);
+                self.emit(frame, depth.kind, settings, out, |i| f64::from(codes.data[i]) * unit);
+            }
+        }
+        let planned = tally[Fate::Kept as usize];
+        Ok(PointCounts {
+            kept: out.len(),
+            holes: tally[Fate::Hole as usize],
+            dropped_alpha: tally[Fate::Alpha as usize],
+            dropped_edge: tally[Fate::Edge as usize],
+            dropped_range: tally[Fate::Range as usize],
+            dropped_far: planned - out.len(),
+        })
+    }
+
+    fn judge_levels(
+        &mut self,
+        frame: &Frame,
+        depth: &Depth,
+        codes: &Image<u8>,
+        filter: EdgeFilter,
+        tally: &mut [usize; 5],
+    ) {
+        let plain: [Fate; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
+            (0, _) => Fate::Hole,
+            (_, Some(length)) if depth.trusts(length) => Fate::Kept,
+            _ => Fate::Range,
+        });
+        let Self { levels, mixed, fates, .. } = self;
+        if filter == EdgeFilter::DropMixed {
+            levels.fill(codes.width, &codes.data, |d| d);
+        }
+        judge_rows(
+            frame,
+            filter,
+            fates,
+            mixed,
+            tally,
+            |row, mixed| {
+                mixed_levels(levels, row, mixed);
+            },
+            |i| plain[codes.data[i] as usize],
+        );
+    }
+
+    fn judge_lengths(
+        &mut self,
+        frame: &Frame,
+        depth: &Depth,
+        codes: &Image<u16>,
+        unit: f64,
+        filter: EdgeFilter,
+        tally: &mut [usize; 5],
+    ) {
+        let focal = frame.camera.intrinsics.fx as f32;
+        let length = |d: u16| decode_linear16(d, unit).unwrap_or(0.0) as f32;
+        let Self { lengths, mixed, fates, .. } = self;
+        if filter == EdgeFilter::DropMixed {
+            lengths.fill(codes.width, &codes.data, length);
+        }
+        let plain = |i: usize| match decode_linear16(codes.data[i], unit) {
+            None => Fate::Hole,
+            Some(length) if depth.trusts(length) => Fate::Kept,
+            Some(_) => Fate::Range,
+        };
+        judge_rows(
+            frame,
+            filter,
+            fates,
+            mixed,
+            tally,
+            |row, mixed| {
+                mixed_lengths(lengths, row, focal, mixed);
+            },
+            plain,
+        );
+    }
+
+    fn emit(
+        &mut self,
+        frame: &Frame,
+        kind: DepthKind,
+        settings: &UnprojectSettings,
+        out: &mut Points<f32>,
+        length: impl Fn(usize) -> f64,
+    ) {
+        let k = &frame.camera.intrinsics;
+        let rule = RayRule::new(k, settings.convention);
+        let (width, height) = (frame.color.width, frame.color.height);
+        self.columns.clear();
+        self.columns.extend((0..width).map(|column| rule.column(column)));
+        let normalization = &settings.normalization;
+        let per_unit = DVec3::ONE / DVec3::from_array(normalization.scale);
+        let rotation = DMat3::from_diagonal(per_unit) * frame.camera.pose.rotation();
+        let origin = normalization.normalize(frame.camera.pose.centre());
+        let channel: [f32; 256] = std::array::from_fn(|byte| {
+            Normalization::normalize_channel(byte as f64 / 255.0) as f32
+        });
+        let stride = width.next_multiple_of(TILE);
+        for tile_row in (0..height).step_by(TILE) {
+            for tile_column in (0..stride).step_by(TILE) {
+                for [dx, dy] in TILE_ROWS {
+                    let (column, row) = (tile_column + dx, tile_row + dy);
+                    let at = row * stride + column;
+                    let four = &self.fates[at..at + QUAD];
+                    if !four.contains(&(Fate::Kept as u8)) {
+                        continue;
+                    }
+                    let slope_y = rule.row(row);
+                    for (column, fate) in (column..).zip(four) {
+                        if *fate != Fate::Kept as u8 {
+                            continue;
+                        }
+                        let i = row * width + column;
+                        let local = local_point(self.columns[column], slope_y, kind, length(i));
+                        let p = (rotation * local + origin).as_vec3();
+                        let [r, g, b, _] = frame.color.data[i].map(|c| channel[c as usize]);
+                        if p.abs().max_element() <= MAX_COORDINATE && !p.is_nan() {
+                            out.push([p.x, p.y, p.z, r, g, b]);
+                        }
+                    }
+                }
+                out.close_tile();
+            }
+        }
+    }
+}
+
+/// Offsets of the rows of four in a tile, in order.
+const TILE_ROWS: [[usize; 2]; 16] = {
+    let mut rows = [[0; 2]; 16];
+    let mut i = 0;
+    while i < 16 {
+        let (quad, line) = (i / QUAD, i % QUAD);
+        rows[i] = [quad % 2 * QUAD, quad / 2 * QUAD + line];
+        i += 1;
+    }
+    rows
+};
+
+/// Decides the fate of every pixel, row by row.
+fn judge_rows(
+    frame: &Frame,
+    filter: EdgeFilter,
+    fates: &mut Vec<u8>,
+    mixed: &mut Vec<u8>,
+    tally: &mut [usize; 5],
+    find_mixed: impl Fn(usize, &mut [u8]),
+    plain: impl Fn(usize) -> Fate,
+) {
+    let (width, height) = (frame.color.width, frame.color.height);
+    let stride = width.next_multiple_of(TILE);
+    fates.clear();
+    fates.resize(stride * height.next_multiple_of(TILE), Fate::Hole as u8);
+    mixed.clear();
+    mixed.resize(width, 0);
+    for row in 0..height {
+        if filter == EdgeFilter::DropMixed {
+            find_mixed(row, mixed);
+        }
+        let colors = &frame.color.data[row * width..(row + 1) * width];
+        let line = &mut fates[row * stride..row * stride + width];
+        for (column, fate) in line.iter_mut().enumerate() {
+            let judged = match (plain(row * width + column), filter) {
+                (Fate::Hole, _) => Fate::Hole,
+                (other, EdgeFilter::Off) => other,
+                (_, EdgeFilter::DropMixed) if colors[column][3] != 255 => Fate::Alpha,
+                (_, EdgeFilter::DropMixed) if mixed[column] != 0 => Fate::Edge,
+                (other, EdgeFilter::DropMixed) => other,
+            };
+            *fate = judged as u8;
+            tally[judged as usize] += 1;
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! The mixture of the published algorithm: a fixed number of components, their initial model and
+//! their totals.
+
+pub mod merging;
+pub mod mixture;
+pub mod state;
+pub mod totals;

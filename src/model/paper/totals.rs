@@ -1,0 +1,537 @@
+//! Totals of all components over everything seen so far.
+//!
+//! Fixed-point totals make the sum exact and associative: any frame order, thread count or sharding
+//! gives the same bits as long as the initial model is the same. Components are split into shards
+//! by id, so that threads can add without sharing a row.
+
+use super::state::{Carry, Totals};
+use crate::math::fixed::{Split, from_fixed, round_small, to_fixed, to_quanta};
+use crate::math::real::Real;
+use crate::model::conjugate::statistics::{Moments, N_SUMS, Record};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Most shards; a power of two.
+const MAX_SHARDS: usize = 64;
+
+/// Records whose rows are fetched together.
+const ROWS_AHEAD: usize = 16;
+
+/// Fraction bits of every sum in 64-bit totals (`engine.md` 6): counts and colours reach 1.3e8
+/// before they carry, second moments resolve a standard deviation of 6e-8.
+const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
+
+/// Quanta per unit.
+const SCALES: [f64; N_SUMS] = {
+    let mut scales = [0.0; N_SUMS];
+    let mut i = 0;
+    while i < N_SUMS {
+        scales[i] = (1u64 << FRACTION_BITS[i]) as f64;
+        i += 1;
+    }
+    scales
+};
+
+/// How totals over all frames are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UpdateWidth {
+    /// Single precision; not invariant to the order of frames.
+    F32,
+    /// 64-bit fixed point with a carry.
+    Fixed64,
+    /// 128-bit fixed point.
+    Fixed128,
+}
+
+/// Totals of all components.
+pub struct Statistics {
+    form: Form,
+    components: usize,
+    /// Binary logarithm of the components in a shard.
+    shard_bits: u32,
+    used: usize,
+    touched: Vec<u32>,
+    frame: u32,
+}
+
+enum Form {
+    F32(Vec<Shard<f32>>),
+    Fixed64(Vec<Shard<i64>>),
+    Fixed128(Vec<Shard<i128>>),
+}
+
+macro_rules! any_form {
+    ($form:expr, $shards:ident => $body:expr) => {
+        match $form {
+            Form::F32($shards) => $body,
+            Form::Fixed64($shards) => $body,
+            Form::Fixed128($shards) => $body,
+        }
+    };
+}
+
+/// Rows of consecutive components.
+struct Shard<T: Total> {
+    rows: Vec<Row<T>>,
+    carries: BTreeMap<u32, [i32; N_SUMS]>,
+    /// Bit `i` of word `j` is set if row `64 j + i` has received something.
+    used: Vec<u64>,
+    n_used: usize,
+    /// Ids whose rows the current frame has changed, each once.
+    touched: Vec<u32>,
+    /// Memory for records that must be put in order.
+    sorted: Vec<Record<f64>>,
+}
+
+/// Two cache lines in 64-bit form.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Row<T> {
+    /// The frame that changed it last.
+    frame: u32,
+    sums: [T; N_SUMS],
+}
+
+/// A number that totals are kept in.
+trait Total: Copy + Default + PartialOrd + Send + Sync {
+    /// Whether sums depend on the order of their terms.
+    const ORDERED: bool;
+    /// Adds `terms` to `sums`; what has to be added to their high limbs, if anything.
+    fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
+    /// Whether a count rounds to nothing.
+    fn vanishes(count: f64) -> bool;
+    /// The value of sum number `index` with its high limb.
+    fn value(self, high: i32, index: usize) -> f64;
+}
+
+impl Total for f32 {
+    const ORDERED: bool = true;
+
+    fn add(sums: &mut [f32; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
+        sums.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term as f32);
+        None
+    }
+
+    fn vanishes(count: f64) -> bool {
+        count as f32 <= 0.0
+    }
+
+    fn value(self, _: i32, _: usize) -> f64 {
+        self.into()
+    }
+}
+
+impl Total for i64 {
+    const ORDERED: bool = false;
+
+    #[inline(always)]
+    fn add(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
+        let (mut added, mut is_plain) = ([0; N_SUMS], true);
+        for i in 0..N_SUMS {
+            let (quanta, is_small) = round_small(terms[i] * SCALES[i]);
+            added[i] = sums[i].wrapping_add(quanta);
+            // Overflow gives a sign that neither term has.
+            is_plain &= is_small & ((sums[i] ^ added[i]) & (quanta ^ added[i]) >= 0);
+        }
+        if is_plain {
+            *sums = added;
+            return None;
+        }
+        Some(add_with_carry(sums, terms)).filter(|limbs| *limbs != [0; N_SUMS])
+    }
+
+    #[inline(always)]
+    fn vanishes(count: f64) -> bool {
+        to_quanta(count, FRACTION_BITS[0]) == Split { high: 0, low: 0 }
+    }
+
+    fn value(self, high: i32, index: usize) -> f64 {
+        Split { high, low: self }.value(FRACTION_BITS[index])
+    }
+}
+
+#[cold]
+fn add_with_carry(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> [i32; N_SUMS] {
+    std::array::from_fn(|i| {
+        let sum = Split { high: 0, low: sums[i] }.plus(to_quanta(terms[i], FRACTION_BITS[i]));
+        sums[i] = sum.low;
+        sum.high
+    })
+}
+
+impl Total for i128 {
+    const ORDERED: bool = false;
+
+    fn add(sums: &mut [i128; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
+        let terms = terms.iter().map(|&term| to_fixed(term));
+        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum = sum.saturating_add(term));
+        None
+    }
+
+    fn vanishes(count: f64) -> bool {
+        to_fixed(count) <= 0
+    }
+
+    fn value(self, _: i32, _: usize) -> f64 {
+        from_fixed(self)
+    }
+}
+
+impl Statistics {
+    /// Nothing seen.
+    pub fn new(components: usize, width: UpdateWidth) -> Self {
+        let form = match width {
+            UpdateWidth::F32 => Form::F32(empty_shards(components)),
+            UpdateWidth::Fixed64 => Form::Fixed64(empty_shards(components)),
+            UpdateWidth::Fixed128 => Form::Fixed128(empty_shards(components)),
+        };
+        Self::from_form(form, components)
+    }
+
+    /// Totals as they stood.
+    pub fn restore(totals: &Totals) -> Self {
+        let form = match totals {
+            Totals::F32(rows) => Form::F32(filled_shards(rows, &[])),
+            Totals::Fixed64 { rows, carries } => Form::Fixed64(filled_shards(rows, carries)),
+            Totals::Fixed128(rows) => Form::Fixed128(filled_shards(rows, &[])),
+        };
+        Self::from_form(form, totals.len())
+    }
+
+    fn from_form(form: Form, components: usize) -> Self {
+        let used = any_form!(&form, s => s.iter().map(|s| s.n_used).sum());
+        Self {
+            form,
+            components,
+            shard_bits: shard_bits(components),
+            used,
+            touched: Vec::with_capacity(components),
+            frame: 0,
+        }
+    }
+
+    /// The totals as they stand.
+    pub fn state(&self) -> Totals {
+        match &self.form {
+            Form::F32(shards) => Totals::F32(rows(shards)),
+            Form::Fixed128(shards) => Totals::Fixed128(rows(shards)),
+            Form::Fixed64(shards) => Totals::Fixed64 {
+                rows: rows(shards),
+                carries: shards
+                    .iter()
+                    .flat_map(|s| s.carries.iter().map(|(&id, &limbs)| Carry { id, limbs }))
+                    // What came and went again is no part of the sum.
+                    .filter(|carry| carry.limbs != [0; N_SUMS])
+                    .collect(),
+            },
+        }
+    }
+
+    /// Number of components.
+    pub fn len(&self) -> usize {
+        self.components
+    }
+
+    /// Whether there are no components.
+    pub fn is_empty(&self) -> bool {
+        self.components == 0
+    }
+
+    /// Components with `N_k > 0`.
+    pub fn used(&self) -> usize {
+        self.used
+    }
+
+    /// Bytes of one component.
+    pub fn row_bytes(&self) -> usize {
+        fn bytes<T: Total>(_: &[Shard<T>]) -> usize {
+            size_of::<Row<T>>()
+        }
+        any_form!(&self.form, shards => bytes(shards))
+    }
+
+    /// Number of shards.
+    pub fn shards(&self) -> usize {
+        any_form!(&self.form, shards => shards.len())
+    }
+
+    /// Components of a shard, as a binary logarithm: id `k` belongs to shard `k >> shard_bits`.
+    pub fn shard_bits(&self) -> u32 {
+        self.shard_bits
+    }
+
+    /// Adds one frame's records. `of_shard(s, add)` hands those of shard `s` to `add`, slice by
+    /// slice in any order; a tile's record of a component comes once. Records whose count rounds to nothing are
+    /// left out whole.
+    pub fn add_frame<R: Real>(
+        &mut self,
+        of_shard: impl Fn(usize, &mut dyn FnMut(&[Record<R>])) + Sync,
+    ) {
+        if self.frame == u32::MAX {
+            any_form!(&mut self.form, shards => shards.iter_mut().for_each(Shard::forget_frames));
+            self.frame = 0;
+        }
+        self.frame += 1;
+        let (frame, bits) = (self.frame, self.shard_bits);
+        any_form!(&mut self.form, shards => {
+            shards.par_iter_mut().with_max_len(1).enumerate().for_each(|(s, shard)| {
+                shard.add_frame(frame, s << bits, |add| of_shard(s, add));
+            });
+            self.touched.clear();
+            shards.iter().for_each(|s| self.touched.extend_from_slice(&s.touched));
+            self.used = shards.iter().map(|s| s.n_used).sum();
+        });
+    }
+
+    /// Components the last frame changed, each once.
+    pub fn touched(&self) -> &[u32] {
+        &self.touched
+    }
+
+    /// Ids of the components that have received nothing, ascending.
+    pub fn unused(&self) -> impl Iterator<Item = u32> {
+        (0..self.shards())
+            .flat_map(move |s| {
+                let used = any_form!(&self.form, shards => &shards[s].used);
+                let first = (s as u32) << self.shard_bits;
+                used.iter().zip((first..).step_by(64)).flat_map(|(&word, first)| {
+                    std::iter::successors(Some(!word), |w| Some(w & (w - 1)))
+                        .take_while(|&w| w != 0)
+                        .map(move |w| first + w.trailing_zeros())
+                })
+            })
+            .take_while(|&id| (id as usize) < self.components)
+    }
+
+    /// Statistics of one component.
+    pub fn moments(&self, component: usize) -> Moments {
+        let shard = component >> self.shard_bits;
+        any_form!(&self.form, shards => shards[shard].moments(component, self.shard_bits))
+    }
+}
+
+fn shard_bits(components: usize) -> u32 {
+    components.div_ceil(MAX_SHARDS).next_power_of_two().max(64).trailing_zeros()
+}
+
+fn empty_shards<T: Total>(components: usize) -> Vec<Shard<T>> {
+    let len = 1 << shard_bits(components);
+    (0..components).step_by(len).map(|first| Shard::new(len.min(components - first))).collect()
+}
+
+fn filled_shards<T: Total>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec<Shard<T>> {
+    let bits = shard_bits(rows.len());
+    let mut shards = empty_shards(rows.len());
+    for (id, &sums) in rows.iter().enumerate() {
+        let (shard, place) = (&mut shards[id >> bits], id & ((1 << bits) - 1));
+        shard.rows[place].sums = sums;
+        if sums[0] != T::default() {
+            shard.mark_used(place);
+        }
+    }
+    for carry in carries {
+        let (shard, place) = (carry.id as usize >> bits, carry.id as usize & ((1 << bits) - 1));
+        shards[shard].carries.insert(carry.id, carry.limbs);
+        shards[shard].mark_used(place);
+    }
+    shards
+}
+
+fn rows<T: Total>(shards: &[Shard<T>]) -> Vec<[T; N_SUMS]> {
+    shards.iter().flat_map(|s| s.rows.iter().map(|row| row.sums)).collect()
+}
+
+impl<T: Total> Shard<T> {
+    fn new(len: usize) -> Self {
+        Self {
+            rows: vec![Row { frame: 0, sums: [T::default(); N_SUMS] }; len],
+            carries: BTreeMap::new(),
+            used: vec![0; len.div_ceil(64)],
+            n_used: 0,
+            touched: Vec::with_capacity(len),
+            sorted: Vec::new(),
+        }
+    }
+
+    fn forget_frames(&mut self) {
+        self.rows.iter_mut().for_each(|row| row.frame = 0);
+    }
+
+    fn add_frame<R: Real>(
+        &mut self,
+        frame: u32,
+        first: usize,
+        records: impl FnOnce(&mut dyn FnMut(&[Record<R>])),
+    ) {
+        self.touched.clear();
+        if !T::ORDERED {
+            return records(&mut |records| self.add_all(frame, first, records));
+        }
+        let mut sorted = std::mem::take(&mut self.sorted);
+        sorted.clear();
+        records(&mut |records| {
+            let widened =
+                |r: &Record<R>| Record { id: r.id, tile: r.tile, sums: r.sums.map(R::to_f64) };
+            sorted.extend(records.iter().map(widened));
+        });
+        sorted.sort_unstable_by_key(|record| (record.id, record.tile));
+        self.add_all(frame, first, &sorted);
+        self.sorted = sorted;
+    }
+
+    /// Rows are far from the processor, so those of some records are fetched before any is added to.
+    #[inline(always)]
+    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[Record<R>]) {
+        for records in records.chunks(ROWS_AHEAD) {
+            for record in records {
+                self.touch(frame, record.id as usize - first, record);
+            }
+            for record in records {
+                self.add(record.id as usize - first, record);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &Record<R>) {
+        let row = &mut self.rows[place];
+        std::hint::black_box(row.sums[N_SUMS - 1]);
+        let is_new = row.frame != frame;
+        if is_new && !T::vanishes(record.sums[0].to_f64()) {
+            row.frame = frame;
+            self.touched.push(record.id);
+            self.mark_used(place);
+        }
+    }
+
+    #[inline(always)]
+    fn add<R: Real>(&mut self, place: usize, record: &Record<R>) {
+        let sums = record.sums.map(R::to_f64);
+        if T::vanishes(sums[0]) {
+            return;
+        }
+        if let Some(limbs) = T::add(&mut self.rows[place].sums, &sums) {
+            let carry = self.carries.entry(record.id).or_insert([0; N_SUMS]);
+            carry.iter_mut().zip(limbs).for_each(|(c, l)| *c = c.saturating_add(l));
+        }
+    }
+
+    fn mark_used(&mut self, place: usize) {
+        let (word, bit) = (&mut self.used[place / 64], 1 << (place % 64));
+        self.n_used += usize::from(*word & bit == 0);
+        *word |= bit;
+    }
+
+    fn moments(&self, component: usize, shard_bits: u32) -> Moments {
+        let row = &self.rows[component & ((1 << shard_bits) - 1)];
+        let none = [0; N_SUMS];
+        let limbs = match self.carries.is_empty() {
+            true => &none,
+            false => self.carries.get(&(component as u32)).unwrap_or(&none),
+        };
+        Moments::from_sums(std::array::from_fn(|i| row.sums[i].value(limbs[i], i)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    const WIDTHS: [UpdateWidth; 3] =
+        [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128];
+
+    fn records(components: usize, n: u32, seed: u64) -> Vec<Record<f32>> {
+        let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+        let record = |tile| {
+            let mut sums = [0.0; N_SUMS];
+            sums.fill_with(|| rng.normal() as f32);
+            sums[0] = sums[0].abs();
+            Record { id: rng.below(components) as u32, tile, sums }
+        };
+        (0..n).map(record).collect()
+    }
+
+    fn add(statistics: &mut Statistics, records: &[Record<f32>]) {
+        let bits = statistics.shard_bits();
+        statistics.add_frame(|shard, add| {
+            records.iter().filter(|r| r.id as usize >> bits == shard).for_each(|r| add(&[*r]));
+        });
+    }
+
+    #[test]
+    fn fixed_point_totals_do_not_depend_on_the_order() {
+        let records = records(5000, 20_000, 1);
+        let backwards: Vec<_> = records.iter().rev().copied().collect();
+        for width in WIDTHS {
+            let [mut a, mut b] = [(); 2].map(|()| Statistics::new(5000, width));
+            add(&mut a, &records);
+            // A frame's records may come in any order even in f32.
+            add(&mut b, &backwards);
+            assert_eq!(a.state(), b.state());
+            let (first, second) = records.split_at(7000);
+            let mut c = Statistics::new(5000, width);
+            add(&mut c, second);
+            add(&mut c, first);
+            assert_eq!(a.state() == c.state(), width != UpdateWidth::F32, "{width:?}");
+        }
+    }
+
+    #[test]
+    fn used_touched_and_unused_follow_the_records() {
+        for (components, width) in [1, 63, 64, 65, 5000].into_iter().zip(WIDTHS.iter().cycle()) {
+            let mut statistics = Statistics::new(components, *width);
+            let all = records(components, components as u32 / 2, 2);
+            add(&mut statistics, &all);
+            let mut ids: Vec<u32> = all.iter().map(|r| r.id).collect();
+            ids.sort_unstable();
+            ids.dedup();
+            let mut touched = statistics.touched().to_vec();
+            touched.sort_unstable();
+            assert_eq!(touched, ids);
+            assert_eq!(statistics.used(), ids.len());
+            let unused: Vec<u32> = statistics.unused().collect();
+            let expected: Vec<u32> =
+                (0..components as u32).filter(|id| ids.binary_search(id).is_err()).collect();
+            assert_eq!(unused, expected);
+            let restored = Statistics::restore(&statistics.state());
+            assert_eq!(restored.state(), statistics.state());
+            assert_eq!(restored.used(), statistics.used());
+        }
+    }
+
+    #[test]
+    fn sums_beyond_64_bits_carry() {
+        let mut statistics = Statistics::new(3, UpdateWidth::Fixed64);
+        let mut sums = [0.0f32; N_SUMS];
+        (sums[0], sums[4], sums[5]) = (3e7, 2.5e4, -2.5e4);
+        let record = Record { id: 1, tile: 0, sums };
+        for _ in 0..100 {
+            add(&mut statistics, &[record]);
+        }
+        let moments = statistics.moments(1);
+        assert_eq!(moments.count, 3e9);
+        assert_eq!(moments.second.to_array()[..2], [2.5e6, -2.5e6]);
+        let Totals::Fixed64 { carries, .. } = statistics.state() else { panic!("64 bits") };
+        assert_eq!(carries.len(), 1);
+        let mut restored = Statistics::restore(&statistics.state());
+        assert_eq!(restored.used(), 1);
+        for statistics in [&mut statistics, &mut restored] {
+            add(statistics, &[record]);
+        }
+        assert_eq!(restored.state(), statistics.state());
+    }
+
+    #[test]
+    fn counts_that_round_to_nothing_leave_no_moments() {
+        let mut sums = [1.0f32; N_SUMS];
+        sums[0] = 1e-12;
+        let mut statistics = Statistics::new(2, UpdateWidth::Fixed64);
+        add(&mut statistics, &[Record { id: 0, tile: 0, sums }]);
+        assert_eq!(statistics.used(), 0);
+        assert_eq!(statistics.moments(0), Moments::default());
+        assert!(statistics.touched().is_empty());
+    }
+}

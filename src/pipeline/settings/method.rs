@@ -1,0 +1,73 @@
+//! The settings of a model: the paper's or the scene's.
+
+use super::scene::{SceneOverrides, SceneRun};
+use crate::dataset::calibration::ColorCamera;
+use crate::train::paper::config::{Preset, TrainConfig};
+use serde::{Deserialize, Serialize};
+
+/// How a model is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "preset", rename_all = "kebab-case")]
+pub enum Method {
+    /// The published algorithm.
+    Paper(TrainConfig),
+    /// Only what a scene needs.
+    Scene(Box<SceneRun>),
+}
+
+impl Method {
+    /// Its name.
+    pub fn preset(&self) -> Preset {
+        match self {
+            Self::Paper(_) => Preset::Paper,
+            Self::Scene(_) => Preset::Scene,
+        }
+    }
+
+    /// Seed of every random stream.
+    pub fn seed(&self) -> u64 {
+        match self {
+            Self::Paper(config) => config.seed,
+            Self::Scene(run) => run.seed,
+        }
+    }
+
+    /// The camera that photographs were taken by; `None` if the one that measured depth.
+    pub fn color_camera(&self) -> Option<ColorCamera> {
+        match self {
+            Self::Paper(_) => None,
+            Self::Scene(run) => run.surface.calibration.as_ref()?.color_camera,
+        }
+    }
+}
+
+/// What a user asks for, before the dataset is looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Asked {
+    /// The published algorithm, with these settings.
+    Paper(TrainConfig),
+    /// The scene preset, with these settings of the user's own.
+    Scene(SceneOverrides),
+}
+
+impl Asked {
+    /// Seed of every random stream.
+    pub fn seed(&self) -> u64 {
+        match self {
+            Self::Paper(config) => config.seed,
+            Self::Scene(overrides) => overrides.seed.unwrap_or(0),
+        }
+    }
+}
+
+impl From<TrainConfig> for Asked {
+    fn from(config: TrainConfig) -> Self {
+        Self::Paper(config)
+    }
+}
+
+impl From<SceneOverrides> for Asked {
+    fn from(overrides: SceneOverrides) -> Self {
+        Self::Scene(overrides)
+    }
+}
