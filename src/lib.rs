@@ -18,7 +18,7 @@
 //! | [`eval`] | PSNR, SSIM, depth error, cracks; the report's types; tables |
 //! | [`pipeline`] | the one training loop: settings, prefetch, train, publish; runs saved, continued, merged |
 //! | [`calibrate`] | what took a recording, found from the recording itself |
-//! | [`bench`] | speed against error, as tables and plots |
+//! | [`mod@bench`] | speed against error, as tables and plots |
 //! | `app` (feature `gui`) | the window |
 //! | `cli` (in the binary) | the command line |
 //!
