@@ -13,6 +13,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use scenes::{draws, smooth};
 use std::hint::black_box;
 use std::num::NonZero;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::model::conjugate::prior::Hyper;
@@ -22,7 +23,7 @@ use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
 use vbgs_studio::train::estep::Scoring;
 use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::paper::engine::Engine;
+use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::reassign::{Chooser, Quota};
 
@@ -71,9 +72,10 @@ fn frame(criterion: &mut Criterion) {
     for (start, draw) in starts(&other) {
         let overrides = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
         let config = TrainConfig::paper().with(&overrides).expect("settings in range");
-        let mut engine = Engine::new(&config, &draw).expect("finite means");
+        let mut engine =
+            engine::begin(&config, &draw, Normalization::IDENTITY).expect("finite means");
         group.bench_function(start, |bencher| {
-            bencher.iter(|| engine.train(&frame).expect("finite means"));
+            bencher.iter(|| engine.learn(&frame).expect("finite means"));
         });
     }
 }

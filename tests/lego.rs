@@ -21,7 +21,6 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::pipeline::learner::Learner;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
@@ -99,9 +98,9 @@ fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>
 }
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
-    let Learner::Paper(paper) = session.learner() else { unreachable!() };
-    let config = TrainConfig { conversion, ..paper.config.clone() };
-    paper.engine.splats(&config, &paper.normalization)
+    let learner = session.learner();
+    let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
+    (0..learner.components()).map(splat).collect()
 }
 
 /// Mean PSNR over the views against either ground truth, dB.

@@ -128,7 +128,7 @@ impl Opened {
 
     /// The camera that took the photographs, where it is not the one that measured depth.
     pub fn color_camera(&self) -> Option<ColorCamera> {
-        self.method.as_ref()?.color_camera()
+        self.method.as_ref()?.any().color_camera()
     }
 }
 

@@ -51,6 +51,17 @@ pub struct PointCounts {
     pub dropped_far: usize,
 }
 
+/// In words, without those that made points.
+impl std::fmt::Display for PointCounts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { holes, dropped_edge, dropped_range, dropped_alpha, .. } = self;
+        write!(
+            f,
+            "{holes} holes, {dropped_edge} at edges, {dropped_range} out of range, {dropped_alpha} transparent"
+        )
+    }
+}
+
 impl PointCounts {
     /// Measured pixels that made no point.
     pub fn dropped(&self) -> usize {

@@ -19,6 +19,9 @@ pub const COLOR_OFFSET: f64 = 0.5;
 pub const COLOR_SCALE: f64 = 0.288_675_134_594_812_9;
 
 impl Normalization {
+    /// The world itself.
+    pub const IDENTITY: Self = Self { offset: [0.0; 3], scale: [1.0; 3] };
+
     /// From the range of positions, `lo < hi` on every axis.
     pub fn from_range(lo: DVec3, hi: DVec3) -> Self {
         let scale = (hi - lo) / 12f64.sqrt();

@@ -10,3 +10,4 @@ pub mod conjugate;
 pub mod paper;
 pub mod scene;
 pub mod splat;
+pub mod stored;

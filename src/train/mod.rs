@@ -2,10 +2,12 @@
 //! each has a folder of its own.
 
 pub mod candidates;
+pub mod component_elbo;
 pub mod estep;
+pub mod learner;
 pub mod outcome;
-mod ownership;
 pub mod paper;
 pub mod scene;
 pub mod setting;
+pub mod stages;
 pub mod timing;

@@ -10,7 +10,7 @@ use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::pipeline::settings::scene::{Budget, SceneOverrides, StructuralScale};
 use vbgs_studio::train::paper::config::Preset;
 use vbgs_studio::train::scene::config::{BirthRule, LookRule};
-use vbgs_studio::train::scene::engine::SumForm;
+use vbgs_studio::train::scene::sum_form::SumForm;
 
 const LATTICES: [BirthRule; 2] = [BirthRule::Lattice, BirthRule::BodyCentred];
 
@@ -68,7 +68,7 @@ fn the_scene_is_as_it_was_at_once() {
         assert_eq!(run.config, *session.config());
         assert_eq!(run.splats().unwrap(), session.stored_splats());
         assert_eq!(run.up(), session.up());
-        let learner = run.learner().unwrap();
+        let learner = run.revive().unwrap().learner;
         assert_eq!(learner.components(), session.learner().components());
         let resumed = run.resume(room(), &Asked::default(), false).unwrap();
         assert_eq!(resumed.normalization(), session.normalization());

@@ -153,7 +153,7 @@ pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
 
 /// What `eval` prints for a view with the window's settings.
 pub fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
-    let color_camera = session.config().method.color_camera();
+    let color_camera = session.config().method.any().color_camera();
     let options =
         EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
     let views = [stop.index];

@@ -16,9 +16,10 @@ use crate::eval::report::{FrameReport, Summary};
 use crate::export::mapping::Mapping;
 use crate::model::attributes::Attributes;
 use crate::model::splat::appearance::SplatSet;
-use crate::pipeline::session::{SessionError, Step};
+use crate::pipeline::error::SessionError;
+use crate::pipeline::session::Step;
 use crate::render::attributes::Attribute;
-use crate::train::paper::config::Preset;
+use crate::train::learner::Changed;
 use dirty::Dirty;
 use std::any::Any;
 use std::collections::VecDeque;
@@ -325,10 +326,14 @@ impl Trainer {
     fn step(&mut self) {
         let Some(Content::Session(session)) = &mut self.content else { return };
         // What the frame before told of them is over, whether or not the next one touches them.
-        self.dirty.mark(session.learner().components_with_elbo());
+        self.dirty.mark(session.learner().component_elbo().components());
         match session.step() {
             Ok(Step::Trained(frame)) => {
-                self.dirty.mark(session.learner().touched());
+                let learner = session.learner();
+                match learner.changed() {
+                    Changed::Listed(ids) => self.dirty.mark(ids),
+                    Changed::All => self.dirty.mark_all(learner.components()),
+                }
                 self.learned(frame);
             }
             Ok(Step::Skipped(skipped)) => {
@@ -368,7 +373,7 @@ impl Trainer {
             let summary = Summary::of_frames(session.frames(), 0.0);
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
             for warning in session.learner().warnings() {
-                self.notify(NoticeKind::Warning, warning);
+                self.notify(NoticeKind::Warning, warning.to_string());
             }
         }
     }
@@ -377,7 +382,7 @@ impl Trainer {
     /// is told of them when training rests: all of them after every frame would take its time.
     fn tell_looks(&mut self) {
         if let Some(Content::Session(session)) = &self.content
-            && session.config().method.preset() == Preset::Scene
+            && session.learner().changes_unseen()
         {
             self.dirty.mark_all(session.learner().components());
         }

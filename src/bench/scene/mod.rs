@@ -15,9 +15,9 @@ use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::spread::Spread;
 use crate::eval::views::{EvalOptions, GroundTruth, evaluate};
 use crate::math::rng::{Purpose, Rng};
+use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::session::SessionError;
-use crate::pipeline::settings::method::Method as Training;
+use crate::pipeline::preset::AnyPreset;
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{Method, RenderOptions};
 use crate::train::scene::config::BirthRule;
@@ -210,7 +210,7 @@ impl Stage {
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
         let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
         // All rows are judged by the same camera, whatever they were trained with.
-        let color_camera = Training::Scene(Box::new(base.clone())).color_camera();
+        let color_camera = base.color_camera();
         let options =
             EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
         let views = (evaluation.split, views);

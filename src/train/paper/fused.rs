@@ -10,8 +10,8 @@ use crate::math::simd::{Kernel, Vector};
 use crate::model::conjugate::statistics::{N_SUMS, Record, add_point};
 use crate::observation::points::Points;
 use crate::train::candidates::{Among, CHUNK, Columns, Grid, Lists, Nearest, Search, VisitChunk};
+use crate::train::component_elbo::{NOBODY, largest};
 use crate::train::estep::{Scoring, squared_distance};
-use crate::train::ownership::{NOBODY, largest};
 use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
 

@@ -7,6 +7,7 @@ pub mod engine;
 mod fused;
 pub mod index;
 pub mod init;
+pub mod learner;
 pub mod pass;
 mod plain;
 pub mod reassign;

@@ -7,7 +7,9 @@
 
 pub mod config;
 pub mod engine;
+pub mod learner;
 pub mod partition;
+pub mod sum_form;
 pub mod trainer;
 
 mod accumulate;

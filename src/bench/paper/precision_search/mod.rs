@@ -12,12 +12,14 @@ use super::sample::Sample;
 use crate::bench::findings::{BenchError, BenchOptions, Progress};
 use crate::dataset::Dataset;
 use crate::eval::spread::Spread;
+use crate::math::normalization::Normalization;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::train::paper::config::{
     Operations, Overrides, Precision, ReassignPolicy, TrainConfig, UpdateWidth, Width,
 };
-use crate::train::paper::engine::Engine;
+use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner::PaperLearner;
 use crate::train::setting::ConfigError;
 use serde::Serialize;
 use std::sync::Arc;
@@ -138,7 +140,7 @@ pub fn run(
         progress(done, steps);
     })?;
     // The first of the named ones is f64 throughout.
-    let truth = posteriors(&timed[all.len()].engine);
+    let truth = posteriors(&*timed[all.len()].engine);
     let measured: Vec<Combination> = variants
         .iter()
         .zip(&timed)
@@ -159,9 +161,13 @@ fn settled_draw(plan: &SearchPlan, sample: &Sample) -> Result<InitialDraw, Bench
         ..Overrides::default()
     };
     let config = plan.config(change)?;
-    let mut engine = Engine::new(&config, &InitialDraw::random(plan.components, config.seed))?;
+    let mut engine = engine::begin(
+        &config,
+        &InitialDraw::random(plan.components, config.seed),
+        Normalization::IDENTITY,
+    )?;
     for frame in &sample.frames {
-        engine.train(frame)?;
+        engine.learn(frame)?;
     }
     let state = engine.state();
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })
@@ -186,7 +192,7 @@ fn combinations() -> Vec<Operations> {
     all
 }
 
-fn posteriors(engine: &Engine) -> Vec<ComponentPosterior> {
+fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
     (0..engine.components()).map(|k| engine.posterior(k)).collect()
 }
 
@@ -197,7 +203,7 @@ fn combination(
     bound: f64,
 ) -> Combination {
     let ms = runs.spread(|ms| ms.train);
-    let error = posterior_errors(&posteriors(&runs.engine), truth);
+    let error = posterior_errors(&posteriors(&*runs.engine), truth);
     Combination {
         precision: config.precision,
         operations: config.operations,
