@@ -132,7 +132,7 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
             .unwrap();
             assert!(other.state() == half.state());
             for frame in &frames[2..] {
-                other.train(frame).unwrap();
+                other.learn(frame).unwrap();
             }
             assert!(other.state() == state(&overrides, &frames), "{reassign:?}, {precision:?}");
         }
