@@ -1,6 +1,6 @@
 //! Where the milliseconds go: a stacked area over the latest frames, and a table.
 
-use crate::app::drawing::{DrawHistory, Drawer, Stage};
+use crate::app::drawing::{DrawHistory, DrawStage, Drawer};
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, quantile};
 use crate::train::stages::{MAX_STAGES, TrainStage};
@@ -99,7 +99,7 @@ fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
 /// What pictures of the viewport take.
 fn drawing_rows(drawn: &DrawHistory, ui: &mut Ui) {
     headings("Drawing, ms", ui);
-    for stage in Stage::ALL {
+    for stage in DrawStage::ALL {
         let values: Vec<f64> = drawn.samples().filter_map(|s| s.ms(stage)).collect();
         if !values.is_empty() {
             row(ui, None, stage.label(), values.into_iter());
@@ -171,11 +171,11 @@ fn csv(frames: &[FrameReport]) -> String {
 
 /// A second block, since pictures are not frames of the training.
 fn drawing_csv(drawn: &DrawHistory) -> String {
-    let names = Stage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
+    let names = DrawStage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
     let mut text = format!("\npicture,{names},uploaded bytes\n");
     for (i, sample) in drawn.samples().enumerate() {
         let cell = |stage| sample.ms(stage).map_or_else(String::new, |ms| format!("{ms:.4}"));
-        let stages = Stage::ALL.map(cell).join(",");
+        let stages = DrawStage::ALL.map(cell).join(",");
         text.push_str(&format!("{i},{stages},{}\n", sample.uploaded_bytes));
     }
     text
@@ -216,8 +216,8 @@ mod tests {
     fn pictures_leave_stages_empty_that_did_not_happen() {
         let mut drawn = DrawHistory::new(Drawer::Gpu);
         let mut sample = DrawSample::new(640);
-        sample.add(Stage::Order, Some(0.5));
-        sample.add(Stage::Draw, Some(1.25));
+        sample.add(DrawStage::Order, Some(0.5));
+        sample.add(DrawStage::Draw, Some(1.25));
         drawn.push(sample);
         let text = drawing_csv(&drawn);
         let lines: Vec<&str> = text.lines().collect();
