@@ -13,7 +13,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::settings::method::Asked as Method;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::{Overrides, Precision, Preset, TrainConfig};
-use vbgs_studio::train::scene::engine::SumForm;
+use vbgs_studio::train::scene::sum_form::SumForm;
 use vbgs_studio::train::setting::ConfigError;
 
 /// Frames and their order.

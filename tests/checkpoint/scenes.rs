@@ -10,7 +10,7 @@ use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::pipeline::settings::scene::{Budget, SceneOverrides, StructuralScale};
 use vbgs_studio::train::paper::config::Preset;
 use vbgs_studio::train::scene::config::{BirthRule, LookRule};
-use vbgs_studio::train::scene::engine::SumForm;
+use vbgs_studio::train::scene::sum_form::SumForm;
 
 const LATTICES: [BirthRule; 2] = [BirthRule::Lattice, BirthRule::BodyCentred];
 

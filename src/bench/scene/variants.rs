@@ -9,7 +9,7 @@ use crate::model::scene::opacity::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun, StructuralScale};
 use crate::train::scene::config::{BirthRule, LookRule};
-use crate::train::scene::engine::SumForm;
+use crate::train::scene::sum_form::SumForm;
 use serde::Serialize;
 
 /// Which table a row belongs to.

@@ -10,7 +10,8 @@ use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::paper::config::{TrainConfig, UpdateWidth};
 use crate::train::paper::engine::Engine;
-use crate::train::scene::engine::{SceneEngine, SumForm};
+use crate::train::scene::engine::SceneEngine;
+use crate::train::scene::sum_form::SumForm;
 
 /// Settings and a model that is theirs.
 pub(super) enum Pair<'a> {

@@ -1,6 +1,6 @@
 //! Settings of the scene preset.
 
-use super::engine::SumForm;
+use super::sum_form::SumForm;
 use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};

@@ -1,6 +1,7 @@
 //! One scene trainer behind either form of sums.
 
 use super::config::SceneConfig;
+use super::sum_form::SumForm;
 use super::trainer::{Lost, SceneTrainer};
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::scene::native::NativeRule;
@@ -10,21 +11,6 @@ use crate::model::splat::splats::Splat;
 use crate::observation::surface::Observation;
 use crate::train::outcome::FrameOutcome;
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
-use strum::{EnumString, VariantNames};
-
-/// How sums are kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum SumForm {
-    /// Terms in f32, sums in integers: any order of points gives the same bits.
-    Mixed,
-    /// Terms and sums in f32.
-    F32,
-    /// All in f64: the oracle.
-    F64,
-}
 
 /// A scene trainer whose sums take the form chosen at run time.
 pub enum SceneEngine {

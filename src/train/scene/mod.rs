@@ -8,6 +8,7 @@
 pub mod config;
 pub mod engine;
 pub mod partition;
+pub mod sum_form;
 pub mod trainer;
 
 mod accumulate;

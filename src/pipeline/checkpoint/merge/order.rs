@@ -4,7 +4,7 @@ use super::super::{RunError, SavedRun};
 use crate::export::checkpoint::StoredModel;
 use crate::pipeline::settings::method::Method;
 use crate::train::scene::config::{LookRule, SceneConfig};
-use crate::train::scene::engine::SumForm;
+use crate::train::scene::sum_form::SumForm;
 
 /// Refuses scenes that depend on the order of frames. Mixtures do so only by what
 /// [`super::same_start`] and [`crate::model::paper::merging::add`] refuse.

@@ -9,7 +9,7 @@ use crate::math::normalization::Normalization;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::sample::Sample;
 use crate::train::scene::config::{BirthRule, LookRule, SceneConfig};
-use crate::train::scene::engine::SumForm;
+use crate::train::scene::sum_form::SumForm;
 use crate::train::setting::ConfigError;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
