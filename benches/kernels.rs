@@ -21,8 +21,8 @@ use vbgs_studio::model::paper::totals::{Statistics, UpdateWidth};
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
 use vbgs_studio::train::estep::Scoring;
-use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::paper::engine::Engine;
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
+use vbgs_studio::train::paper::engine::PaperEngine;
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::reassign::{Chooser, Quota};
 
@@ -69,9 +69,10 @@ fn frame(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame");
     group.throughput(Throughput::Elements(frame.len() as u64)).sample_size(20);
     for (start, draw) in starts(&other) {
-        let overrides = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
-        let config = TrainConfig::paper().with(&overrides).expect("settings in range");
-        let mut engine = Engine::new(&config, &draw).expect("finite means");
+        let overrides =
+            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+        let config = PaperConfig::paper().with(&overrides).expect("settings in range");
+        let mut engine = PaperEngine::new(&config, &draw).expect("finite means");
         group.bench_function(start, |bencher| {
             bencher.iter(|| engine.train(&frame).expect("finite means"));
         });

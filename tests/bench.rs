@@ -22,7 +22,7 @@ use vbgs_studio::bench::render::{Device, RenderPlan, Scene};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::train::paper::config::{
-    Batch, Candidates, Overrides, Precision, ReassignPolicy, TrainConfig,
+    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 
 const OPTIONS: BenchOptions =
@@ -112,7 +112,7 @@ fn ablation() {
 
 #[test]
 fn pareto() {
-    let base = Overrides {
+    let base = PaperOverrides {
         components: Some(400),
         // So many that truncation errs less than f32 rounds.
         candidates: Some(Candidates::Nearest(64)),
@@ -257,8 +257,8 @@ fn precision_search_finds_settings_that_train_takes() {
     let search = counted(|progress| precision_search::run(&plan, room(), progress)).unwrap();
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    let overrides: Overrides = options.from_str(&search.ron).unwrap();
-    let config = TrainConfig::paper().with(&overrides).unwrap();
+    let overrides: PaperOverrides = options.from_str(&search.ron).unwrap();
+    let config = PaperConfig::paper().with(&overrides).unwrap();
     assert_eq!(config.operations, search.operations);
     assert_eq!(search.json["combinations"].as_array().unwrap().len(), 48);
     assert!(number(&search.json["chosen"]["error"], "covariance_p99") <= 1e-3);

@@ -26,7 +26,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::paper::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Distance from a published figure that differing initial draws may cause, dB.
 const TOLERANCE_DB: f64 = 0.3;
@@ -89,8 +89,8 @@ fn views(dataset: &Dataset) -> Vec<View> {
 }
 
 /// Trains the `paper` preset with overrides on the first frames.
-fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>) -> Session {
-    let config = TrainConfig::paper().with(&overrides).unwrap();
+fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<usize>) -> Session {
+    let config = PaperConfig::paper().with(&overrides).unwrap();
     let selection = Selection { max_frames, ..Selection::everything() };
     let mut session = Session::new(dataset.clone(), config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
@@ -100,7 +100,7 @@ fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
     let Learner::Paper(paper) = session.learner() else { unreachable!() };
-    let config = TrainConfig { conversion, ..paper.config.clone() };
+    let config = PaperConfig { conversion, ..paper.config.clone() };
     paper.engine.splats(&config, &paper.normalization)
 }
 
@@ -131,7 +131,7 @@ fn measure_row(dataset: &Arc<Dataset>, views: &[View], reassign: ReassignPolicy)
     let mut row = Measured { psnr: Default::default(), used: 0.0, train_ms: Vec::new() };
     for seed in SEEDS {
         let overrides =
-            Overrides { seed: Some(seed), reassign: Some(reassign), ..Overrides::default() };
+            PaperOverrides { seed: Some(seed), reassign: Some(reassign), ..Overrides::default() };
         let session = train(dataset, overrides, None);
         assert_eq!(session.frames().len(), 200);
         row.used += share * session.learner().used() as f64;
@@ -186,7 +186,7 @@ fn section_17() {
 fn both(dataset: &Arc<Dataset>, reassign: ReassignPolicy) -> [Session; 2] {
     [Precision::F64, Precision::Mixed].map(|precision| {
         let (precision, reassign) = (Some(precision), Some(reassign));
-        train(dataset, Overrides { precision, reassign, ..Overrides::default() }, Some(5))
+        train(dataset, PaperOverrides { precision, reassign, ..Overrides::default() }, Some(5))
     })
 }
 
@@ -244,7 +244,7 @@ fn mixed_reassigns_as_well_as_f64() {
 #[test]
 fn the_ply_reads_back_with_an_independent_reader() {
     let Some(dataset) = open() else { return };
-    let session = train(&dataset, Overrides::default(), Some(10));
+    let session = train(&dataset, PaperOverrides::default(), Some(10));
     let splats = session.splats();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");

@@ -7,8 +7,8 @@ use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::train::candidates::IndexError;
 use crate::train::outcome::FrameOutcome;
-use crate::train::paper::config::TrainConfig;
-use crate::train::paper::engine::Engine;
+use crate::train::paper::config::PaperConfig;
+use crate::train::paper::engine::PaperEngine;
 use crate::train::scene::engine::SceneEngine;
 use crate::train::scene::trainer::Lost;
 
@@ -23,9 +23,9 @@ pub enum Learner {
 /// A mixture of the published algorithm.
 pub struct PaperLearner {
     /// The model.
-    pub engine: Engine,
+    pub engine: PaperEngine,
     /// How its posterior becomes splats.
-    pub config: TrainConfig,
+    pub config: PaperConfig,
     /// World to model coordinates.
     pub normalization: Normalization,
 }

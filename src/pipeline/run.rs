@@ -9,7 +9,7 @@ use crate::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings,
 use crate::dataset::{Dataset, Layout, LoadOptions};
 use crate::math::normalization::Normalization;
 use crate::observation::points::Points;
-use crate::train::paper::config::{Init, Preset, TrainConfig};
+use crate::train::paper::config::{Init, PaperConfig, Preset};
 use crate::train::paper::init::InitialDraw;
 use serde::{Deserialize, Serialize};
 
@@ -86,7 +86,7 @@ fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
 pub(super) fn initial_draw(
     dataset: &Dataset,
     config: &RunConfig,
-    train: &TrainConfig,
+    train: &PaperConfig,
     normalization: Normalization,
 ) -> Result<InitialDraw, DatasetError> {
     if train.init == Init::Random {

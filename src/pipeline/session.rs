@@ -19,7 +19,7 @@ use crate::math::normalization::Normalization;
 use crate::math::orbit::mean_up;
 use crate::model::splat::appearance::SplatSet;
 use crate::train::candidates::IndexError;
-use crate::train::paper::engine::Engine;
+use crate::train::paper::engine::PaperEngine;
 use crate::train::scene::engine::SceneEngine;
 use glam::DVec3;
 use std::sync::Arc;
@@ -133,7 +133,7 @@ impl Session {
                 let threads = rayon::current_num_threads();
                 Estimate::new(train, plan.pixels(&dataset), threads).check(train.components)?;
                 let draw = initial_draw(&dataset, &config, train, normalization)?;
-                let engine = Engine::new(train, &draw)?;
+                let engine = PaperEngine::new(train, &draw)?;
                 let paper = PaperLearner { engine, config: train.clone(), normalization };
                 (Learner::Paper(Box::new(paper)), normalization)
             }
@@ -173,7 +173,7 @@ impl Session {
         Ok(session)
     }
 
-    /// Trains on the next frame, waiting for it to be decoded. On errors see [`crate::train::paper::engine::Engine::train`].
+    /// Trains on the next frame, waiting for it to be decoded. On errors see [`crate::train::paper::engine::PaperEngine::train`].
     pub fn step(&mut self) -> Result<Step, SessionError> {
         let Some(Prepared { position, name, result }) = self.prefetch.next_frame() else {
             return self.finish();

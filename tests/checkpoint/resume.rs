@@ -81,7 +81,7 @@ fn the_report_covers_the_whole_run() {
 
 #[test]
 fn order_stride_and_settings_come_from_the_checkpoint() {
-    let overrides = Overrides {
+    let overrides = PaperOverrides {
         seed: Some(3),
         init: Some(Init::Data),
         scale_factor: Some(1.41),
@@ -112,7 +112,7 @@ fn settings_are_stored_bit_for_bit() {
     for (i, fraction) in
         [0.1 + 0.2, 1.0 / 3.0, 5e-324, 0.049999999999999996].into_iter().enumerate()
     {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             seed: Some(u64::MAX - i as u64),
             reassign_fraction: Some(fraction),
             scale_factor: Some(1.0 + fraction),

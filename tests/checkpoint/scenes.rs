@@ -239,7 +239,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         (
             "--components",
             Asked {
-                paper: Overrides { components: Some(5), ..Overrides::default() },
+                paper: PaperOverrides { components: Some(5), ..Overrides::default() },
                 ..Asked::default()
             },
         ),
@@ -253,7 +253,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     }
     let repeated = Asked {
         preset: Some(Preset::Scene),
-        paper: Overrides {
+        paper: PaperOverrides {
             seed: Some(0),
             precision: Some(Precision::Mixed),
             ..Overrides::default()

@@ -113,7 +113,7 @@ fn dense_rescan() {
 fn check_counts<R: Scalar>(
     case: &Case,
     prefix: &str,
-    trainer: &vbgs_studio::train::paper::trainer::Trainer<R>,
+    trainer: &vbgs_studio::train::paper::trainer::PaperTrainer<R>,
 ) {
     let counts: Vec<f64> = (0..trainer.components()).map(|k| trainer.moments(k).count).collect();
     case.check(&format!("{prefix}_N"), &counts, Abs(0.0));

@@ -12,7 +12,8 @@ use crate::eval::spread::Spread;
 use crate::eval::table;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
-    Batch, Candidates, IndexKind, Overrides, Precision, ReassignPolicy, StatisticsForm, TrainConfig,
+    Batch, Candidates, IndexKind, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+    StatisticsForm,
 };
 use crate::train::paper::init::InitialDraw;
 use crate::train::timing::StageMs;
@@ -101,7 +102,7 @@ pub struct AblationRow {
 /// A configuration by its name in the table.
 struct Row {
     name: String,
-    config: TrainConfig,
+    config: PaperConfig,
     is_thinned: bool,
 }
 
@@ -149,7 +150,7 @@ pub fn run(
 }
 
 fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
-    let plain = Overrides {
+    let plain = PaperOverrides {
         components: Some(plan.components),
         seed: Some(plan.options.seed),
         candidates: Some(Candidates::Dense),
@@ -159,16 +160,16 @@ fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
         reassign: Some(ReassignPolicy::Off),
         ..Overrides::default()
     };
-    let fused = Overrides { statistics: Some(StatisticsForm::Fused), ..plain };
-    let truncated = Overrides {
-        candidates: Some(TrainConfig::paper().candidates),
+    let fused = PaperOverrides { statistics: Some(StatisticsForm::Fused), ..plain };
+    let truncated = PaperOverrides {
+        candidates: Some(PaperConfig::paper().candidates),
         index: Some(IndexKind::KdTree),
         ..fused
     };
-    let whole = Overrides { batch: Some(Batch::Frame), ..truncated };
+    let whole = PaperOverrides { batch: Some(Batch::Frame), ..truncated };
     let fast =
-        Overrides { index: Some(IndexKind::Grid), precision: Some(Precision::Mixed), ..whole };
-    let moving = |policy| Overrides { reassign: Some(policy), ..fast };
+        PaperOverrides { index: Some(IndexKind::Grid), precision: Some(Precision::Mixed), ..whole };
+    let moving = |policy| PaperOverrides { reassign: Some(policy), ..fast };
     let mut rows = vec![
         ("dense E-step, statistics unfused, f64".to_owned(), plain, true),
         ("+ fused statistics".to_owned(), fused, true),
@@ -176,7 +177,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
     ];
     for &batch in &plan.batches {
         let name = format!("  truncated, all points, batch {}", batch_name(batch));
-        rows.push((name, Overrides { batch: Some(batch), ..truncated }, false));
+        rows.push((name, PaperOverrides { batch: Some(batch), ..truncated }, false));
     }
     rows.extend([
         ("+ grid index, mixed precision".to_owned(), fast.clone(), false),
@@ -186,7 +187,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
         ("+ reassignment, forwarded".to_owned(), moving(ReassignPolicy::Forwarded), false),
     ]);
     let checked = rows.into_iter().map(|(name, overrides, is_thinned)| {
-        Ok(Row { name, config: TrainConfig::paper().with(&overrides)?, is_thinned })
+        Ok(Row { name, config: PaperConfig::paper().with(&overrides)?, is_thinned })
     });
     checked.collect()
 }

@@ -5,8 +5,10 @@ use crate::bench::findings::BenchError;
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
-use crate::train::paper::config::{Candidates, Overrides, Precision, ReassignPolicy, TrainConfig};
-use crate::train::paper::engine::Engine;
+use crate::train::paper::config::{
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+};
+use crate::train::paper::engine::PaperEngine;
 use crate::train::paper::init::InitialDraw;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -69,14 +71,14 @@ impl<'a> Oracle<'a> {
     /// Trains the oracle from `draw`, whose numbers are first rounded to f32 as every engine reads
     /// them.
     pub fn new(
-        config: &TrainConfig,
+        config: &PaperConfig,
         draw: &InitialDraw,
         frames: &'a [Points<f32>],
     ) -> Result<Self, BenchError> {
         let rounded = |row: &[f64; 6]| row.map(|v| f64::from(v as f32));
         let means = draw.means.iter().map(rounded).collect();
         let draw = InitialDraw { means, alpha: draw.alpha.clone() };
-        let dense = Overrides {
+        let dense = PaperOverrides {
             candidates: Some(Candidates::Dense),
             precision: Some(Precision::F64),
             reassign: Some(ReassignPolicy::Off),
@@ -87,8 +89,8 @@ impl<'a> Oracle<'a> {
     }
 
     /// How far an engine of this configuration, without reassignment, is from the oracle.
-    pub fn errors_of(&self, config: &TrainConfig) -> Result<Errors, BenchError> {
-        let fixed = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+    pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
+        let fixed = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
         let found = Seen::by(&config.clone().with(&fixed)?, &self.draw, self.frames)?;
         let truth = &self.seen;
         let elbo: Vec<f64> =
@@ -107,11 +109,11 @@ impl<'a> Oracle<'a> {
 
 impl Seen {
     fn by(
-        config: &TrainConfig,
+        config: &PaperConfig,
         draw: &InitialDraw,
         frames: &[Points<f32>],
     ) -> Result<Self, BenchError> {
-        let mut engine = Engine::new(config, draw)?;
+        let mut engine = PaperEngine::new(config, draw)?;
         for frame in frames {
             engine.train(frame)?;
         }

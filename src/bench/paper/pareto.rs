@@ -14,7 +14,7 @@ use crate::eval::spread::Spread;
 use crate::eval::table;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
-    Batch, Candidates, Overrides, Precision, ReassignPolicy, TrainConfig,
+    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
 use serde::Serialize;
@@ -24,7 +24,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct ParetoPlan {
     /// The base that every sweep departs from.
-    pub base: Overrides,
+    pub base: PaperOverrides,
     /// Components.
     pub components: Vec<usize>,
     /// Candidates per point.
@@ -57,7 +57,7 @@ impl ParetoPlan {
     pub fn new(options: BenchOptions) -> Self {
         use ReassignPolicy::{Forwarded, Off, Padded, Truncated};
         let quick = options.quick;
-        let base = Overrides {
+        let base = PaperOverrides {
             components: Some(if quick { 50_000 } else { 100_000 }),
             reassign: Some(Forwarded),
             seed: Some(options.seed),
@@ -86,28 +86,29 @@ impl ParetoPlan {
     fn stops(&self) -> Result<Vec<Stop>, BenchError> {
         let all_threads = rayon::current_num_threads();
         let mut stops = Vec::new();
-        let mut add = |sweep, name: String, change: Overrides, threads| -> Result<(), BenchError> {
-            let config = TrainConfig::paper().with(&change.or(self.base.clone()))?;
-            let draw = InitialDraw::random(config.components, config.seed);
-            stops.push(Stop { sweep, name, config, draw, threads });
-            Ok(())
-        };
-        let none = Overrides::default;
+        let mut add =
+            |sweep, name: String, change: PaperOverrides, threads| -> Result<(), BenchError> {
+                let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
+                let draw = InitialDraw::random(config.components, config.seed);
+                stops.push(Stop { sweep, name, config, draw, threads });
+                Ok(())
+            };
+        let none = PaperOverrides::default;
         add("base", "base".to_owned(), none(), all_threads)?;
         for &n in &self.components {
-            let change = Overrides { components: Some(n), ..none() };
+            let change = PaperOverrides { components: Some(n), ..none() };
             add("N", format!("N {n}"), change, all_threads)?;
         }
         for &c in &self.candidates {
-            let change = Overrides { candidates: Some(Candidates::Nearest(c)), ..none() };
+            let change = PaperOverrides { candidates: Some(Candidates::Nearest(c)), ..none() };
             add("C", format!("C {c}"), change, all_threads)?;
         }
         for &batch in &self.batches {
-            let change = Overrides { batch: Some(batch), ..none() };
+            let change = PaperOverrides { batch: Some(batch), ..none() };
             add("batch", format!("batch {}", batch_name(batch)), change, all_threads)?;
         }
         for &precision in &self.precisions {
-            let change = Overrides { precision: Some(precision), ..none() };
+            let change = PaperOverrides { precision: Some(precision), ..none() };
             add("precision", named(&precision), change, all_threads)?;
         }
         for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
@@ -122,7 +123,7 @@ impl ParetoPlan {
             )?;
         }
         for &policy in &self.policies {
-            let change = Overrides { reassign: Some(policy), ..none() };
+            let change = PaperOverrides { reassign: Some(policy), ..none() };
             add("reassign", format!("reassign {}", named(&policy)), change, all_threads)?;
         }
         Ok(stops)
@@ -138,7 +139,7 @@ fn named(setting: &impl Serialize) -> String {
 struct Stop {
     sweep: &'static str,
     name: String,
-    config: TrainConfig,
+    config: PaperConfig,
     draw: InitialDraw,
     threads: usize,
 }
@@ -294,7 +295,7 @@ fn measured(
 /// Starts engine and oracle from the means the timed run ended with: those are spread as
 /// reassignment leaves them.
 fn errors(
-    config: &TrainConfig,
+    config: &PaperConfig,
     runs: &Runs,
     sample: &Sample,
     oracle_pairs: usize,

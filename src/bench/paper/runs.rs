@@ -4,8 +4,8 @@
 use crate::bench::findings::BenchError;
 use crate::eval::spread::Spread;
 use crate::observation::points::Points;
-use crate::train::paper::config::TrainConfig;
-use crate::train::paper::engine::Engine;
+use crate::train::paper::config::PaperConfig;
+use crate::train::paper::engine::PaperEngine;
 use crate::train::paper::init::InitialDraw;
 use crate::train::timing::StageMs;
 use rayon::ThreadPoolBuilder;
@@ -13,7 +13,7 @@ use rayon::ThreadPoolBuilder;
 /// A configuration and what it is run on.
 pub struct Variant<'a> {
     /// Settings of the engine.
-    pub config: TrainConfig,
+    pub config: PaperConfig,
     /// Threads it may use.
     pub threads: usize,
     /// Initial means and weights.
@@ -27,7 +27,7 @@ pub struct Runs {
     /// Per run the median over its frames, stage by stage.
     pub runs: Vec<StageMs>,
     /// The model after the last run.
-    pub engine: Engine,
+    pub engine: PaperEngine,
 }
 
 impl Runs {
@@ -72,9 +72,9 @@ pub fn with_threads<T: Send>(
     Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
 }
 
-fn run(variant: &Variant) -> Result<(Engine, StageMs), BenchError> {
+fn run(variant: &Variant) -> Result<(PaperEngine, StageMs), BenchError> {
     let Variant { config, draw, frames, .. } = variant;
-    let mut engine = Engine::new(config, draw)?;
+    let mut engine = PaperEngine::new(config, draw)?;
     let mut times = Vec::with_capacity(frames.len());
     for frame in *frames {
         times.push(engine.train(frame)?.ms);

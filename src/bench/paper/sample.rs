@@ -9,8 +9,8 @@ use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::session::Session;
 use crate::render::{Method, RenderOptions};
-use crate::train::paper::config::{Overrides, TrainConfig};
-use crate::train::paper::engine::Engine;
+use crate::train::paper::config::{PaperConfig, PaperOverrides};
+use crate::train::paper::engine::PaperEngine;
 use std::sync::Arc;
 
 /// Points of evenly spaced training frames, ready to be trained on again and again.
@@ -33,8 +33,8 @@ impl Sample {
         n_views: usize,
     ) -> Result<Self, BenchError> {
         // The session knows which frames are for training, and how they are unprojected.
-        let small = Overrides { components: Some(1), ..Overrides::default() };
-        let config = TrainConfig::paper().with(&small)?;
+        let small = PaperOverrides { components: Some(1), ..Overrides::default() };
+        let config = PaperConfig::paper().with(&small)?;
         let session = Session::new(dataset.clone(), config, Selection::everything())?;
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n_frames));
         let normalization = *session.normalization();
@@ -64,7 +64,7 @@ impl Sample {
 
     /// Mean PSNR over the held-out views, dB, black background, against the photographs' RGB as the
     /// paper compares.
-    pub fn psnr(&self, engine: &Engine, config: &TrainConfig) -> Result<f64, BenchError> {
+    pub fn psnr(&self, engine: &PaperEngine, config: &PaperConfig) -> Result<f64, BenchError> {
         let splats = engine.splats(config, &self.normalization);
         let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
         let options = EvalOptions::plain(GroundTruth::Rgb, render);

@@ -8,14 +8,14 @@ use crate::model::scene::state::{SceneState, StoredSums};
 use crate::pipeline::learner::{Learner, PaperLearner};
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::paper::config::{TrainConfig, UpdateWidth};
-use crate::train::paper::engine::Engine;
+use crate::train::paper::config::{PaperConfig, UpdateWidth};
+use crate::train::paper::engine::PaperEngine;
 use crate::train::scene::engine::SceneEngine;
 use crate::train::scene::sum_form::SumForm;
 
 /// Settings and a model that is theirs.
 pub(super) enum Pair<'a> {
-    Paper(&'a TrainConfig, &'a Normalization, &'a ModelState),
+    Paper(&'a PaperConfig, &'a Normalization, &'a ModelState),
     Scene(&'a SceneRun, &'a SceneState),
 }
 
@@ -25,7 +25,7 @@ impl SavedRun {
         let frames = self.content.cursor.frames;
         match self.pair()? {
             Pair::Paper(config, normalization, state) => {
-                let engine = Engine::restore(config, state.clone(), frames)?;
+                let engine = PaperEngine::restore(config, state.clone(), frames)?;
                 let (config, normalization) = (config.clone(), *normalization);
                 Ok(Learner::Paper(Box::new(PaperLearner { engine, config, normalization })))
             }

@@ -1,8 +1,8 @@
 //! One trainer behind either precision.
 
-use super::config::{Precision, TrainConfig};
+use super::config::{PaperConfig, Precision};
 use super::init::InitialDraw;
-use super::trainer::Trainer;
+use super::trainer::PaperTrainer;
 use crate::math::normalization::Normalization;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::paper::state::ModelState;
@@ -16,41 +16,44 @@ use rayon::prelude::*;
 ///
 /// ```
 /// use vbgs_studio::observation::points::Points;
-/// use vbgs_studio::train::{config::{Overrides, TrainConfig}, engine::Engine, init::InitialDraw};
+/// use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
+/// use vbgs_studio::train::paper::engine::PaperEngine;
+/// use vbgs_studio::train::paper::init::InitialDraw;
 ///
-/// let config = TrainConfig::paper().with(&Overrides { components: Some(50), ..Default::default() })?;
-/// let mut engine = Engine::new(&config, &InitialDraw::random(50, 0))?;
+/// let overrides = PaperOverrides { components: Some(50), ..Default::default() };
+/// let config = PaperConfig::paper().with(&overrides)?;
+/// let mut engine = PaperEngine::new(&config, &InitialDraw::random(50, 0))?;
 /// let outcome = engine.train(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
 /// assert_eq!(outcome.points, 2);
 /// assert!(engine.used() >= 1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub enum Engine {
+pub enum PaperEngine {
     /// The oracle, and memory for its points.
-    F64(Box<Trainer<f64>>, Points<f64>),
+    F64(Box<PaperTrainer<f64>>, Points<f64>),
     /// f32 points and means.
-    Mixed(Box<Trainer<f32>>),
+    Mixed(Box<PaperTrainer<f32>>),
 }
 
 macro_rules! either {
     ($self:expr, $trainer:ident => $body:expr) => {
         match $self {
-            Engine::F64($trainer, _) => $body,
-            Engine::Mixed($trainer) => $body,
+            PaperEngine::F64($trainer, _) => $body,
+            PaperEngine::Mixed($trainer) => $body,
         }
     };
 }
 
-impl Engine {
+impl PaperEngine {
     /// A model that has seen nothing.
-    pub fn new(config: &TrainConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
+    pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Ok(match config.precision {
-            Precision::F64 => Self::F64(Box::new(Trainer::new(config, draw)?), Points::new()),
-            _ => Self::Mixed(Box::new(Trainer::new(config, draw)?)),
+            Precision::F64 => Self::F64(Box::new(PaperTrainer::new(config, draw)?), Points::new()),
+            _ => Self::Mixed(Box::new(PaperTrainer::new(config, draw)?)),
         })
     }
 
-    /// Learns from one frame, whole or not at all (see [`Trainer::train`]).
+    /// Learns from one frame, whole or not at all (see [`PaperTrainer::train`]).
     pub fn train(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
         match self {
             Self::F64(trainer, wide) => {
@@ -63,15 +66,15 @@ impl Engine {
 
     /// A model that goes on where another, configured alike, stopped after `frames` frames.
     pub fn restore(
-        config: &TrainConfig,
+        config: &PaperConfig,
         state: ModelState,
         frames: u64,
     ) -> Result<Self, IndexError> {
         Ok(match config.precision {
             Precision::F64 => {
-                Self::F64(Box::new(Trainer::restore(config, state, frames)?), Points::new())
+                Self::F64(Box::new(PaperTrainer::restore(config, state, frames)?), Points::new())
             }
-            _ => Self::Mixed(Box::new(Trainer::restore(config, state, frames)?)),
+            _ => Self::Mixed(Box::new(PaperTrainer::restore(config, state, frames)?)),
         })
     }
 
@@ -91,22 +94,22 @@ impl Engine {
         either!(self, t => t.elbo())
     }
 
-    /// See [`Trainer::start_component_elbo`].
+    /// See [`PaperTrainer::start_component_elbo`].
     pub fn start_component_elbo(&mut self) {
         either!(self, t => t.start_component_elbo());
     }
 
-    /// See [`Trainer::stop_component_elbo`].
+    /// See [`PaperTrainer::stop_component_elbo`].
     pub fn stop_component_elbo(&mut self) {
         either!(self, t => t.stop_component_elbo());
     }
 
-    /// See [`Trainer::component_elbo`].
+    /// See [`PaperTrainer::component_elbo`].
     pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
         either!(self, t => t.component_elbo(component))
     }
 
-    /// See [`Trainer::components_with_elbo`].
+    /// See [`PaperTrainer::components_with_elbo`].
     pub fn components_with_elbo(&self) -> &[u32] {
         either!(self, t => t.components_with_elbo())
     }
@@ -148,7 +151,7 @@ impl Engine {
     }
 
     /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
-    pub fn splats(&self, config: &TrainConfig, normalization: &Normalization) -> Vec<Splat> {
+    pub fn splats(&self, config: &PaperConfig, normalization: &Normalization) -> Vec<Splat> {
         let splat = |k| config.conversion.splat(&self.posterior(k), normalization);
         (0..self.components()).into_par_iter().with_min_len(1024).map(splat).collect()
     }
@@ -157,7 +160,7 @@ impl Engine {
     pub fn splats_of(
         &self,
         ids: &[u32],
-        config: &TrainConfig,
+        config: &PaperConfig,
         normalization: &Normalization,
     ) -> Vec<Splat> {
         let splat = |&k: &u32| config.conversion.splat(&self.posterior(k as usize), normalization);

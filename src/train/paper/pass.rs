@@ -3,7 +3,7 @@
 //! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
 //! fixed-point totals they end in, are the same for any number of threads.
 
-use super::config::{Batch, Candidates, Operations, StatisticsForm, TrainConfig, Width};
+use super::config::{Batch, Candidates, Operations, PaperConfig, StatisticsForm, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
 use super::index::Index;
 use super::plain::{PlainInputs, PlainMemory};
@@ -42,7 +42,7 @@ pub struct Inputs<'a, R: Scalar> {
     /// Components each point is compared with.
     pub candidates: Candidates,
     /// How it is done.
-    pub config: &'a TrainConfig,
+    pub config: &'a PaperConfig,
     /// The totals the sums are for.
     pub statistics: &'a Statistics,
 }

@@ -1,6 +1,6 @@
 //! Moving unused components onto badly explained points (`model.md` 10).
 
-use super::config::{ReassignPolicy, TrainConfig};
+use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
 use rayon::prelude::*;
 
@@ -25,7 +25,7 @@ pub struct Quota {
 
 impl Quota {
     /// `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋` capped by each other; `None` if nothing may move.
-    pub fn new(config: &TrainConfig, unused: usize) -> Option<Self> {
+    pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
         let fraction = config.reassign_fraction;
         let share = |n: usize| (n as f64 * fraction) as usize;
         let moves = share(config.components).min(share(unused));
@@ -60,7 +60,7 @@ struct Part {
 
 impl Chooser {
     /// With all memory that this configuration can need, whatever the frames hold.
-    pub fn padded(config: &TrainConfig) -> Self {
+    pub fn padded(config: &PaperConfig) -> Self {
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
@@ -178,16 +178,16 @@ fn ordered(value: f64) -> u64 {
 mod tests {
     use super::*;
     use crate::math::rng::Purpose;
-    use crate::train::paper::config::Overrides;
+    use crate::train::paper::config::PaperOverrides;
 
     fn quota(unused: usize, fraction: f64) -> Option<Quota> {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             components: Some(1000),
             reassign_fraction: Some(fraction),
             ..Overrides::default()
         };
-        let config = TrainConfig::paper().with(&overrides).unwrap();
-        Quota::new(&TrainConfig { low_elbo_floor: 64, ..config }, unused)
+        let config = PaperConfig::paper().with(&overrides).unwrap();
+        Quota::new(&PaperConfig { low_elbo_floor: 64, ..config }, unused)
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The trainer of one precision: owns the model and applies frames to it.
 
-use super::config::{Candidates, ReassignPolicy, TrainConfig};
+use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::Index;
 use super::init::InitialDraw;
 use super::pass::{Inputs, Output, Pass};
@@ -22,8 +22,8 @@ use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 
 /// Model and buffers in precision `R`.
-pub struct Trainer<R: Scalar> {
-    config: TrainConfig,
+pub struct PaperTrainer<R: Scalar> {
+    config: PaperConfig,
     hyper: Hyper,
     model: InitialModel<R>,
     alpha_init: Vec<f64>,
@@ -42,15 +42,15 @@ pub struct Trainer<R: Scalar> {
     frames: u64,
 }
 
-impl<R: Scalar> Trainer<R> {
+impl<R: Scalar> PaperTrainer<R> {
     /// A model that has seen nothing. `draw` holds one mean and one weight per component.
-    pub fn new(config: &TrainConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
+    pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Self::with_hyper(config, config.hyper(), draw)
     }
 
     /// The same with hyper-parameters of one's own instead of the preset's.
     pub fn with_hyper(
-        config: &TrainConfig,
+        config: &PaperConfig,
         hyper: Hyper,
         draw: &InitialDraw,
     ) -> Result<Self, IndexError> {
@@ -255,14 +255,14 @@ impl<R: Scalar> Trainer<R> {
         (&self.scoring, &self.model)
     }
 
-    /// Scores a frame's points without learning from them; the values are [`Trainer::elbo`].
+    /// Scores a frame's points without learning from them; the values are [`PaperTrainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::default());
     }
 
     /// A model that goes on where another stopped after `frames` frames.
     pub fn restore(
-        config: &TrainConfig,
+        config: &PaperConfig,
         state: ModelState,
         frames: u64,
     ) -> Result<Self, IndexError> {

@@ -14,9 +14,9 @@ use crate::dataset::Dataset;
 use crate::eval::spread::Spread;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::train::paper::config::{
-    Operations, Overrides, Precision, ReassignPolicy, TrainConfig, UpdateWidth, Width,
+    Operations, PaperConfig, PaperOverrides, Precision, ReassignPolicy, UpdateWidth, Width,
 };
-use crate::train::paper::engine::Engine;
+use crate::train::paper::engine::PaperEngine;
 use crate::train::paper::init::InitialDraw;
 use crate::train::setting::ConfigError;
 use serde::Serialize;
@@ -58,14 +58,14 @@ impl SearchPlan {
         })
     }
 
-    fn config(&self, change: Overrides) -> Result<TrainConfig, ConfigError> {
-        let base = Overrides {
+    fn config(&self, change: PaperOverrides) -> Result<PaperConfig, ConfigError> {
+        let base = PaperOverrides {
             components: Some(self.components),
             seed: Some(self.options.seed),
             reassign: Some(ReassignPolicy::Off),
             ..Overrides::default()
         };
-        TrainConfig::paper().with(&change.or(base))
+        PaperConfig::paper().with(&change.or(base))
     }
 }
 
@@ -120,11 +120,11 @@ pub fn run(
     let all = combinations();
     let mut configs = Vec::with_capacity(all.len() + NAMED.len());
     for &operations in &all {
-        let change = Overrides { operations: Some(operations), ..Overrides::default() };
+        let change = PaperOverrides { operations: Some(operations), ..Overrides::default() };
         configs.push(plan.config(change)?);
     }
     for precision in NAMED {
-        let change = Overrides { precision: Some(precision), ..Overrides::default() };
+        let change = PaperOverrides { precision: Some(precision), ..Overrides::default() };
         configs.push(plan.config(change)?);
     }
     let threads = rayon::current_num_threads();
@@ -153,13 +153,13 @@ const NAMED: [Precision; 3] = [Precision::F64, Precision::Mixed, Precision::F32]
 
 /// Means as reassignment leaves them: every component near points.
 fn settled_draw(plan: &SearchPlan, sample: &Sample) -> Result<InitialDraw, BenchError> {
-    let change = Overrides {
+    let change = PaperOverrides {
         reassign: Some(ReassignPolicy::Forwarded),
         reassign_fraction: Some(0.25),
         ..Overrides::default()
     };
     let config = plan.config(change)?;
-    let mut engine = Engine::new(&config, &InitialDraw::random(plan.components, config.seed))?;
+    let mut engine = PaperEngine::new(&config, &InitialDraw::random(plan.components, config.seed))?;
     for frame in &sample.frames {
         engine.train(frame)?;
     }
@@ -186,12 +186,12 @@ fn combinations() -> Vec<Operations> {
     all
 }
 
-fn posteriors(engine: &Engine) -> Vec<ComponentPosterior> {
+fn posteriors(engine: &PaperEngine) -> Vec<ComponentPosterior> {
     (0..engine.components()).map(|k| engine.posterior(k)).collect()
 }
 
 fn combination(
-    config: &TrainConfig,
+    config: &PaperConfig,
     runs: &Runs,
     truth: &[ComponentPosterior],
     bound: f64,

@@ -11,9 +11,9 @@ use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress
 use crate::bench::plot::draw;
 use crate::eval::spread::Spread;
 use crate::train::paper::config::{
-    IndexKind, Overrides, Precision, ReassignPolicy, StatisticsForm, TrainConfig,
+    IndexKind, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
 };
-use crate::train::paper::engine::Engine;
+use crate::train::paper::engine::PaperEngine;
 use crate::train::timing::StageMs;
 use forms::{Summary, notes, panels, text};
 use room::Room;
@@ -207,7 +207,7 @@ fn time_stop(stop: &Stop, room: &Room, plan: &ScalingPlan) -> Result<Vec<Scaling
         for (means, path) in LINES {
             let config = config(path, stop.components, plan.options.seed)?;
             let draw = room.draw(means, stop.components, plan.options.seed);
-            let mut engine = Engine::new(&config, &draw)?;
+            let mut engine = PaperEngine::new(&config, &draw)?;
             engine.train(&frame)?;
             engines.push(engine);
         }
@@ -244,20 +244,20 @@ fn time_stop(stop: &Stop, room: &Room, plan: &ScalingPlan) -> Result<Vec<Scaling
     Ok(LINES.iter().enumerate().map(row).collect())
 }
 
-fn config(path: Path, components: usize, seed: u64) -> Result<TrainConfig, BenchError> {
-    let fast = Overrides {
+fn config(path: Path, components: usize, seed: u64) -> Result<PaperConfig, BenchError> {
+    let fast = PaperOverrides {
         components: Some(components),
         seed: Some(seed),
         reassign: Some(ReassignPolicy::Off),
         ..Overrides::default()
     };
-    let plain = Overrides {
+    let plain = PaperOverrides {
         statistics: Some(StatisticsForm::Unfused),
         index: Some(IndexKind::KdTree),
         precision: Some(Precision::F64),
         ..fast.clone()
     };
-    Ok(TrainConfig::paper().with(match path {
+    Ok(PaperConfig::paper().with(match path {
         Path::Fast => &fast,
         Path::Plain => &plain,
     })?)

@@ -16,8 +16,10 @@ use crate::eval::spread::Spread;
 use crate::eval::table;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
-use crate::train::paper::config::{Candidates, Overrides, Precision, ReassignPolicy, TrainConfig};
-use crate::train::paper::engine::Engine;
+use crate::train::paper::config::{
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+};
+use crate::train::paper::engine::PaperEngine;
 use crate::train::paper::init::InitialDraw;
 use exact::Exact;
 use glam::DVec3;
@@ -92,7 +94,7 @@ pub fn run(options: BenchOptions, progress: Progress) -> Result<Bench, BenchErro
 /// A case and what exact arithmetic makes of it.
 pub struct Truth<'a> {
     case: &'a Case,
-    config: TrainConfig,
+    config: PaperConfig,
     draw: InitialDraw,
     frame: Points<f32>,
     /// Which points are numbers.
@@ -104,13 +106,13 @@ pub struct Truth<'a> {
 impl<'a> Truth<'a> {
     /// Learns the case exactly, from points and means as every engine reads them: in f32.
     pub fn new(case: &'a Case) -> Result<Self, BenchError> {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             components: Some(case.draw.means.len()),
             candidates: Some(Candidates::Nearest(case.candidates)),
             reassign: Some(ReassignPolicy::Off),
             ..Overrides::default()
         };
-        let config = TrainConfig::paper().with(&overrides)?;
+        let config = PaperConfig::paper().with(&overrides)?;
         let single = |rows: &[[f64; 6]]| -> Vec<[f64; 6]> {
             rows.iter().map(|row| row.map(|v| f64::from(v as f32))).collect()
         };
@@ -135,9 +137,9 @@ impl<'a> Truth<'a> {
 
     /// Runs an engine through the case and compares.
     pub fn measure(&self, precision: Precision) -> Result<StabilityRow, BenchError> {
-        let overrides = Overrides { precision: Some(precision), ..Overrides::default() };
+        let overrides = PaperOverrides { precision: Some(precision), ..Overrides::default() };
         let config = self.config.clone().with(&overrides)?;
-        let mut engine = Engine::new(&config, &self.draw)?;
+        let mut engine = PaperEngine::new(&config, &self.draw)?;
         for _ in 0..self.case.frames {
             engine.train(&self.frame)?;
         }
@@ -166,7 +168,7 @@ impl<'a> Truth<'a> {
         })
     }
 
-    fn responsibility_error(&self, engine: &mut Engine) -> f64 {
+    fn responsibility_error(&self, engine: &mut PaperEngine) -> f64 {
         let found = engine.responsibilities(&self.frame).into_iter().map(Shares::from_iter);
         let sound = found.zip(&self.sound).filter(|(_, sound)| **sound).map(|(r, _)| r);
         let pairs = sound.zip(&self.responsibilities);
@@ -179,7 +181,7 @@ impl<'a> Truth<'a> {
         errors.map(|e| if e.is_nan() { f64::INFINITY } else { e }).fold(0.0, f64::max)
     }
 
-    fn splat_error(&self, engine: &Engine, config: &TrainConfig) -> f64 {
+    fn splat_error(&self, engine: &PaperEngine, config: &PaperConfig) -> f64 {
         let normalization = &self.case.normalization;
         let half_width = normalization.scale[0] * 3f64.sqrt();
         let splats = engine.splats(config, normalization);
@@ -193,8 +195,8 @@ impl<'a> Truth<'a> {
 
     fn non_finite(
         &self,
-        engine: &Engine,
-        config: &TrainConfig,
+        engine: &PaperEngine,
+        config: &PaperConfig,
         found: &[ComponentPosterior],
     ) -> usize {
         let posterior = found.iter().flat_map(|p| {
@@ -215,7 +217,7 @@ impl<'a> Truth<'a> {
 }
 
 /// `U⁻¹` is the prior's plus terms that are not negative.
-fn eigenvalue_over_prior(config: &TrainConfig) -> impl Fn(&ComponentPosterior) -> f64 {
+fn eigenvalue_over_prior(config: &PaperConfig) -> impl Fn(&ComponentPosterior) -> f64 {
     let prior = 1.0 / config.hyper().u0_space;
     move |posterior| posterior.inverse_scale.eigen().values.z / prior
 }
