@@ -12,7 +12,7 @@ use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::conjugate::prior::Hyper;
 use vbgs_studio::model::paper::state::{Means, ModelState, Totals};
-use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums};
+use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums, VisibilityCounts};
 use vbgs_studio::model::scene::sums as scene;
 
 /// Files per row of the table.
@@ -53,7 +53,7 @@ fn main() {
             rows: vec![quanta(scene::terms([0.1; 3], [0.5; 3], [0.0; 3], direction)); n],
             wide: Vec::new(),
         },
-        looks: vec![Looks { expected: 640, seen: 1, missed: 0 }; n],
+        visibility: vec![VisibilityCounts { expected: 640, hits: 1, misses: 0 }; n],
         exposures: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));

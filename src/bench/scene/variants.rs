@@ -8,7 +8,7 @@ use crate::dataset::surface::sensor::Thresholds;
 use crate::model::scene::opacity::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun, StructuralScale};
-use crate::train::scene::config::{BirthRule, LookRule};
+use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::sum_form::SumForm;
 use serde::Serialize;
 
@@ -65,7 +65,7 @@ const CHANGES: [Part; 7] = [
         run.engine.native.directional = false;
     }),
     ("opacity from the number of points alone", opacity_of_count),
-    ("looks counted by returns", |run| run.engine.looks = LookRule::Returned),
+    ("looks counted by returns", |run| run.engine.looks = VisibilityRule::Returned),
     ("no prior of the covariance", |run| run.engine.native.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);

@@ -1,7 +1,7 @@
 //! Adds a frame's points to the sums of their components.
 
-use super::config::LookRule;
-use super::ledger::{Ledger, Look, Row, Word};
+use super::config::VisibilityRule;
+use super::ledger::{Ledger, Row, Visibility, Word};
 use super::places::Places;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -48,12 +48,12 @@ pub fn accumulate<W: Word>(
     places: Places<'_>,
     frame: Matched<'_>,
     h: f64,
-    looks: LookRule,
+    rule: VisibilityRule,
     touched: &mut Vec<u32>,
 ) {
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     ledger.for_each_part(PARTS, |first, rows, _| {
-        let part = Isa::best().run(Part { first, rows, places, frame, h, looks });
+        let part = Isa::best().run(Part { first, rows, places, frame, h, rule });
         if let Ok(mut parts) = parts.lock() {
             parts.push((first, part));
         }
@@ -83,7 +83,7 @@ struct Part<'a, W> {
     places: Places<'a>,
     frame: Matched<'a>,
     h: f64,
-    looks: LookRule,
+    rule: VisibilityRule,
 }
 
 impl<W: Word> Kernel for Part<'_, W> {
@@ -91,7 +91,7 @@ impl<W: Word> Kernel for Part<'_, W> {
 
     #[inline(always)]
     fn run<V: Vector>(self) -> Received {
-        let Self { first, rows, places, frame, h, looks } = self;
+        let Self { first, rows, places, frame, h, rule } = self;
         let mine = first..first + rows.len();
         let mut order: Vec<u64> = Vec::new();
         for (i, &owner) in frame.owners.iter().enumerate() {
@@ -113,9 +113,9 @@ impl<W: Word> Kernel for Part<'_, W> {
                     row.add(&frame.terms(i, seed, h));
                 }
             }
-            if looks == LookRule::Returned {
+            if rule == VisibilityRule::Returned {
                 let returns: f64 = points.map(|i| facing_pixels(&frame.points[i])).sum();
-                row.look(Look::Seen, h * h * returns / run.len() as f64);
+                row.count_visibility(Visibility::Hit, h * h * returns / run.len() as f64);
             }
             received.ids.push(id as u32);
         }
@@ -187,7 +187,7 @@ mod tests {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
             let frame = Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
             let mut touched = Vec::new();
-            accumulate(&mut ledger, places, frame, 1.0, LookRule::Projected, &mut touched);
+            accumulate(&mut ledger, places, frame, 1.0, VisibilityRule::Projected, &mut touched);
             assert_eq!(touched, [0]);
             ledger.carry_over(&touched);
         }

@@ -36,7 +36,7 @@ impl BirthRule {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
-pub enum LookRule {
+pub enum VisibilityRule {
     /// By projecting every component into every frame: what is seen or seen through counts.
     Projected,
     /// By the frames in which it received points. Depends on the frame alone.
@@ -58,8 +58,8 @@ pub struct SceneConfig {
     pub align: bool,
     /// Whether each frame's exposure is fitted to the scene's.
     pub gain: bool,
-    /// How looks are counted.
-    pub looks: LookRule,
+    /// How hits and misses are counted.
+    pub looks: VisibilityRule,
     /// How sums are kept.
     pub sums: SumForm,
     /// Most components.
@@ -77,7 +77,7 @@ impl SceneConfig {
             refine: true,
             align: false,
             gain: false,
-            looks: LookRule::Projected,
+            looks: VisibilityRule::Projected,
             sums: SumForm::Mixed,
             most: MOST_COMPONENTS,
             native: NativeRule {

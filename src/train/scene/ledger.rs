@@ -1,7 +1,7 @@
-//! The sums of all components, and how often each was looked at.
+//! The sums of all components, and in how many frames each was seen or seen through.
 
 use crate::math::real::Real;
-use crate::model::scene::state::{Looks, QUANTUM, StoredSums, WIDE_POINTS, WideRow};
+use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -118,22 +118,22 @@ const RETURN_QUANTA: f64 = 64.0;
 pub struct Row<W> {
     /// In the order of [`N_SUMS`].
     pub sums: [W; N_SUMS],
-    looks: Looks,
+    visibility: VisibilityCounts,
 }
 
 impl<W: Word> Default for Row<W> {
     fn default() -> Self {
-        Self { sums: [W::default(); N_SUMS], looks: Looks::default() }
+        Self { sums: [W::default(); N_SUMS], visibility: VisibilityCounts::default() }
     }
 }
 
 /// What one frame says of a component's visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Look {
+pub enum Visibility {
     /// It was where the frame measured a surface.
-    Seen,
+    Hit,
     /// The frame measured something farther.
-    Missed,
+    Miss,
 }
 
 impl<W: Word> Row<W> {
@@ -145,19 +145,19 @@ impl<W: Word> Row<W> {
         }
     }
 
-    /// Counts a look from which `expected` returns could have come.
+    /// Counts a frame from which `expected` returns could have come.
     #[inline(always)]
-    pub fn look(&mut self, look: Look, expected: f64) {
+    pub fn count_visibility(&mut self, visibility: Visibility, expected: f64) {
         let expected = (expected * RETURN_QUANTA) as u32;
-        self.looks = self.looks.plus(match look {
-            Look::Seen => Looks { expected, seen: 1, missed: 0 },
-            Look::Missed => Looks { expected, seen: 0, missed: 1 },
+        self.visibility = self.visibility.plus(match visibility {
+            Visibility::Hit => VisibilityCounts { expected, hits: 1, misses: 0 },
+            Visibility::Miss => VisibilityCounts { expected, hits: 0, misses: 1 },
         });
     }
 
     /// Returns that it could have given.
     pub fn expected(&self) -> f64 {
-        f64::from(self.looks.expected) / RETURN_QUANTA
+        f64::from(self.visibility.expected) / RETURN_QUANTA
     }
 }
 
@@ -237,13 +237,13 @@ impl<W: Word> Ledger<W> {
         (sum(0), [sum(10), sum(11), sum(12)])
     }
 
-    /// Sums and looks as checkpoints hold them, of the components in `order`. Equal sums are stored
-    /// alike, whatever the order they were added in.
-    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<Looks>) {
-        let (mut rows, mut wide, mut looks) = (Vec::new(), Vec::new(), Vec::new());
+    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal sums
+    /// are stored alike, whatever the order they were added in.
+    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
+        let (mut rows, mut wide, mut visibility) = (Vec::new(), Vec::new(), Vec::new());
         for (&id, at) in order.iter().zip(0u32..) {
             let row = &self.rows[id as usize];
-            looks.push(row.looks);
+            visibility.push(row.visibility);
             if self.wide.contains_key(&id) || is_full(row) {
                 rows.push([W::default(); N_SUMS]);
                 wide.push(WideRow { id: at, sums: self.sums(id as usize) });
@@ -251,13 +251,17 @@ impl<W: Word> Ledger<W> {
                 rows.push(row.sums);
             }
         }
-        (W::stored(rows, wide), looks)
+        (W::stored(rows, wide), visibility)
     }
 
     /// The ledger that [`Self::state`] describes; `None` if its sums have another form.
-    pub fn restore(sums: StoredSums, looks: Vec<Looks>) -> Option<Self> {
+    pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Option<Self> {
         let (sums, wide) = W::restored(sums)?;
-        let rows = sums.into_iter().zip(looks).map(|(sums, looks)| Row { sums, looks }).collect();
+        let rows = sums
+            .into_iter()
+            .zip(visibility)
+            .map(|(sums, visibility)| Row { sums, visibility })
+            .collect();
         let wide = wide.into_iter().map(|row| (row.id, row.sums)).collect();
         Some(Self { rows, wide })
     }
@@ -289,11 +293,11 @@ impl<W: Word> Ledger<W> {
     /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
     /// leaves the other without any.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
-        let looks = std::mem::take(&mut self.rows[dropped].looks);
+        let visibility = std::mem::take(&mut self.rows[dropped].visibility);
         self.rows[dropped].sums = [W::default(); N_SUMS];
         self.wide.remove(&(dropped as u32));
         let row = &mut self.rows[kept];
-        row.looks = row.looks.plus(looks);
+        row.visibility = row.visibility.plus(visibility);
         if row.sums[0].value() + sums[0] < W::FULL {
             let sums = sums.map(W::of_sum);
             row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.plus(other));

@@ -5,7 +5,7 @@ use super::align::{Alignment, EVERY, Motion};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
 use super::components::Components;
-use super::config::{BirthRule, LookRule, SceneConfig};
+use super::config::{BirthRule, SceneConfig, VisibilityRule};
 use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::ledger::{Ledger, Word};
@@ -98,7 +98,7 @@ impl<W: Word> SceneTrainer<W> {
     /// its sums have another form.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let mut trainer = Self::new(config, DVec3::from_array(state.origin));
-        trainer.ledger = Ledger::restore(state.sums, state.looks)?;
+        trainer.ledger = Ledger::restore(state.sums, state.visibility)?;
         for seed in state.seeds {
             let seed = trainer.grid.insert(seed);
             trainer.components.born(seed);
@@ -114,14 +114,21 @@ impl<W: Word> SceneTrainer<W> {
     /// The scene as it stands, its components in their stored order.
     pub fn state(&self) -> SceneState {
         let order = self.stored_order();
-        let (sums, looks) = self.ledger.state(&order);
+        let (sums, visibility) = self.ledger.state(&order);
         let components = self.components.shared().map(<[u32]>::to_vec);
         let seeds = match components {
             Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
             None => order.into_iter().map(|id| self.grid.position(id as usize)).collect(),
         };
         let exposures = self.exposures.clone();
-        SceneState { origin: self.origin.to_array(), seeds, components, sums, looks, exposures }
+        SceneState {
+            origin: self.origin.to_array(),
+            seeds,
+            components,
+            sums,
+            visibility,
+            exposures,
+        }
     }
 
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
@@ -158,7 +165,7 @@ impl<W: Word> SceneTrainer<W> {
         accumulate(&mut self.ledger, places, matched, h, looks, &mut self.touched);
         ms.stats = clock.lap_ms();
         self.ledger.carry_over(&self.touched);
-        if looks == LookRule::Projected {
+        if looks == VisibilityRule::Projected {
             observe(&mut self.ledger, places, frame, &camera, h);
         }
         ms.update = clock.lap_ms();
@@ -169,7 +176,7 @@ impl<W: Word> SceneTrainer<W> {
         self.frames += 1;
         let has_merged = self.merge();
         if has_merged || self.frames.is_multiple_of(EVERYTHING_EVERY) {
-            // Looks and merging change components without points as well.
+            // Visibility and merging change components without points as well.
             self.touched.clear();
             self.touched.extend(0..self.components.n_rows() as u32);
         }

@@ -56,7 +56,7 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
-    let n = state.looks.len();
+    let n = state.visibility.len();
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
         let expected = format!("a component below {n}");

@@ -3,7 +3,7 @@
 use super::super::{RunError, SavedRun};
 use crate::export::checkpoint::StoredModel;
 use crate::pipeline::settings::method::Method;
-use crate::train::scene::config::{LookRule, SceneConfig};
+use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::sum_form::SumForm;
 
 /// Refuses scenes that depend on the order of frames. Mixtures do so only by what
@@ -31,7 +31,7 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
         Some(("--with align".to_owned(), "--without align"))
     } else if *gain {
         Some(("--with gain".to_owned(), "--without gain"))
-    } else if *looks == LookRule::Projected {
+    } else if *looks == VisibilityRule::Projected {
         Some(("--looks projected".to_owned(), "--looks returned"))
     } else if *sums != SumForm::Mixed {
         Some((format!("sums of the form {sums:?}"), "--precision mixed"))
