@@ -10,7 +10,7 @@ use crate::train::outcome::FrameOutcome;
 use crate::train::paper::config::PaperConfig;
 use crate::train::paper::engine::PaperEngine;
 use crate::train::scene::engine::SceneEngine;
-use crate::train::scene::trainer::Lost;
+use crate::train::scene::trainer::UnassignedPoints;
 
 /// A model that learns.
 pub enum Learner {
@@ -152,7 +152,7 @@ impl Learner {
     /// What a user should know about points that found no component.
     pub fn warnings(&self) -> Vec<String> {
         let Self::Scene(engine) = self else { return Vec::new() };
-        let Lost { budget, reach } = engine.lost();
+        let UnassignedPoints { budget, reach } = engine.unassigned();
         let budget = (budget > 0).then(|| {
             format!(
                 "{budget} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"

@@ -102,7 +102,7 @@ fn train_alike(
     }
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
-        course.engine.set_native(run.engine.native);
+        course.engine.set_splat_rule(run.engine.native);
         Some(Trained {
             splats: course.engine.splats(),
             born: course.engine.components(),

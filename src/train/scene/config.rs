@@ -1,8 +1,8 @@
 //! Settings of the scene preset.
 
 use super::sum_form::SumForm;
-use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
+use crate::model::scene::splat_rule::SplatRule;
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
@@ -65,7 +65,7 @@ pub struct SceneConfig {
     /// Most components.
     pub most: usize,
     /// How sums become splats.
-    pub native: NativeRule,
+    pub native: SplatRule,
 }
 
 impl SceneConfig {
@@ -80,7 +80,7 @@ impl SceneConfig {
             looks: VisibilityRule::Projected,
             sums: SumForm::Mixed,
             most: MOST_COMPONENTS,
-            native: NativeRule {
+            native: SplatRule {
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
                 scale: 1.12,
@@ -108,7 +108,7 @@ impl SceneConfig {
     /// resolves (`accuracy.md` 7).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
-        let native = NativeRule {
+        let native = SplatRule {
             opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.native.opacity },
             scale: 1.35,
             closing: 0.5,

@@ -2,9 +2,9 @@
 
 use super::config::SceneConfig;
 use super::sum_form::SumForm;
-use super::trainer::{Lost, SceneTrainer};
+use super::trainer::{SceneTrainer, UnassignedPoints};
 use crate::model::conjugate::posterior::ComponentPosterior;
-use crate::model::scene::native::NativeRule;
+use crate::model::scene::splat_rule::SplatRule;
 use crate::model::scene::state::SceneState;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -88,8 +88,8 @@ impl SceneEngine {
     }
 
     /// Points that found no component so far.
-    pub fn lost(&self) -> Lost {
-        either!(self, t => t.lost())
+    pub fn unassigned(&self) -> UnassignedPoints {
+        either!(self, t => t.unassigned())
     }
 
     /// Components that the last frame changed, each once.
@@ -108,8 +108,8 @@ impl SceneEngine {
     }
 
     /// Draws components by another rule from now on.
-    pub fn set_native(&mut self, rule: NativeRule) {
-        either!(self, t => t.set_native(rule));
+    pub fn set_splat_rule(&mut self, rule: SplatRule) {
+        either!(self, t => t.set_splat_rule(rule));
     }
 
     /// What renderers draw of a component; an empty slot if nothing.

@@ -1,7 +1,7 @@
 //! A frame's exposure against the scene's (`accuracy.md` 7).
 
+use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
-use super::ledger::{Ledger, Word};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
@@ -14,11 +14,15 @@ const CHUNK: usize = 4096;
 
 /// Per channel the factor that brings the frame's colours closest to those of its points'
 /// components, `Σ c̄·c / Σ c²`; 1 where too few points are known.
-pub fn gain<W: Word>(ledger: &Ledger<W>, points: &[SurfacePoint], owners: &[u32]) -> [f32; 3] {
+pub fn gain<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
+    points: &[SurfacePoint],
+    owners: &[u32],
+) -> [f32; 3] {
     let sums: Vec<[f64; 7]> = points
         .par_chunks(CHUNK)
         .zip(owners.par_chunks(CHUNK))
-        .map(|(points, owners)| chunk_sums(ledger, points, owners))
+        .map(|(points, owners)| chunk_sums(component_sums, points, owners))
         .collect();
     let total = sums.iter().fold([0.0; 7], |mut total, sums| {
         total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
@@ -31,13 +35,17 @@ pub fn gain<W: Word>(ledger: &Ledger<W>, points: &[SurfacePoint], owners: &[u32]
 }
 
 /// `Σ c̄·c` and `Σ c²` by channel, and the points they are over.
-fn chunk_sums<W: Word>(ledger: &Ledger<W>, points: &[SurfacePoint], owners: &[u32]) -> [f64; 7] {
+fn chunk_sums<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
+    points: &[SurfacePoint],
+    owners: &[u32],
+) -> [f64; 7] {
     let mut sums = [0.0; 7];
     for (point, &owner) in points.iter().zip(owners) {
-        if owner == NONE || owner as usize >= ledger.len() {
+        if owner == NONE || owner as usize >= component_sums.len() {
             continue;
         }
-        let (n, color) = ledger.color_sums(owner as usize);
+        let (n, color) = component_sums.color_sums(owner as usize);
         if n < LEAST_POINTS {
             continue;
         }

@@ -1,10 +1,10 @@
 //! Fewer components than were born: those whose union explains as much are merged in closed form
 //! (joint moments), the cheapest first.
 
+use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::grid::SeedGrid;
-use super::ledger::{Ledger, Word};
-use super::places::Places;
+use super::seed_positions::SeedPositions;
 use crate::math::sym3::Sym3;
 use crate::model::scene::sums::{SceneSums, outer};
 use glam::DVec3;
@@ -32,8 +32,8 @@ struct Summary {
 }
 
 /// Merges until at most `most` components are left, or no two neighbours may be merged.
-pub fn merge_down<W: Word>(
-    ledger: &mut Ledger<W>,
+pub fn merge_down<W: SumScalar>(
+    component_sums: &mut ComponentSums<W>,
     components: &mut Components,
     grid: &SeedGrid,
     h: f64,
@@ -44,14 +44,14 @@ pub fn merge_down<W: Word>(
         if surplus == 0 {
             return;
         }
-        let pairs = cheapest_pairs(ledger, components, grid, h, surplus);
+        let pairs = cheapest_pairs(component_sums, components, grid, h, surplus);
         if pairs.is_empty() {
             return;
         }
         for &(kept, dropped) in &pairs {
             let [a, b] =
-                [kept, dropped].map(|id| summary(ledger, components, grid, h, id as usize));
-            ledger.merge(
+                [kept, dropped].map(|id| summary(component_sums, components, grid, h, id as usize));
+            component_sums.merge(
                 kept as usize,
                 dropped as usize,
                 &moved(&b.sums, b.seed - a.seed).to_array(),
@@ -62,16 +62,19 @@ pub fn merge_down<W: Word>(
 }
 
 /// Up to `n` disjoint pairs of neighbours whose union costs least, the older of each first.
-fn cheapest_pairs<W: Word>(
-    ledger: &Ledger<W>,
+fn cheapest_pairs<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
     n: usize,
 ) -> Vec<(u32, u32)> {
     let ids = 0..components.n_rows();
-    let summaries: Vec<Summary> =
-        ids.clone().into_par_iter().map(|id| summary(ledger, components, grid, h, id)).collect();
+    let summaries: Vec<Summary> = ids
+        .clone()
+        .into_par_iter()
+        .map(|id| summary(component_sums, components, grid, h, id))
+        .collect();
     let mut pairs: Vec<(f64, u32, u32)> = ids
         .into_par_iter()
         .filter_map(|id| best_partner(&summaries, components, grid, h, id))
@@ -88,15 +91,15 @@ fn cheapest_pairs<W: Word>(
     chosen
 }
 
-fn summary<W: Word>(
-    ledger: &Ledger<W>,
+fn summary<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
     id: usize,
 ) -> Summary {
-    let sums = SceneSums::new(&ledger.sums(id), 1.0);
-    let seed = DVec3::from_array(Places { grid, components }.of(id).map(f64::from)) / h;
+    let sums = SceneSums::new(&component_sums.sums(id), 1.0);
+    let seed = DVec3::from_array(SeedPositions { grid, components }.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 

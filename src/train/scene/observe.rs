@@ -1,7 +1,7 @@
 //! Which components a frame could see: evidence for and against them (`accuracy.md` 3, step 4).
 
-use super::ledger::{Ledger, Visibility, Word};
-use super::places::Places;
+use super::component_sums::{ComponentSums, SumScalar, Visibility};
+use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
 use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
@@ -20,9 +20,9 @@ struct Viewer<'a> {
 /// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where it
 /// measured something farther; what is hidden or unknown does not count. `camera` is the frame's,
 /// where it really stood.
-pub fn observe<W: Word>(
-    ledger: &mut Ledger<W>,
-    places: Places<'_>,
+pub fn observe<W: SumScalar>(
+    component_sums: &mut ComponentSums<W>,
+    seed_positions: SeedPositions<'_>,
     frame: &Observation,
     camera: &Camera,
     h: f64,
@@ -34,17 +34,17 @@ pub fn observe<W: Word>(
         centre: pose.centre() - frame.origin,
         h,
     };
-    ledger.for_each_part(PARTS, |first, rows, carried| {
+    component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
-            let (n, sum, normal) = carried.plane(id, row);
+            let (n, sum, normal) = wide.plane(id, row);
             if n == 0.0 {
                 continue;
             }
-            let seed = DVec3::from_array(places.of(id).map(f64::from));
+            let seed = DVec3::from_array(seed_positions.of(id).map(f64::from));
             let mean = seed + DVec3::from_array(sum) * (h / n);
             if let Some((visibility, expected)) = viewer.visibility(mean, DVec3::from_array(normal))
             {
-                row.count_visibility(visibility, expected * places.components.n_seeds(id));
+                row.count_visibility(visibility, expected * seed_positions.components.n_seeds(id));
             }
         }
     });

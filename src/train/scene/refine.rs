@@ -1,7 +1,7 @@
 //! Depth refinement: a point's most probable place along its ray, given its component as a plane
 //! (`accuracy.md` 3, step 2).
 
-use super::ledger::{Ledger, Word};
+use super::component_sums::{ComponentSums, SumScalar};
 use crate::observation::surface::SurfacePoint;
 
 /// Fewest points of a component that is trusted as a plane.
@@ -14,15 +14,15 @@ const LEAST_COSINE: f64 = 0.3;
 /// How far along its ray to move a point, world units. `h` is the structural scale, `limit` the
 /// largest distance to the plane at which it is taken for the same surface.
 #[inline(always)]
-pub fn shift<W: Word>(
-    ledger: &Ledger<W>,
+pub fn shift<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     id: usize,
     seed: [f32; 3],
     h: f64,
     point: &SurfacePoint,
     limit: f64,
 ) -> f64 {
-    let (n, first, normal) = ledger.plane_sums(id);
+    let (n, first, normal) = component_sums.plane_sums(id);
     if n < LEAST_POINTS {
         return 0.0;
     }

@@ -1,22 +1,22 @@
 //! The trainer of the scene preset: owns the components and applies frames to them.
 
 use super::accumulate::{Matched, accumulate};
-use super::align::{Alignment, EVERY, Motion};
+use super::align::{EVERY, Motion, PoseAlignment};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
+use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::config::{BirthRule, SceneConfig, VisibilityRule};
 use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
-use super::ledger::{Ledger, Word};
 use super::merge::merge_down;
 use super::observe::observe;
-use super::places::Places;
 use super::refine::shift;
+use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::native::{Anchor, NativeRule};
+use crate::model::scene::splat_rule::{SplatContext, SplatRule};
 use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
@@ -38,7 +38,7 @@ const LEAST_EXCESS: usize = 64;
 
 /// Points that found no component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Lost {
+pub struct UnassignedPoints {
     /// The budget was used up.
     pub budget: u64,
     /// They lay too far from the origin to be told from their neighbours.
@@ -53,7 +53,7 @@ pub struct SceneTrainer<W> {
     scoring: Scoring,
     grid: SeedGrid,
     components: Components,
-    ledger: Ledger<W>,
+    component_sums: ComponentSums<W>,
     owners: Vec<u32>,
     shifts: Vec<f32>,
     /// Squared distance of every point of the last frame from its seed.
@@ -63,14 +63,14 @@ pub struct SceneTrainer<W> {
     touched: Vec<u32>,
     frames: u64,
     /// Points that found no component so far.
-    lost: Lost,
+    unassigned: UnassignedPoints,
     /// How the frames were exposed, while gains are fitted.
     exposures: Vec<Exposure>,
     /// Points of the frame being learnt as its corrected pose has them.
     moved: Vec<SurfacePoint>,
 }
 
-impl<W: Word> SceneTrainer<W> {
+impl<W: SumScalar> SceneTrainer<W> {
     /// A scene without components, whose positions are kept relative to `origin` (world units).
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let hyper = Hyper::scene(config.h);
@@ -81,14 +81,14 @@ impl<W: Word> SceneTrainer<W> {
             scoring: Scoring::new(&hyper),
             grid: SeedGrid::new(config.h),
             components: Components::default(),
-            ledger: Ledger::default(),
+            component_sums: ComponentSums::default(),
             owners: Vec::new(),
             shifts: Vec::new(),
             q: Vec::new(),
             ownership: None,
             touched: Vec::new(),
             frames: 0,
-            lost: Lost::default(),
+            unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
             moved: Vec::new(),
         }
@@ -98,13 +98,13 @@ impl<W: Word> SceneTrainer<W> {
     /// its sums have another form.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let mut trainer = Self::new(config, DVec3::from_array(state.origin));
-        trainer.ledger = Ledger::restore(state.sums, state.visibility)?;
+        trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
         for seed in state.seeds {
             let seed = trainer.grid.insert(seed);
             trainer.components.born(seed);
         }
         if let Some(components) = state.components {
-            trainer.components = Components::restore(components, trainer.ledger.len())?;
+            trainer.components = Components::restore(components, trainer.component_sums.len())?;
         }
         trainer.exposures = state.exposures;
         trainer.frames = frames;
@@ -114,7 +114,7 @@ impl<W: Word> SceneTrainer<W> {
     /// The scene as it stands, its components in their stored order.
     pub fn state(&self) -> SceneState {
         let order = self.stored_order();
-        let (sums, visibility) = self.ledger.state(&order);
+        let (sums, visibility) = self.component_sums.state(&order);
         let components = self.components.shared().map(<[u32]>::to_vec);
         let seeds = match components {
             Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
@@ -158,15 +158,15 @@ impl<W: Word> SceneTrainer<W> {
         self.refine(points, frame.tolerance);
         let gain = self.gain(points);
         ms.e_step += clock.lap_ms();
-        self.ledger.grow(self.components.n_rows());
+        self.component_sums.grow(self.components.n_rows());
         let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
         let (h, looks) = (self.config.h, self.config.looks);
-        let places = Places { grid: &self.grid, components: &self.components };
-        accumulate(&mut self.ledger, places, matched, h, looks, &mut self.touched);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
         ms.stats = clock.lap_ms();
-        self.ledger.carry_over(&self.touched);
+        self.component_sums.spill_to_wide_rows(&self.touched);
         if looks == VisibilityRule::Projected {
-            observe(&mut self.ledger, places, frame, &camera, h);
+            observe(&mut self.component_sums, seed_positions, frame, &camera, h);
         }
         ms.update = clock.lap_ms();
         if self.config.gain {
@@ -197,13 +197,13 @@ impl<W: Word> SceneTrainer<W> {
         }
     }
 
-    /// See [`Alignment::motion`].
+    /// See [`PoseAlignment::motion`].
     pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
         let points: Vec<SurfacePoint> = frame.points.iter().step_by(EVERY).copied().collect();
         self.assign(&points);
-        let alignment = Alignment {
-            ledger: &self.ledger,
-            places: Places { grid: &self.grid, components: &self.components },
+        let alignment = PoseAlignment {
+            component_sums: &self.component_sums,
+            seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
             h: self.config.h,
             ridge: self.config.native.gradient_ridge * self.config.h * self.config.h,
             frame,
@@ -225,8 +225,8 @@ impl<W: Word> SceneTrainer<W> {
         };
         let Self { grid, components, owners, .. } = self;
         let births = give_birth(rule, h, grid, components, points, owners, limits);
-        self.lost.budget += births.refused as u64;
-        self.lost.reach += births.out_of_reach as u64;
+        self.unassigned.budget += births.refused as u64;
+        self.unassigned.reach += births.out_of_reach as u64;
         births.born
     }
 
@@ -238,8 +238,8 @@ impl<W: Word> SceneTrainer<W> {
         if is_over && !self.config.births.is_order_invariant() {
             // Some less than allowed: merging takes longer than a frame.
             let target = most - most / 16;
-            let Self { ledger, components, grid, .. } = self;
-            merge_down(ledger, components, grid, self.config.h, target);
+            let Self { component_sums, components, grid, .. } = self;
+            merge_down(component_sums, components, grid, self.config.h, target);
             return true;
         }
         false
@@ -248,10 +248,10 @@ impl<W: Word> SceneTrainer<W> {
     /// Points that have a component, and the mean of their ELBO under the initial model; 0 without
     /// points.
     fn explain(&mut self, points: &[SurfacePoint]) -> (usize, f64) {
-        let places = Places { grid: &self.grid, components: &self.components };
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let q = |(point, &owner): (&SurfacePoint, &u32)| match owner {
             NONE => f64::NAN,
-            id => f64::from(squared_distance(point.position, places.of(id as usize))),
+            id => f64::from(squared_distance(point.position, seed_positions.of(id as usize))),
         };
         points.par_iter().zip(&self.owners).with_min_len(1024).map(q).collect_into_vec(&mut self.q);
         if let Some(ownership) = &mut self.ownership {
@@ -282,20 +282,20 @@ impl<W: Word> SceneTrainer<W> {
         if !self.config.refine {
             return;
         }
-        let (ledger, h) = (&self.ledger, self.config.h);
-        let places = Places { grid: &self.grid, components: &self.components };
+        let (component_sums, h) = (&self.component_sums, self.config.h);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let limit = f64::from(tolerance.refinement);
         let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(points);
         shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
             let id = owner as usize;
-            if id < ledger.len() {
-                *moved = shift(ledger, id, places.of(id), h, point, limit) as f32;
+            if id < component_sums.len() {
+                *moved = shift(component_sums, id, seed_positions.of(id), h, point, limit) as f32;
             }
         });
     }
 
     fn gain(&self, points: &[SurfacePoint]) -> [f32; 3] {
-        if self.config.gain { gain(&self.ledger, points, &self.owners) } else { [1.0; 3] }
+        if self.config.gain { gain(&self.component_sums, points, &self.owners) } else { [1.0; 3] }
     }
 
     /// Frames learnt.
@@ -305,7 +305,7 @@ impl<W: Word> SceneTrainer<W> {
 
     /// Slots of components, in use or free.
     pub fn components(&self) -> usize {
-        self.ledger.len()
+        self.component_sums.len()
     }
 
     /// Components in use.
@@ -314,13 +314,13 @@ impl<W: Word> SceneTrainer<W> {
     }
 
     /// Points that found no component so far.
-    pub fn lost(&self) -> Lost {
-        self.lost
+    pub fn unassigned(&self) -> UnassignedPoints {
+        self.unassigned
     }
 
     /// Bytes the model itself occupies.
     pub fn model_bytes(&self) -> usize {
-        self.ledger.bytes() + self.grid.bytes() + self.components.bytes()
+        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
     }
 
     /// Components that the last frame changed, ascending.
@@ -330,30 +330,30 @@ impl<W: Word> SceneTrainer<W> {
 
     /// Everything a component has received, world units about its seed.
     pub fn sums(&self, id: usize) -> SceneSums {
-        SceneSums::new(&self.ledger.sums(id), self.config.h)
+        SceneSums::new(&self.component_sums.sums(id), self.config.h)
     }
 
     /// Where a component's sums are about, world units, and the returns expected of it.
-    pub fn anchor(&self, id: usize) -> Anchor {
+    pub fn splat_context(&self, id: usize) -> SplatContext {
         let seed = self.seed(id);
-        let expected = self.ledger.row(id).expected();
-        Anchor { seed: self.origin + seed, h: self.config.h, expected, frames: self.frames }
+        let expected = self.component_sums.row(id).expected();
+        SplatContext { seed: self.origin + seed, h: self.config.h, expected, frames: self.frames }
     }
 
     /// Where a component's sums are about, world units from the origin.
     fn seed(&self, id: usize) -> DVec3 {
-        let places = Places { grid: &self.grid, components: &self.components };
-        DVec3::from_array(places.of(id).map(f64::from))
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        DVec3::from_array(seed_positions.of(id).map(f64::from))
     }
 
     /// Draws components by another rule from now on.
-    pub fn set_native(&mut self, rule: NativeRule) {
+    pub fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.native = rule;
     }
 
     /// What renderers draw of a component; an empty slot if nothing.
     pub fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.config.native.splat(&self.sums(id), &self.anchor(id))
+        self.config.native.splat(&self.sums(id), &self.splat_context(id))
     }
 
     /// What renderers draw of all components; slot `k` is component `k`. Of a lattice that exceeds its
@@ -378,8 +378,8 @@ impl<W: Word> SceneTrainer<W> {
             return None;
         }
         let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
-        let Self { ledger, components, grid, .. } = &mut merged;
-        merge_down(ledger, components, grid, self.config.h, most);
+        let Self { component_sums, components, grid, .. } = &mut merged;
+        merge_down(component_sums, components, grid, self.config.h, most);
         Some(merged)
     }
 
