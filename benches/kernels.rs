@@ -16,10 +16,10 @@ use std::num::NonZero;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::model::conjugate::prior::Hyper;
-use vbgs_studio::model::conjugate::statistics::{N_SUMS, Record};
+use vbgs_studio::model::conjugate::statistics::{N_SUMS, TileRecord};
 use vbgs_studio::model::paper::totals::{Statistics, UpdateWidth};
 use vbgs_studio::observation::points::Points;
-use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
+use vbgs_studio::train::candidates::{CandidateSearch, MeanGrid, nearest_in_tile};
 use vbgs_studio::train::estep::Scoring;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 use vbgs_studio::train::paper::engine::PaperEngine;
@@ -43,9 +43,9 @@ fn search(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("search");
     group.throughput(Throughput::Elements(frame.len() as u64)).sample_size(20);
     for (start, draw) in starts(&other) {
-        let grid = Grid::new(&positions(&draw)).expect("finite means");
+        let grid = MeanGrid::new(&positions(&draw)).expect("finite means");
         for isa in [Some(Isa::PORTABLE), Isa::avx2()].into_iter().flatten() {
-            let (mut memory, mut ids) = (Search::default(), Vec::new());
+            let (mut memory, mut ids) = (CandidateSearch::default(), Vec::new());
             group.bench_function(BenchmarkId::new(start, isa.name()), |bencher| {
                 bencher.iter(|| {
                     for tile in 0..frame.n_tiles() {
@@ -97,7 +97,7 @@ fn totals(criterion: &mut Criterion) {
         let mut sums = [0.0f32; N_SUMS];
         sums.fill_with(|| rng.normal() as f32);
         sums[0] = 1.0;
-        Record { id: rng.below(COMPONENTS) as u32, tile, sums }
+        TileRecord { id: rng.below(COMPONENTS) as u32, tile, sums }
     };
     let mut group = criterion.benchmark_group("totals");
     for width in [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128] {
@@ -132,7 +132,7 @@ fn rebuild(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("rebuild");
     for (start, draw) in starts(&other) {
         let means = positions(&draw);
-        let mut grid = Grid::default();
+        let mut grid = MeanGrid::default();
         group.bench_function(start, |bencher| {
             bencher.iter(|| grid.rebuild(&means).expect("finite means"));
         });

@@ -2,12 +2,12 @@ use super::reference::*;
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::Candidates;
-use vbgs_studio::train::paper::scalar::Scalar;
+use vbgs_studio::train::paper::scalar::PaperScalar;
 use vbgs_studio::train::paper::trainer::PaperTrainer;
 
 const TRUNCATED: Candidates = Candidates::Nearest(4);
 
-fn frames<R: Scalar>(case: &Case) -> Vec<Points<R>> {
+fn frames<R: PaperScalar>(case: &Case) -> Vec<Points<R>> {
     (0..3).map(|t| points(case, t)).collect()
 }
 

@@ -14,7 +14,7 @@ use crate::app::training::TrainSettings;
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::{FrameReport, Summary};
 use crate::export::mapping::Mapping;
-use crate::model::attributes::Attributes;
+use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::session::{SessionError, Step};
 use crate::render::attributes::Attribute;
@@ -460,7 +460,7 @@ impl Trainer {
     }
 
     /// What is known of components, if the viewport asks for it.
-    fn attributes_of(&self, ids: &[u32]) -> Vec<Attributes> {
+    fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         match &self.content {
             Some(Content::Session(session)) if self.watched.is_some() => session.attributes_of(ids),
             _ => Vec::new(),

@@ -6,13 +6,13 @@ use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
 use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::N_SUMS;
-use crate::model::splat::exposure::Exposure;
+use crate::model::splat::exposure::FrameExposure;
 
 /// Words of a component's visibility counts.
 const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 /// Numbers of a frame's exposure.
-const N_EXPOSURE: usize = size_of::<Exposure>() / size_of::<f64>();
+const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 
 /// In the order of the file.
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {

@@ -2,7 +2,7 @@
 //! any merge tree gives the same bits.
 
 use super::state::{
-    MOST_SUM, QUANTUM, SceneState, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow, seed_order,
+    MAX_SUM, QUANTUM, SceneState, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow, seed_order,
 };
 use super::sums::N_SUMS;
 use crate::model::paper::merging::AddError;
@@ -41,7 +41,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
             total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
         }
         let component = rows.len();
-        if total.iter().any(|sum| sum.abs() > MOST_SUM) {
+        if total.iter().any(|sum| sum.abs() > MAX_SUM) {
             return Err(AddError::Overflow { component });
         }
         if total[0] >= f64::from(WIDE_POINTS) {
@@ -153,7 +153,7 @@ mod tests {
         assert_eq!(add(&a, &rounded), Err(AddError::Inexact));
         let mut most = scene(&[(0.5, WIDE_POINTS)]);
         let StoredSums::Mixed { wide, .. } = &mut most.sums else { unreachable!() };
-        wide[0].sums = [MOST_SUM; N_SUMS];
+        wide[0].sums = [MAX_SUM; N_SUMS];
         assert_eq!(add(&most, &a), Err(AddError::Overflow { component: 0 }));
     }
 }

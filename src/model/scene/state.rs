@@ -1,11 +1,11 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
 use super::sums::N_SUMS;
-use crate::model::splat::exposure::Exposure;
+use crate::model::splat::exposure::FrameExposure;
 use bytemuck::{Pod, Zeroable};
 use std::cmp::Ordering;
 
-/// What integer sums count: exact in f64 as long as a sum is below [`MOST_SUM`].
+/// What integer sums count: exact in f64 as long as a sum is below [`MAX_SUM`].
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
 /// From so many points on, a component's sums are in a wide row. With as many more terms within ±7.84
@@ -13,7 +13,7 @@ pub const QUANTUM: f64 = 1.0 / 32768.0;
 pub const WIDE_POINTS: u32 = 1 << 12;
 
 /// Largest sum of a wide row: 2⁵³ quanta.
-pub const MOST_SUM: f64 = (1u64 << 38) as f64;
+pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
 /// A trained scene at a frame boundary. Row `k` of the sums and of the visibility
 /// counts is component `k`; it is free if no seed is its.
@@ -30,7 +30,7 @@ pub struct SceneState {
     /// In how many frames each component was seen or seen through.
     pub visibility: Vec<VisibilityCounts>,
     /// How the frames were exposed, in the order they were learnt in, where gains were fitted.
-    pub exposures: Vec<Exposure>,
+    pub exposures: Vec<FrameExposure>,
 }
 
 /// Order of components that are born in none of their own: by x, then y, then z of their seeds.

@@ -11,11 +11,11 @@ mod nearest;
 mod search;
 
 pub(in crate::train) use columns::Columns;
-pub use grid::Grid;
+pub use grid::MeanGrid;
 pub use kd_tree::KdTree;
 pub(in crate::train) use lists::{Among, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
-pub use search::Search;
+pub use search::CandidateSearch;
 pub(in crate::train) use search::{CHUNK, VisitChunk};
 
 /// The index could not be built.

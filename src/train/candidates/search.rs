@@ -5,7 +5,7 @@
 //! triangle inequality and carry margins for rounding, which cost candidates, never correctness.
 
 use super::columns::Columns;
-use super::grid::Grid;
+use super::grid::MeanGrid;
 use super::kernel::{bounding_box, reach2};
 use super::lists::Lists;
 use crate::math::simd::Vector;
@@ -20,7 +20,7 @@ pub(super) const RELATIVE_MARGIN: f32 = 1.0 + 1e-5;
 /// Margin of every radius per unit of the largest coordinate: ten roundings.
 const COORDINATE_MARGIN: f32 = 1e-6;
 /// Margin of every radius against underflow of its square.
-const LEAST_MARGIN: f32 = 1e-18;
+const MIN_MARGIN: f32 = 1e-18;
 /// Radius whose square is safely finite.
 const MAX_RADIUS: f32 = 1e18;
 /// The first guess of the distance of the neighbours, as a multiple of the last one.
@@ -28,7 +28,7 @@ const NEAREST_GUESS: f32 = 1.1;
 
 /// Memory of a search, grow-only. It carries nothing from tile to tile but a first guess.
 #[derive(Debug, Default)]
-pub struct Search {
+pub struct CandidateSearch {
     tile: Tile,
     lists: Lists,
     pending: Vec<Range<usize>>,
@@ -63,13 +63,13 @@ pub(in crate::train) trait VisitChunk {
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>);
 }
 
-impl Search {
+impl CandidateSearch {
     /// Visits the points of a tile in chunks, each point once, with lists that hold its `rank`
     /// nearest entries; `rank` is at most the number of means and more than 0.
     #[inline(always)]
     pub(in crate::train) fn visit_tile<V: Vector>(
         &mut self,
-        grid: &Grid,
+        grid: &MeanGrid,
         tile: [&[f32]; 3],
         rank: usize,
         visitor: &mut impl VisitChunk,
@@ -102,7 +102,7 @@ impl Search {
 
     /// Fills the raw list with a superset of the `rank` nearest entries of every point of a group.
     #[inline(always)]
-    fn gather<V: Vector>(&mut self, grid: &Grid, extent: &Extent, rank: usize) {
+    fn gather<V: Vector>(&mut self, grid: &MeanGrid, extent: &Extent, rank: usize) {
         let Self { lists, nearest, .. } = self;
         if !extent.is_finite() {
             return grid.gather_all(lists.raw_mut());
@@ -170,7 +170,7 @@ impl Extent {
         let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * lo[i] + 0.5 * hi[i]);
         let reach2 = reach2::<V>(points, range, centre);
         let largest = lo.iter().chain(&hi).fold(0f32, |largest, v| largest.max(v.abs()));
-        let slack = COORDINATE_MARGIN * largest + LEAST_MARGIN;
+        let slack = COORDINATE_MARGIN * largest + MIN_MARGIN;
         Self { lo, hi, centre, reach: reach2.sqrt(), slack }
     }
 

@@ -3,9 +3,9 @@
 use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::Index;
 use super::init::InitialDraw;
-use super::pass::{Inputs, Output, Pass};
-use super::reassign::{Chooser, Quota};
-use super::scalar::Scalar;
+use super::pass::{Output, Pass, PassInputs};
+use super::reassign::{DestinationChooser, Quota};
+use super::scalar::PaperScalar;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
@@ -22,7 +22,7 @@ use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 
 /// Model and buffers in precision `R`.
-pub struct PaperTrainer<R: Scalar> {
+pub struct PaperTrainer<R: PaperScalar> {
     config: PaperConfig,
     hyper: Hyper,
     model: InitialModel<R>,
@@ -35,14 +35,14 @@ pub struct PaperTrainer<R: Scalar> {
     q: Vec<f64>,
     /// Kept only while somebody asks for it.
     ownership: Option<Ownership>,
-    chooser: Chooser,
+    chooser: DestinationChooser,
     moves: Vec<(u32, u32)>,
     /// Positions and colours that components of a reassignment came from, should it fail.
     displaced: Vec<([R; 3], [R; 3])>,
     frames: u64,
 }
 
-impl<R: Scalar> PaperTrainer<R> {
+impl<R: PaperScalar> PaperTrainer<R> {
     /// A model that has seen nothing. `draw` holds one mean and one weight per component.
     pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Self::with_hyper(config, config.hyper(), draw)
@@ -56,7 +56,11 @@ impl<R: Scalar> PaperTrainer<R> {
     ) -> Result<Self, IndexError> {
         let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
         let is_padded = config.reassign == ReassignPolicy::Padded;
-        let chooser = if is_padded { Chooser::padded(config) } else { Chooser::default() };
+        let chooser = if is_padded {
+            DestinationChooser::padded(config)
+        } else {
+            DestinationChooser::default()
+        };
         Ok(Self {
             config: config.clone(),
             hyper,
@@ -132,7 +136,7 @@ impl<R: Scalar> PaperTrainer<R> {
         ms: &mut StageMs,
     ) {
         let mut clock = Stopwatch::start();
-        let inputs = Inputs {
+        let inputs = PassInputs {
             model: &self.model,
             index: &self.index,
             scoring: &self.scoring,
@@ -290,7 +294,7 @@ impl<R: Scalar> PaperTrainer<R> {
 
     /// Per point its candidates and their responsibilities, without learning from it.
     pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
-        let inputs = Inputs {
+        let inputs = PassInputs {
             model: &self.model,
             index: &self.index,
             scoring: &self.scoring,

@@ -20,13 +20,13 @@ use rayon::prelude::*;
 /// Every so-many-th point of a frame is looked at: neighbours say the same.
 pub const EVERY: usize = 4;
 /// Fewest points of a component that is trusted as a plane.
-const LEAST_POINTS: f64 = 20.0;
+const MIN_POINTS: f64 = 20.0;
 /// Fewest points of those looked at in it.
-const LEAST_OWNED: usize = 2;
+const MIN_OWNED: usize = 2;
 /// Least length of the mean normal of a plane.
-const LEAST_AGREEMENT: f64 = 0.8;
+const MIN_AGREEMENT: f64 = 0.8;
 /// Fewest components that determine a motion.
-const LEAST_COMPONENTS: usize = 500;
+const MIN_COMPONENTS: usize = 500;
 /// Points of a component at which its residual counts in full.
 const FULL_POINTS: f64 = 3.0;
 /// Neighbouring components err together: so many count as one.
@@ -89,7 +89,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
     /// The frame's motion; `None` where too little of the scene is known.
     pub fn motion(&self) -> Option<Motion> {
         let matches = self.matches();
-        if matches.len() < LEAST_COMPONENTS {
+        if matches.len() < MIN_COMPONENTS {
             return None;
         }
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
@@ -114,7 +114,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         order.par_sort_unstable();
         let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
         let runs = runs.par_iter().with_min_len(64);
-        runs.filter(|run| run.len() >= LEAST_OWNED).filter_map(|run| self.matched(run)).collect()
+        runs.filter(|run| run.len() >= MIN_OWNED).filter_map(|run| self.matched(run)).collect()
     }
 
     /// What the points of one component say; keys hold the component above the point.
@@ -122,7 +122,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         let id = (run[0] >> 32) as usize;
         let sums = SceneSums::new(&self.component_sums.sums(id), self.h);
         let normal = sums.normal / sums.count;
-        if sums.count < LEAST_POINTS || normal.length() < LEAST_AGREEMENT {
+        if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
             return None;
         }
         let normal = normal.normalize();

@@ -6,7 +6,7 @@ use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// The form sums are kept in.
+/// The number that a sum of one component is kept in.
 pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     /// Arithmetic of the terms of one point.
     type Term: Real;
@@ -278,7 +278,7 @@ impl<W: SumScalar> ComponentSums<W> {
         rows.for_each(|(i, rows)| f(i * n, rows, WideRows(wide)));
     }
 
-    /// Carries over the rows that another frame might make overflow.
+    /// Spills rows that another frame might make overflow into wide ones.
     pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         for &id in touched {
             let row = &mut self.rows[id as usize];

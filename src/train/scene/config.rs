@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
 /// Most components where a user sets no budget: 400 MB of sums.
-pub const MOST_COMPONENTS: usize = 2_000_000;
+pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
 /// Where components are born.
 #[derive(
@@ -79,7 +79,7 @@ impl SceneConfig {
             gain: false,
             looks: VisibilityRule::Projected,
             sums: SumForm::Mixed,
-            most: MOST_COMPONENTS,
+            most: DEFAULT_MAX_COMPONENTS,
             native: SplatRule {
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,

@@ -6,9 +6,9 @@ use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Fewest points of a component whose colour is trusted.
-const LEAST_POINTS: f64 = 20.0;
+const MIN_POINTS: f64 = 20.0;
 /// Fewest points that determine a gain.
-const LEAST_MATCHES: f64 = 5000.0;
+const MIN_MATCHES: f64 = 5000.0;
 /// Points of one partial sum: sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 
@@ -28,7 +28,7 @@ pub fn gain<W: SumScalar>(
         total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
         total
     });
-    if total[6] < LEAST_MATCHES {
+    if total[6] < MIN_MATCHES {
         return [1.0; 3];
     }
     [0, 1, 2].map(|i| if total[3 + i] > 0.0 { (total[i] / total[3 + i]) as f32 } else { 1.0 })
@@ -46,7 +46,7 @@ fn chunk_sums<W: SumScalar>(
             continue;
         }
         let (n, color) = component_sums.color_sums(owner as usize);
-        if n < LEAST_POINTS {
+        if n < MIN_POINTS {
             continue;
         }
         for i in 0..3 {

@@ -11,9 +11,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 /// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
-const MOST_SPREAD: f64 = 0.8;
+const MAX_SPREAD: f64 = 0.8;
 /// Largest distance of a merged component's mean from the seed its sums are about, units of `h`.
-const MOST_OFFSET: f64 = 1.5;
+const MAX_OFFSET: f64 = 1.5;
 /// Squared colour error (0 to 1 per channel) that counts as much as a squared distance of `h` from
 /// the plane: a surface a quarter of `h` off is as bad as a colour an eighth off.
 const THICKNESS_COST: f64 = 0.25;
@@ -138,8 +138,8 @@ fn best_partner(
 /// By how much more two components leave unexplained as one; `None` if that would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
-    let is_small = union.covariance().trace() <= MOST_SPREAD * MOST_SPREAD
-        && union.mean_offset().length() <= MOST_OFFSET;
+    let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
+        && union.mean_offset().length() <= MAX_OFFSET;
     is_small.then(|| error(&union) - a.error - b.error)
 }
 

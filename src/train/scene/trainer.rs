@@ -20,7 +20,7 @@ use crate::model::scene::splat_rule::{SplatContext, SplatRule};
 use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
-use crate::model::splat::exposure::{Exposure, ExposureLog};
+use crate::model::splat::exposure::{ExposureLog, FrameExposure};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::estep::Scoring;
@@ -34,7 +34,7 @@ use std::sync::Arc;
 /// Every so many frames all components are told to have changed.
 const EVERYTHING_EVERY: u64 = 16;
 /// Components beyond the budget that a frame may bring in any case.
-const LEAST_EXCESS: usize = 64;
+const MIN_EXCESS: usize = 64;
 
 /// Points that found no component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,7 +65,7 @@ pub struct SceneTrainer<W> {
     /// Points that found no component so far.
     unassigned: UnassignedPoints,
     /// How the frames were exposed, while gains are fitted.
-    exposures: Vec<Exposure>,
+    exposures: Vec<FrameExposure>,
     /// Points of the frame being learnt as its corrected pose has them.
     moved: Vec<SurfacePoint>,
 }
@@ -170,7 +170,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         ms.update = clock.lap_ms();
         if self.config.gain {
-            self.exposures.push(Exposure::new(&camera.pose, gain));
+            self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
@@ -221,7 +221,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
             true => Limits { components: seeds, seeds },
-            false => Limits { components: most + (most / 8).max(LEAST_EXCESS), seeds },
+            false => Limits { components: most + (most / 8).max(MIN_EXCESS), seeds },
         };
         let Self { grid, components, owners, .. } = self;
         let births = give_birth(rule, h, grid, components, points, owners, limits);

@@ -8,7 +8,7 @@ use vbgs_studio::model::scene::state::{
     QUANTUM, SceneState, StoredSums, VisibilityCounts, WideRow,
 };
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
-use vbgs_studio::model::splat::exposure::Exposure;
+use vbgs_studio::model::splat::exposure::FrameExposure;
 
 /// Components of the sample with more points than fit in a row.
 const WIDE: [usize; 2] = [5, 11];
@@ -223,7 +223,8 @@ fn seeds_may_share_components() {
 fn frames_may_have_gains() {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
-    let exposure = |gain| Exposure { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8], gain };
+    let exposure =
+        |gain| FrameExposure { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8], gain };
     state.exposures = vec![exposure([1.0; 3]), exposure([0.5, 1.25, 2.0])];
     let bytes = to_bytes(&checkpoint);
     assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
