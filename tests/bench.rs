@@ -18,7 +18,7 @@ use vbgs_studio::bench::paper::scaling;
 use vbgs_studio::bench::paper::scaling::ScalingPlan;
 use vbgs_studio::bench::paper::stability;
 use vbgs_studio::bench::render;
-use vbgs_studio::bench::render::{Device, RenderPlan, Scene};
+use vbgs_studio::bench::render::{BenchDevice, BenchScene, RenderPlan};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::train::paper::config::{
@@ -192,11 +192,11 @@ fn stability_lists_every_case_in_every_precision() {
 
 #[test]
 fn render_times_both_renderers_at_every_size() {
-    let scene = Scene::synthetic();
+    let scene = BenchScene::synthetic();
     let plan = RenderPlan {
         splats: vec![100, 3000],
         sizes: vec![[64, 48], [160, 120]],
-        device: Device::Cpu,
+        device: BenchDevice::Cpu,
         ..RenderPlan::new(OPTIONS, &scene)
     };
     let bench = counted(|progress| render::run(&plan, &scene, progress)).unwrap();
@@ -224,11 +224,11 @@ fn render_times_a_gpu_and_says_what_does_not_fit_it() {
     let name = adapter.get_info().name;
     // A texture has at most 32,768 pixels a side on any adapter there is.
     let (fits, too_wide) = ([64, 48], [65_536, 1]);
-    let scene = Scene::synthetic();
+    let scene = BenchScene::synthetic();
     let plan = RenderPlan {
         splats: vec![100, 3000],
         sizes: vec![fits, too_wide],
-        device: Device::Gpu,
+        device: BenchDevice::Gpu,
         adapter: Some(name.clone()),
         ..RenderPlan::new(OPTIONS, &scene)
     };

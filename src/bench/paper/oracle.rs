@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 pub(super) type Shares = BTreeMap<u32, f64>;
 
 /// What the dense f64 engine makes of some frames.
-pub struct Oracle<'a> {
+pub struct DenseOracle<'a> {
     draw: InitialDraw,
     frames: &'a [Points<f32>],
     seen: Seen,
@@ -67,7 +67,7 @@ impl PosteriorErrors {
     }
 }
 
-impl<'a> Oracle<'a> {
+impl<'a> DenseOracle<'a> {
     /// Trains the oracle from `draw`, whose numbers are first rounded to f32 as every engine reads
     /// them.
     pub fn new(

@@ -2,9 +2,9 @@
 //! rendered and compared with the f64 dense oracle.
 
 use super::ablation::batch_name;
-use super::oracle::{Errors, Oracle};
-use super::runs::{self, Runs, Variant, with_threads};
-use super::sample::{Sample, thin};
+use super::oracle::{DenseOracle, Errors};
+use super::runs::{self, Runs, TimedConfiguration, with_threads};
+use super::sample::{TrainingSample, thin};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw;
@@ -83,14 +83,14 @@ impl ParetoPlan {
     }
 
     /// The base and every stop: name of the sweep, of the stop, configuration, threads.
-    fn stops(&self) -> Result<Vec<Stop>, BenchError> {
+    fn stops(&self) -> Result<Vec<SweepPoint>, BenchError> {
         let all_threads = rayon::current_num_threads();
         let mut stops = Vec::new();
         let mut add =
             |sweep, name: String, change: PaperOverrides, threads| -> Result<(), BenchError> {
                 let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
                 let draw = InitialDraw::random(config.components, config.seed);
-                stops.push(Stop { sweep, name, config, draw, threads });
+                stops.push(SweepPoint { sweep, name, config, draw, threads });
                 Ok(())
             };
         let none = PaperOverrides::default;
@@ -136,7 +136,7 @@ fn named(setting: &impl Serialize) -> String {
     json.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-struct Stop {
+struct SweepPoint {
     sweep: &'static str,
     name: String,
     config: PaperConfig,
@@ -144,10 +144,15 @@ struct Stop {
     threads: usize,
 }
 
-impl Stop {
-    fn variant<'a>(&'a self, sample: &'a Sample) -> Variant<'a> {
+impl SweepPoint {
+    fn variant<'a>(&'a self, sample: &'a TrainingSample) -> TimedConfiguration<'a> {
         let Self { config, draw, threads, .. } = self;
-        Variant { config: config.clone(), threads: *threads, draw, frames: &sample.frames }
+        TimedConfiguration {
+            config: config.clone(),
+            threads: *threads,
+            draw,
+            frames: &sample.frames,
+        }
     }
 }
 
@@ -220,9 +225,10 @@ pub fn run(
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
-    let sample = Sample::load(dataset, plan.frames, plan.views)?;
+    let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
     let stops = plan.stops()?;
-    let variants: Vec<Variant> = stops.iter().map(|stop| stop.variant(&sample)).collect();
+    let variants: Vec<TimedConfiguration> =
+        stops.iter().map(|stop| stop.variant(&sample)).collect();
     let steps = (plan.repeats.max(1) + 1) * stops.len();
     let mut done = 0;
     let mut step = || {
@@ -253,12 +259,12 @@ pub fn run(
 }
 
 fn measured(
-    stop: &Stop,
+    stop: &SweepPoint,
     runs: &Runs,
-    sample: &Sample,
+    sample: &TrainingSample,
     oracle_pairs: usize,
 ) -> Result<ParetoRow, BenchError> {
-    let Stop { sweep, name, config, threads, .. } = stop;
+    let SweepPoint { sweep, name, config, threads, .. } = stop;
     let ms = runs.spread(|ms| ms.train);
     let [candidates_ms, e_step_ms, stats_ms, update_ms, reassign_ms] = runs.stages();
     let errors = with_threads(*threads, || errors(config, runs, sample, oracle_pairs))??;
@@ -297,7 +303,7 @@ fn measured(
 fn errors(
     config: &PaperConfig,
     runs: &Runs,
-    sample: &Sample,
+    sample: &TrainingSample,
     oracle_pairs: usize,
 ) -> Result<Errors, BenchError> {
     let state = runs.engine.state();
@@ -307,7 +313,7 @@ fn errors(
         .iter()
         .map(|frame| thin(frame, oracle_pairs / config.components))
         .collect();
-    Oracle::new(config, &draw, &frames)?.errors_of(config)
+    DenseOracle::new(config, &draw, &frames)?.errors_of(config)
 }
 
 fn mark_front(rows: &mut [ParetoRow]) {
@@ -362,7 +368,7 @@ fn text(rows: &[ParetoRow]) -> String {
     table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-fn notes(plan: &ParetoPlan, sample: &Sample, base: &ParetoRow) -> Vec<String> {
+fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &ParetoRow) -> Vec<String> {
     vec![
         format!(
             "base: {}, {} threads; every other row changes one setting of it. {} frames, {} runs in turns; a run is the median over its frames without the first.",

@@ -11,7 +11,7 @@ use crate::train::timing::StageMs;
 use rayon::ThreadPoolBuilder;
 
 /// A configuration and what it is run on.
-pub struct Variant<'a> {
+pub struct TimedConfiguration<'a> {
     /// Settings of the engine.
     pub config: PaperConfig,
     /// Threads it may use.
@@ -46,7 +46,7 @@ impl Runs {
 /// frame of a run warms its buffers up and does not count where there are others. `done` hears of
 /// every run.
 pub fn in_turns(
-    variants: &[Variant],
+    variants: &[TimedConfiguration],
     repeats: usize,
     done: &mut dyn FnMut(),
 ) -> Result<Vec<Runs>, BenchError> {
@@ -72,8 +72,8 @@ pub fn with_threads<T: Send>(
     Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
 }
 
-fn run(variant: &Variant) -> Result<(PaperEngine, StageMs), BenchError> {
-    let Variant { config, draw, frames, .. } = variant;
+fn run(variant: &TimedConfiguration) -> Result<(PaperEngine, StageMs), BenchError> {
+    let TimedConfiguration { config, draw, frames, .. } = variant;
     let mut engine = PaperEngine::new(config, draw)?;
     let mut times = Vec::with_capacity(frames.len());
     for frame in *frames {

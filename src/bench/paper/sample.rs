@@ -14,7 +14,7 @@ use crate::train::paper::engine::PaperEngine;
 use std::sync::Arc;
 
 /// Points of evenly spaced training frames, ready to be trained on again and again.
-pub struct Sample {
+pub struct TrainingSample {
     /// Where they are from.
     pub dataset: Arc<Dataset>,
     /// Model coordinates to world.
@@ -25,7 +25,7 @@ pub struct Sample {
     views: (usize, Vec<usize>),
 }
 
-impl Sample {
+impl TrainingSample {
     /// Decodes up to `n_frames` evenly spaced training frames; unusable ones are passed over.
     pub fn load(
         dataset: Arc<Dataset>,

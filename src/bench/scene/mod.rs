@@ -1,7 +1,7 @@
 //! What every part of the scene preset brings (`accuracy.md` 5 and 7), on any dataset, and how many
 //! components buy which quality.
 
-mod forms;
+mod report;
 mod training;
 mod variants;
 
@@ -24,7 +24,7 @@ use crate::train::scene::config::BirthRule;
 use serde::Serialize;
 use std::sync::Arc;
 use training::{Trained, n_sweeps, train};
-use variants::{Table, Variant, budgets, parts, scales};
+use variants::{SceneVariant, Table, budgets, parts, scales};
 
 /// How much of the tables is run.
 #[derive(Clone, Debug)]
@@ -109,7 +109,7 @@ pub struct AccuracyRow {
 
 /// What holds for all rows.
 #[derive(Clone, Debug, Serialize)]
-pub struct Summary {
+pub struct AccuracySummary {
     /// The preset's settings on this dataset.
     pub base: SceneRun,
     /// Training frames.
@@ -132,7 +132,7 @@ struct Measured {
 }
 
 /// Everything that runs share.
-struct Stage {
+struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
     /// Split and positions of the held-out views.
@@ -148,7 +148,7 @@ pub fn run(
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
-    let (stage, base) = Stage::new(plan, dataset)?;
+    let (stage, base) = AccuracyRuns::new(plan, dataset)?;
     let mut rows = parts(&base);
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
@@ -186,7 +186,7 @@ pub fn run(
             Some(AccuracyRow::of(row, &measured[at]))
         })
         .collect();
-    let summary = Summary {
+    let summary = AccuracySummary {
         base,
         frames: stage.plan.frames.len(),
         views: stage.views.1.len(),
@@ -196,7 +196,7 @@ pub fn run(
     stage.into_bench(plan, found, summary)
 }
 
-impl Stage {
+impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
         let everything = Selection::everything();
         let all =
@@ -266,7 +266,7 @@ impl Stage {
         self,
         plan: &AccuracyPlan,
         rows: Vec<AccuracyRow>,
-        summary: Summary,
+        summary: AccuracySummary,
     ) -> Result<Bench, BenchError> {
         let title = format!("Accuracy: {}", self.dataset.name);
         let is_registered = self.options.color_camera.is_none();
@@ -275,9 +275,9 @@ impl Stage {
             dataset: &self.dataset.name,
             adapter: None,
             options: plan.options,
-            notes: forms::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
-            table: forms::text(&rows),
-            plot: draw::draw(&title, &forms::panels(&rows, is_registered))?,
+            notes: report::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
+            table: report::text(&rows),
+            plot: draw::draw(&title, &report::panels(&rows, is_registered))?,
             rows,
             summary,
         }
@@ -286,7 +286,7 @@ impl Stage {
 }
 
 impl AccuracyRow {
-    fn of(variant: &Variant, orders: &[Measured]) -> Self {
+    fn of(variant: &SceneVariant, orders: &[Measured]) -> Self {
         let mean = |value: &dyn Fn(&Measured) -> f64| {
             mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0
         };

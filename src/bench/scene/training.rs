@@ -61,7 +61,7 @@ pub fn n_sweeps(runs: &[SceneRun]) -> usize {
 }
 
 /// One engine and what it needed.
-struct Course {
+struct TrainedSums {
     config: SceneConfig,
     engine: SceneEngine,
     train_ms: Vec<f64>,
@@ -75,11 +75,11 @@ fn train_alike(
 ) -> Result<Vec<Trained>, BenchError> {
     let Some(first) = runs.first() else { return Ok(Vec::new()) };
     let surface = &first.surface;
-    let mut courses: Vec<Course> = Vec::new();
+    let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
         if !courses.iter().any(|course| course.has_sums_of(run)) {
             let engine = SceneEngine::new(&run.engine, surface.origin);
-            courses.push(Course { config: run.engine.clone(), engine, train_ms: Vec::new() });
+            courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
         }
     }
     let mut prepare_ms = Vec::with_capacity(plan.frames.len());
@@ -114,7 +114,7 @@ fn train_alike(
     Ok(runs.iter().filter_map(drawn).collect())
 }
 
-impl Course {
+impl TrainedSums {
     fn has_sums_of(&self, run: &SceneRun) -> bool {
         SceneConfig { native: self.config.native, ..run.engine.clone() } == self.config
     }

@@ -1,14 +1,14 @@
 //! The cheapest precision of every operation that keeps the posterior within a bound of the f64
 //! oracle: all combinations are timed in turns on sampled frames.
 
-mod forms;
+mod report;
 
-pub use forms::{OperationRow, Verdict};
+pub use report::{OperationRow, Verdict};
 
 use super::oracle::{PosteriorErrors, posterior_errors};
 use super::runs;
-use super::runs::{Runs, Variant};
-use super::sample::Sample;
+use super::runs::{Runs, TimedConfiguration};
+use super::sample::TrainingSample;
 use crate::bench::findings::{BenchError, BenchOptions, Progress};
 use crate::dataset::Dataset;
 use crate::eval::spread::Spread;
@@ -71,7 +71,7 @@ impl SearchPlan {
 
 /// One combination of widths.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Combination {
+pub struct PrecisionCombination {
     /// Name of the precision; `custom` for all but the named ones.
     pub precision: Precision,
     /// Widths.
@@ -86,7 +86,7 @@ pub struct Combination {
     pub within_bound: bool,
 }
 
-impl Combination {
+impl PrecisionCombination {
     /// Whether three quarters of the runs are faster than three quarters of another's.
     fn is_faster_than(&self, other: &Self) -> bool {
         self.ms_quartiles[1] < other.ms_quartiles[0]
@@ -98,7 +98,7 @@ impl Combination {
 }
 
 /// The result, ready to be printed and written.
-pub struct Search {
+pub struct PrecisionSearch {
     /// For people.
     pub text: String,
     /// For machines.
@@ -114,8 +114,8 @@ pub fn run(
     plan: &SearchPlan,
     dataset: Arc<Dataset>,
     progress: Progress,
-) -> Result<Search, BenchError> {
-    let sample = Sample::load(dataset, plan.frames, 1)?;
+) -> Result<PrecisionSearch, BenchError> {
+    let sample = TrainingSample::load(dataset, plan.frames, 1)?;
     let draw = settled_draw(plan, &sample)?;
     let all = combinations();
     let mut configs = Vec::with_capacity(all.len() + NAMED.len());
@@ -128,9 +128,9 @@ pub fn run(
         configs.push(plan.config(change)?);
     }
     let threads = rayon::current_num_threads();
-    let variants: Vec<Variant> = configs
+    let variants: Vec<TimedConfiguration> = configs
         .into_iter()
-        .map(|config| Variant { config, threads, draw: &draw, frames: &sample.frames })
+        .map(|config| TimedConfiguration { config, threads, draw: &draw, frames: &sample.frames })
         .collect();
     let (mut done, steps) = (0, plan.repeats.max(1) * variants.len());
     let timed = runs::in_turns(&variants, plan.repeats, &mut || {
@@ -139,20 +139,20 @@ pub fn run(
     })?;
     // The first of the named ones is f64 throughout.
     let truth = posteriors(&timed[all.len()].engine);
-    let measured: Vec<Combination> = variants
+    let measured: Vec<PrecisionCombination> = variants
         .iter()
         .zip(&timed)
         .map(|(variant, runs)| combination(&variant.config, runs, &truth, plan.bound))
         .collect();
     let (combinations, named) = measured.split_at(all.len());
-    forms::report(plan, &sample, combinations, named)
+    report::report(plan, &sample, combinations, named)
 }
 
 /// Named precisions for comparison; the first is the oracle.
 const NAMED: [Precision; 3] = [Precision::F64, Precision::Mixed, Precision::F32];
 
 /// Means as reassignment leaves them: every component near points.
-fn settled_draw(plan: &SearchPlan, sample: &Sample) -> Result<InitialDraw, BenchError> {
+fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDraw, BenchError> {
     let change = PaperOverrides {
         reassign: Some(ReassignPolicy::Forwarded),
         reassign_fraction: Some(0.25),
@@ -195,10 +195,10 @@ fn combination(
     runs: &Runs,
     truth: &[ComponentPosterior],
     bound: f64,
-) -> Combination {
+) -> PrecisionCombination {
     let ms = runs.spread(|ms| ms.train);
     let error = posterior_errors(&posteriors(&runs.engine), truth);
-    Combination {
+    PrecisionCombination {
         precision: config.precision,
         operations: config.operations,
         ms: ms.median,
@@ -211,7 +211,7 @@ fn combination(
 /// Of all combinations within the bound that cannot be told from the fastest one, the spreads of
 /// their runs overlapping, that of least error; the widest of equals. `None` if none keeps the
 /// bound.
-fn choose(combinations: &[Combination]) -> Option<Combination> {
+fn choose(combinations: &[PrecisionCombination]) -> Option<PrecisionCombination> {
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
     let alike = within().filter(|c| !fastest.is_faster_than(c));
@@ -222,8 +222,8 @@ fn choose(combinations: &[Combination]) -> Option<Combination> {
 mod tests {
     use super::*;
 
-    fn timed(update: UpdateWidth, ms: f64, error: f64) -> Combination {
-        Combination {
+    fn timed(update: UpdateWidth, ms: f64, error: f64) -> PrecisionCombination {
+        PrecisionCombination {
             precision: Precision::Custom,
             operations: Operations { update, ..Operations::F64 },
             ms,
@@ -236,7 +236,7 @@ mod tests {
     #[test]
     fn what_is_no_faster_is_not_bought_with_error() {
         use UpdateWidth::{F32, Fixed64, Fixed128};
-        let chosen = |all: &[Combination]| choose(all).map(|c| c.operations.update);
+        let chosen = |all: &[PrecisionCombination]| choose(all).map(|c| c.operations.update);
         let slow = timed(Fixed128, 20.0, 0.0);
         assert_eq!(chosen(&[slow, timed(Fixed64, 10.0, 1e-6)]), Some(Fixed64));
         let alike = [timed(Fixed64, 10.5, 1e-6), timed(F32, 10.0, 1e-5)];

@@ -1,9 +1,9 @@
 //! Cost against points, components and threads, with the exponents that fit.
 
-mod forms;
+mod report;
 mod room;
 
-pub use forms::{Fit, Speedup};
+pub use report::{Fit, Speedup};
 
 use super::runs::{median, with_threads};
 use super::sample::thin;
@@ -15,8 +15,8 @@ use crate::train::paper::config::{
 };
 use crate::train::paper::engine::PaperEngine;
 use crate::train::timing::StageMs;
-use forms::{Summary, notes, panels, text};
-use room::Room;
+use report::{ScalingSummary, notes, panels, text};
+use room::RoomFrames;
 use serde::Serialize;
 
 /// Which sizes are timed.
@@ -61,11 +61,16 @@ impl ScalingPlan {
         }
     }
 
-    fn stops(&self) -> Vec<Stop> {
+    fn stops(&self) -> Vec<ScalingPoint> {
         let all = rayon::current_num_threads();
         let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
         threads.push(all);
-        let at = |sweep, points, components, threads| Stop { sweep, points, components, threads };
+        let at = |sweep, points, components, threads| ScalingPoint {
+            sweep,
+            points,
+            components,
+            threads,
+        };
         let (p, n) = (self.base_points, self.base_components);
         let by_points = self.points.iter().map(|&points| at(Sweep::Points, points, n, all));
         let by_components = self.components.iter().map(|&n| at(Sweep::Components, p, n, all));
@@ -89,7 +94,7 @@ pub enum Sweep {
 /// Where the initial means lie.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Means {
+pub enum MeanPlacement {
     /// The paper's start: most are far from every point.
     Random,
     /// Points of other frames: the state after reassignment.
@@ -99,21 +104,21 @@ pub enum Means {
 /// How a frame is processed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Path {
+pub enum EnginePath {
     /// Grid, mixed precision, fused statistics.
     Fast,
     /// KD-tree, f64, unfused statistics.
     Plain,
 }
 
-struct Stop {
+struct ScalingPoint {
     sweep: Sweep,
     points: usize,
     components: usize,
     threads: usize,
 }
 
-impl Stop {
+impl ScalingPoint {
     fn position(&self) -> usize {
         match self.sweep {
             Sweep::Points => self.points,
@@ -135,9 +140,9 @@ pub struct ScalingRow {
     /// Threads.
     pub threads: usize,
     /// Where the means lie.
-    pub means: Means,
+    pub means: MeanPlacement,
     /// How the frame is processed.
-    pub path: Path,
+    pub path: EnginePath,
     /// Median milliseconds per frame.
     pub ms: f64,
     /// First quartile.
@@ -159,7 +164,7 @@ pub struct ScalingRow {
 impl ScalingRow {
     fn position(&self) -> f64 {
         let Self { sweep, points, components, threads, .. } = *self;
-        Stop { sweep, points, components, threads }.position() as f64
+        ScalingPoint { sweep, points, components, threads }.position() as f64
     }
 
     fn spread(&self) -> Spread {
@@ -167,24 +172,24 @@ impl ScalingRow {
     }
 }
 
-const LINES: [(Means, Path); 4] = [
-    (Means::Random, Path::Fast),
-    (Means::Surface, Path::Fast),
-    (Means::Random, Path::Plain),
-    (Means::Surface, Path::Plain),
+const LINES: [(MeanPlacement, EnginePath); 4] = [
+    (MeanPlacement::Random, EnginePath::Fast),
+    (MeanPlacement::Surface, EnginePath::Fast),
+    (MeanPlacement::Random, EnginePath::Plain),
+    (MeanPlacement::Surface, EnginePath::Plain),
 ];
 
 /// Times every combination on the synthetic room.
 pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> {
     let stops = plan.stops();
     let largest = stops.iter().map(|s| s.points).max().unwrap_or(1);
-    let scene = Room::load(largest, plan.options.seed)?;
+    let scene = RoomFrames::load(largest, plan.options.seed)?;
     let mut rows = Vec::new();
     for (done, stop) in stops.iter().enumerate() {
         rows.extend(time_stop(stop, &scene, plan)?);
         progress(done + 1, stops.len());
     }
-    let summary = Summary::of(&rows);
+    let summary = ScalingSummary::of(&rows);
     Findings {
         name: "scaling",
         dataset: "synthetic room",
@@ -200,7 +205,11 @@ pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> 
 }
 
 /// Times the four lines at one stop, in turns, after one frame that warms up.
-fn time_stop(stop: &Stop, room: &Room, plan: &ScalingPlan) -> Result<Vec<ScalingRow>, BenchError> {
+fn time_stop(
+    stop: &ScalingPoint,
+    room: &RoomFrames,
+    plan: &ScalingPlan,
+) -> Result<Vec<ScalingRow>, BenchError> {
     let frame = thin(&room.frame, stop.points);
     let times = with_threads(stop.threads, || -> Result<_, BenchError> {
         let mut engines = Vec::new();
@@ -220,7 +229,7 @@ fn time_stop(stop: &Stop, room: &Room, plan: &ScalingPlan) -> Result<Vec<Scaling
         Ok(times)
     })??;
     let total = |i: usize| Spread::of(times[i].iter().map(|ms| ms.train).collect());
-    let row = |(i, &(means, path)): (usize, &(Means, Path))| {
+    let row = |(i, &(means, path)): (usize, &(MeanPlacement, EnginePath))| {
         let (ms, stages) = (total(i), median(&times[i]));
         // The plain lines follow the fast ones in the same order of means.
         let plain = total(i % 2 + 2);
@@ -244,7 +253,7 @@ fn time_stop(stop: &Stop, room: &Room, plan: &ScalingPlan) -> Result<Vec<Scaling
     Ok(LINES.iter().enumerate().map(row).collect())
 }
 
-fn config(path: Path, components: usize, seed: u64) -> Result<PaperConfig, BenchError> {
+fn config(path: EnginePath, components: usize, seed: u64) -> Result<PaperConfig, BenchError> {
     let fast = PaperOverrides {
         components: Some(components),
         seed: Some(seed),
@@ -258,7 +267,7 @@ fn config(path: Path, components: usize, seed: u64) -> Result<PaperConfig, Bench
         ..fast.clone()
     };
     Ok(PaperConfig::paper().with(match path {
-        Path::Fast => &fast,
-        Path::Plain => &plain,
+        EnginePath::Fast => &fast,
+        EnginePath::Plain => &plain,
     })?)
 }

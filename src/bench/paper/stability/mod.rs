@@ -21,7 +21,7 @@ use crate::train::paper::config::{
 };
 use crate::train::paper::engine::PaperEngine;
 use crate::train::paper::init::InitialDraw;
-use exact::Exact;
+use exact::RationalMixture;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -121,7 +121,8 @@ impl<'a> Truth<'a> {
         let sound: Vec<bool> = rows.iter().map(|r| r.iter().all(|v| v.is_finite())).collect();
         let finite: Vec<[f64; 6]> =
             rows.iter().zip(&sound).filter(|(_, sound)| **sound).map(|(row, _)| *row).collect();
-        let mut exact = Exact::new(config.hyper(), &draw.means, &draw.alpha, case.candidates);
+        let mut exact =
+            RationalMixture::new(config.hyper(), &draw.means, &draw.alpha, case.candidates);
         let responsibilities = exact.learn(&finite).into_iter().map(Shares::from_iter).collect();
         exact.repeat(case.frames);
         Ok(Self {
