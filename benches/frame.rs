@@ -61,7 +61,7 @@ fn medians(
     policy: ReassignPolicy,
     threads: usize,
 ) -> StageMs {
-    let overrides = PaperOverrides { reassign: Some(policy), ..Overrides::default() };
+    let overrides = PaperOverrides { reassign: Some(policy), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&overrides).expect("settings in range");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     let times: Vec<StageMs> = pool.install(|| {

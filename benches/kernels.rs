@@ -70,7 +70,7 @@ fn frame(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(frame.len() as u64)).sample_size(20);
     for (start, draw) in starts(&other) {
         let overrides =
-            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&overrides).expect("settings in range");
         let mut engine = PaperEngine::new(&config, &draw).expect("finite means");
         group.bench_function(start, |bencher| {

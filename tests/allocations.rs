@@ -64,7 +64,7 @@ fn a_warm_training_loop_allocates_nothing() {
         let overrides = PaperOverrides {
             reassign: Some(reassign),
             components: Some(20_000),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let config = PaperConfig::paper().with(&overrides).unwrap();
         let mut engine = PaperEngine::new(&config, &InitialDraw::random(20_000, 0)).unwrap();

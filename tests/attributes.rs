@@ -22,7 +22,7 @@ fn room() -> Arc<Dataset> {
 }
 
 fn session(overrides: PaperOverrides) -> Session {
-    let base = PaperOverrides { components: Some(COMPONENTS), ..Overrides::default() };
+    let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&overrides.or(base)).unwrap();
     Session::new(room(), config, Selection::everything()).unwrap()
 }
@@ -36,9 +36,9 @@ fn all() -> Vec<u32> {
 fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
     let ways = [
         PaperOverrides::default(),
-        PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..Overrides::default() },
-        PaperOverrides { precision: Some(Precision::F64), ..Overrides::default() },
-        PaperOverrides { candidates: Some(Candidates::Nearest(1)), ..Overrides::default() },
+        PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..PaperOverrides::default() },
+        PaperOverrides { precision: Some(Precision::F64), ..PaperOverrides::default() },
+        PaperOverrides { candidates: Some(Candidates::Nearest(1)), ..PaperOverrides::default() },
     ];
     for way in ways {
         for reassign in [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded] {

@@ -117,7 +117,7 @@ fn pareto() {
         // So many that truncation errs less than f32 rounds.
         candidates: Some(Candidates::Nearest(64)),
         reassign: Some(ReassignPolicy::Forwarded),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     let plan = ParetoPlan {
         base,

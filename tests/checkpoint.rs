@@ -41,7 +41,7 @@ fn config(reassign: ReassignPolicy, precision: Precision) -> PaperConfig {
         components: Some(3000),
         reassign: Some(reassign),
         precision: Some(precision),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     PaperConfig::paper().with(&overrides).unwrap()
 }

@@ -45,7 +45,7 @@ fn frames() -> Vec<Points<f32>> {
 }
 
 fn config(overrides: &PaperOverrides) -> PaperConfig {
-    let base = PaperOverrides { components: Some(COMPONENTS), ..Overrides::default() };
+    let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
     PaperConfig::paper().with(&overrides.clone().or(base)).unwrap()
 }
 
@@ -71,7 +71,7 @@ fn in_pool<T: Send>(threads: usize, run: impl FnOnce() -> T + Send) -> T {
 fn ways_of_computing_give_the_same_bits() {
     let frames = frames();
     for reassign in POLICIES {
-        let base = PaperOverrides { reassign: Some(reassign), ..Overrides::default() };
+        let base = PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() };
         let expected = state(&base, &frames);
         let batch = |n| PaperOverrides { batch: Some(Batch::Points(n)), ..base.clone() };
         let unfused = PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..base.clone() };
@@ -90,7 +90,7 @@ fn ways_of_computing_give_the_same_bits() {
 fn padding_moves_what_truncation_moves() {
     let frames = frames();
     let with = |reassign| {
-        state(&PaperOverrides { reassign: Some(reassign), ..Overrides::default() }, &frames)
+        state(&PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() }, &frames)
     };
     assert!(with(ReassignPolicy::Padded) == with(ReassignPolicy::Truncated));
     assert!(with(ReassignPolicy::Padded) != with(ReassignPolicy::Off));
@@ -103,7 +103,7 @@ fn without_reassignment_the_order_of_frames_does_not_matter() {
         let off = PaperOverrides {
             reassign: Some(ReassignPolicy::Off),
             precision: Some(precision),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let expected = state(&off, &frames);
         frames.reverse();
@@ -119,7 +119,7 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
             let overrides = PaperOverrides {
                 reassign: Some(reassign),
                 precision: Some(precision),
-                ..Overrides::default()
+                ..PaperOverrides::default()
             };
             let half = trained(&overrides, &frames[..2]);
             let mut other =
@@ -139,7 +139,7 @@ fn the_grid_and_the_tree_agree_in_f64() {
     let with = |index| PaperOverrides {
         index: Some(index),
         precision: Some(Precision::F64),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     assert!(state(&with(IndexKind::KdTree), &frames) == state(&with(IndexKind::Grid), &frames));
 }
@@ -153,7 +153,7 @@ fn truncation_assigns_as_the_dense_e_step() {
         precision: Some(precision),
         components: Some(1000),
         reassign: Some(ReassignPolicy::Off),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     for precision in [Precision::Mixed, Precision::F64] {
         let dense = state(&with(Candidates::Dense, precision), &frames[..1]);
@@ -168,7 +168,7 @@ fn precisions_stay_close_to_the_oracle() {
     let posteriors = |engine: PaperEngine| -> Vec<_> {
         (0..engine.components()).map(|k| engine.posterior(k)).collect()
     };
-    let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+    let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
     let f64 = PaperOverrides { precision: Some(Precision::F64), ..base.clone() };
     let oracle = posteriors(trained(&f64, &frames));
     let mut single = vec![Operations::MIXED, Operations::F32];
@@ -219,7 +219,7 @@ fn points_that_are_no_numbers_are_left_out() {
                 precision: Some(precision),
                 statistics: Some(statistics),
                 reassign: Some(ReassignPolicy::Off),
-                ..Overrides::default()
+                ..PaperOverrides::default()
             };
             let mut engine = trained(&overrides, &[]);
             let outcome = engine.train(&dirty).unwrap();

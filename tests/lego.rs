@@ -130,8 +130,11 @@ fn measure_row(dataset: &Arc<Dataset>, views: &[View], reassign: ReassignPolicy)
     let share = 1.0 / SEEDS.len() as f64;
     let mut row = Measured { psnr: Default::default(), used: 0.0, train_ms: Vec::new() };
     for seed in SEEDS {
-        let overrides =
-            PaperOverrides { seed: Some(seed), reassign: Some(reassign), ..Overrides::default() };
+        let overrides = PaperOverrides {
+            seed: Some(seed),
+            reassign: Some(reassign),
+            ..PaperOverrides::default()
+        };
         let session = train(dataset, overrides, None);
         assert_eq!(session.frames().len(), 200);
         row.used += share * session.learner().used() as f64;
@@ -186,7 +189,7 @@ fn section_17() {
 fn both(dataset: &Arc<Dataset>, reassign: ReassignPolicy) -> [Session; 2] {
     [Precision::F64, Precision::Mixed].map(|precision| {
         let (precision, reassign) = (Some(precision), Some(reassign));
-        train(dataset, PaperOverrides { precision, reassign, ..Overrides::default() }, Some(5))
+        train(dataset, PaperOverrides { precision, reassign, ..PaperOverrides::default() }, Some(5))
     })
 }
 

@@ -156,7 +156,7 @@ mod tests {
         let dense = estimate(PaperOverrides {
             candidates: Some(Candidates::Dense),
             statistics: Some(StatisticsForm::Unfused),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         });
         assert!(dense.total() > 500_000_000_000, "{dense:?}");
     }

@@ -75,7 +75,7 @@ fn settings_that_repeat_the_run_are_fine() {
             precision: Some(Precision::Mixed),
             covariance_form: Some(CovarianceForm::Eigen),
             scale_factor: Some(1.0),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         },
         order: Some(Order::Sequential),
         stride: Some(1),

@@ -85,7 +85,7 @@ fn order_stride_and_settings_come_from_the_checkpoint() {
         seed: Some(3),
         init: Some(Init::Data),
         scale_factor: Some(1.41),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     let config = config(ReassignPolicy::Padded, Precision::Mixed).with(&overrides).unwrap();
     let selection = |max_frames| Selection {
@@ -116,7 +116,7 @@ fn settings_are_stored_bit_for_bit() {
             seed: Some(u64::MAX - i as u64),
             reassign_fraction: Some(fraction),
             scale_factor: Some(1.0 + fraction),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         awkward = awkward.with(&overrides).unwrap();
         let run = saved(&Session::new(room(), awkward.clone(), first(1)).unwrap());

@@ -239,7 +239,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         (
             "--components",
             Asked {
-                paper: PaperOverrides { components: Some(5), ..Overrides::default() },
+                paper: PaperOverrides { components: Some(5), ..PaperOverrides::default() },
                 ..Asked::default()
             },
         ),
@@ -256,7 +256,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         paper: PaperOverrides {
             seed: Some(0),
             precision: Some(Precision::Mixed),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         },
         scene: SceneOverrides {
             seed: Some(0),

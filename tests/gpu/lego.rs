@@ -53,7 +53,8 @@ fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
     let camera = dataset.splits[val].frames[0].camera;
     let selection = Selection { max_frames: Some(N_FRAMES), ..Selection::everything() };
     // Without reassignment a seventh of the components is used, which the oracle can draw.
-    let overrides = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+    let overrides =
+        PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
     let config = PaperConfig::paper().with(&overrides).unwrap();
     let mut session = Session::new(dataset, config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}

@@ -37,7 +37,7 @@ pub fn trainer<R: PaperScalar>(case: &Case, candidates: Candidates) -> PaperTrai
         candidates,
         reassign: ReassignPolicy::Off,
         operations: if is_wide { Operations::F64 } else { Operations::MIXED },
-        ..TrainConfig::paper()
+        ..PaperConfig::paper()
     };
     let draw = InitialDraw { means: case.rows("mean_init"), alpha: case.f64("alpha_init") };
     PaperTrainer::with_hyper(&config, hyper(case), &draw).unwrap()

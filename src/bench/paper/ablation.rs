@@ -159,7 +159,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
         statistics: Some(StatisticsForm::Unfused),
         precision: Some(Precision::F64),
         reassign: Some(ReassignPolicy::Off),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     let fused = PaperOverrides { statistics: Some(StatisticsForm::Fused), ..plain };
     let truncated = PaperOverrides {

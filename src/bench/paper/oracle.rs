@@ -82,7 +82,7 @@ impl<'a> DenseOracle<'a> {
             candidates: Some(Candidates::Dense),
             precision: Some(Precision::F64),
             reassign: Some(ReassignPolicy::Off),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let seen = Seen::by(&config.clone().with(&dense)?, &draw, frames)?;
         Ok(Self { draw, frames, seen })
@@ -90,7 +90,8 @@ impl<'a> DenseOracle<'a> {
 
     /// How far an engine of this configuration, without reassignment, is from the oracle.
     pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
-        let fixed = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+        let fixed =
+            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let found = Seen::by(&config.clone().with(&fixed)?, &self.draw, self.frames)?;
         let truth = &self.seen;
         let elbo: Vec<f64> =

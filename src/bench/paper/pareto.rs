@@ -61,7 +61,7 @@ impl ParetoPlan {
             components: Some(if quick { 50_000 } else { 100_000 }),
             reassign: Some(Forwarded),
             seed: Some(options.seed),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let components: &[usize] =
             if quick { &[1000, 10_000, 100_000] } else { &[1000, 10_000, 30_000, 300_000] };

@@ -33,7 +33,7 @@ impl TrainingSample {
         n_views: usize,
     ) -> Result<Self, BenchError> {
         // The session knows which frames are for training, and how they are unprojected.
-        let small = PaperOverrides { components: Some(1), ..Overrides::default() };
+        let small = PaperOverrides { components: Some(1), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&small)?;
         let session = Session::new(dataset.clone(), config, Selection::everything())?;
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n_frames));

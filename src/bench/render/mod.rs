@@ -3,158 +3,34 @@
 #[cfg(feature = "gui")]
 mod gpu;
 mod painter;
+mod plan;
 mod report;
+mod row;
 mod scene;
 
 pub use painter::FramePath;
+pub use plan::{BenchDevice, RenderPlan};
 pub use report::Ratio;
+pub use row::RenderRow;
 pub use scene::BenchScene;
 
 use super::plot::draw;
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::bench::findings::{Bench, BenchError, Findings, Progress};
 use crate::eval::spread::Spread;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::splats::{Framing, Splat, framing};
-#[cfg(feature = "gui")]
-use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::{RenderOptions, Renderer};
 use glam::DVec3;
-#[cfg(feature = "gui")]
-use gpu::TimedGpu;
-use painter::{FrameStageMs, STAGES, TimedCpu, TimedPaintError, TimedPainter};
+use painter::{FrameStageMs, TimedPaintError, TimedPainter};
+use plan::RENDERERS;
 use report::{RenderSummary, notes, panels, text};
-use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Horizontal field of view of every view, radians.
 const FOV: f64 = 1.0;
-/// Of every view, radians.
+/// Elevation of every view above the scene, radians.
 const ELEVATION: f64 = 0.45;
-/// In the order of the rows.
-const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
-
-/// Who draws.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString, strum::VariantNames)]
-#[strum(serialize_all = "kebab-case")]
-pub enum BenchDevice {
-    /// The CPU renderer.
-    Cpu,
-    /// A graphics adapter.
-    #[cfg(feature = "gui")]
-    Gpu,
-    /// The CPU renderer, and a graphics adapter where there is one that is not software.
-    All,
-}
-
-/// What is timed.
-#[derive(Clone, Debug)]
-pub struct RenderPlan {
-    /// Numbers of splats.
-    pub splats: Vec<usize>,
-    /// Columns and rows of the images.
-    pub sizes: Vec<[u32; 2]>,
-    /// Who draws.
-    pub device: BenchDevice,
-    /// Name or number of the adapter, which may then be software.
-    #[cfg(feature = "gui")]
-    pub adapter: Option<String>,
-    /// Timed frames of every combination, each from its own side.
-    pub frames: usize,
-    /// What was asked for.
-    pub options: BenchOptions,
-}
-
-impl RenderPlan {
-    /// 10⁴ to 4·10⁶ splats, or to 10⁶ in the quick form; a model's own number is among them.
-    pub fn new(options: BenchOptions, scene: &BenchScene) -> Self {
-        let mut splats = vec![10_000, 100_000, 1_000_000];
-        let mut sizes = vec![[400, 400], [1280, 720]];
-        if !options.quick {
-            splats.extend([30_000, 300_000, 4_000_000]);
-            sizes.insert(1, [800, 600]);
-        }
-        splats.extend(scene.own_count());
-        splats.sort_unstable();
-        splats.dedup();
-        Self {
-            splats,
-            sizes,
-            device: BenchDevice::All,
-            #[cfg(feature = "gui")]
-            adapter: None,
-            frames: options.repeats.unwrap_or(if options.quick { 5 } else { 15 }),
-            options,
-        }
-    }
-
-    /// Everybody who draws; a GPU that was not asked for by name and is not there becomes a note.
-    fn painters(&self, notes: &mut Vec<String>) -> Result<Vec<Box<dyn TimedPainter>>, BenchError> {
-        let mut painters: Vec<Box<dyn TimedPainter>> = Vec::new();
-        if matches!(self.device, BenchDevice::Cpu | BenchDevice::All) {
-            painters.push(Box::new(TimedCpu::default()));
-        }
-        #[cfg(feature = "gui")]
-        if matches!(self.device, BenchDevice::Gpu | BenchDevice::All) {
-            let choice = self.adapter.as_deref().map_or(AdapterChoice::Auto, AdapterChoice::parse);
-            match TimedGpu::all(&choice) {
-                Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
-                Err(error) if self.device == BenchDevice::All && self.adapter.is_none() => {
-                    notes.push(format!("CPU only: {error}"));
-                }
-                Err(error) => return Err(error.into()),
-            }
-        }
-        #[cfg(not(feature = "gui"))]
-        if self.device == BenchDevice::All {
-            notes.push("CPU only: this build draws on no GPU".to_owned());
-        }
-        Ok(painters)
-    }
-}
-
-/// One timed combination.
-#[derive(Clone, Debug, Serialize)]
-pub struct RenderRow {
-    /// How the frames came about.
-    pub path: FramePath,
-    /// Renderer.
-    pub renderer: Renderer,
-    /// Splats of the scene.
-    pub splats: usize,
-    /// Columns of the image.
-    pub width: u32,
-    /// Rows of the image.
-    pub height: u32,
-    /// Timed frames.
-    pub frames: usize,
-    /// Median milliseconds per frame; `None` where it could not be drawn.
-    pub ms: Option<f64>,
-    /// First quartile.
-    pub ms_q1: Option<f64>,
-    /// Third quartile.
-    pub ms_q3: Option<f64>,
-    /// Splats to records of the image; stages that cannot be told apart are `None`.
-    pub prepare_ms: Option<f64>,
-    /// Their order.
-    pub sort_ms: Option<f64>,
-    /// Lists of tiles.
-    pub bin_ms: Option<f64>,
-    /// Pixels.
-    pub draw_ms: Option<f64>,
-    /// Why it could not be drawn.
-    pub skipped: Option<String>,
-}
-
-impl RenderRow {
-    fn spread(&self) -> Option<Spread> {
-        Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
-    }
-
-    fn stages(&self) -> [Option<f64>; STAGES.len()] {
-        [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
-    }
-}
 
 /// Times every combination; whoever draws takes turns frame by frame.
 pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<Bench, BenchError> {

@@ -1,7 +1,8 @@
 //! Rows of frame times as a table, notes, ratios and panels.
 
 use super::painter::{FramePath, STAGES};
-use super::{RENDERERS, RenderPlan, RenderRow};
+use super::plan::{RENDERERS, RenderPlan};
+use super::row::RenderRow;
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;

@@ -1,7 +1,7 @@
 //! The tables for people, and the plot.
 
+use super::row::{AccuracyRow, AccuracySummary};
 use super::variants::Table;
-use super::{AccuracyRow, AccuracySummary};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;

@@ -1,7 +1,7 @@
 //! A uniform grid over the initial spatial means (`engine.md` section 3).
 
-use super::IndexError;
 use super::columns::Columns;
+use super::error::IndexError;
 use rayon::prelude::*;
 
 /// Most cells of a grid.

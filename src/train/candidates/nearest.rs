@@ -1,7 +1,7 @@
 //! Ids of the nearest means of every point of a tile, in either arithmetic.
 
-use super::MeanGrid;
 use super::columns::Columns;
+use super::grid::MeanGrid;
 use super::kernel::Neighbours;
 use super::lists::{Among, Lists};
 use super::search::{CandidateSearch, VisitChunk};

@@ -184,7 +184,7 @@ mod tests {
         let overrides = PaperOverrides {
             components: Some(1000),
             reassign_fraction: Some(fraction),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let config = PaperConfig::paper().with(&overrides).unwrap();
         Quota::new(&PaperConfig { low_elbo_floor: 64, ..config }, unused)

@@ -1,6 +1,7 @@
 //! What follows from the timed combinations, for people, for machines and for `train --preset paper --config`.
 
-use super::{PrecisionCombination, PrecisionSearch, SearchPlan, choose};
+use super::combination::{PrecisionCombination, choose};
+use super::plan::SearchPlan;
 use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions};
 use crate::bench::paper::sample::{TrainingSample, count};
 use crate::eval::report::MachineReport;
@@ -8,6 +9,18 @@ use crate::eval::table;
 use crate::pipeline::machine;
 use crate::train::paper::config::{Operations, Precision, UpdateWidth, Width};
 use serde::Serialize;
+
+/// The result, ready to be printed and written.
+pub struct PrecisionSearch {
+    /// For people.
+    pub text: String,
+    /// For machines.
+    pub json: serde_json::Value,
+    /// Settings that `train --preset paper --config` takes.
+    pub ron: String,
+    /// The widths chosen.
+    pub operations: Operations,
+}
 
 /// What a narrower width of one operation is worth.
 #[derive(Clone, Debug, Serialize)]

@@ -1,6 +1,7 @@
 //! What follows from the rows: exponents and speed-ups, the table, the notes and the plot.
 
-use super::{EnginePath, LINES, MeanPlacement, ScalingPlan, ScalingRow, Sweep};
+use super::plan::ScalingPlan;
+use super::row::{EnginePath, LINES, MeanPlacement, ScalingRow, Sweep};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;

@@ -1,6 +1,6 @@
 //! Frames of the synthetic room at any number of points.
 
-use super::MeanPlacement;
+use super::row::MeanPlacement;
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;

@@ -110,7 +110,7 @@ impl<'a> Truth<'a> {
             components: Some(case.draw.means.len()),
             candidates: Some(Candidates::Nearest(case.candidates)),
             reassign: Some(ReassignPolicy::Off),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let config = PaperConfig::paper().with(&overrides)?;
         let single = |rows: &[[f64; 6]]| -> Vec<[f64; 6]> {
@@ -138,7 +138,7 @@ impl<'a> Truth<'a> {
 
     /// Runs an engine through the case and compares.
     pub fn measure(&self, precision: Precision) -> Result<StabilityRow, BenchError> {
-        let overrides = PaperOverrides { precision: Some(precision), ..Overrides::default() };
+        let overrides = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         let config = self.config.clone().with(&overrides)?;
         let mut engine = PaperEngine::new(&config, &self.draw)?;
         for _ in 0..self.case.frames {
