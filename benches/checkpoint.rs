@@ -11,8 +11,8 @@ use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, to_
 use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::conjugate::prior::Hyper;
-use vbgs_studio::model::paper::state::{Means, ModelState, Totals};
-use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums};
+use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};
+use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums, VisibilityCounts};
 use vbgs_studio::model::scene::sums as scene;
 
 /// Files per row of the table.
@@ -30,7 +30,7 @@ fn main() {
     let rows: Vec<[f64; 13]> = (0..n).map(|_| row(&mut rng)).collect();
     let means = || {
         let points = rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32));
-        Means::F32 { space: points.clone().collect(), color: points.collect() }
+        InitialMeans::F32 { space: points.clone().collect(), color: points.collect() }
     };
     let fixed64 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(40)) as i64)).collect();
     let fixed128 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(80)) as i128)).collect();
@@ -53,7 +53,7 @@ fn main() {
             rows: vec![quanta(scene::terms([0.1; 3], [0.5; 3], [0.0; 3], direction)); n],
             wide: Vec::new(),
         },
-        looks: vec![Looks { expected: 640, seen: 1, missed: 0 }; n],
+        visibility: vec![VisibilityCounts { expected: 640, hits: 1, misses: 0 }; n],
         exposures: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));

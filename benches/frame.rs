@@ -13,7 +13,7 @@ use scenes::{draws, lego, smooth, together};
 use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::observation::points::Points;
-use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::timing::StageMs;
@@ -60,8 +60,8 @@ fn medians(
     policy: ReassignPolicy,
     threads: usize,
 ) -> StageMs {
-    let overrides = Overrides { reassign: Some(policy), ..Overrides::default() };
-    let config = TrainConfig::paper().with(&overrides).expect("settings in range");
+    let overrides = PaperOverrides { reassign: Some(policy), ..PaperOverrides::default() };
+    let config = PaperConfig::paper().with(&overrides).expect("settings in range");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     let times: Vec<StageMs> = pool.install(|| {
         let mut engine =

@@ -9,7 +9,7 @@ use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::observation::surface::Observation;
-use vbgs_studio::train::paper::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
 
@@ -62,12 +62,12 @@ fn a_warm_training_loop_allocates_nothing() {
     let frames: Vec<Points<f32>> = (0..10).map(frame).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
     for reassign in [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded] {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             reassign: Some(reassign),
             components: Some(20_000),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
-        let config = TrainConfig::paper().with(&overrides).unwrap();
+        let config = PaperConfig::paper().with(&overrides).unwrap();
         let mut engine =
             engine::begin(&config, &InitialDraw::random(20_000, 0), Normalization::IDENTITY)
                 .unwrap();

@@ -21,7 +21,7 @@ use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
-use vbgs_studio::train::paper::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Training frames of the room.
 const FRAMES: usize = 40;
@@ -36,17 +36,17 @@ fn room() -> Arc<Dataset> {
     room_of(FRAMES, 4)
 }
 
-fn config(reassign: ReassignPolicy, precision: Precision) -> TrainConfig {
-    let overrides = Overrides {
+fn config(reassign: ReassignPolicy, precision: Precision) -> PaperConfig {
+    let overrides = PaperOverrides {
         components: Some(3000),
         reassign: Some(reassign),
         precision: Some(precision),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
-    TrainConfig::paper().with(&overrides).unwrap()
+    PaperConfig::paper().with(&overrides).unwrap()
 }
 
-fn off() -> TrainConfig {
+fn off() -> PaperConfig {
     config(ReassignPolicy::Off, Precision::Mixed)
 }
 
@@ -73,7 +73,7 @@ fn trained(asked: &(impl Into<AskedMethod> + Clone), selection: Selection) -> Se
 }
 
 /// Settings of a mixture.
-fn paper(run: &SavedRun) -> &TrainConfig {
+fn paper(run: &SavedRun) -> &PaperConfig {
     let Method::Paper(train) = &run.config.method else { unreachable!() };
     train
 }

@@ -14,7 +14,7 @@ use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::paper::config::TrainConfig;
+use vbgs_studio::train::paper::config::PaperConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let conversion = Conversion { scale_factor, ..Conversion::right() };
@@ -34,7 +34,7 @@ fn quality(session: &Session, scale_factor: f64) -> EvalReport {
 fn office() {
     let Some(path) = shared("data/kinect_office") else { return };
     let dataset = Arc::new(dataset::open(&path, &LoadOptions::default()).unwrap());
-    let mut session = Session::new(dataset, TrainConfig::paper(), Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, PaperConfig::paper(), Selection::everything()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     assert_eq!((session.frames().len(), session.skipped().len()), (100, 0));
     let summary = Summary::of_frames(session.frames(), 0.0);

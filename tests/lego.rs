@@ -25,7 +25,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::paper::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Distance from a published figure that differing initial draws may cause, dB.
 const TOLERANCE_DB: f64 = 0.3;
@@ -88,8 +88,8 @@ fn views(dataset: &Dataset) -> Vec<View> {
 }
 
 /// Trains the `paper` preset with overrides on the first frames.
-fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>) -> Session {
-    let config = TrainConfig::paper().with(&overrides).unwrap();
+fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<usize>) -> Session {
+    let config = PaperConfig::paper().with(&overrides).unwrap();
     let selection = Selection { max_frames, ..Selection::everything() };
     let mut session = Session::new(dataset.clone(), config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
@@ -129,8 +129,11 @@ fn measure_row(dataset: &Arc<Dataset>, views: &[View], reassign: ReassignPolicy)
     let share = 1.0 / SEEDS.len() as f64;
     let mut row = Measured { psnr: Default::default(), used: 0.0, train_ms: Vec::new() };
     for seed in SEEDS {
-        let overrides =
-            Overrides { seed: Some(seed), reassign: Some(reassign), ..Overrides::default() };
+        let overrides = PaperOverrides {
+            seed: Some(seed),
+            reassign: Some(reassign),
+            ..PaperOverrides::default()
+        };
         let session = train(dataset, overrides, None);
         assert_eq!(session.frames().len(), 200);
         row.used += share * session.learner().used() as f64;
@@ -185,7 +188,7 @@ fn section_17() {
 fn both(dataset: &Arc<Dataset>, reassign: ReassignPolicy) -> [Session; 2] {
     [Precision::F64, Precision::Mixed].map(|precision| {
         let (precision, reassign) = (Some(precision), Some(reassign));
-        train(dataset, Overrides { precision, reassign, ..Overrides::default() }, Some(5))
+        train(dataset, PaperOverrides { precision, reassign, ..PaperOverrides::default() }, Some(5))
     })
 }
 
@@ -243,7 +246,7 @@ fn mixed_reassigns_as_well_as_f64() {
 #[test]
 fn the_ply_reads_back_with_an_independent_reader() {
     let Some(dataset) = open() else { return };
-    let session = train(&dataset, Overrides::default(), Some(10));
+    let session = train(&dataset, PaperOverrides::default(), Some(10));
     let splats = session.splats();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");

@@ -2,7 +2,7 @@
 //! stand for what is known of them.
 
 use super::splat_updates::{SplatChange, SplatUpdate, apply};
-use crate::model::attributes::Attributes;
+use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
@@ -15,7 +15,7 @@ pub struct Palette {
     /// What colours the splats, if it is not what was learned.
     attribute: Option<Attribute>,
     /// The rest is kept only while `attribute` is something: one for each splat.
-    attributes: Vec<Attributes>,
+    attributes: Vec<ComponentAttributes>,
     range: Option<Range>,
     /// Plain: what stands for a value varies neither over a splat nor with the view.
     shown: SplatSet,
@@ -29,9 +29,9 @@ impl Palette {
         if self.attribute.is_none() {
             return change;
         }
-        self.attributes.resize(self.learned.len(), Attributes::default());
+        self.attributes.resize(self.learned.len(), ComponentAttributes::default());
         match &changed {
-            None if attributes.is_empty() => self.attributes.fill(Attributes::default()),
+            None if attributes.is_empty() => self.attributes.fill(ComponentAttributes::default()),
             None => self.attributes = attributes,
             Some(ids) => {
                 for (&id, new) in ids.iter().zip(attributes) {
@@ -55,7 +55,7 @@ impl Palette {
         }
         self.attribute = attribute;
         if attribute.is_some() {
-            self.attributes.resize(self.learned.len(), Attributes::default());
+            self.attributes.resize(self.learned.len(), ComponentAttributes::default());
             self.moves_range();
             return Some(self.color_all());
         }
@@ -118,8 +118,8 @@ mod tests {
     use crate::render::attributes::UNKNOWN;
     use crate::render::paint::ramp;
 
-    fn born(frame: Option<u32>) -> Attributes {
-        Attributes { birth: frame, ..Attributes::default() }
+    fn born(frame: Option<u32>) -> ComponentAttributes {
+        ComponentAttributes { birth: frame, ..ComponentAttributes::default() }
     }
 
     fn all(n: usize) -> SplatChange {

@@ -1,7 +1,7 @@
 //! Changed splats on their way from the trainer to the viewport. Nobody waits: the trainer adds to
 //! the updates only when the last update was taken, and the viewport takes what is there.
 
-use crate::model::attributes::Attributes;
+use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -26,7 +26,7 @@ pub struct SplatUpdate {
     /// The change.
     pub change: SplatChange,
     /// What is known of its components.
-    pub attributes: Vec<Attributes>,
+    pub attributes: Vec<ComponentAttributes>,
 }
 
 impl From<SplatChange> for SplatUpdate {

@@ -4,7 +4,7 @@
 use super::stored_text;
 use crate::pipeline::settings::method::Asked;
 use crate::pipeline::settings::scene::SceneOverrides;
-use crate::train::paper::config::{Preset, TrainConfig};
+use crate::train::paper::config::{PaperConfig, Preset};
 use serde::{Deserialize, Serialize};
 
 /// How what is opened next is trained.
@@ -38,7 +38,7 @@ impl TrainSettings {
     /// What a session is asked for.
     pub fn request(&self) -> Asked {
         match self.preset {
-            Preset::Paper => TrainConfig::paper().into(),
+            Preset::Paper => PaperConfig::paper().into(),
             Preset::Scene => self.scene.clone().into(),
         }
     }

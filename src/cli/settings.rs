@@ -12,7 +12,7 @@ use vbgs_studio::pipeline::checkpoint::Asked;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::settings::method::Asked as Method;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::train::paper::config::{Overrides, Precision, Preset, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, Preset};
 use vbgs_studio::train::scene::sum_form::SumForm;
 use vbgs_studio::train::setting::ConfigError;
 
@@ -56,7 +56,7 @@ pub fn method(args: &TrainArgs) -> Result<Method, Failure> {
     refuse_foreign(args, preset)?;
     let asked = asked(args, preset)?;
     Ok(match preset {
-        Preset::Paper => Method::Paper(TrainConfig::paper().with(&asked.paper)?),
+        Preset::Paper => Method::Paper(PaperConfig::paper().with(&asked.paper)?),
         Preset::Scene => Method::Scene(asked.scene),
     })
 }
@@ -102,8 +102,8 @@ fn refuse_foreign(args: &TrainArgs, preset: Preset) -> Result<(), Failure> {
 }
 
 /// Settings of the paper's preset from the command line.
-fn line(args: &TrainArgs) -> Overrides {
-    Overrides {
+fn line(args: &TrainArgs) -> PaperOverrides {
+    PaperOverrides {
         seed: args.seed,
         components: args.components,
         candidates: args.candidates,

@@ -6,7 +6,7 @@ use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::SurfacePoint;
 use crate::train::paper::config::{
-    Batch, Candidates, IndexKind, Precision, StatisticsForm, TrainConfig, UpdateWidth,
+    Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
 };
 use crate::train::scene::config::SceneConfig;
 
@@ -63,7 +63,7 @@ pub struct MemoryError {
 
 impl Estimate {
     /// For frames of `pixels` on `threads` threads.
-    pub fn new(config: &TrainConfig, pixels: usize, threads: usize) -> Self {
+    pub fn new(config: &PaperConfig, pixels: usize, threads: usize) -> Self {
         let scalar = if config.precision == Precision::F64 { 8 } else { 4 };
         let total = match config.operations.update {
             UpdateWidth::F32 => size_of::<[f32; 16]>(),
@@ -141,22 +141,22 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::paper::config::Overrides;
+    use crate::train::paper::config::PaperOverrides;
 
     #[test]
     fn what_does_not_fit_is_refused_with_what_would() {
-        let estimate = |overrides: Overrides| {
-            Estimate::new(&TrainConfig::paper().with(&overrides).unwrap(), 640_000, 2)
+        let estimate = |overrides: PaperOverrides| {
+            Estimate::new(&PaperConfig::paper().with(&overrides).unwrap(), 640_000, 2)
         };
-        let paper = estimate(Overrides::default());
+        let paper = estimate(PaperOverrides::default());
         assert!((50_000_000..300_000_000).contains(&paper.total()), "{paper:?}");
         assert_eq!(paper.check_against(100_000, paper.total()), Ok(()));
         let error = paper.check_against(100_000, paper.total() - 1).unwrap_err();
         assert_eq!((error.found, error.most), (100_000, 99_999));
-        let dense = estimate(Overrides {
+        let dense = estimate(PaperOverrides {
             candidates: Some(Candidates::Dense),
             statistics: Some(StatisticsForm::Unfused),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         });
         assert!(dense.total() > 500_000_000_000, "{dense:?}");
     }

@@ -20,22 +20,28 @@ fn half() -> SavedRun {
 fn settings_that_contradict_the_run_are_refused_by_name() {
     let run = half();
     let train = |paper| Asked { paper, ..Asked::default() };
-    let none = Overrides::default;
+    let none = PaperOverrides::default;
     let cases = [
-        ("--components", train(Overrides { components: Some(5), ..none() })),
-        ("--seed", train(Overrides { seed: Some(5), ..none() })),
-        ("--candidates", train(Overrides { candidates: Some(Candidates::Dense), ..none() })),
-        ("--batch", train(Overrides { batch: Some(Batch::Points(5)), ..none() })),
-        ("--statistics", train(Overrides { statistics: Some(StatisticsForm::Unfused), ..none() })),
-        ("--index", train(Overrides { index: Some(IndexKind::KdTree), ..none() })),
-        ("--init", train(Overrides { init: Some(Init::Data), ..none() })),
-        ("--reassign", train(Overrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
-        ("--reassign-fraction", train(Overrides { reassign_fraction: Some(0.5), ..none() })),
-        ("--precision", train(Overrides { precision: Some(Precision::F64), ..none() })),
-        ("--scale-factor", train(Overrides { scale_factor: Some(1.5), ..none() })),
+        ("--components", train(PaperOverrides { components: Some(5), ..none() })),
+        ("--seed", train(PaperOverrides { seed: Some(5), ..none() })),
+        ("--candidates", train(PaperOverrides { candidates: Some(Candidates::Dense), ..none() })),
+        ("--batch", train(PaperOverrides { batch: Some(Batch::Points(5)), ..none() })),
+        (
+            "--statistics",
+            train(PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..none() }),
+        ),
+        ("--index", train(PaperOverrides { index: Some(IndexKind::KdTree), ..none() })),
+        ("--init", train(PaperOverrides { init: Some(Init::Data), ..none() })),
+        ("--reassign", train(PaperOverrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
+        ("--reassign-fraction", train(PaperOverrides { reassign_fraction: Some(0.5), ..none() })),
+        ("--precision", train(PaperOverrides { precision: Some(Precision::F64), ..none() })),
+        ("--scale-factor", train(PaperOverrides { scale_factor: Some(1.5), ..none() })),
         (
             "--conversion",
-            train(Overrides { covariance_form: Some(CovarianceForm::LegacyCholesky), ..none() }),
+            train(PaperOverrides {
+                covariance_form: Some(CovarianceForm::LegacyCholesky),
+                ..none()
+            }),
         ),
         ("--split", Asked { split: Some("eval".into()), ..Asked::default() }),
         ("--order", Asked { order: Some(Order::Shuffled), ..Asked::default() }),
@@ -62,14 +68,14 @@ fn settings_that_repeat_the_run_are_fine() {
     let run = half();
     let asked = Asked {
         preset: Some(Preset::Paper),
-        paper: Overrides {
+        paper: PaperOverrides {
             components: Some(3000),
             candidates: Some(Candidates::Nearest(4)),
             reassign: Some(ReassignPolicy::Off),
             precision: Some(Precision::Mixed),
             covariance_form: Some(CovarianceForm::Eigen),
             scale_factor: Some(1.0),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         },
         order: Some(Order::Sequential),
         stride: Some(1),

@@ -9,7 +9,7 @@ use vbgs_studio::pipeline::checkpoint::{RunError, merge};
 use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::pipeline::settings::scene::{Budget, SceneOverrides, StructuralScale};
 use vbgs_studio::train::paper::config::Preset;
-use vbgs_studio::train::scene::config::{BirthRule, LookRule};
+use vbgs_studio::train::scene::config::{BirthRule, VisibilityRule};
 use vbgs_studio::train::scene::sum_form::SumForm;
 
 const LATTICES: [BirthRule; 2] = [BirthRule::Lattice, BirthRule::BodyCentred];
@@ -139,7 +139,7 @@ fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
         ),
         (SceneOverrides { gain: Some(true), ..lattice() }, ["--with gain", "with --without gain"]),
         (
-            SceneOverrides { looks: Some(LookRule::Projected), ..lattice() },
+            SceneOverrides { looks: Some(VisibilityRule::Projected), ..lattice() },
             ["--looks projected", "with --looks returned"],
         ),
         (
@@ -216,7 +216,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         ("--budget", with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() })),
         ("--with or --without refine", with(SceneOverrides { refine: Some(false), ..none() })),
         ("--with or --without gain", with(SceneOverrides { gain: Some(true), ..none() })),
-        ("--looks", with(SceneOverrides { looks: Some(LookRule::Returned), ..none() })),
+        ("--looks", with(SceneOverrides { looks: Some(VisibilityRule::Returned), ..none() })),
         ("--with or --without gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
         (
             "--with or --without directional",
@@ -239,7 +239,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         (
             "--components",
             Asked {
-                paper: Overrides { components: Some(5), ..Overrides::default() },
+                paper: PaperOverrides { components: Some(5), ..PaperOverrides::default() },
                 ..Asked::default()
             },
         ),
@@ -253,10 +253,10 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     }
     let repeated = Asked {
         preset: Some(Preset::Scene),
-        paper: Overrides {
+        paper: PaperOverrides {
             seed: Some(0),
             precision: Some(Precision::Mixed),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         },
         scene: SceneOverrides {
             seed: Some(0),

@@ -3,7 +3,7 @@
 use crate::app::training::TrainSettings;
 use crate::pipeline::settings::scene::{Budget, DEFAULT_PIXELS, SceneOverrides, StructuralScale};
 use crate::train::paper::config::Preset;
-use crate::train::scene::config::{BirthRule, MOST_COMPONENTS};
+use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use eframe::egui::{Button, DragValue, Grid, RichText, Ui};
 use std::ops::RangeInclusive;
 
@@ -89,7 +89,8 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
         }
         if let Some(budget) = scene.budget {
             let mut components = budget.components();
-            let value = DragValue::new(&mut components).range(1..=MOST_COMPONENTS).speed(100.0);
+            let value =
+                DragValue::new(&mut components).range(1..=DEFAULT_MAX_COMPONENTS).speed(100.0);
             if ui.add(value.suffix(" components")).changed() {
                 scene.budget = Some(Budget::Components(components));
             }

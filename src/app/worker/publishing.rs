@@ -4,7 +4,7 @@ use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::splat_updates::{SplatChange, SplatUpdate};
 use crate::app::state::Inspected;
-use crate::model::attributes::Attributes;
+use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::attributes::Attribute;
 use std::sync::Arc;
@@ -57,7 +57,7 @@ impl WorkerThread {
     }
 
     /// What is known of components, if the viewport asks for it.
-    fn attributes_of(&self, ids: &[u32]) -> Vec<Attributes> {
+    fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         match &self.content {
             Some(Content::Session(session)) if self.watched.is_some() => session.attributes_of(ids),
             _ => Vec::new(),

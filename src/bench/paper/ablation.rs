@@ -1,8 +1,8 @@
 //! The paper's ablation: what each step from the dense E-step to forwarded reassignment costs and
 //! brings, on any dataset.
 
-use super::runs::{self, Runs, Variant};
-use super::sample::{Sample, count};
+use super::runs::{self, Runs, TimedConfiguration};
+use super::sample::{TrainingSample, count};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw;
@@ -12,7 +12,8 @@ use crate::eval::spread::Spread;
 use crate::eval::table;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
-    Batch, Candidates, IndexKind, Overrides, Precision, ReassignPolicy, StatisticsForm, TrainConfig,
+    Batch, Candidates, IndexKind, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+    StatisticsForm,
 };
 use crate::train::paper::init::InitialDraw;
 use crate::train::stages::PaperStage;
@@ -100,9 +101,9 @@ pub struct AblationRow {
 }
 
 /// A configuration by its name in the table.
-struct Row {
+struct AblationStep {
     name: String,
-    config: TrainConfig,
+    config: PaperConfig,
     is_thinned: bool,
 }
 
@@ -112,19 +113,20 @@ pub fn run(
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
-    let sample = Sample::load(dataset, plan.frames, plan.views)?;
+    let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
     let thinned = sample.thinned(plan.dense_pairs / plan.components);
     let rows = rows(plan)?;
-    let frames = |row: &Row| if row.is_thinned { &thinned[..] } else { &sample.frames[..] };
+    let frames =
+        |row: &AblationStep| if row.is_thinned { &thinned[..] } else { &sample.frames[..] };
     let threads = rayon::current_num_threads();
     let draw = InitialDraw::random(plan.components, plan.options.seed);
-    let variant = |row: &Row| Variant {
+    let variant = |row: &AblationStep| TimedConfiguration {
         config: row.config.clone(),
         threads,
         draw: &draw,
         frames: frames(row),
     };
-    let variants: Vec<Variant> = rows.iter().map(variant).collect();
+    let variants: Vec<TimedConfiguration> = rows.iter().map(variant).collect();
     let (mut done, steps) = (0, plan.repeats.max(1) * rows.len());
     let timed = runs::in_turns(&variants, plan.repeats, &mut || {
         done += 1;
@@ -149,8 +151,8 @@ pub fn run(
     .into_bench()
 }
 
-fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
-    let plain = Overrides {
+fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
+    let plain = PaperOverrides {
         components: Some(plan.components),
         seed: Some(plan.options.seed),
         candidates: Some(Candidates::Dense),
@@ -158,18 +160,18 @@ fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
         statistics: Some(StatisticsForm::Unfused),
         precision: Some(Precision::F64),
         reassign: Some(ReassignPolicy::Off),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
-    let fused = Overrides { statistics: Some(StatisticsForm::Fused), ..plain };
-    let truncated = Overrides {
-        candidates: Some(TrainConfig::paper().candidates),
+    let fused = PaperOverrides { statistics: Some(StatisticsForm::Fused), ..plain };
+    let truncated = PaperOverrides {
+        candidates: Some(PaperConfig::paper().candidates),
         index: Some(IndexKind::KdTree),
         ..fused
     };
-    let whole = Overrides { batch: Some(Batch::Frame), ..truncated };
+    let whole = PaperOverrides { batch: Some(Batch::Frame), ..truncated };
     let fast =
-        Overrides { index: Some(IndexKind::Grid), precision: Some(Precision::Mixed), ..whole };
-    let moving = |policy| Overrides { reassign: Some(policy), ..fast };
+        PaperOverrides { index: Some(IndexKind::Grid), precision: Some(Precision::Mixed), ..whole };
+    let moving = |policy| PaperOverrides { reassign: Some(policy), ..fast };
     let mut rows = vec![
         ("dense E-step, statistics unfused, f64".to_owned(), plain, true),
         ("+ fused statistics".to_owned(), fused, true),
@@ -177,7 +179,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
     ];
     for &batch in &plan.batches {
         let name = format!("  truncated, all points, batch {}", batch_name(batch));
-        rows.push((name, Overrides { batch: Some(batch), ..truncated }, false));
+        rows.push((name, PaperOverrides { batch: Some(batch), ..truncated }, false));
     }
     rows.extend([
         ("+ grid index, mixed precision".to_owned(), fast.clone(), false),
@@ -187,7 +189,7 @@ fn rows(plan: &AblationPlan) -> Result<Vec<Row>, BenchError> {
         ("+ reassignment, forwarded".to_owned(), moving(ReassignPolicy::Forwarded), false),
     ]);
     let checked = rows.into_iter().map(|(name, overrides, is_thinned)| {
-        Ok(Row { name, config: TrainConfig::paper().with(&overrides)?, is_thinned })
+        Ok(AblationStep { name, config: PaperConfig::paper().with(&overrides)?, is_thinned })
     });
     checked.collect()
 }
@@ -201,9 +203,9 @@ pub fn batch_name(batch: Batch) -> String {
 }
 
 fn measured(
-    row: &Row,
+    row: &AblationStep,
     runs: &Runs,
-    sample: &Sample,
+    sample: &TrainingSample,
     frames: &[Points<f32>],
 ) -> Result<AblationRow, BenchError> {
     let points_share = count(frames) as f64 / count(&sample.frames) as f64;
@@ -255,7 +257,7 @@ fn text(rows: &[AblationRow]) -> String {
     table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-fn notes(plan: &AblationPlan, sample: &Sample, thinned: &[Points<f32>]) -> Vec<String> {
+fn notes(plan: &AblationPlan, sample: &TrainingSample, thinned: &[Points<f32>]) -> Vec<String> {
     let n_frames = sample.frames.len();
     vec![
         format!(

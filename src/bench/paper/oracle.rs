@@ -6,7 +6,9 @@ use crate::math::normalization::Normalization;
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
-use crate::train::paper::config::{Candidates, Overrides, Precision, ReassignPolicy, TrainConfig};
+use crate::train::paper::config::{
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+};
 use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
 use serde::Serialize;
@@ -16,7 +18,7 @@ use std::collections::BTreeMap;
 pub(super) type Shares = BTreeMap<u32, f64>;
 
 /// What the dense f64 engine makes of some frames.
-pub struct Oracle<'a> {
+pub struct DenseOracle<'a> {
     draw: InitialDraw,
     frames: &'a [Points<f32>],
     seen: Seen,
@@ -66,30 +68,31 @@ impl PosteriorErrors {
     }
 }
 
-impl<'a> Oracle<'a> {
+impl<'a> DenseOracle<'a> {
     /// Trains the oracle from `draw`, whose numbers are first rounded to f32 as every engine reads
     /// them.
     pub fn new(
-        config: &TrainConfig,
+        config: &PaperConfig,
         draw: &InitialDraw,
         frames: &'a [Points<f32>],
     ) -> Result<Self, BenchError> {
         let rounded = |row: &[f64; 6]| row.map(|v| f64::from(v as f32));
         let means = draw.means.iter().map(rounded).collect();
         let draw = InitialDraw { means, alpha: draw.alpha.clone() };
-        let dense = Overrides {
+        let dense = PaperOverrides {
             candidates: Some(Candidates::Dense),
             precision: Some(Precision::F64),
             reassign: Some(ReassignPolicy::Off),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let seen = Seen::by(&config.clone().with(&dense)?, &draw, frames)?;
         Ok(Self { draw, frames, seen })
     }
 
     /// How far an engine of this configuration, without reassignment, is from the oracle.
-    pub fn errors_of(&self, config: &TrainConfig) -> Result<Errors, BenchError> {
-        let fixed = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
+    pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
+        let fixed =
+            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let found = Seen::by(&config.clone().with(&fixed)?, &self.draw, self.frames)?;
         let truth = &self.seen;
         let elbo: Vec<f64> =
@@ -108,7 +111,7 @@ impl<'a> Oracle<'a> {
 
 impl Seen {
     fn by(
-        config: &TrainConfig,
+        config: &PaperConfig,
         draw: &InitialDraw,
         frames: &[Points<f32>],
     ) -> Result<Self, BenchError> {

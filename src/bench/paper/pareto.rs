@@ -2,9 +2,9 @@
 //! rendered and compared with the f64 dense oracle.
 
 use super::ablation::batch_name;
-use super::oracle::{Errors, Oracle};
-use super::runs::{self, Runs, Variant, with_threads};
-use super::sample::{Sample, thin};
+use super::oracle::{DenseOracle, Errors};
+use super::runs::{self, Runs, TimedConfiguration, with_threads};
+use super::sample::{TrainingSample, thin};
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw;
@@ -14,7 +14,7 @@ use crate::eval::spread::Spread;
 use crate::eval::table;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
-    Batch, Candidates, Overrides, Precision, ReassignPolicy, TrainConfig,
+    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
 use serde::Serialize;
@@ -24,7 +24,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug)]
 pub struct ParetoPlan {
     /// The base that every sweep departs from.
-    pub base: Overrides,
+    pub base: PaperOverrides,
     /// Components.
     pub components: Vec<usize>,
     /// Candidates per point.
@@ -57,11 +57,11 @@ impl ParetoPlan {
     pub fn new(options: BenchOptions) -> Self {
         use ReassignPolicy::{Forwarded, Off, Padded, Truncated};
         let quick = options.quick;
-        let base = Overrides {
+        let base = PaperOverrides {
             components: Some(if quick { 50_000 } else { 100_000 }),
             reassign: Some(Forwarded),
             seed: Some(options.seed),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let components: &[usize] =
             if quick { &[1000, 10_000, 100_000] } else { &[1000, 10_000, 30_000, 300_000] };
@@ -83,31 +83,32 @@ impl ParetoPlan {
     }
 
     /// The base and every stop: name of the sweep, of the stop, configuration, threads.
-    fn stops(&self) -> Result<Vec<Stop>, BenchError> {
+    fn stops(&self) -> Result<Vec<SweepPoint>, BenchError> {
         let all_threads = rayon::current_num_threads();
         let mut stops = Vec::new();
-        let mut add = |sweep, name: String, change: Overrides, threads| -> Result<(), BenchError> {
-            let config = TrainConfig::paper().with(&change.or(self.base.clone()))?;
-            let draw = InitialDraw::random(config.components, config.seed);
-            stops.push(Stop { sweep, name, config, draw, threads });
-            Ok(())
-        };
-        let none = Overrides::default;
+        let mut add =
+            |sweep, name: String, change: PaperOverrides, threads| -> Result<(), BenchError> {
+                let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
+                let draw = InitialDraw::random(config.components, config.seed);
+                stops.push(SweepPoint { sweep, name, config, draw, threads });
+                Ok(())
+            };
+        let none = PaperOverrides::default;
         add("base", "base".to_owned(), none(), all_threads)?;
         for &n in &self.components {
-            let change = Overrides { components: Some(n), ..none() };
+            let change = PaperOverrides { components: Some(n), ..none() };
             add("N", format!("N {n}"), change, all_threads)?;
         }
         for &c in &self.candidates {
-            let change = Overrides { candidates: Some(Candidates::Nearest(c)), ..none() };
+            let change = PaperOverrides { candidates: Some(Candidates::Nearest(c)), ..none() };
             add("C", format!("C {c}"), change, all_threads)?;
         }
         for &batch in &self.batches {
-            let change = Overrides { batch: Some(batch), ..none() };
+            let change = PaperOverrides { batch: Some(batch), ..none() };
             add("batch", format!("batch {}", batch_name(batch)), change, all_threads)?;
         }
         for &precision in &self.precisions {
-            let change = Overrides { precision: Some(precision), ..none() };
+            let change = PaperOverrides { precision: Some(precision), ..none() };
             add("precision", named(&precision), change, all_threads)?;
         }
         for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
@@ -122,7 +123,7 @@ impl ParetoPlan {
             )?;
         }
         for &policy in &self.policies {
-            let change = Overrides { reassign: Some(policy), ..none() };
+            let change = PaperOverrides { reassign: Some(policy), ..none() };
             add("reassign", format!("reassign {}", named(&policy)), change, all_threads)?;
         }
         Ok(stops)
@@ -135,18 +136,23 @@ fn named(setting: &impl Serialize) -> String {
     json.and_then(|v| v.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-struct Stop {
+struct SweepPoint {
     sweep: &'static str,
     name: String,
-    config: TrainConfig,
+    config: PaperConfig,
     draw: InitialDraw,
     threads: usize,
 }
 
-impl Stop {
-    fn variant<'a>(&'a self, sample: &'a Sample) -> Variant<'a> {
+impl SweepPoint {
+    fn variant<'a>(&'a self, sample: &'a TrainingSample) -> TimedConfiguration<'a> {
         let Self { config, draw, threads, .. } = self;
-        Variant { config: config.clone(), threads: *threads, draw, frames: &sample.frames }
+        TimedConfiguration {
+            config: config.clone(),
+            threads: *threads,
+            draw,
+            frames: &sample.frames,
+        }
     }
 }
 
@@ -219,9 +225,10 @@ pub fn run(
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
-    let sample = Sample::load(dataset, plan.frames, plan.views)?;
+    let sample = TrainingSample::load(dataset, plan.frames, plan.views)?;
     let stops = plan.stops()?;
-    let variants: Vec<Variant> = stops.iter().map(|stop| stop.variant(&sample)).collect();
+    let variants: Vec<TimedConfiguration> =
+        stops.iter().map(|stop| stop.variant(&sample)).collect();
     let steps = (plan.repeats.max(1) + 1) * stops.len();
     let mut done = 0;
     let mut step = || {
@@ -252,12 +259,12 @@ pub fn run(
 }
 
 fn measured(
-    stop: &Stop,
+    stop: &SweepPoint,
     runs: &Runs,
-    sample: &Sample,
+    sample: &TrainingSample,
     oracle_pairs: usize,
 ) -> Result<ParetoRow, BenchError> {
-    let Stop { sweep, name, config, threads, .. } = stop;
+    let SweepPoint { sweep, name, config, threads, .. } = stop;
     let ms = runs.spread(|ms| ms.train);
     let [candidates_ms, e_step_ms, stats_ms, update_ms, reassign_ms] = runs.stages();
     let errors = with_threads(*threads, || errors(config, runs, sample, oracle_pairs))??;
@@ -294,9 +301,9 @@ fn measured(
 /// Starts engine and oracle from the means the timed run ended with: those are spread as
 /// reassignment leaves them.
 fn errors(
-    config: &TrainConfig,
+    config: &PaperConfig,
     runs: &Runs,
-    sample: &Sample,
+    sample: &TrainingSample,
     oracle_pairs: usize,
 ) -> Result<Errors, BenchError> {
     let state = runs.engine.state();
@@ -306,7 +313,7 @@ fn errors(
         .iter()
         .map(|frame| thin(frame, oracle_pairs / config.components))
         .collect();
-    Oracle::new(config, &draw, &frames)?.errors_of(config)
+    DenseOracle::new(config, &draw, &frames)?.errors_of(config)
 }
 
 fn mark_front(rows: &mut [ParetoRow]) {
@@ -361,7 +368,7 @@ fn text(rows: &[ParetoRow]) -> String {
     table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-fn notes(plan: &ParetoPlan, sample: &Sample, base: &ParetoRow) -> Vec<String> {
+fn notes(plan: &ParetoPlan, sample: &TrainingSample, base: &ParetoRow) -> Vec<String> {
     vec![
         format!(
             "base: {}, {} threads; every other row changes one setting of it. {} frames, {} runs in turns; a run is the median over its frames without the first.",

@@ -5,7 +5,7 @@ use crate::bench::findings::BenchError;
 use crate::eval::spread::Spread;
 use crate::math::normalization::Normalization;
 use crate::observation::points::Points;
-use crate::train::paper::config::TrainConfig;
+use crate::train::paper::config::PaperConfig;
 use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
 use crate::train::paper::learner::PaperLearner;
@@ -14,9 +14,9 @@ use crate::train::timing::StageMs;
 use rayon::ThreadPoolBuilder;
 
 /// A configuration and what it is run on.
-pub struct Variant<'a> {
+pub struct TimedConfiguration<'a> {
     /// Settings of the engine.
-    pub config: TrainConfig,
+    pub config: PaperConfig,
     /// Threads it may use.
     pub threads: usize,
     /// Initial means and weights.
@@ -49,7 +49,7 @@ impl Runs {
 /// frame of a run warms its buffers up and does not count where there are others. `done` hears of
 /// every run.
 pub fn in_turns(
-    variants: &[Variant],
+    variants: &[TimedConfiguration],
     repeats: usize,
     done: &mut dyn FnMut(),
 ) -> Result<Vec<Runs>, BenchError> {
@@ -75,8 +75,8 @@ pub fn with_threads<T: Send>(
     Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
 }
 
-fn run(variant: &Variant) -> Result<(Box<dyn PaperLearner>, StageMs), BenchError> {
-    let Variant { config, draw, frames, .. } = variant;
+fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs), BenchError> {
+    let TimedConfiguration { config, draw, frames, .. } = variant;
     let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
     let mut times = Vec::with_capacity(frames.len());
     for frame in *frames {

@@ -10,12 +10,12 @@ use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::preset::TypedPreset;
 use crate::pipeline::session::Session;
 use crate::render::{Method, RenderOptions};
-use crate::train::paper::config::{Overrides, TrainConfig};
+use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::paper::learner::PaperLearner;
 use std::sync::Arc;
 
 /// Points of evenly spaced training frames, ready to be trained on again and again.
-pub struct Sample {
+pub struct TrainingSample {
     /// Where they are from.
     pub dataset: Arc<Dataset>,
     /// Model coordinates to world.
@@ -26,7 +26,7 @@ pub struct Sample {
     views: (usize, Vec<usize>),
 }
 
-impl Sample {
+impl TrainingSample {
     /// Decodes up to `n_frames` evenly spaced training frames; unusable ones are passed over.
     pub fn load(
         dataset: Arc<Dataset>,
@@ -34,8 +34,8 @@ impl Sample {
         n_views: usize,
     ) -> Result<Self, BenchError> {
         // The session knows which frames are for training, and how they are unprojected.
-        let small = Overrides { components: Some(1), ..Overrides::default() };
-        let config = TrainConfig::paper().with(&small)?;
+        let small = PaperOverrides { components: Some(1), ..PaperOverrides::default() };
+        let config = PaperConfig::paper().with(&small)?;
         let session = Session::new(dataset.clone(), config.clone(), Selection::everything())?;
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n_frames));
         let normalization = *session.normalization();
@@ -65,7 +65,7 @@ impl Sample {
 
     /// Mean PSNR over the held-out views, dB, black background, against the photographs' RGB as the
     /// paper compares.
-    pub fn psnr(&self, engine: &dyn PaperLearner, config: &TrainConfig) -> Result<f64, BenchError> {
+    pub fn psnr(&self, engine: &dyn PaperLearner, config: &PaperConfig) -> Result<f64, BenchError> {
         // The timed engine knows no world: its frames were normalised here.
         let splat = |k| config.conversion.splat(&engine.posterior(k), &self.normalization);
         let splats: Vec<_> = (0..engine.components()).map(splat).collect();

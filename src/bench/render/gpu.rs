@@ -1,6 +1,6 @@
 //! Frames on a graphics adapter, without a window.
 
-use super::painter::{FrameMs, PaintError, Painter, Path, ms_since};
+use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use crate::render::gpu::adapters::AdapterChoice;
@@ -16,22 +16,22 @@ use std::time::Instant;
 const WARM_UP: usize = 8;
 
 /// One path of one adapter.
-pub struct GpuPainter {
+pub struct TimedGpu {
     gpu: Rc<HeadlessGpu>,
     path: renderer::Path,
     /// One per method, so that each has its own times.
-    projected: Method,
-    exact: Method,
+    projected: TimedMethod,
+    exact: TimedMethod,
     scene: GpuScene,
     scratch: SortScratch,
 }
 
-struct Method {
+struct TimedMethod {
     renderer: SplatRenderer,
     is_warm: bool,
 }
 
-impl GpuPainter {
+impl TimedGpu {
     /// Every path on the adapter chosen.
     pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
@@ -43,10 +43,10 @@ impl GpuPainter {
 
     fn new(gpu: Rc<HeadlessGpu>, path: renderer::Path) -> Result<Self, HeadlessError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
-        let method = || -> Result<Method, HeadlessError> {
+        let method = || -> Result<TimedMethod, HeadlessError> {
             let mut renderer = SplatRenderer::new(device, queue, OrderOf::First)?;
             renderer.set_path(path);
-            Ok(Method { renderer, is_warm: false })
+            Ok(TimedMethod { renderer, is_warm: false })
         };
         Ok(Self {
             path,
@@ -59,7 +59,7 @@ impl GpuPainter {
     }
 
     /// Draws and waits; milliseconds of that.
-    fn draw(&mut self, camera: &Camera, options: &RenderOptions) -> Result<f64, PaintError> {
+    fn draw(&mut self, camera: &Camera, options: &RenderOptions) -> Result<f64, TimedPaintError> {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         let method = match options.method.renderer() {
             Renderer::Projected => &mut self.projected,
@@ -83,11 +83,11 @@ impl GpuPainter {
     }
 }
 
-impl Painter for GpuPainter {
-    fn path(&self) -> Path {
+impl TimedPainter for TimedGpu {
+    fn path(&self) -> FramePath {
         match self.path {
-            renderer::Path::Quads => Path::Quads,
-            renderer::Path::Tiles => Path::Tiles,
+            renderer::Path::Quads => FramePath::Quads,
+            renderer::Path::Tiles => FramePath::Tiles,
         }
     }
 
@@ -95,7 +95,7 @@ impl Painter for GpuPainter {
         Some(self.gpu.caps.to_string())
     }
 
-    fn load(&mut self, splats: &[Splat]) -> Result<(), PaintError> {
+    fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         // Two scenes need not fit at once.
         self.scene = GpuScene::new(device, queue, &[])?;
@@ -111,7 +111,7 @@ impl Painter for GpuPainter {
         splats: &[Splat],
         camera: &Camera,
         options: &RenderOptions,
-    ) -> Result<FrameMs, PaintError> {
+    ) -> Result<FrameStageMs, TimedPaintError> {
         let mut order_ms = None;
         if self.path == renderer::Path::Quads {
             let started = Instant::now();
@@ -126,6 +126,6 @@ impl Painter for GpuPainter {
         };
         let prepare = times.and_then(|times| times.preprocess);
         let sort = order_ms.or(times.and_then(|times| times.sort));
-        Ok(FrameMs { total, stages: [prepare, sort, None, times.map(|times| times.draw)] })
+        Ok(FrameStageMs { total, stages: [prepare, sort, None, times.map(|times| times.draw)] })
     }
 }

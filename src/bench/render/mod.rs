@@ -1,163 +1,39 @@
 //! Frame time by stage against splats and resolution, by both renderers, on the CPU and on a GPU.
 
-mod forms;
 #[cfg(feature = "gui")]
 mod gpu;
 mod painter;
+mod plan;
+mod report;
+mod row;
 mod scene;
 
-pub use forms::Ratio;
-pub use painter::Path;
-pub use scene::Scene;
+pub use painter::FramePath;
+pub use plan::{BenchDevice, RenderPlan};
+pub use report::Ratio;
+pub use row::RenderRow;
+pub use scene::BenchScene;
 
 use super::plot::draw;
-use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::bench::findings::{Bench, BenchError, Findings, Progress};
 use crate::eval::spread::Spread;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::splats::{Framing, Splat, framing};
-#[cfg(feature = "gui")]
-use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::{RenderOptions, Renderer};
-use forms::{Summary, notes, panels, text};
 use glam::DVec3;
-#[cfg(feature = "gui")]
-use gpu::GpuPainter;
-use painter::{CpuPainter, FrameMs, PaintError, Painter, STAGES};
-use serde::Serialize;
+use painter::{FrameStageMs, TimedPaintError, TimedPainter};
+use plan::RENDERERS;
+use report::{RenderSummary, notes, panels, text};
 use std::f64::consts::TAU;
 
 /// Horizontal field of view of every view, radians.
 const FOV: f64 = 1.0;
-/// Of every view, radians.
+/// Elevation of every view above the scene, radians.
 const ELEVATION: f64 = 0.45;
-/// In the order of the rows.
-const RENDERERS: [Renderer; 2] = [Renderer::Projected, Renderer::Exact];
-
-/// Who draws.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, strum::EnumString, strum::VariantNames)]
-#[strum(serialize_all = "kebab-case")]
-pub enum Device {
-    /// The CPU renderer.
-    Cpu,
-    /// A graphics adapter.
-    #[cfg(feature = "gui")]
-    Gpu,
-    /// The CPU renderer, and a graphics adapter where there is one that is not software.
-    All,
-}
-
-/// What is timed.
-#[derive(Clone, Debug)]
-pub struct RenderPlan {
-    /// Numbers of splats.
-    pub splats: Vec<usize>,
-    /// Columns and rows of the images.
-    pub sizes: Vec<[u32; 2]>,
-    /// Who draws.
-    pub device: Device,
-    /// Name or number of the adapter, which may then be software.
-    #[cfg(feature = "gui")]
-    pub adapter: Option<String>,
-    /// Timed frames of every combination, each from its own side.
-    pub frames: usize,
-    /// What was asked for.
-    pub options: BenchOptions,
-}
-
-impl RenderPlan {
-    /// 10⁴ to 4·10⁶ splats, or to 10⁶ in the quick form; a model's own number is among them.
-    pub fn new(options: BenchOptions, scene: &Scene) -> Self {
-        let mut splats = vec![10_000, 100_000, 1_000_000];
-        let mut sizes = vec![[400, 400], [1280, 720]];
-        if !options.quick {
-            splats.extend([30_000, 300_000, 4_000_000]);
-            sizes.insert(1, [800, 600]);
-        }
-        splats.extend(scene.own_count());
-        splats.sort_unstable();
-        splats.dedup();
-        Self {
-            splats,
-            sizes,
-            device: Device::All,
-            #[cfg(feature = "gui")]
-            adapter: None,
-            frames: options.repeats.unwrap_or(if options.quick { 5 } else { 15 }),
-            options,
-        }
-    }
-
-    /// Everybody who draws; a GPU that was not asked for by name and is not there becomes a note.
-    fn painters(&self, notes: &mut Vec<String>) -> Result<Vec<Box<dyn Painter>>, BenchError> {
-        let mut painters: Vec<Box<dyn Painter>> = Vec::new();
-        if matches!(self.device, Device::Cpu | Device::All) {
-            painters.push(Box::new(CpuPainter::default()));
-        }
-        #[cfg(feature = "gui")]
-        if matches!(self.device, Device::Gpu | Device::All) {
-            let choice = self.adapter.as_deref().map_or(AdapterChoice::Auto, AdapterChoice::parse);
-            match GpuPainter::all(&choice) {
-                Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
-                Err(error) if self.device == Device::All && self.adapter.is_none() => {
-                    notes.push(format!("CPU only: {error}"));
-                }
-                Err(error) => return Err(error.into()),
-            }
-        }
-        #[cfg(not(feature = "gui"))]
-        if self.device == Device::All {
-            notes.push("CPU only: this build draws on no GPU".to_owned());
-        }
-        Ok(painters)
-    }
-}
-
-/// One timed combination.
-#[derive(Clone, Debug, Serialize)]
-pub struct RenderRow {
-    /// How the frames came about.
-    pub path: Path,
-    /// Renderer.
-    pub renderer: Renderer,
-    /// Splats of the scene.
-    pub splats: usize,
-    /// Columns of the image.
-    pub width: u32,
-    /// Rows of the image.
-    pub height: u32,
-    /// Timed frames.
-    pub frames: usize,
-    /// Median milliseconds per frame; `None` where it could not be drawn.
-    pub ms: Option<f64>,
-    /// First quartile.
-    pub ms_q1: Option<f64>,
-    /// Third quartile.
-    pub ms_q3: Option<f64>,
-    /// Splats to records of the image; stages that cannot be told apart are `None`.
-    pub prepare_ms: Option<f64>,
-    /// Their order.
-    pub sort_ms: Option<f64>,
-    /// Lists of tiles.
-    pub bin_ms: Option<f64>,
-    /// Pixels.
-    pub draw_ms: Option<f64>,
-    /// Why it could not be drawn.
-    pub skipped: Option<String>,
-}
-
-impl RenderRow {
-    fn spread(&self) -> Option<Spread> {
-        Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
-    }
-
-    fn stages(&self) -> [Option<f64>; STAGES.len()] {
-        [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
-    }
-}
 
 /// Times every combination; whoever draws takes turns frame by frame.
-pub fn run(plan: &RenderPlan, scene: &Scene, progress: Progress) -> Result<Bench, BenchError> {
+pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<Bench, BenchError> {
     let mut missing = Vec::new();
     let mut painters = plan.painters(&mut missing)?;
     let steps = plan.splats.len() * plan.sizes.len();
@@ -171,7 +47,7 @@ pub fn run(plan: &RenderPlan, scene: &Scene, progress: Progress) -> Result<Bench
             progress(done, steps);
         }
     }
-    let summary = Summary::of(&rows);
+    let summary = RenderSummary::of(&rows);
     let title = format!("Time per frame: {}", scene.name());
     Findings {
         name: "render",
@@ -190,13 +66,13 @@ pub fn run(plan: &RenderPlan, scene: &Scene, progress: Progress) -> Result<Bench
 /// Everybody who draws one scene.
 struct Turns<'a> {
     splats: &'a [Splat],
-    painters: &'a mut [Box<dyn Painter>],
+    painters: &'a mut [Box<dyn TimedPainter>],
     /// Why a painter cannot draw this scene.
-    refusals: Vec<Option<PaintError>>,
+    refusals: Vec<Option<TimedPaintError>>,
 }
 
 impl<'a> Turns<'a> {
-    fn new(painters: &'a mut [Box<dyn Painter>], splats: &'a [Splat]) -> Self {
+    fn new(painters: &'a mut [Box<dyn TimedPainter>], splats: &'a [Splat]) -> Self {
         let refusals = painters.iter_mut().map(|painter| painter.load(splats).err()).collect();
         Self { splats, painters, refusals }
     }
@@ -204,7 +80,7 @@ impl<'a> Turns<'a> {
     /// All renderers of all painters in turns, one frame each, from the same sides of the scene.
     /// The first round warms up and does not count.
     fn time(&mut self, frames: usize, size: [u32; 2], up: DVec3) -> Vec<RenderRow> {
-        let mut found: Vec<Target> = self.targets();
+        let mut found: Vec<TimedTarget> = self.targets();
         let framing = framing(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
         for round in 0..=frames {
             let camera = view(&framing, up, size, round as f64 / frames as f64 * TAU);
@@ -222,10 +98,10 @@ impl<'a> Turns<'a> {
         found.into_iter().map(|target| target.into_row(self.splats.len(), size, frames)).collect()
     }
 
-    fn targets(&self) -> Vec<Target> {
+    fn targets(&self) -> Vec<TimedTarget> {
         let mut targets = Vec::new();
         for (i, (painter, refusal)) in self.painters.iter().zip(&self.refusals).enumerate() {
-            targets.extend(RENDERERS.into_iter().map(|renderer| Target {
+            targets.extend(RENDERERS.into_iter().map(|renderer| TimedTarget {
                 painter: i,
                 path: painter.path(),
                 renderer,
@@ -238,15 +114,15 @@ impl<'a> Turns<'a> {
 }
 
 /// One renderer of one painter, and its times.
-struct Target {
+struct TimedTarget {
     painter: usize,
-    path: Path,
+    path: FramePath,
     renderer: Renderer,
-    times: Vec<FrameMs>,
+    times: Vec<FrameStageMs>,
     failure: Option<String>,
 }
 
-impl Target {
+impl TimedTarget {
     fn into_row(self, splats: usize, [width, height]: [u32; 2], frames: usize) -> RenderRow {
         let is_drawn = self.failure.is_none();
         let ms = is_drawn.then(|| Spread::of(self.times.iter().map(|ms| ms.total).collect()));

@@ -14,7 +14,7 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, strum::Display)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
-pub enum Path {
+pub enum FramePath {
     /// Tiles on the CPU.
     Cpu,
     /// Instanced quads on a GPU.
@@ -27,7 +27,7 @@ pub enum Path {
 
 /// Times of one frame, milliseconds; a stage that cannot be told apart is `None`.
 #[derive(Clone, Copy, Debug)]
-pub struct FrameMs {
+pub struct FrameStageMs {
     /// From the splats to the finished image.
     pub total: f64,
     /// In the order of [`STAGES`].
@@ -39,7 +39,7 @@ pub const STAGES: [&str; Stage::ALL.len()] = ["prepare", "sort", "bin", "draw"];
 
 /// Why a frame is not drawn.
 #[derive(Debug, thiserror::Error)]
-pub enum PaintError {
+pub enum TimedPaintError {
     /// The machine has not enough memory.
     #[error("needs about {needed_mb} MB of memory, {available_mb} MB are free")]
     Memory {
@@ -55,19 +55,19 @@ pub enum PaintError {
     /// The device failed.
     #[cfg(feature = "gui")]
     #[error(transparent)]
-    Device(#[from] HeadlessError),
+    BenchDevice(#[from] HeadlessError),
 }
 
 /// Draws frames of one scene after the other.
-pub trait Painter {
+pub trait TimedPainter {
     /// How.
-    fn path(&self) -> Path;
+    fn path(&self) -> FramePath;
 
     /// The adapter that draws, if one does.
     fn adapter(&self) -> Option<String>;
 
     /// Takes a scene; the frames that follow show it.
-    fn load(&mut self, splats: &[Splat]) -> Result<(), PaintError>;
+    fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError>;
 
     /// Draws a frame of the scene taken last, which is handed over again.
     fn frame(
@@ -75,29 +75,29 @@ pub trait Painter {
         splats: &[Splat],
         camera: &Camera,
         options: &RenderOptions,
-    ) -> Result<FrameMs, PaintError>;
+    ) -> Result<FrameStageMs, TimedPaintError>;
 }
 
 /// The CPU renderer on all threads of the pool.
 #[derive(Default)]
-pub struct CpuPainter(CpuRenderer);
+pub struct TimedCpu(CpuRenderer);
 
 /// Bytes of a splat in memory and in the buffers of the renderer, about.
 const BYTES_PER_SPLAT: u64 = 256;
 
-impl Painter for CpuPainter {
-    fn path(&self) -> Path {
-        Path::Cpu
+impl TimedPainter for TimedCpu {
+    fn path(&self) -> FramePath {
+        FramePath::Cpu
     }
 
     fn adapter(&self) -> Option<String> {
         None
     }
 
-    fn load(&mut self, splats: &[Splat]) -> Result<(), PaintError> {
+    fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let needed = BYTES_PER_SPLAT * splats.len() as u64;
         match machine::available_bytes() {
-            Some(available) if available < needed => Err(PaintError::Memory {
+            Some(available) if available < needed => Err(TimedPaintError::Memory {
                 needed_mb: needed.div_ceil(1_000_000),
                 available_mb: available / 1_000_000,
             }),
@@ -110,14 +110,14 @@ impl Painter for CpuPainter {
         splats: &[Splat],
         camera: &Camera,
         options: &RenderOptions,
-    ) -> Result<FrameMs, PaintError> {
+    ) -> Result<FrameStageMs, TimedPaintError> {
         let (mut stages, mut from) = ([None; STAGES.len()], Instant::now());
         let started = from;
         self.0.render_observed(splats.into(), camera, options, |stage| {
             stages[stage as usize] = Some(ms_since(from));
             from = Instant::now();
         });
-        Ok(FrameMs { total: ms_since(started), stages })
+        Ok(FrameStageMs { total: ms_since(started), stages })
     }
 }
 

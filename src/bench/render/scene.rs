@@ -8,7 +8,7 @@ use std::f64::consts::{PI, TAU};
 
 /// What is drawn.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct BenchScene {
     name: String,
     up: DVec3,
     /// Splats of a model, at least one; none for the synthetic scene.
@@ -29,7 +29,7 @@ const UNEVENNESS: f64 = 0.3;
 /// Opacity that training gives every splat.
 const OPACITY: f32 = 0.95;
 
-impl Scene {
+impl BenchScene {
     /// Balls on a disc, their surfaces covered by flat splats as training leaves them.
     pub fn synthetic() -> Self {
         Self { name: "synthetic balls on a disc".to_owned(), up: DVec3::Z, model: Vec::new() }
@@ -158,9 +158,9 @@ mod tests {
 
     #[test]
     fn any_number_of_splats_covers_as_much() {
-        let few = Scene::synthetic().splats(2000, 7).into_owned();
-        let model = Scene::model("model".to_owned(), DVec3::Z, few.clone()).unwrap();
-        for scene in [&Scene::synthetic(), &model] {
+        let few = BenchScene::synthetic().splats(2000, 7).into_owned();
+        let model = BenchScene::model("model".to_owned(), DVec3::Z, few.clone()).unwrap();
+        for scene in [&BenchScene::synthetic(), &model] {
             for n in [500, 2000, 9000] {
                 let splats = scene.splats(n, 7);
                 assert_eq!(splats.len(), n);
@@ -174,6 +174,6 @@ mod tests {
 
     #[test]
     fn a_model_without_splats_is_no_scene() {
-        assert!(Scene::model("empty".to_owned(), DVec3::Z, vec![Splat::default()]).is_none());
+        assert!(BenchScene::model("empty".to_owned(), DVec3::Z, vec![Splat::default()]).is_none());
     }
 }

@@ -1,18 +1,19 @@
 //! What every part of the scene preset brings (`accuracy.md` 5 and 7), on any dataset, and how many
 //! components buy which quality.
 
-mod forms;
+mod report;
+mod row;
 mod training;
 mod variants;
+
+pub use row::{AccuracyRow, AccuracySummary};
 
 use super::paper::sample::spaced;
 use super::plot::draw;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::dataset::Dataset;
-use crate::eval::cracks::{self, CrackReport};
-use crate::eval::metrics::mean_std;
+use crate::eval::cracks;
 use crate::eval::report::{EvalReport, SeenReport};
-use crate::eval::spread::Spread;
 use crate::eval::views::{EvalOptions, GroundTruth, evaluate};
 use crate::math::rng::{Purpose, Rng};
 use crate::pipeline::error::SessionError;
@@ -20,11 +21,10 @@ use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::preset::AnyPreset;
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{Method, RenderOptions};
-use crate::train::scene::config::BirthRule;
-use serde::Serialize;
+use row::Measured;
 use std::sync::Arc;
 use training::{Trained, n_sweeps, train};
-use variants::{Table, Variant, budgets, parts, scales};
+use variants::{budgets, parts, scales};
 
 /// How much of the tables is run.
 #[derive(Clone, Debug)]
@@ -59,80 +59,11 @@ impl AccuracyPlan {
     }
 }
 
-/// One row of a table; qualities are means over views, then over the orders of frames.
-#[derive(Clone, Debug, Serialize)]
-pub struct AccuracyRow {
-    /// Which table.
-    pub table: Table,
-    /// What was changed.
-    pub configuration: String,
-    /// Where components are born.
-    pub births: BirthRule,
-    /// Structural scale, world units.
-    pub h: f64,
-    /// Components that are drawn.
-    pub drawn: f64,
-    /// Components that were born.
-    pub born: f64,
-    /// Bytes of the model per component.
-    pub bytes_per_component: f64,
-    /// Median milliseconds of training per frame.
-    pub train_ms: f64,
-    /// Median milliseconds of preparation per frame, on the thread that decodes.
-    pub prepare_ms: f64,
-    /// PSNR of the whole frame, dB.
-    pub psnr: f64,
-    /// Lowest of the orders.
-    pub psnr_low: f64,
-    /// Highest of the orders.
-    pub psnr_high: f64,
-    /// PSNR over covered pixels, dB.
-    pub psnr_covered: Option<f64>,
-    /// The same with colours aligned view by view.
-    pub psnr_aligned_covered: Option<f64>,
-    /// Share of covered pixels.
-    pub coverage: f64,
-    /// SSIM.
-    pub ssim: f64,
-    /// SSIM with colours aligned view by view.
-    pub ssim_aligned: Option<f64>,
-    /// Share of interior pixels with transmittance > 0.1 at the distance of training; this and the
-    /// next three in the first order.
-    pub cracks_01: Option<f64>,
-    /// The same with transmittance > 0.3.
-    pub cracks_03: Option<f64>,
-    /// As `cracks_01`, at half the distance.
-    pub cracks_half_01: Option<f64>,
-    /// As `cracks_03`, at half the distance.
-    pub cracks_half_03: Option<f64>,
-}
-
-/// What holds for all rows.
-#[derive(Clone, Debug, Serialize)]
-pub struct Summary {
-    /// The preset's settings on this dataset.
-    pub base: SceneRun,
-    /// Training frames.
-    pub frames: usize,
-    /// Held-out views.
-    pub views: usize,
-    /// Orders of the frames.
-    pub orders: usize,
-    /// What the preset shows early of the frames it has learnt, as listed.
-    pub seen: Vec<SeenReport>,
-}
-
 /// Frames learnt when the preset is asked what it shows of them.
 const SEEN_AFTER: [usize; 3] = [1, 10, 50];
 
-/// A configuration in one order of the frames.
-struct Measured {
-    trained: Trained,
-    quality: EvalReport,
-}
-
 /// Everything that runs share.
-struct Stage {
+struct AccuracyRuns {
     dataset: Arc<Dataset>,
     plan: Plan,
     /// Split and positions of the held-out views.
@@ -148,7 +79,7 @@ pub fn run(
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<Bench, BenchError> {
-    let (stage, base) = Stage::new(plan, dataset)?;
+    let (stage, base) = AccuracyRuns::new(plan, dataset)?;
     let mut rows = parts(&base);
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
@@ -186,7 +117,7 @@ pub fn run(
             Some(AccuracyRow::of(row, &measured[at]))
         })
         .collect();
-    let summary = Summary {
+    let summary = AccuracySummary {
         base,
         frames: stage.plan.frames.len(),
         views: stage.views.1.len(),
@@ -196,7 +127,7 @@ pub fn run(
     stage.into_bench(plan, found, summary)
 }
 
-impl Stage {
+impl AccuracyRuns {
     fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
         let everything = Selection::everything();
         let all =
@@ -266,7 +197,7 @@ impl Stage {
         self,
         plan: &AccuracyPlan,
         rows: Vec<AccuracyRow>,
-        summary: Summary,
+        summary: AccuracySummary,
     ) -> Result<Bench, BenchError> {
         let title = format!("Accuracy: {}", self.dataset.name);
         let is_registered = self.options.color_camera.is_none();
@@ -275,55 +206,12 @@ impl Stage {
             dataset: &self.dataset.name,
             adapter: None,
             options: plan.options,
-            notes: forms::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
-            table: forms::text(&rows),
-            plot: draw::draw(&title, &forms::panels(&rows, is_registered))?,
+            notes: report::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
+            table: report::text(&rows),
+            plot: draw::draw(&title, &report::panels(&rows, is_registered))?,
             rows,
             summary,
         }
         .into_bench()
-    }
-}
-
-impl AccuracyRow {
-    fn of(variant: &Variant, orders: &[Measured]) -> Self {
-        let mean = |value: &dyn Fn(&Measured) -> f64| {
-            mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0
-        };
-        let mean_known = |value: &dyn Fn(&EvalReport) -> Option<f64>| {
-            let values: Option<Vec<f64>> = orders.iter().map(|m| value(&m.quality)).collect();
-            values.map(|values| mean_std(&values).0)
-        };
-        let psnr = || orders.iter().map(|m| m.quality.psnr_mean);
-        let median = |times: &dyn Fn(&Trained) -> &[f64]| {
-            Spread::of(orders.iter().flat_map(|m| times(&m.trained)).copied().collect()).median
-        };
-        let cracks: Option<&CrackReport> = orders.iter().find_map(|m| m.quality.cracks.as_ref());
-        let half = cracks.and_then(|c| c.half_distance);
-        Self {
-            table: variant.table,
-            configuration: variant.name.clone(),
-            births: variant.run.engine.births,
-            h: variant.run.engine.h,
-            drawn: mean(&|m| m.trained.drawn() as f64),
-            born: mean(&|m| m.trained.born as f64),
-            bytes_per_component: mean(&|m| {
-                m.trained.model_bytes as f64 / m.trained.born.max(1) as f64
-            }),
-            train_ms: median(&|t| &t.train_ms),
-            prepare_ms: median(&|t| &t.prepare_ms),
-            psnr: mean(&|m| m.quality.psnr_mean),
-            psnr_low: psnr().fold(f64::INFINITY, f64::min),
-            psnr_high: psnr().fold(f64::NEG_INFINITY, f64::max),
-            psnr_covered: mean_known(&|q| q.psnr_covered_mean),
-            psnr_aligned_covered: mean_known(&|q| q.psnr_aligned_covered_mean),
-            coverage: mean(&|m| m.quality.coverage_mean),
-            ssim: mean(&|m| m.quality.ssim_mean),
-            ssim_aligned: mean_known(&|q| q.ssim_aligned_mean),
-            cracks_01: cracks.map(|c| c.training_distance.over_01),
-            cracks_03: cracks.map(|c| c.training_distance.over_03),
-            cracks_half_01: half.map(|c| c.over_01),
-            cracks_half_03: half.map(|c| c.over_03),
-        }
     }
 }

@@ -62,7 +62,7 @@ pub fn n_sweeps(runs: &[SceneRun]) -> usize {
 }
 
 /// One engine and what it needed.
-struct Course {
+struct TrainedSums {
     config: SceneConfig,
     engine: Box<dyn SceneLearner>,
     train_ms: Vec<f64>,
@@ -76,11 +76,11 @@ fn train_alike(
 ) -> Result<Vec<Trained>, BenchError> {
     let Some(first) = runs.first() else { return Ok(Vec::new()) };
     let surface = &first.surface;
-    let mut courses: Vec<Course> = Vec::new();
+    let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
         if !courses.iter().any(|course| course.has_sums_of(run)) {
             let engine = engine::begin(&run.engine, surface.origin);
-            courses.push(Course { config: run.engine.clone(), engine, train_ms: Vec::new() });
+            courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
         }
     }
     let mut prepare_ms = Vec::with_capacity(plan.frames.len());
@@ -104,7 +104,7 @@ fn train_alike(
     }
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
-        course.engine.set_native(run.engine.native);
+        course.engine.set_splat_rule(run.engine.native);
         Some(Trained {
             splats: course.engine.splats(),
             born: course.engine.components(),
@@ -116,7 +116,7 @@ fn train_alike(
     Ok(runs.iter().filter_map(drawn).collect())
 }
 
-impl Course {
+impl TrainedSums {
     fn has_sums_of(&self, run: &SceneRun) -> bool {
         SceneConfig { native: self.config.native, ..run.engine.clone() } == self.config
     }

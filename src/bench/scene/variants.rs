@@ -8,7 +8,7 @@ use crate::dataset::surface::sensor::Thresholds;
 use crate::model::scene::opacity::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun, StructuralScale};
-use crate::train::scene::config::{BirthRule, LookRule};
+use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::sum_form::SumForm;
 use serde::Serialize;
 
@@ -28,7 +28,7 @@ pub enum Table {
 
 /// A configuration by its name in a table.
 #[derive(Clone, Debug)]
-pub struct Variant {
+pub struct SceneVariant {
     /// Where it stands.
     pub table: Table,
     /// What it changes.
@@ -38,10 +38,10 @@ pub struct Variant {
 }
 
 /// A part of the preset and how to do without it.
-type Part = (&'static str, fn(&mut SceneRun));
+type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// In the order of `accuracy.md` 5.
-const PARTS: [Part; 11] = [
+const PARTS: [PresetChange; 11] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -59,13 +59,13 @@ const PARTS: [Part; 11] = [
 ];
 
 /// Changes beside leaving one part out.
-const CHANGES: [Part; 7] = [
+const CHANGES: [PresetChange; 7] = [
     ("one colour per component", |run| {
         run.engine.native.gradient = false;
         run.engine.native.directional = false;
     }),
     ("opacity from the number of points alone", opacity_of_count),
-    ("looks counted by returns", |run| run.engine.looks = LookRule::Returned),
+    ("looks counted by returns", |run| run.engine.looks = VisibilityRule::Returned),
     ("no prior of the covariance", |run| run.engine.native.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);
@@ -116,13 +116,13 @@ fn loose_inliers(run: &mut SceneRun) {
 
 /// The rows of the first two tables around a preset; what changes nothing on its dataset is left
 /// out.
-pub fn parts(base: &SceneRun) -> Vec<Variant> {
-    let with = |changes: &[Part]| {
+pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
+    let with = |changes: &[PresetChange]| {
         let mut run = base.clone();
         changes.iter().for_each(|(_, change)| change(&mut run));
         run
     };
-    let mut rows = vec![Variant {
+    let mut rows = vec![SceneVariant {
         table: Table::Cumulative,
         name: "measured depth, constant opacity".to_owned(),
         run: with(&PARTS),
@@ -130,10 +130,10 @@ pub fn parts(base: &SceneRun) -> Vec<Variant> {
     for (i, (name, _)) in PARTS.iter().enumerate() {
         let run = with(&PARTS[i + 1..]);
         if rows.last().is_none_or(|row| row.run != run) {
-            rows.push(Variant { table: Table::Cumulative, name: format!("+ {name}"), run });
+            rows.push(SceneVariant { table: Table::Cumulative, name: format!("+ {name}"), run });
         }
     }
-    let all = Variant { table: Table::LeaveOneOut, name: "all".to_owned(), run: base.clone() };
+    let all = SceneVariant { table: Table::LeaveOneOut, name: "all".to_owned(), run: base.clone() };
     rows.push(all);
     let without = PARTS.iter().map(|&(name, change)| (format!("no {name}"), change));
     let changed = CHANGES.iter().map(|&(name, change)| (name.to_owned(), change));
@@ -141,7 +141,7 @@ pub fn parts(base: &SceneRun) -> Vec<Variant> {
         let mut run = base.clone();
         change(&mut run);
         if run != *base {
-            rows.push(Variant { table: Table::LeaveOneOut, name, run });
+            rows.push(SceneVariant { table: Table::LeaveOneOut, name, run });
         }
     }
     rows
@@ -151,12 +151,12 @@ pub fn parts(base: &SceneRun) -> Vec<Variant> {
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
 /// The preset merged down from the `born` components it makes.
-pub fn budgets(base: &SceneRun, born: usize) -> Vec<Variant> {
+pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
         run.engine.most = ((born as f64 * share) as usize).max(1);
         let name = format!("budget {}", run.engine.most);
-        Variant { table: Table::Budget, name, run }
+        SceneVariant { table: Table::Budget, name, run }
     };
     BUDGETS.map(of_share).to_vec()
 }
@@ -168,7 +168,7 @@ pub fn scales(
     plan: &Plan,
     base: &SceneRun,
     factors: &[f64],
-) -> Result<Vec<Variant>, SceneError> {
+) -> Result<Vec<SceneVariant>, SceneError> {
     let mut rows = Vec::new();
     for births in [BirthRule::Seeds, BirthRule::Lattice, BirthRule::BodyCentred] {
         for factor in factors {
@@ -177,7 +177,7 @@ pub fn scales(
             match SceneRun::new(dataset, plan, &overrides) {
                 Ok(run) => {
                     let name = format!("{births}, h = {:.3}", run.engine.h);
-                    rows.push(Variant { table: Table::Scale, name, run });
+                    rows.push(SceneVariant { table: Table::Scale, name, run });
                 }
                 Err(SceneError::BelowNoise { .. }) => {}
                 Err(error) => return Err(error),

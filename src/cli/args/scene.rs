@@ -4,7 +4,7 @@ use super::choice;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::pipeline::settings::scene::{Budget, StructuralScale};
-use vbgs_studio::train::scene::config::{BirthRule, LookRule};
+use vbgs_studio::train::scene::config::{BirthRule, VisibilityRule};
 
 /// A part of the scene preset that can be left out.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -55,8 +55,8 @@ pub struct SceneArgs {
     pub budget: Option<Budget>,
     /// How the returns a component could have given are counted [default: projected, with lattices
     /// returned]
-    #[arg(long, value_parser = choice::<LookRule>(), help_heading = "Scene preset")]
-    pub looks: Option<LookRule>,
+    #[arg(long, value_parser = choice::<VisibilityRule>(), help_heading = "Scene preset")]
+    pub looks: Option<VisibilityRule>,
     /// Leave parts out
     #[arg(
         long,

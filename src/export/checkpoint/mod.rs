@@ -48,7 +48,7 @@
 //! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, write};
 //! use vbgs_studio::math::normalization::Normalization;
 //! use vbgs_studio::model::conjugate::prior::Hyper;
-//! use vbgs_studio::model::paper::state::{Means, ModelState, Totals};
+//! use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};
 //!
 //! let checkpoint = Checkpoint {
 //!     config: "{}".into(),
@@ -61,7 +61,7 @@
 //!         hyper: Hyper::paper(1, 1.0),
 //!         state: ModelState {
 //!             alpha_init: vec![1.5],
-//!             means: Means::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
+//!             means: InitialMeans::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
 //!             totals: Totals::Fixed128(vec![[1 << 80, 0, 0, 0, 9, 0, 0, 9, 0, 9, 0, 0, 0]]),
 //!         },
 //!     },

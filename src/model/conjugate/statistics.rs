@@ -10,7 +10,7 @@ pub const N_SUMS: usize = 13;
 
 /// Sums of one component over one tile of points, not yet rounded to the form of the totals.
 #[derive(Clone, Copy, Debug)]
-pub struct Record<R> {
+pub struct TileRecord<R> {
     /// Component.
     pub id: u32,
     /// Position of the tile in its frame.

@@ -9,14 +9,14 @@ pub struct ModelState {
     /// Dirichlet parameters of the initial model.
     pub alpha_init: Vec<f64>,
     /// Initial means, moved by reassignment.
-    pub means: Means,
+    pub means: InitialMeans,
     /// Sums over everything seen, about the initial spatial means.
     pub totals: Totals,
 }
 
 /// Initial means in the precision the E-step reads them in.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Means {
+pub enum InitialMeans {
     /// Single precision.
     F32 {
         /// Positions.
@@ -33,7 +33,7 @@ pub enum Means {
     },
 }
 
-impl Means {
+impl InitialMeans {
     /// Rows `[s, c]`; exact.
     pub fn rows(&self) -> Vec<[f64; 6]> {
         let row = |s: [f64; 3], c: [f64; 3]| [s[0], s[1], s[2], c[0], c[1], c[2]];

@@ -7,7 +7,7 @@
 use super::state::{Carry, Totals};
 use crate::math::fixed::{Split, from_fixed, round_small, to_fixed, to_quanta};
 use crate::math::real::Real;
-use crate::model::conjugate::statistics::{Moments, N_SUMS, Record};
+use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -82,7 +82,7 @@ struct Shard<T: Total> {
     /// Ids whose rows the current frame has changed, each once.
     touched: Vec<u32>,
     /// Memory for records that must be put in order.
-    sorted: Vec<Record<f64>>,
+    sorted: Vec<TileRecord<f64>>,
 }
 
 /// Two cache lines in 64-bit form.
@@ -267,7 +267,7 @@ impl Statistics {
     /// left out whole.
     pub fn add_frame<R: Real>(
         &mut self,
-        of_shard: impl Fn(usize, &mut dyn FnMut(&[Record<R>])) + Sync,
+        of_shard: impl Fn(usize, &mut dyn FnMut(&[TileRecord<R>])) + Sync,
     ) {
         if self.frame == u32::MAX {
             any_form!(&mut self.form, shards => shards.iter_mut().for_each(Shard::forget_frames));
@@ -363,7 +363,7 @@ impl<T: Total> Shard<T> {
         &mut self,
         frame: u32,
         first: usize,
-        records: impl FnOnce(&mut dyn FnMut(&[Record<R>])),
+        records: impl FnOnce(&mut dyn FnMut(&[TileRecord<R>])),
     ) {
         self.touched.clear();
         if !T::ORDERED {
@@ -372,8 +372,11 @@ impl<T: Total> Shard<T> {
         let mut sorted = std::mem::take(&mut self.sorted);
         sorted.clear();
         records(&mut |records| {
-            let widened =
-                |r: &Record<R>| Record { id: r.id, tile: r.tile, sums: r.sums.map(R::to_f64) };
+            let widened = |r: &TileRecord<R>| TileRecord {
+                id: r.id,
+                tile: r.tile,
+                sums: r.sums.map(R::to_f64),
+            };
             sorted.extend(records.iter().map(widened));
         });
         sorted.sort_unstable_by_key(|record| (record.id, record.tile));
@@ -383,7 +386,7 @@ impl<T: Total> Shard<T> {
 
     /// Rows are far from the processor, so those of some records are fetched before any is added to.
     #[inline(always)]
-    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[Record<R>]) {
+    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
         for records in records.chunks(ROWS_AHEAD) {
             for record in records {
                 self.touch(frame, record.id as usize - first, record);
@@ -395,7 +398,7 @@ impl<T: Total> Shard<T> {
     }
 
     #[inline(always)]
-    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &Record<R>) {
+    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
         let row = &mut self.rows[place];
         std::hint::black_box(row.sums[N_SUMS - 1]);
         let is_new = row.frame != frame;
@@ -407,7 +410,7 @@ impl<T: Total> Shard<T> {
     }
 
     #[inline(always)]
-    fn add<R: Real>(&mut self, place: usize, record: &Record<R>) {
+    fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
         let sums = record.sums.map(R::to_f64);
         if T::vanishes(sums[0]) {
             return;
@@ -443,18 +446,18 @@ mod tests {
     const WIDTHS: [UpdateWidth; 3] =
         [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128];
 
-    fn records(components: usize, n: u32, seed: u64) -> Vec<Record<f32>> {
+    fn records(components: usize, n: u32, seed: u64) -> Vec<TileRecord<f32>> {
         let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
         let record = |tile| {
             let mut sums = [0.0; N_SUMS];
             sums.fill_with(|| rng.normal() as f32);
             sums[0] = sums[0].abs();
-            Record { id: rng.below(components) as u32, tile, sums }
+            TileRecord { id: rng.below(components) as u32, tile, sums }
         };
         (0..n).map(record).collect()
     }
 
-    fn add(statistics: &mut Statistics, records: &[Record<f32>]) {
+    fn add(statistics: &mut Statistics, records: &[TileRecord<f32>]) {
         let bits = statistics.shard_bits();
         statistics.add_frame(|shard, add| {
             records.iter().filter(|r| r.id as usize >> bits == shard).for_each(|r| add(&[*r]));
@@ -507,7 +510,7 @@ mod tests {
         let mut statistics = Statistics::new(3, UpdateWidth::Fixed64);
         let mut sums = [0.0f32; N_SUMS];
         (sums[0], sums[4], sums[5]) = (3e7, 2.5e4, -2.5e4);
-        let record = Record { id: 1, tile: 0, sums };
+        let record = TileRecord { id: 1, tile: 0, sums };
         for _ in 0..100 {
             add(&mut statistics, &[record]);
         }
@@ -529,7 +532,7 @@ mod tests {
         let mut sums = [1.0f32; N_SUMS];
         sums[0] = 1e-12;
         let mut statistics = Statistics::new(2, UpdateWidth::Fixed64);
-        add(&mut statistics, &[Record { id: 0, tile: 0, sums }]);
+        add(&mut statistics, &[TileRecord { id: 0, tile: 0, sums }]);
         assert_eq!(statistics.used(), 0);
         assert_eq!(statistics.moments(0), Moments::default());
         assert!(statistics.touched().is_empty());

@@ -3,7 +3,7 @@
 //! (`accuracy.md` 3). The NIW and Dirichlet posteriors of `posterior` follow from a part of them.
 
 pub mod merging;
-pub mod native;
 pub mod opacity;
+pub mod splat_rule;
 pub mod state;
 pub mod sums;

@@ -5,7 +5,7 @@ use crate::math::sym3::Sym3;
 use crate::model::conjugate::statistics::Moments;
 use glam::{DMat3, DVec3};
 
-/// Sums per component, each of terms within ±[`MOST_TERM`]. With `d` the offset of a point from the seed in
+/// Sums per component, each of terms within ±[`MAX_TERM`]. With `d` the offset of a point from the seed in
 /// units of the structural scale `h`, `c` its colour, `n` its normal and `v` its view direction:
 /// `N`, `Σ d` (3), `Σ d dᵀ` (6), `Σ c` (3), `Σ c dᵀ` (9, row per channel), `Σ n` (3), `Σ v` (3),
 /// `Σ v vᵀ` without its last entry, which is `N` minus the other two of the diagonal (5),
@@ -16,7 +16,7 @@ pub const N_SUMS: usize = 42;
 pub const MAX_OFFSET: f32 = 2.8;
 
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
-pub const MOST_TERM: f64 = 7.84;
+pub const MAX_TERM: f64 = 7.84;
 
 /// What one point at offset `d` (units of `h`) adds to each sum: its colour, the unit normal of its
 /// surface and the unit direction it was seen in, world axes.

@@ -13,7 +13,7 @@ const DISTANCE: f64 = 4.0;
 /// One frame.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Exposure {
+pub struct FrameExposure {
     /// Where its camera stood, world units.
     pub centre: [f64; 3],
     /// Unit direction it looked in, world axes.
@@ -22,7 +22,7 @@ pub struct Exposure {
     pub gain: [f64; 3],
 }
 
-impl Exposure {
+impl FrameExposure {
     /// Of a frame taken from `pose`.
     pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
         let (centre, forward) = (pose.centre().to_array(), pose.forward().to_array());
@@ -40,14 +40,14 @@ impl Exposure {
 /// The frames of a scene in the order they were learnt in.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureLog {
-    frames: Vec<Exposure>,
+    frames: Vec<FrameExposure>,
     /// World units.
     reach: f64,
 }
 
 impl ExposureLog {
     /// Of a scene with structural scale `h`, world units.
-    pub fn new(frames: Vec<Exposure>, h: f64) -> Self {
+    pub fn new(frames: Vec<FrameExposure>, h: f64) -> Self {
         Self { frames, reach: DISTANCE * h }
     }
 
@@ -55,7 +55,7 @@ impl ExposureLog {
     /// undoes the frames' gains, by Gaussian weights relative to the nearest frame's (Nadaraya and
     /// Watson's regression); 1 without frames.
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
-        let away = |frame: &Exposure| frame.squared_distance(pose, self.reach);
+        let away = |frame: &FrameExposure| frame.squared_distance(pose, self.reach);
         let nearest = self.frames.iter().map(away).fold(f64::INFINITY, f64::min);
         let (mut total, mut logs) = (0.0, DVec3::ZERO);
         for frame in &self.frames {
@@ -79,7 +79,8 @@ mod tests {
     }
 
     fn log(frames: &[(f64, f32)]) -> ExposureLog {
-        let frames = frames.iter().map(|&(x, gain)| Exposure::new(&looking(x), [gain, 1.0, 1.0]));
+        let frames =
+            frames.iter().map(|&(x, gain)| FrameExposure::new(&looking(x), [gain, 1.0, 1.0]));
         ExposureLog::new(frames.collect(), 0.025)
     }
 

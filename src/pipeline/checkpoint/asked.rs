@@ -6,7 +6,7 @@ use crate::dataset::LoadOptions;
 use crate::pipeline::plan::{Order, Shard};
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneOverrides;
-use crate::train::paper::config::{Overrides, Preset};
+use crate::train::paper::config::{PaperOverrides, Preset};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -17,7 +17,7 @@ pub struct Asked {
     pub preset: Option<Preset>,
     /// Settings of a model of the paper's preset.
     #[serde(skip)]
-    pub paper: Overrides,
+    pub paper: PaperOverrides,
     /// Settings of a model of the scene's.
     #[serde(skip)]
     pub scene: SceneOverrides,

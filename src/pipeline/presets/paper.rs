@@ -15,11 +15,11 @@ use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::preset::{AnyPreset, Beginning, OrderDependence, Revived, TypedPreset};
 use crate::pipeline::run::RunConfig;
-use crate::train::paper::config::{Init, TrainConfig, UpdateWidth};
+use crate::train::paper::config::{Init, PaperConfig, UpdateWidth};
 use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
 
-impl AnyPreset for TrainConfig {
+impl AnyPreset for PaperConfig {
     fn seed(&self) -> u64 {
         self.seed
     }
@@ -55,7 +55,7 @@ impl AnyPreset for TrainConfig {
     }
 }
 
-impl TypedPreset for TrainConfig {
+impl TypedPreset for PaperConfig {
     type Preparation = UnprojectSettings;
 
     fn preparation(&self, run: &RunConfig, normalization: Normalization) -> UnprojectSettings {
@@ -89,7 +89,7 @@ impl TypedPreset for TrainConfig {
     }
 }
 
-impl TrainConfig {
+impl PaperConfig {
     /// The stored mixture, if it is one of these settings.
     fn mixture<'a>(
         &self,
@@ -124,7 +124,7 @@ fn holds(update: UpdateWidth, totals: &Totals) -> bool {
 fn initial_draw(
     dataset: &Dataset,
     run: &RunConfig,
-    config: &TrainConfig,
+    config: &PaperConfig,
     normalization: Normalization,
 ) -> Result<InitialDraw, DatasetError> {
     if config.init == Init::Random {

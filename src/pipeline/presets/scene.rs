@@ -15,7 +15,7 @@ use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::preset::{AnyPreset, Beginning, OrderDependence, Revived, TypedPreset};
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
-use crate::train::scene::config::{LookRule, SceneConfig};
+use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::engine;
 use crate::train::scene::sum_form::SumForm;
 
@@ -122,7 +122,7 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
         Some(("--with align".to_owned(), "--without align"))
     } else if *gain {
         Some(("--with gain".to_owned(), "--without gain"))
-    } else if *looks == LookRule::Projected {
+    } else if *looks == VisibilityRule::Projected {
         Some(("--looks projected".to_owned(), "--looks returned"))
     } else if *sums != SumForm::Mixed {
         Some((format!("sums of the form {sums:?}"), "--precision mixed"))

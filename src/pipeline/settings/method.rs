@@ -2,7 +2,7 @@
 
 use super::scene::{SceneOverrides, SceneRun};
 use crate::pipeline::preset::AnyPreset;
-use crate::train::paper::config::{Preset, TrainConfig};
+use crate::train::paper::config::{PaperConfig, Preset};
 use serde::{Deserialize, Serialize};
 
 /// How a model is trained.
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[serde(tag = "preset", rename_all = "kebab-case")]
 pub enum Method {
     /// The published algorithm.
-    Paper(TrainConfig),
+    Paper(PaperConfig),
     /// Only what a scene needs.
     Scene(Box<SceneRun>),
 }
@@ -37,7 +37,7 @@ impl Method {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Asked {
     /// The published algorithm, with these settings.
-    Paper(TrainConfig),
+    Paper(PaperConfig),
     /// The scene preset, with these settings of the user's own.
     Scene(SceneOverrides),
 }
@@ -52,8 +52,8 @@ impl Asked {
     }
 }
 
-impl From<TrainConfig> for Asked {
-    fn from(config: TrainConfig) -> Self {
+impl From<PaperConfig> for Asked {
+    fn from(config: PaperConfig) -> Self {
         Self::Paper(config)
     }
 }

@@ -1,7 +1,7 @@
 //! A uniform grid over the initial spatial means (`engine.md` section 3).
 
-use super::IndexError;
 use super::columns::Columns;
+use super::error::IndexError;
 use rayon::prelude::*;
 
 /// Most cells of a grid.
@@ -18,7 +18,7 @@ const PART: usize = 1 << 14;
 
 /// Means in the order of the cells they lie in. Cells at the border extend to infinity.
 #[derive(Debug, Default)]
-pub struct Grid {
+pub struct MeanGrid {
     shape: Shape,
     /// Cell `c` holds the entries `start[c]..start[c + 1]`.
     start: Vec<u32>,
@@ -38,7 +38,7 @@ struct Shape {
     dims: [usize; 3],
 }
 
-impl Grid {
+impl MeanGrid {
     /// Over finite means.
     pub fn new(means: &[[f32; 3]]) -> Result<Self, IndexError> {
         let mut grid = Self::default();
@@ -243,7 +243,7 @@ mod tests {
             (0..5000).map(|_| std::array::from_fn(|_| rng.range(-1.0, 1.0) as f32)).collect();
         means[17] = [1e6, 0.0, -1e30];
         means.push(means[3]);
-        let grid = Grid::new(&means).unwrap();
+        let grid = MeanGrid::new(&means).unwrap();
         assert_eq!(grid.len(), means.len());
         let mut list = Columns::default();
         for _ in 0..200 {
@@ -278,7 +278,7 @@ mod tests {
             (0..1000).map(|i| [(i % 32) as f32, (i / 32) as f32, 5.0]).collect(),
             (0..1000).map(|i| [(i - 500) as f32 * 6e35; 3]).collect(),
         ] {
-            let grid = Grid::new(&means).unwrap();
+            let grid = MeanGrid::new(&means).unwrap();
             assert!(grid.shape.n_cells() <= 3 * means.len() + 8, "{:?}", grid.shape);
             let mut list = Columns::default();
             grid.gather([-f32::MAX; 3], [f32::MAX; 3], f32::INFINITY, &mut list);
@@ -288,7 +288,7 @@ mod tests {
 
     #[test]
     fn means_that_are_not_finite_are_refused_and_change_nothing() {
-        let mut grid = Grid::new(&[[1.0; 3], [2.0; 3]]).unwrap();
+        let mut grid = MeanGrid::new(&[[1.0; 3], [2.0; 3]]).unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert_eq!(grid.rebuild(&[[0.0; 3], [0.0, bad, 0.0]]).unwrap_err().components, 2);
             assert_eq!(grid.len(), 2);

@@ -1,12 +1,14 @@
 //! The candidates of a group of points, and the nearest among them.
 
 use super::columns::{Columns, STEP};
+use super::extent::{Extent, RELATIVE_MARGIN};
 use super::kernel::{Neighbours, distances, neighbours, ranked, select};
-use super::search::{CHUNK, Extent, RELATIVE_MARGIN};
 use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;
 
+/// Points that share a list of candidates.
+pub(in crate::train) const CHUNK: usize = 16;
 /// Longest list whose entries fit in the low bits of a key.
 const MAX_KERNEL_LIST: usize = 1 << 13;
 

@@ -3,6 +3,8 @@
 //! tries (10 to 10⁵ means, 1 to 1024 neighbours), so nothing switches to it.
 
 mod columns;
+mod error;
+mod extent;
 mod grid;
 mod kd_tree;
 mod kernel;
@@ -11,21 +13,10 @@ mod nearest;
 mod search;
 
 pub(in crate::train) use columns::Columns;
-pub use grid::Grid;
+pub use error::IndexError;
+pub use grid::MeanGrid;
 pub use kd_tree::KdTree;
-pub(in crate::train) use lists::{Among, Lists, Nearest};
+pub(in crate::train) use lists::{Among, CHUNK, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
-pub use search::Search;
-pub(in crate::train) use search::{CHUNK, VisitChunk};
-
-/// The index could not be built.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error(
-    "building the candidate index over {components} components failed: {reason}; try fewer --components"
-)]
-pub struct IndexError {
-    /// Number of means.
-    pub components: usize,
-    /// What the index said.
-    pub reason: String,
-}
+pub use search::CandidateSearch;
+pub(in crate::train) use search::VisitChunk;

@@ -1,10 +1,10 @@
 //! Ids of the nearest means of every point of a tile, in either arithmetic.
 
-use super::Grid;
 use super::columns::Columns;
+use super::grid::MeanGrid;
 use super::kernel::Neighbours;
 use super::lists::{Among, Lists};
-use super::search::{Search, VisitChunk};
+use super::search::{CandidateSearch, VisitChunk};
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, LANES, Vector};
 use crate::observation::points::Points;
@@ -18,8 +18,8 @@ use std::ops::Range;
 /// of lowest id. Ids are in that order. Fast where the points of the tile are neighbours.
 pub fn nearest_in_tile(
     isa: Isa,
-    grid: &Grid,
-    search: &mut Search,
+    grid: &MeanGrid,
+    search: &mut CandidateSearch,
     tile: [&[f32]; 3],
     n: NonZero<usize>,
     ids: &mut Vec<u32>,
@@ -35,8 +35,8 @@ pub fn nearest_in_tile(
 /// The same with squared distances in f64 between `points` and `means`, both of precision `R`; the
 /// grid is over the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
-    grid: &Grid,
-    search: &mut Search,
+    grid: &MeanGrid,
+    search: &mut CandidateSearch,
     means: &[[R; 3]],
     points: &Points<R>,
     range: Range<usize>,
@@ -59,8 +59,8 @@ pub fn nearest_in_tile_wide<R: Real>(
 }
 
 struct Narrow<'a> {
-    grid: &'a Grid,
-    search: &'a mut Search,
+    grid: &'a MeanGrid,
+    search: &'a mut CandidateSearch,
     tile: [&'a [f32]; 3],
     rank: usize,
     ids: &'a mut [u32],
@@ -82,7 +82,7 @@ impl Kernel for Narrow<'_> {
 }
 
 struct NarrowVisitor<'a> {
-    grid: &'a Grid,
+    grid: &'a MeanGrid,
     rank: usize,
     ids: &'a mut [u32],
     /// Memory for the keys of one point.
@@ -151,8 +151,8 @@ impl NarrowVisitor<'_> {
 }
 
 struct Wide<'a, R, P> {
-    grid: &'a Grid,
-    search: &'a mut Search,
+    grid: &'a MeanGrid,
+    search: &'a mut CandidateSearch,
     tile: [&'a [f32]; 3],
     rank: usize,
     means: &'a [[R; 3]],
@@ -173,7 +173,7 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> Kernel for Wide<'_, R, P> {
 }
 
 struct WideVisitor<'a, R, P> {
-    grid: &'a Grid,
+    grid: &'a MeanGrid,
     rank: usize,
     means: &'a [[R; 3]],
     position: P,

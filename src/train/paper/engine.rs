@@ -1,10 +1,10 @@
 //! Where the precision of the published algorithm is chosen.
 
-use super::config::{Precision, TrainConfig};
+use super::config::{PaperConfig, Precision};
 use super::init::InitialDraw;
 use super::learner::{InWorld, PaperLearner};
-use super::scalar::Scalar;
-use super::trainer::Trainer;
+use super::scalar::PaperScalar;
+use super::trainer::PaperTrainer;
 use crate::math::normalization::Normalization;
 use crate::model::paper::state::ModelState;
 use crate::observation::points::Points;
@@ -19,9 +19,9 @@ use crate::train::candidates::IndexError;
 /// ```
 /// use vbgs_studio::math::normalization::Normalization;
 /// use vbgs_studio::observation::points::Points;
-/// use vbgs_studio::train::paper::{config::{Overrides, TrainConfig}, engine, init::InitialDraw};
+/// use vbgs_studio::train::paper::{config::{PaperOverrides, PaperConfig}, engine, init::InitialDraw};
 ///
-/// let config = TrainConfig::paper().with(&Overrides { components: Some(50), ..Default::default() })?;
+/// let config = PaperConfig::paper().with(&PaperOverrides { components: Some(50), ..Default::default() })?;
 /// let mut mixture = engine::begin(&config, &InitialDraw::random(50, 0), Normalization::IDENTITY)?;
 /// let outcome = mixture.learn(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
 /// assert_eq!(outcome.points, 2);
@@ -29,13 +29,13 @@ use crate::train::candidates::IndexError;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn begin(
-    config: &TrainConfig,
+    config: &PaperConfig,
     draw: &InitialDraw,
     normalization: Normalization,
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
-        Precision::F64 => in_world(Trainer::<f64>::new(config, draw)?, normalization),
-        _ => in_world(Trainer::<f32>::new(config, draw)?, normalization),
+        Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
+        _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
     })
 }
 
@@ -44,17 +44,22 @@ pub fn begin(
 /// # Errors
 /// [`IndexError`] if the initial means cannot be indexed.
 pub fn restore(
-    config: &TrainConfig,
+    config: &PaperConfig,
     state: ModelState,
     frames: u64,
     normalization: Normalization,
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
-        Precision::F64 => in_world(Trainer::<f64>::restore(config, state, frames)?, normalization),
-        _ => in_world(Trainer::<f32>::restore(config, state, frames)?, normalization),
+        Precision::F64 => {
+            in_world(PaperTrainer::<f64>::restore(config, state, frames)?, normalization)
+        }
+        _ => in_world(PaperTrainer::<f32>::restore(config, state, frames)?, normalization),
     })
 }
 
-fn in_world<R: Scalar>(trainer: Trainer<R>, normalization: Normalization) -> Box<dyn PaperLearner> {
+fn in_world<R: PaperScalar>(
+    trainer: PaperTrainer<R>,
+    normalization: Normalization,
+) -> Box<dyn PaperLearner> {
     Box::new(InWorld { trainer, normalization, widened: Points::new() })
 }

@@ -7,9 +7,11 @@
 
 use super::slots::Slots;
 use crate::math::simd::{Kernel, Vector};
-use crate::model::conjugate::statistics::{N_SUMS, Record, add_point};
+use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
 use crate::observation::points::Points;
-use crate::train::candidates::{Among, CHUNK, Columns, Grid, Lists, Nearest, Search, VisitChunk};
+use crate::train::candidates::{
+    Among, CHUNK, CandidateSearch, Columns, Lists, MeanGrid, Nearest, VisitChunk,
+};
 use crate::train::component_elbo::{NOBODY, largest};
 use crate::train::estep::{Scoring, squared_distance};
 use crate::train::timing::{Lap, StageClock};
@@ -21,7 +23,7 @@ const SHARED: u32 = 1 << 31;
 /// What a fused pass reads.
 #[derive(Clone, Copy)]
 pub(super) struct FusedInputs<'a> {
-    pub grid: &'a Grid,
+    pub grid: &'a MeanGrid,
     /// By entry of the grid the mean colour and the weight.
     pub appearance: &'a [[f32; 4]],
     pub max_weight: f32,
@@ -43,7 +45,7 @@ pub(super) struct FusedTiles<'a> {
     /// Components of largest responsibility of the tiles' points; empty if nobody asks.
     pub owners: &'a mut [u32],
     /// Where the tiles' sums go, by shard; `None` if only scores are wanted.
-    pub records: Option<&'a mut [Vec<Record<f32>>]>,
+    pub records: Option<&'a mut [Vec<TileRecord<f32>>]>,
     pub clock: &'a mut StageClock,
 }
 
@@ -53,7 +55,7 @@ const USUAL_SLOTS: usize = 256;
 /// Memory of a thread, grow-only. What a tile leaves never changes what the next one finds.
 #[derive(Default)]
 pub(super) struct FusedMemory {
-    search: Search,
+    search: CandidateSearch,
     tile: TileMemory,
     sums: Vec<[f32; N_SUMS]>,
 }
@@ -186,11 +188,11 @@ fn emit(
     memory: &TileMemory,
     sums: &[[f32; N_SUMS]],
     shard_bits: u32,
-    records: &mut [Vec<Record<f32>>],
+    records: &mut [Vec<TileRecord<f32>>],
 ) {
     for (component, &sums) in memory.components.iter().zip(sums) {
         if sums[0] > 0.0 {
-            let record = Record { id: component.id, tile: tile as u32, sums };
+            let record = TileRecord { id: component.id, tile: tile as u32, sums };
             records[component.id as usize >> shard_bits].push(record);
         }
     }

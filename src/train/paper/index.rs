@@ -1,10 +1,10 @@
 //! The index over the initial spatial means, in the form a configuration asks for.
 
 use super::config::IndexKind;
-use super::scalar::Scalar;
+use super::scalar::PaperScalar;
 use crate::math::real::Real;
 use crate::model::paper::mixture::InitialModel;
-use crate::train::candidates::{Grid, IndexError, KdTree};
+use crate::train::candidates::{IndexError, KdTree, MeanGrid};
 use rayon::prelude::*;
 
 /// Entries one task takes.
@@ -12,7 +12,7 @@ const PART: usize = 1 << 14;
 
 /// A grid, always, and beside it a KD-tree where the plain path is asked for.
 pub struct Index {
-    grid: Grid,
+    grid: MeanGrid,
     tree: Option<KdTree>,
     /// Means rounded to f32, where they are not f32 already.
     narrowed: Vec<[f32; 3]>,
@@ -23,9 +23,12 @@ pub struct Index {
 
 impl Index {
     /// Over the finite means of a model.
-    pub fn new<R: Scalar>(model: &InitialModel<R>, kind: IndexKind) -> Result<Self, IndexError> {
+    pub fn new<R: PaperScalar>(
+        model: &InitialModel<R>,
+        kind: IndexKind,
+    ) -> Result<Self, IndexError> {
         let mut index = Self {
-            grid: Grid::default(),
+            grid: MeanGrid::default(),
             tree: None,
             narrowed: Vec::new(),
             appearance: Vec::new(),
@@ -38,14 +41,14 @@ impl Index {
     }
 
     /// Builds the index again after means have moved. On error it is as it was.
-    pub fn rebuild<R: Scalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
+    pub fn rebuild<R: PaperScalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
         let tree = self.tree.as_ref().map(|_| tree(&model.space)).transpose()?;
         self.rebuild_grid(model)?;
         self.tree = tree;
         Ok(())
     }
 
-    fn rebuild_grid<R: Scalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
+    fn rebuild_grid<R: PaperScalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
         let Self { grid, narrowed, appearance, .. } = self;
         grid.rebuild(R::narrow_rows(&model.space, narrowed))?;
         if let Some(model) = R::narrow_model(model) {
@@ -67,7 +70,7 @@ impl Index {
     }
 
     /// The grid, over the means rounded to f32.
-    pub fn grid(&self) -> &Grid {
+    pub fn grid(&self) -> &MeanGrid {
         &self.grid
     }
 

@@ -1,7 +1,7 @@
 //! The published algorithm behind the seam of all presets.
 
-use super::scalar::Scalar;
-use super::trainer::Trainer;
+use super::scalar::PaperScalar;
+use super::trainer::PaperTrainer;
 use crate::math::normalization::Normalization;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::paper::state::ModelState;
@@ -34,20 +34,20 @@ pub trait PaperLearner: Learns<Points<f32>> {
 }
 
 /// A trainer in the world: its points are normalised by `normalization`.
-pub(super) struct InWorld<R: Scalar> {
-    pub trainer: Trainer<R>,
+pub(super) struct InWorld<R: PaperScalar> {
+    pub trainer: PaperTrainer<R>,
     pub normalization: Normalization,
     /// The frame in the trainer's precision, where that is not the points' own.
     pub widened: Points<R>,
 }
 
-impl<R: Scalar> Learns<Points<f32>> for InWorld<R> {
+impl<R: PaperScalar> Learns<Points<f32>> for InWorld<R> {
     fn learn(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
         self.trainer.train(R::points(points, &mut self.widened))
     }
 }
 
-impl<R: Scalar> PaperLearner for InWorld<R> {
+impl<R: PaperScalar> PaperLearner for InWorld<R> {
     fn point_elbo(&self) -> Vec<f64> {
         self.trainer.elbo()
     }
@@ -61,7 +61,7 @@ impl<R: Scalar> PaperLearner for InWorld<R> {
     }
 }
 
-impl<R: Scalar> Learner for InWorld<R> {
+impl<R: PaperScalar> Learner for InWorld<R> {
     fn stages(&self) -> &'static [TrainStage] {
         &PAPER_STAGES
     }

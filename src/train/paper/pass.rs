@@ -3,13 +3,13 @@
 //! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
 //! fixed-point totals they end in, are the same for any number of threads.
 
-use super::config::{Batch, Candidates, Operations, StatisticsForm, TrainConfig, Width};
+use super::config::{Batch, Candidates, Operations, PaperConfig, StatisticsForm, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
 use super::index::Index;
 use super::plain::{PlainInputs, PlainMemory};
-use super::scalar::Scalar;
+use super::scalar::PaperScalar;
 use crate::math::simd::Isa;
-use crate::model::conjugate::statistics::Record;
+use crate::model::conjugate::statistics::TileRecord;
 use crate::model::paper::mixture::InitialModel;
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
@@ -32,7 +32,7 @@ pub enum Output {
 }
 
 /// The fixed inputs of a pass.
-pub struct Inputs<'a, R: Scalar> {
+pub struct PassInputs<'a, R: PaperScalar> {
     /// Initial model.
     pub model: &'a InitialModel<R>,
     /// Index over its spatial means.
@@ -42,7 +42,7 @@ pub struct Inputs<'a, R: Scalar> {
     /// Components each point is compared with.
     pub candidates: Candidates,
     /// How it is done.
-    pub config: &'a TrainConfig,
+    pub config: &'a PaperConfig,
     /// The totals the sums are for.
     pub statistics: &'a Statistics,
 }
@@ -65,8 +65,8 @@ struct Worker {
     ids: Vec<u32>,
     scores: Vec<f64>,
     /// Sums by shard of the totals, in one of the two widths.
-    narrow: Vec<Vec<Record<f32>>>,
-    wide: Vec<Vec<Record<f64>>>,
+    narrow: Vec<Vec<TileRecord<f32>>>,
+    wide: Vec<Vec<TileRecord<f64>>>,
     clock: StageClock,
 }
 
@@ -111,9 +111,9 @@ impl Pass {
     /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
     /// where asked for, receives the component of largest responsibility; `u32::MAX` for points left
     /// out.
-    pub fn run<R: Scalar>(
+    pub fn run<R: PaperScalar>(
         &mut self,
-        inputs: &Inputs<R>,
+        inputs: &PassInputs<R>,
         points: &Points<R>,
         output: Output,
         q: &mut Vec<f64>,
@@ -135,9 +135,9 @@ impl Pass {
         }
     }
 
-    fn run_batch<R: Scalar>(
+    fn run_batch<R: PaperScalar>(
         &mut self,
-        inputs: &Inputs<R>,
+        inputs: &PassInputs<R>,
         points: &Points<R>,
         batch: Range<usize>,
         output: Output,
@@ -158,7 +158,7 @@ impl Pass {
             };
             return self.run_fused(inputs, batch, output, columns);
         }
-        let &Inputs { model, index, scoring, candidates, config, .. } = inputs;
+        let &PassInputs { model, index, scoring, candidates, config, .. } = inputs;
         let operations = config.operations;
         let inputs =
             PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
@@ -192,7 +192,7 @@ impl Pass {
     }
 
     /// Tile by tile, every stage for one tile.
-    fn run_plain<R: Scalar>(
+    fn run_plain<R: PaperScalar>(
         &self,
         inputs: PlainInputs<R>,
         batch: Range<usize>,
@@ -221,7 +221,7 @@ impl Pass {
     }
 
     /// Stage by stage, every stage for the whole batch.
-    fn run_materialised<R: Scalar>(
+    fn run_materialised<R: PaperScalar>(
         &mut self,
         inputs: PlainInputs<R>,
         batch: Range<usize>,
@@ -267,11 +267,11 @@ impl Pass {
     }
 
     /// Per point its candidates and their responsibilities.
-    pub fn responsibilities<R: Scalar>(
-        inputs: &Inputs<R>,
+    pub fn responsibilities<R: PaperScalar>(
+        inputs: &PassInputs<R>,
         points: &Points<R>,
     ) -> Vec<Vec<(u32, f64)>> {
-        let &Inputs { model, index, scoring, candidates, config, statistics } = inputs;
+        let &PassInputs { model, index, scoring, candidates, config, statistics } = inputs;
         let shard_bits = statistics.shard_bits();
         let operations = config.operations;
         let inputs =
@@ -343,7 +343,7 @@ impl Pass {
 }
 
 /// Candidates per point if the fused kernels do what is asked for.
-fn fused_rank<R: Scalar>(inputs: &Inputs<R>) -> Option<usize> {
+fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
     let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
     let is_fused = inputs.config.statistics == StatisticsForm::Fused;
@@ -355,13 +355,13 @@ fn fused_rank<R: Scalar>(inputs: &Inputs<R>) -> Option<usize> {
     }
 }
 
-fn sum<R: Scalar>(
+fn sum<R: PaperScalar>(
     inputs: &PlainInputs<R>,
     memory: &mut PlainMemory,
     tile: usize,
     pairs: (&[u32], &[f64]),
-    narrow: &mut [Vec<Record<f32>>],
-    wide: &mut [Vec<Record<f64>>],
+    narrow: &mut [Vec<TileRecord<f32>>],
+    wide: &mut [Vec<TileRecord<f64>>],
 ) {
     match inputs.operations.moments {
         Width::F32 => inputs.sum_narrow(memory, tile, pairs, narrow),
@@ -370,7 +370,7 @@ fn sum<R: Scalar>(
 }
 
 /// Where the batch that starts with a tile ends.
-fn batch_end<R: Scalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
+fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
     let Batch::Points(n) = batch else { return points.n_tiles() };
     let end = points.tiles[tile] as usize + n;
     let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
@@ -378,7 +378,7 @@ fn batch_end<R: Scalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize 
 }
 
 /// Splits tiles and their columns into tasks, `per_point` entries for each point.
-fn for_each_task<R: Scalar>(
+fn for_each_task<R: PaperScalar>(
     points: &Points<R>,
     tiles: Range<usize>,
     per_point: usize,
@@ -398,7 +398,7 @@ fn for_each_task<R: Scalar>(
 }
 
 /// Hands every tile its columns.
-fn for_each_tile<R: Scalar>(
+fn for_each_tile<R: PaperScalar>(
     points: &Points<R>,
     tiles: Range<usize>,
     per_point: usize,

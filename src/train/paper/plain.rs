@@ -4,21 +4,21 @@
 
 use super::config::{Candidates, Operations, Width};
 use super::index::Index;
-use super::scalar::Scalar;
+use super::scalar::PaperScalar;
 use super::slots::Slots;
 use crate::math::real::Real;
 use crate::math::simd::Isa;
-use crate::model::conjugate::statistics::{N_SUMS, Record, add_point};
+use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
 use crate::model::paper::mixture::InitialModel;
 use crate::observation::points::Points;
-use crate::train::candidates::{Search, nearest_in_tile, nearest_in_tile_wide};
+use crate::train::candidates::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
 use crate::train::component_elbo::largest;
 use crate::train::estep::Scoring;
 use std::num::NonZero;
 use std::ops::Range;
 
 /// What a plain pass reads.
-pub(super) struct PlainInputs<'a, R: Scalar> {
+pub(super) struct PlainInputs<'a, R: PaperScalar> {
     pub model: &'a InitialModel<R>,
     pub index: &'a Index,
     pub points: &'a Points<R>,
@@ -29,25 +29,25 @@ pub(super) struct PlainInputs<'a, R: Scalar> {
     pub shard_bits: u32,
 }
 
-impl<R: Scalar> Clone for PlainInputs<'_, R> {
+impl<R: PaperScalar> Clone for PlainInputs<'_, R> {
     fn clone(&self) -> Self {
         *self
     }
 }
 
-impl<R: Scalar> Copy for PlainInputs<'_, R> {}
+impl<R: PaperScalar> Copy for PlainInputs<'_, R> {}
 
 /// Memory of a thread, grow-only.
 #[derive(Default)]
 pub(super) struct PlainMemory {
-    search: Search,
+    search: CandidateSearch,
     slots: Slots,
     ids_by_slot: Vec<u32>,
     narrow_sums: Vec<[f32; N_SUMS]>,
     wide_sums: Vec<[f64; N_SUMS]>,
 }
 
-impl<R: Scalar> PlainInputs<'_, R> {
+impl<R: PaperScalar> PlainInputs<'_, R> {
     /// Candidates of every point.
     pub fn per_point(&self) -> usize {
         match self.candidates {
@@ -129,7 +129,7 @@ impl<R: Scalar> PlainInputs<'_, R> {
         memory: &mut PlainMemory,
         tile: usize,
         pairs: (&[u32], &[f64]),
-        records: &mut [Vec<Record<f32>>],
+        records: &mut [Vec<TileRecord<f32>>],
     ) {
         let PlainMemory { slots, ids_by_slot, narrow_sums, .. } = memory;
         self.sum(slots, ids_by_slot, narrow_sums, tile, pairs, records);
@@ -141,7 +141,7 @@ impl<R: Scalar> PlainInputs<'_, R> {
         memory: &mut PlainMemory,
         tile: usize,
         pairs: (&[u32], &[f64]),
-        records: &mut [Vec<Record<f64>>],
+        records: &mut [Vec<TileRecord<f64>>],
     ) {
         let PlainMemory { slots, ids_by_slot, wide_sums, .. } = memory;
         self.sum(slots, ids_by_slot, wide_sums, tile, pairs, records);
@@ -155,7 +155,7 @@ impl<R: Scalar> PlainInputs<'_, R> {
         sums: &mut Vec<[M; N_SUMS]>,
         tile: usize,
         (ids, responsibilities): (&[u32], &[f64]),
-        records: &mut [Vec<Record<M>>],
+        records: &mut [Vec<TileRecord<M>>],
     ) {
         let of = |v: R| M::of(v.to_f64());
         let per_point = self.per_point().max(1);
@@ -177,7 +177,7 @@ impl<R: Scalar> PlainInputs<'_, R> {
             }
         }
         for (&id, &sums) in ids_by_slot.iter().zip(sums.iter()) {
-            let record = Record { id, tile: tile as u32, sums };
+            let record = TileRecord { id, tile: tile as u32, sums };
             records[id as usize >> self.shard_bits].push(record);
         }
     }

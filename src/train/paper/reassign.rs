@@ -1,6 +1,6 @@
 //! Moving unused components onto badly explained points (`model.md` 10).
 
-use super::config::{ReassignPolicy, TrainConfig};
+use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
 use rayon::prelude::*;
 
@@ -25,7 +25,7 @@ pub struct Quota {
 
 impl Quota {
     /// `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋` capped by each other; `None` if nothing may move.
-    pub fn new(config: &TrainConfig, unused: usize) -> Option<Self> {
+    pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
         let fraction = config.reassign_fraction;
         let share = |n: usize| (n as f64 * fraction) as usize;
         let moves = share(config.components).min(share(unused));
@@ -42,7 +42,7 @@ impl Quota {
 
 /// Chooses destinations, in memory kept from frame to frame.
 #[derive(Default)]
-pub struct Chooser {
+pub struct DestinationChooser {
     parts: [Part; PARTS],
     /// Order of the score, reversed so that the lowest ELBO comes first, and the point.
     lowest: Vec<(u64, u32)>,
@@ -58,9 +58,9 @@ struct Part {
     lowest: Vec<(u64, u32)>,
 }
 
-impl Chooser {
+impl DestinationChooser {
     /// With all memory that this configuration can need, whatever the frames hold.
-    pub fn padded(config: &TrainConfig) -> Self {
+    pub fn padded(config: &PaperConfig) -> Self {
         let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
             return Self::default();
         };
@@ -178,16 +178,16 @@ fn ordered(value: f64) -> u64 {
 mod tests {
     use super::*;
     use crate::math::rng::Purpose;
-    use crate::train::paper::config::Overrides;
+    use crate::train::paper::config::PaperOverrides;
 
     fn quota(unused: usize, fraction: f64) -> Option<Quota> {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             components: Some(1000),
             reassign_fraction: Some(fraction),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
-        let config = TrainConfig::paper().with(&overrides).unwrap();
-        Quota::new(&TrainConfig { low_elbo_floor: 64, ..config }, unused)
+        let config = PaperConfig::paper().with(&overrides).unwrap();
+        Quota::new(&PaperConfig { low_elbo_floor: 64, ..config }, unused)
     }
 
     #[test]
@@ -208,7 +208,7 @@ mod tests {
         let mut expected: Vec<u32> = (0..5000).filter(|&i| i != 17).collect();
         expected.sort_by(|&a, &b| q[b as usize].total_cmp(&q[a as usize]).then(a.cmp(&b)));
         for n in [0, 1, 100, 4998, 4999, 5000] {
-            let mut found: Vec<u32> = Chooser::default().lowest_elbo(&q, n).collect();
+            let mut found: Vec<u32> = DestinationChooser::default().lowest_elbo(&q, n).collect();
             found.sort_unstable();
             let mut first = expected[..n.min(4999)].to_vec();
             first.sort_unstable();
@@ -220,7 +220,7 @@ mod tests {
     fn destinations_prefer_badly_explained_points() {
         let q = [1.0, 50.0, 2.0, 60.0, 70.0, 0.0];
         let stream = Rng::new(1, Purpose::Reassign, 0);
-        let mut chooser = Chooser::default();
+        let mut chooser = DestinationChooser::default();
         let points = chooser.destinations(&q, Quota { moves: 2, low_elbo: 3 }, &stream);
         assert_eq!(points, [3, 4], "the best explained candidate has probability zero");
         assert_eq!(chooser.destinations(&q, Quota { moves: 6, low_elbo: 3 }, &stream), [1, 3, 4]);
@@ -232,7 +232,7 @@ mod tests {
         let mut counts = [0usize; 4];
         for seed in 0..4000 {
             let stream = Rng::new(seed, Purpose::Reassign, 0);
-            let mut chooser = Chooser::default();
+            let mut chooser = DestinationChooser::default();
             counts[chooser.destinations(&q, quota, &stream)[0] as usize] += 1;
         }
         assert_eq!(counts[0], 0);

@@ -2,11 +2,11 @@
 
 use crate::math::real::Real;
 use crate::model::paper::mixture::InitialModel;
-use crate::model::paper::state::Means;
+use crate::model::paper::state::InitialMeans;
 use crate::observation::points::Points;
 
 /// `f32`, which the fused kernels read, or `f64`, the oracle.
-pub trait Scalar: Real {
+pub trait PaperScalar: Real {
     /// The points, if they are kept in f32.
     fn narrow_points(points: &Points<Self>) -> Option<&Points<f32>>;
 
@@ -20,10 +20,10 @@ pub trait Scalar: Real {
     fn narrow_rows<'a>(rows: &'a [[Self; 3]], memory: &'a mut Vec<[f32; 3]>) -> &'a [[f32; 3]];
 
     /// Means of this precision, as checkpoints hold them.
-    fn means(space: &[[Self; 3]], color: &[[Self; 3]]) -> Means;
+    fn means(space: &[[Self; 3]], color: &[[Self; 3]]) -> InitialMeans;
 }
 
-impl Scalar for f32 {
+impl PaperScalar for f32 {
     fn narrow_points(points: &Points<f32>) -> Option<&Points<f32>> {
         Some(points)
     }
@@ -40,12 +40,12 @@ impl Scalar for f32 {
         rows
     }
 
-    fn means(space: &[[f32; 3]], color: &[[f32; 3]]) -> Means {
-        Means::F32 { space: space.to_vec(), color: color.to_vec() }
+    fn means(space: &[[f32; 3]], color: &[[f32; 3]]) -> InitialMeans {
+        InitialMeans::F32 { space: space.to_vec(), color: color.to_vec() }
     }
 }
 
-impl Scalar for f64 {
+impl PaperScalar for f64 {
     fn narrow_points(_: &Points<f64>) -> Option<&Points<f32>> {
         None
     }
@@ -65,7 +65,7 @@ impl Scalar for f64 {
         memory
     }
 
-    fn means(space: &[[f64; 3]], color: &[[f64; 3]]) -> Means {
-        Means::F64 { space: space.to_vec(), color: color.to_vec() }
+    fn means(space: &[[f64; 3]], color: &[[f64; 3]]) -> InitialMeans {
+        InitialMeans::F64 { space: space.to_vec(), color: color.to_vec() }
     }
 }

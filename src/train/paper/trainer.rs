@@ -1,11 +1,11 @@
 //! The trainer of one precision: owns the model and applies frames to it.
 
-use super::config::{Candidates, ReassignPolicy, TrainConfig};
+use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::Index;
 use super::init::InitialDraw;
-use super::pass::{Inputs, Output, Pass};
-use super::reassign::{Chooser, Quota};
-use super::scalar::Scalar;
+use super::pass::{Output, Pass, PassInputs};
+use super::reassign::{DestinationChooser, Quota};
+use super::scalar::PaperScalar;
 use crate::math::rng::{Purpose, Rng};
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
@@ -23,8 +23,8 @@ use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 
 /// Model and buffers in precision `R`.
-pub struct Trainer<R: Scalar> {
-    config: TrainConfig,
+pub struct PaperTrainer<R: PaperScalar> {
+    config: PaperConfig,
     hyper: Hyper,
     model: InitialModel<R>,
     alpha_init: Vec<f64>,
@@ -35,29 +35,33 @@ pub struct Trainer<R: Scalar> {
     /// Effective distance of every point of the last frame.
     q: Vec<f64>,
     component_elbo: ComponentElbo,
-    chooser: Chooser,
+    chooser: DestinationChooser,
     moves: Vec<(u32, u32)>,
     /// Positions and colours that components of a reassignment came from, should it fail.
     displaced: Vec<([R; 3], [R; 3])>,
     frames: u64,
 }
 
-impl<R: Scalar> Trainer<R> {
+impl<R: PaperScalar> PaperTrainer<R> {
     /// A model that has seen nothing. `draw` holds one mean and one weight per component.
-    pub fn new(config: &TrainConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
+    pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
         Self::with_hyper(config, config.hyper(), draw)
     }
 
     /// The same with hyper-parameters of one's own instead of the preset's.
     pub fn with_hyper(
-        config: &TrainConfig,
+        config: &PaperConfig,
         hyper: Hyper,
         draw: &InitialDraw,
     ) -> Result<Self, IndexError> {
         let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
         let scoring = Scoring::new(&hyper);
         let is_padded = config.reassign == ReassignPolicy::Padded;
-        let chooser = if is_padded { Chooser::padded(config) } else { Chooser::default() };
+        let chooser = if is_padded {
+            DestinationChooser::padded(config)
+        } else {
+            DestinationChooser::default()
+        };
         Ok(Self {
             config: config.clone(),
             hyper,
@@ -131,7 +135,7 @@ impl<R: Scalar> Trainer<R> {
         ms: &mut StageMs,
     ) {
         let mut clock = Stopwatch::start();
-        let inputs = Inputs {
+        let inputs = PassInputs {
             model: &self.model,
             index: &self.index,
             scoring: &self.scoring,
@@ -231,14 +235,14 @@ impl<R: Scalar> Trainer<R> {
         (&self.scoring, &self.model)
     }
 
-    /// Scores a frame's points without learning from them; the values are [`Trainer::elbo`].
+    /// Scores a frame's points without learning from them; the values are [`PaperTrainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
     }
 
     /// A model that goes on where another stopped after `frames` frames.
     pub fn restore(
-        config: &TrainConfig,
+        config: &PaperConfig,
         state: ModelState,
         frames: u64,
     ) -> Result<Self, IndexError> {
@@ -260,7 +264,7 @@ impl<R: Scalar> Trainer<R> {
     }
 
     /// The settings.
-    pub fn config(&self) -> &TrainConfig {
+    pub fn config(&self) -> &PaperConfig {
         &self.config
     }
 
@@ -281,7 +285,7 @@ impl<R: Scalar> Trainer<R> {
 
     /// Per point its candidates and their responsibilities, without learning from it.
     pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
-        let inputs = Inputs {
+        let inputs = PassInputs {
             model: &self.model,
             index: &self.index,
             scoring: &self.scoring,

@@ -6,9 +6,9 @@
 //! most probable small motion of the camera under both and under a prior about the recorded pose
 //! (MAP, Gauss–Newton with Cauchy weights) is what the frame is moved by before it is learnt.
 
+use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
-use super::ledger::{Ledger, Word};
-use super::places::Places;
+use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
 use crate::math::cholesky::Cholesky;
 use crate::math::pose::Pose;
@@ -20,13 +20,13 @@ use rayon::prelude::*;
 /// Every so-many-th point of a frame is looked at: neighbours say the same.
 pub const EVERY: usize = 4;
 /// Fewest points of a component that is trusted as a plane.
-const LEAST_POINTS: f64 = 20.0;
+const MIN_POINTS: f64 = 20.0;
 /// Fewest points of those looked at in it.
-const LEAST_OWNED: usize = 2;
+const MIN_OWNED: usize = 2;
 /// Least length of the mean normal of a plane.
-const LEAST_AGREEMENT: f64 = 0.8;
+const MIN_AGREEMENT: f64 = 0.8;
 /// Fewest components that determine a motion.
-const LEAST_COMPONENTS: usize = 500;
+const MIN_COMPONENTS: usize = 500;
 /// Points of a component at which its residual counts in full.
 const FULL_POINTS: f64 = 3.0;
 /// Neighbouring components err together: so many count as one.
@@ -41,11 +41,11 @@ const TURN_DEVIATION: f64 = 0.01;
 const ROUNDS: usize = 3;
 
 /// Scene and frame as they are before the frame is learnt.
-pub struct Alignment<'a, W> {
+pub struct PoseAlignment<'a, W> {
     /// Sums of the components.
-    pub ledger: &'a Ledger<W>,
+    pub component_sums: &'a ComponentSums<W>,
     /// Where they stand.
-    pub places: Places<'a>,
+    pub seed_positions: SeedPositions<'a>,
     /// Structural scale, world units.
     pub h: f64,
     /// Ridge of the regression of colour on position, world units².
@@ -77,7 +77,7 @@ struct Match {
     /// Mean of the component, world units from the origin.
     mean: DVec3,
     color: DVec3,
-    /// Row per channel, in the plane.
+    /// SumRow per channel, in the plane.
     gradient: DMat3,
     /// Means of the frame's points.
     seen: DVec3,
@@ -85,11 +85,11 @@ struct Match {
     weight: f64,
 }
 
-impl<W: Word> Alignment<'_, W> {
+impl<W: SumScalar> PoseAlignment<'_, W> {
     /// The frame's motion; `None` where too little of the scene is known.
     pub fn motion(&self) -> Option<Motion> {
         let matches = self.matches();
-        if matches.len() < LEAST_COMPONENTS {
+        if matches.len() < MIN_COMPONENTS {
             return None;
         }
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
@@ -107,26 +107,26 @@ impl<W: Word> Alignment<'_, W> {
 
     /// Of the components that own enough points, in ascending order.
     fn matches(&self) -> Vec<Match> {
-        let known = |owner: u32| owner != NONE && (owner as usize) < self.ledger.len();
+        let known = |owner: u32| owner != NONE && (owner as usize) < self.component_sums.len();
         let owners = self.owners.iter().enumerate().filter(|(_, owner)| known(**owner));
         let mut order: Vec<u64> =
             owners.map(|(i, &owner)| u64::from(owner) << 32 | i as u64).collect();
         order.par_sort_unstable();
         let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
         let runs = runs.par_iter().with_min_len(64);
-        runs.filter(|run| run.len() >= LEAST_OWNED).filter_map(|run| self.matched(run)).collect()
+        runs.filter(|run| run.len() >= MIN_OWNED).filter_map(|run| self.matched(run)).collect()
     }
 
     /// What the points of one component say; keys hold the component above the point.
     fn matched(&self, run: &[u64]) -> Option<Match> {
         let id = (run[0] >> 32) as usize;
-        let sums = SceneSums::new(&self.ledger.sums(id), self.h);
+        let sums = SceneSums::new(&self.component_sums.sums(id), self.h);
         let normal = sums.normal / sums.count;
-        if sums.count < LEAST_POINTS || normal.length() < LEAST_AGREEMENT {
+        if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
             return None;
         }
         let normal = normal.normalize();
-        let seed = vector(self.places.of(id));
+        let seed = vector(self.seed_positions.of(id));
         let n = run.len() as f64;
         let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for key in run {
@@ -155,7 +155,7 @@ impl<W: Word> Alignment<'_, W> {
 
 /// Normal equations of turn and shift.
 struct Normal {
-    /// Row by row; the lower triangle.
+    /// SumRow by row; the lower triangle.
     matrix: [f64; 36],
     right: [f64; 6],
 }

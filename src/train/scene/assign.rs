@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// Points that are searched for together.
 const GROUP: usize = 64;
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
-const MOST_CELLS: i64 = 512;
+const MAX_CELLS: i64 = 512;
 
 /// Seeds near a group.
 #[derive(Default)]
@@ -58,7 +58,7 @@ fn assign_group(
     if cells <= 0 {
         return; // no point within reach
     }
-    if cells > MOST_CELLS {
+    if cells > MAX_CELLS {
         for (point, owner) in points.iter().zip(owners) {
             *owner = grid.nearest(point.position).unwrap_or(NONE);
         }

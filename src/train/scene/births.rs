@@ -1,4 +1,4 @@
-//! Births: points that no component is near become seeds, in the order of the points.
+//! FrameBirths: points that no component is near become seeds, in the order of the points.
 
 use super::components::Components;
 use super::config::BirthRule;
@@ -8,7 +8,7 @@ use crate::observation::surface::SurfacePoint;
 
 /// What the births of one frame were.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Births {
+pub struct FrameBirths {
     /// Components that came into being.
     pub born: usize,
     /// Points that found no component because there may be no more.
@@ -36,8 +36,8 @@ pub fn give_birth(
     points: &[SurfacePoint],
     owners: &mut [u32],
     limits: Limits,
-) -> Births {
-    let mut births = Births::default();
+) -> FrameBirths {
+    let mut births = FrameBirths::default();
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
         let place = seed_of(rule, h, point.position);
         let found = match rule {

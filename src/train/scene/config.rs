@@ -1,14 +1,14 @@
 //! Settings of the scene preset.
 
 use super::sum_form::SumForm;
-use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
+use crate::model::scene::splat_rule::SplatRule;
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
 /// Most components where a user sets no budget: 400 MB of sums.
-pub const MOST_COMPONENTS: usize = 2_000_000;
+pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
 /// Where components are born.
 #[derive(
@@ -36,7 +36,7 @@ impl BirthRule {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
-pub enum LookRule {
+pub enum VisibilityRule {
     /// By projecting every component into every frame: what is seen or seen through counts.
     Projected,
     /// By the frames in which it received points. Depends on the frame alone.
@@ -58,14 +58,14 @@ pub struct SceneConfig {
     pub align: bool,
     /// Whether each frame's exposure is fitted to the scene's.
     pub gain: bool,
-    /// How looks are counted.
-    pub looks: LookRule,
+    /// How hits and misses are counted.
+    pub looks: VisibilityRule,
     /// How sums are kept.
     pub sums: SumForm,
     /// Most components.
     pub most: usize,
     /// How sums become splats.
-    pub native: NativeRule,
+    pub native: SplatRule,
 }
 
 impl SceneConfig {
@@ -77,10 +77,10 @@ impl SceneConfig {
             refine: true,
             align: false,
             gain: false,
-            looks: LookRule::Projected,
+            looks: VisibilityRule::Projected,
             sums: SumForm::Mixed,
-            most: MOST_COMPONENTS,
-            native: NativeRule {
+            most: DEFAULT_MAX_COMPONENTS,
+            native: SplatRule {
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
                 scale: 1.12,
@@ -108,7 +108,7 @@ impl SceneConfig {
     /// resolves (`accuracy.md` 7).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
-        let native = NativeRule {
+        let native = SplatRule {
             opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.native.opacity },
             scale: 1.35,
             closing: 0.5,

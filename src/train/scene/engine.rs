@@ -1,8 +1,8 @@
 //! Where the form of a scene's sums is chosen.
 
+use super::component_sums::SumScalar;
 use super::config::SceneConfig;
 use super::learner::SceneLearner;
-use super::ledger::Word;
 use super::sum_form::SumForm;
 use super::trainer::SceneTrainer;
 use crate::model::scene::state::SceneState;
@@ -32,7 +32,7 @@ pub fn restore(
     }
 }
 
-fn restored<W: Word + 'static>(
+fn restored<W: SumScalar + 'static>(
     config: &SceneConfig,
     state: SceneState,
     frames: u64,

@@ -3,9 +3,9 @@
 /// No seed.
 pub const NONE: u32 = u32::MAX;
 /// Cells from the origin that can be told apart on every axis.
-const MOST_CELLS: f32 = (1 << 20) as f32;
+const MAX_CELLS: f32 = (1 << 20) as f32;
 /// Fewest buckets.
-const LEAST_BUCKETS: usize = 1024;
+const MIN_BUCKETS: usize = 1024;
 
 /// Seeds of all components, found by place.
 pub struct SeedGrid {
@@ -26,7 +26,7 @@ impl SeedGrid {
             per_cell: (1.0 / cell) as f32,
             positions: Vec::new(),
             next: Vec::new(),
-            heads: vec![NONE; LEAST_BUCKETS],
+            heads: vec![NONE; MIN_BUCKETS],
         }
     }
 
@@ -50,7 +50,7 @@ impl SeedGrid {
     /// Whether a place can be told from its neighbours.
     #[inline(always)]
     pub fn reaches(&self, position: [f32; 3]) -> bool {
-        position.iter().all(|x| (x * self.per_cell).abs() < MOST_CELLS)
+        position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
     /// The cell of a place within reach.

@@ -1,19 +1,19 @@
 //! Fewer components than were born: those whose union explains as much are merged in closed form
 //! (joint moments), the cheapest first.
 
+use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::grid::SeedGrid;
-use super::ledger::{Ledger, Word};
-use super::places::Places;
+use super::seed_positions::SeedPositions;
 use crate::math::sym3::Sym3;
 use crate::model::scene::sums::{SceneSums, outer};
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
-const MOST_SPREAD: f64 = 0.8;
+const MAX_SPREAD: f64 = 0.8;
 /// Largest distance of a merged component's mean from the seed its sums are about, units of `h`.
-const MOST_OFFSET: f64 = 1.5;
+const MAX_OFFSET: f64 = 1.5;
 /// Squared colour error (0 to 1 per channel) that counts as much as a squared distance of `h` from
 /// the plane: a surface a quarter of `h` off is as bad as a colour an eighth off.
 const THICKNESS_COST: f64 = 0.25;
@@ -32,8 +32,8 @@ struct Summary {
 }
 
 /// Merges until at most `most` components are left, or no two neighbours may be merged.
-pub fn merge_down<W: Word>(
-    ledger: &mut Ledger<W>,
+pub fn merge_down<W: SumScalar>(
+    component_sums: &mut ComponentSums<W>,
     components: &mut Components,
     grid: &SeedGrid,
     h: f64,
@@ -44,14 +44,14 @@ pub fn merge_down<W: Word>(
         if surplus == 0 {
             return;
         }
-        let pairs = cheapest_pairs(ledger, components, grid, h, surplus);
+        let pairs = cheapest_pairs(component_sums, components, grid, h, surplus);
         if pairs.is_empty() {
             return;
         }
         for &(kept, dropped) in &pairs {
             let [a, b] =
-                [kept, dropped].map(|id| summary(ledger, components, grid, h, id as usize));
-            ledger.merge(
+                [kept, dropped].map(|id| summary(component_sums, components, grid, h, id as usize));
+            component_sums.merge(
                 kept as usize,
                 dropped as usize,
                 &moved(&b.sums, b.seed - a.seed).to_array(),
@@ -62,16 +62,19 @@ pub fn merge_down<W: Word>(
 }
 
 /// Up to `n` disjoint pairs of neighbours whose union costs least, the older of each first.
-fn cheapest_pairs<W: Word>(
-    ledger: &Ledger<W>,
+fn cheapest_pairs<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
     n: usize,
 ) -> Vec<(u32, u32)> {
     let ids = 0..components.n_rows();
-    let summaries: Vec<Summary> =
-        ids.clone().into_par_iter().map(|id| summary(ledger, components, grid, h, id)).collect();
+    let summaries: Vec<Summary> = ids
+        .clone()
+        .into_par_iter()
+        .map(|id| summary(component_sums, components, grid, h, id))
+        .collect();
     let mut pairs: Vec<(f64, u32, u32)> = ids
         .into_par_iter()
         .filter_map(|id| best_partner(&summaries, components, grid, h, id))
@@ -88,15 +91,15 @@ fn cheapest_pairs<W: Word>(
     chosen
 }
 
-fn summary<W: Word>(
-    ledger: &Ledger<W>,
+fn summary<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
     id: usize,
 ) -> Summary {
-    let sums = SceneSums::new(&ledger.sums(id), 1.0);
-    let seed = DVec3::from_array(Places { grid, components }.of(id).map(f64::from)) / h;
+    let sums = SceneSums::new(&component_sums.sums(id), 1.0);
+    let seed = DVec3::from_array(SeedPositions { grid, components }.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
@@ -135,8 +138,8 @@ fn best_partner(
 /// By how much more two components leave unexplained as one; `None` if that would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
     let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
-    let is_small = union.covariance().trace() <= MOST_SPREAD * MOST_SPREAD
-        && union.mean_offset().length() <= MOST_OFFSET;
+    let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
+        && union.mean_offset().length() <= MAX_OFFSET;
     is_small.then(|| error(&union) - a.error - b.error)
 }
 

@@ -3,7 +3,7 @@
 use super::assign::assign;
 use super::births::{Limits, give_birth};
 use super::components::Components;
-use super::config::{BirthRule, MOST_COMPONENTS};
+use super::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use super::grid::{NONE, SeedGrid};
 use crate::observation::surface::SurfacePoint;
 
@@ -41,7 +41,7 @@ impl Partition {
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
         let Self { h, grid, components, owners } = self;
         assign(grid, components, *h, points, owners);
-        let limits = Limits { components: MOST_COMPONENTS, seeds: MOST_COMPONENTS };
+        let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
         give_birth(BirthRule::Seeds, *h, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }

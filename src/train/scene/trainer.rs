@@ -1,27 +1,27 @@
 //! The trainer of the scene preset: owns the components and applies frames to them.
 
 use super::accumulate::{Matched, accumulate};
-use super::align::{Alignment, EVERY, Motion};
+use super::align::{EVERY, Motion, PoseAlignment};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
+use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
-use super::config::{BirthRule, LookRule, SceneConfig};
+use super::config::{BirthRule, SceneConfig, VisibilityRule};
 use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::learner::SceneLearner;
-use super::ledger::{Ledger, Word};
 use super::merge::merge_down;
 use super::observe::observe;
-use super::places::Places;
 use super::refine::shift;
+use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
-use crate::model::scene::native::{Anchor, NativeRule};
+use crate::model::scene::splat_rule::{SplatContext, SplatRule};
 use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
-use crate::model::splat::exposure::{Exposure, ExposureLog};
+use crate::model::splat::exposure::{ExposureLog, FrameExposure};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
@@ -39,11 +39,11 @@ use std::sync::Arc;
 /// Every so many frames all components are told to have changed.
 const EVERYTHING_EVERY: u64 = 16;
 /// Components beyond the budget that a frame may bring in any case.
-const LEAST_EXCESS: usize = 64;
+const MIN_EXCESS: usize = 64;
 
 /// Points that found no component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Lost {
+pub struct UnassignedPoints {
     /// The budget was used up.
     pub budget: u64,
     /// They lay too far from the origin to be told from their neighbours.
@@ -58,7 +58,7 @@ pub struct SceneTrainer<W> {
     scoring: Scoring,
     grid: SeedGrid,
     components: Components,
-    ledger: Ledger<W>,
+    component_sums: ComponentSums<W>,
     owners: Vec<u32>,
     shifts: Vec<f32>,
     /// Squared distance of every point of the last frame from its seed.
@@ -69,14 +69,14 @@ pub struct SceneTrainer<W> {
     has_changed_all: bool,
     frames: u64,
     /// Points that found no component so far.
-    lost: Lost,
+    unassigned: UnassignedPoints,
     /// How the frames were exposed, while gains are fitted.
-    exposures: Vec<Exposure>,
+    exposures: Vec<FrameExposure>,
     /// Points of the frame being learnt as its corrected pose has them.
     moved: Vec<SurfacePoint>,
 }
 
-impl<W: Word> SceneTrainer<W> {
+impl<W: SumScalar> SceneTrainer<W> {
     /// A scene without components, whose positions are kept relative to `origin` (world units).
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let hyper = Hyper::scene(config.h);
@@ -88,7 +88,7 @@ impl<W: Word> SceneTrainer<W> {
             scoring,
             grid: SeedGrid::new(config.h),
             components: Components::default(),
-            ledger: Ledger::default(),
+            component_sums: ComponentSums::default(),
             owners: Vec::new(),
             shifts: Vec::new(),
             q: Vec::new(),
@@ -96,7 +96,7 @@ impl<W: Word> SceneTrainer<W> {
             touched: Vec::new(),
             has_changed_all: false,
             frames: 0,
-            lost: Lost::default(),
+            unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
             moved: Vec::new(),
         }
@@ -106,13 +106,13 @@ impl<W: Word> SceneTrainer<W> {
     /// its sums have another form.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let mut trainer = Self::new(config, DVec3::from_array(state.origin));
-        trainer.ledger = Ledger::restore(state.sums, state.looks)?;
+        trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
         for seed in state.seeds {
             let seed = trainer.grid.insert(seed);
             trainer.components.born(seed);
         }
         if let Some(components) = state.components {
-            trainer.components = Components::restore(components, trainer.ledger.len())?;
+            trainer.components = Components::restore(components, trainer.component_sums.len())?;
         }
         trainer.exposures = state.exposures;
         trainer.frames = frames;
@@ -122,20 +122,27 @@ impl<W: Word> SceneTrainer<W> {
     /// The scene as it stands, its components in their stored order.
     pub fn state(&self) -> SceneState {
         let order = self.stored_order();
-        let (sums, looks) = self.ledger.state(&order);
+        let (sums, visibility) = self.component_sums.state(&order);
         let components = self.components.shared().map(<[u32]>::to_vec);
         let seeds = match components {
             Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
             None => order.into_iter().map(|id| self.grid.position(id as usize)).collect(),
         };
         let exposures = self.exposures.clone();
-        SceneState { origin: self.origin.to_array(), seeds, components, sums, looks, exposures }
+        SceneState {
+            origin: self.origin.to_array(),
+            seeds,
+            components,
+            sums,
+            visibility,
+            exposures,
+        }
     }
 
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
     /// order of frames, their order does not either.
     fn stored_order(&self) -> Vec<u32> {
-        let mut order: Vec<u32> = (0..self.ledger.len() as u32).collect();
+        let mut order: Vec<u32> = (0..self.component_sums.len() as u32).collect();
         if self.config.births.is_order_invariant() {
             let seed = |id: &u32| self.grid.position(*id as usize);
             order.sort_unstable_by(|a, b| seed_order(&seed(a), &seed(b)));
@@ -165,7 +172,7 @@ impl<W: Word> SceneTrainer<W> {
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
         if self.config.gain {
-            self.exposures.push(Exposure::new(&camera.pose, gain));
+            self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
@@ -179,19 +186,19 @@ impl<W: Word> SceneTrainer<W> {
 
     /// Adds the points to the sums of their components.
     fn sum_up(&mut self, points: &[SurfacePoint], gain: [f32; 3]) {
-        self.ledger.grow(self.components.n_rows());
+        self.component_sums.grow(self.components.n_rows());
         let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
         let (h, looks) = (self.config.h, self.config.looks);
-        let places = Places { grid: &self.grid, components: &self.components };
-        accumulate(&mut self.ledger, places, matched, h, looks, &mut self.touched);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
     }
 
     /// Counts which components the frame saw, or saw through.
     fn see(&mut self, frame: &Observation, camera: &Camera) {
-        self.ledger.carry_over(&self.touched);
-        if self.config.looks == LookRule::Projected {
-            let places = Places { grid: &self.grid, components: &self.components };
-            observe(&mut self.ledger, places, frame, camera, self.config.h);
+        self.component_sums.spill_to_wide_rows(&self.touched);
+        if self.config.looks == VisibilityRule::Projected {
+            let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+            observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
         }
     }
 
@@ -207,13 +214,13 @@ impl<W: Word> SceneTrainer<W> {
         }
     }
 
-    /// See [`Alignment::motion`].
+    /// See [`PoseAlignment::motion`].
     pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
         let points: Vec<SurfacePoint> = frame.points.iter().step_by(EVERY).copied().collect();
         self.assign(&points);
-        let alignment = Alignment {
-            ledger: &self.ledger,
-            places: Places { grid: &self.grid, components: &self.components },
+        let alignment = PoseAlignment {
+            component_sums: &self.component_sums,
+            seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
             h: self.config.h,
             ridge: self.config.native.gradient_ridge * self.config.h * self.config.h,
             frame,
@@ -231,12 +238,12 @@ impl<W: Word> SceneTrainer<W> {
         let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
             true => Limits { components: seeds, seeds },
-            false => Limits { components: most + (most / 8).max(LEAST_EXCESS), seeds },
+            false => Limits { components: most + (most / 8).max(MIN_EXCESS), seeds },
         };
         let Self { grid, components, owners, .. } = self;
         let births = give_birth(rule, h, grid, components, points, owners, limits);
-        self.lost.budget += births.refused as u64;
-        self.lost.reach += births.out_of_reach as u64;
+        self.unassigned.budget += births.refused as u64;
+        self.unassigned.reach += births.out_of_reach as u64;
         births.born
     }
 
@@ -249,18 +256,18 @@ impl<W: Word> SceneTrainer<W> {
         }
         // Some less than allowed: merging takes longer than a frame.
         let target = most - most / 16;
-        let Self { ledger, components, grid, .. } = self;
-        merge_down(ledger, components, grid, self.config.h, target);
+        let Self { component_sums, components, grid, .. } = self;
+        merge_down(component_sums, components, grid, self.config.h, target);
         used - self.components.used()
     }
 
     /// Points that have a component, and the mean of their ELBO under the initial model; 0 without
     /// points.
     fn explain(&mut self, points: &[SurfacePoint]) -> (usize, f64) {
-        let places = Places { grid: &self.grid, components: &self.components };
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let q = |(point, &owner): (&SurfacePoint, &u32)| match owner {
             NONE => f64::NAN,
-            id => f64::from(squared_distance(point.position, places.of(id as usize))),
+            id => f64::from(squared_distance(point.position, seed_positions.of(id as usize))),
         };
         points.par_iter().zip(&self.owners).with_min_len(1024).map(q).collect_into_vec(&mut self.q);
         if let Some(owners) = self.component_elbo.owners() {
@@ -290,42 +297,42 @@ impl<W: Word> SceneTrainer<W> {
         if !self.config.refine {
             return;
         }
-        let (ledger, h) = (&self.ledger, self.config.h);
-        let places = Places { grid: &self.grid, components: &self.components };
+        let (component_sums, h) = (&self.component_sums, self.config.h);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let limit = f64::from(tolerance.refinement);
         let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(points);
         shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
             let id = owner as usize;
-            if id < ledger.len() {
-                *moved = shift(ledger, id, places.of(id), h, point, limit) as f32;
+            if id < component_sums.len() {
+                *moved = shift(component_sums, id, seed_positions.of(id), h, point, limit) as f32;
             }
         });
     }
 
     fn gain(&self, points: &[SurfacePoint]) -> [f32; 3] {
-        if self.config.gain { gain(&self.ledger, points, &self.owners) } else { [1.0; 3] }
+        if self.config.gain { gain(&self.component_sums, points, &self.owners) } else { [1.0; 3] }
     }
 
     /// Everything a component has received, world units about its seed.
     pub fn sums(&self, id: usize) -> SceneSums {
-        SceneSums::new(&self.ledger.sums(id), self.config.h)
+        SceneSums::new(&self.component_sums.sums(id), self.config.h)
     }
 
     /// Where a component's sums are about, world units, and the returns expected of it.
-    pub fn anchor(&self, id: usize) -> Anchor {
+    pub fn splat_context(&self, id: usize) -> SplatContext {
         let seed = self.seed(id);
-        let expected = self.ledger.row(id).expected();
-        Anchor { seed: self.origin + seed, h: self.config.h, expected, frames: self.frames }
+        let expected = self.component_sums.row(id).expected();
+        SplatContext { seed: self.origin + seed, h: self.config.h, expected, frames: self.frames }
     }
 
     /// Where a component's sums are about, world units from the origin.
     fn seed(&self, id: usize) -> DVec3 {
-        let places = Places { grid: &self.grid, components: &self.components };
-        DVec3::from_array(places.of(id).map(f64::from))
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        DVec3::from_array(seed_positions.of(id).map(f64::from))
     }
 
     /// Draws components by another rule from now on.
-    pub fn set_native(&mut self, rule: NativeRule) {
+    pub fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.native = rule;
     }
 
@@ -336,13 +343,13 @@ impl<W: Word> SceneTrainer<W> {
             return None;
         }
         let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
-        let Self { ledger, components, grid, .. } = &mut merged;
-        merge_down(ledger, components, grid, self.config.h, most);
+        let Self { component_sums, components, grid, .. } = &mut merged;
+        merge_down(component_sums, components, grid, self.config.h, most);
         Some(merged)
     }
 
     fn every_splat(&self) -> SplatSet {
-        let splats = (0..self.ledger.len()).into_par_iter().with_min_len(256);
+        let splats = (0..self.component_sums.len()).into_par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
         self.set_of(splats, appearance)
     }
@@ -355,19 +362,19 @@ impl<W: Word> SceneTrainer<W> {
     }
 }
 
-impl<W: Word> Learns<Observation> for SceneTrainer<W> {
+impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
     fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
         Ok(self.train(frame))
     }
 }
 
-impl<W: Word> SceneLearner for SceneTrainer<W> {
-    fn set_native(&mut self, rule: NativeRule) {
+impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
+    fn set_splat_rule(&mut self, rule: SplatRule) {
         self.config.native = rule;
     }
 }
 
-impl<W: Word> Learner for SceneTrainer<W> {
+impl<W: SumScalar> Learner for SceneTrainer<W> {
     fn stages(&self) -> &'static [TrainStage] {
         &SCENE_STAGES
     }
@@ -378,7 +385,7 @@ impl<W: Word> Learner for SceneTrainer<W> {
 
     /// Slots of components, in use or free.
     fn components(&self) -> usize {
-        self.ledger.len()
+        self.component_sums.len()
     }
 
     fn used(&self) -> usize {
@@ -394,7 +401,7 @@ impl<W: Word> Learner for SceneTrainer<W> {
     }
 
     fn model_bytes(&self) -> usize {
-        self.ledger.bytes() + self.grid.bytes() + self.components.bytes()
+        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
     }
 
     /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
@@ -407,7 +414,7 @@ impl<W: Word> Learner for SceneTrainer<W> {
     }
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.config.native.splat(&self.sums(id), &self.anchor(id))
+        self.config.native.splat(&self.sums(id), &self.splat_context(id))
     }
 
     /// Of a lattice that exceeds its budget, see [`Self::stored_splats`].
@@ -439,7 +446,7 @@ impl<W: Word> Learner for SceneTrainer<W> {
     }
 
     fn warnings(&self) -> Vec<LearnerWarning> {
-        let Lost { budget, reach } = self.lost;
+        let UnassignedPoints { budget, reach } = self.unassigned;
         let budget = (budget > 0).then_some(LearnerWarning::OverBudget { points: budget });
         let reach = (reach > 0).then_some(LearnerWarning::OutOfReach { points: reach });
         budget.into_iter().chain(reach).collect()

@@ -1,6 +1,6 @@
 //! Frames of the synthetic room at any number of points.
 
-use super::Means;
+use super::row::MeanPlacement;
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
@@ -12,7 +12,7 @@ use crate::pipeline::error::SessionError;
 use crate::train::paper::init::InitialDraw;
 
 /// A frame to train on, and points of other frames for means on surfaces.
-pub struct Room {
+pub struct RoomFrames {
     /// The frame.
     pub frame: Points<f32>,
     others: Points<f32>,
@@ -21,7 +21,7 @@ pub struct Room {
 /// Frames whose points means are drawn from.
 const OTHER_FRAMES: usize = 6;
 
-impl Room {
+impl RoomFrames {
     /// Renders views of at least `n_points` points each.
     pub fn load(n_points: usize, seed: u64) -> Result<Self, BenchError> {
         // Depth is dropped at edges: a few pixels more give the points asked for.
@@ -49,10 +49,10 @@ impl Room {
     }
 
     /// Means of one kind.
-    pub fn draw(&self, means: Means, components: usize, seed: u64) -> InitialDraw {
+    pub fn draw(&self, means: MeanPlacement, components: usize, seed: u64) -> InitialDraw {
         match means {
-            Means::Random => InitialDraw::random(components, seed),
-            Means::Surface => InitialDraw::from_points(&self.others, components, seed),
+            MeanPlacement::Random => InitialDraw::random(components, seed),
+            MeanPlacement::Surface => InitialDraw::from_points(&self.others, components, seed),
         }
     }
 }

@@ -11,7 +11,7 @@ use num_traits::{ToPrimitive, Zero};
 use std::collections::BTreeMap;
 
 /// `[x, y, z, r, g, b]`, exact.
-type Row = [BigRational; 6];
+type RationalPoint = [BigRational; 6];
 
 /// A finite number as the fraction it is; anything else counts as zero.
 fn exact(value: f64) -> BigRational {
@@ -23,7 +23,7 @@ fn rounded(value: &BigRational) -> f64 {
 }
 
 /// The model and what it has seen.
-pub struct Exact {
+pub struct RationalMixture {
     hyper: Hyper,
     means: Vec<[f64; 6]>,
     /// `−2 E[ln π] / E_s`.
@@ -67,7 +67,7 @@ impl Sums {
     }
 }
 
-impl Exact {
+impl RationalMixture {
     /// A model that has seen nothing; it compares a point with its `n_candidates` nearest
     /// components.
     pub fn new(hyper: Hyper, means: &[[f64; 6]], alpha: &[f64], n_candidates: usize) -> Self {
@@ -105,7 +105,7 @@ impl Exact {
         self.sums.values_mut().for_each(|sums| sums.each(|sum| *sum *= &factor));
     }
 
-    fn responsibilities(&self, row: &[f64; 6], point: &Row) -> Vec<(u32, f64)> {
+    fn responsibilities(&self, row: &[f64; 6], point: &RationalPoint) -> Vec<(u32, f64)> {
         let square = |k: usize, axes: std::ops::Range<usize>| -> BigRational {
             axes.map(|i| &point[i] - exact(self.means[k][i])).map(|d| &d * &d).sum()
         };
@@ -133,7 +133,7 @@ impl Exact {
         nearest.into_iter().take(self.n_candidates + DOUBTFUL).map(|(_, k)| k).collect()
     }
 
-    fn add(&mut self, k: usize, r: &BigRational, point: &Row) {
+    fn add(&mut self, k: usize, r: &BigRational, point: &RationalPoint) {
         let sums = self.sums.entry(k).or_insert_with(Sums::zero);
         sums.count += r;
         for i in 0..3 {

@@ -16,11 +16,13 @@ use crate::eval::spread::Spread;
 use crate::eval::table;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
-use crate::train::paper::config::{Candidates, Overrides, Precision, ReassignPolicy, TrainConfig};
+use crate::train::paper::config::{
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+};
 use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
 use crate::train::paper::learner::PaperLearner;
-use exact::Exact;
+use exact::RationalMixture;
 use glam::DVec3;
 use serde::Serialize;
 
@@ -93,7 +95,7 @@ pub fn run(options: BenchOptions, progress: Progress) -> Result<Bench, BenchErro
 /// A case and what exact arithmetic makes of it.
 pub struct Truth<'a> {
     case: &'a Case,
-    config: TrainConfig,
+    config: PaperConfig,
     draw: InitialDraw,
     frame: Points<f32>,
     /// Which points are numbers.
@@ -105,13 +107,13 @@ pub struct Truth<'a> {
 impl<'a> Truth<'a> {
     /// Learns the case exactly, from points and means as every engine reads them: in f32.
     pub fn new(case: &'a Case) -> Result<Self, BenchError> {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             components: Some(case.draw.means.len()),
             candidates: Some(Candidates::Nearest(case.candidates)),
             reassign: Some(ReassignPolicy::Off),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
-        let config = TrainConfig::paper().with(&overrides)?;
+        let config = PaperConfig::paper().with(&overrides)?;
         let single = |rows: &[[f64; 6]]| -> Vec<[f64; 6]> {
             rows.iter().map(|row| row.map(|v| f64::from(v as f32))).collect()
         };
@@ -120,7 +122,8 @@ impl<'a> Truth<'a> {
         let sound: Vec<bool> = rows.iter().map(|r| r.iter().all(|v| v.is_finite())).collect();
         let finite: Vec<[f64; 6]> =
             rows.iter().zip(&sound).filter(|(_, sound)| **sound).map(|(row, _)| *row).collect();
-        let mut exact = Exact::new(config.hyper(), &draw.means, &draw.alpha, case.candidates);
+        let mut exact =
+            RationalMixture::new(config.hyper(), &draw.means, &draw.alpha, case.candidates);
         let responsibilities = exact.learn(&finite).into_iter().map(Shares::from_iter).collect();
         exact.repeat(case.frames);
         Ok(Self {
@@ -136,7 +139,7 @@ impl<'a> Truth<'a> {
 
     /// Runs an engine through the case and compares.
     pub fn measure(&self, precision: Precision) -> Result<StabilityRow, BenchError> {
-        let overrides = Overrides { precision: Some(precision), ..Overrides::default() };
+        let overrides = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         let config = self.config.clone().with(&overrides)?;
         let mut engine = engine::begin(&config, &self.draw, self.case.normalization)?;
         for _ in 0..self.case.frames {
@@ -212,7 +215,7 @@ impl<'a> Truth<'a> {
 }
 
 /// `U⁻¹` is the prior's plus terms that are not negative.
-fn eigenvalue_over_prior(config: &TrainConfig) -> impl Fn(&ComponentPosterior) -> f64 {
+fn eigenvalue_over_prior(config: &PaperConfig) -> impl Fn(&ComponentPosterior) -> f64 {
     let prior = 1.0 / config.hyper().u0_space;
     move |posterior| posterior.inverse_scale.eigen().values.z / prior
 }

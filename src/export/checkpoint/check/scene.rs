@@ -3,8 +3,8 @@
 use super::super::error::{Defect, tag_text};
 use super::super::tag;
 use super::{AXES, ascending, value};
-use crate::model::scene::state::{MOST_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
-use crate::model::scene::sums::{MOST_TERM, N_SUMS};
+use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
+use crate::model::scene::sums::{MAX_TERM, N_SUMS};
 
 /// Every sum by name.
 #[rustfmt::skip]
@@ -56,7 +56,7 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
-    let n = state.looks.len();
+    let n = state.visibility.len();
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
         let expected = format!("a component below {n}");
@@ -92,7 +92,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
         let refuse = |i: usize, expected: &str| {
             Err(value(tag::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
         };
-        let is_odd = |v: &f64| !(v.abs() <= MOST_SUM && (v / QUANTUM).fract() == 0.0);
+        let is_odd = |v: &f64| !(v.abs() <= MAX_SUM && (v / QUANTUM).fract() == 0.0);
         if let Some(i) = row.sums.iter().position(is_odd) {
             return refuse(i, "a whole multiple of 2^-15 up to 2^38");
         }
@@ -114,7 +114,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 #[inline]
 fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(), Defect> {
     let n = row[0];
-    let most = MOST_TERM * n * (1.0 + slack.relative);
+    let most = MAX_TERM * n * (1.0 + slack.relative);
     let last = n - row[28] - row[31];
     let least_last = -(slack.relative + slack.per_point) * n;
     let sound = (0.0..f64::INFINITY).contains(&n)
@@ -155,7 +155,7 @@ fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most
         return refuse(i, "0 or more");
     }
     if let Some(i) = row.iter().position(|v| v.abs() > most) {
-        return refuse(i, &format!("at most {MOST_TERM} a point, of {} points", row[0]));
+        return refuse(i, &format!("at most {MAX_TERM} a point, of {} points", row[0]));
     }
     match first_unbounded(row, slack) {
         Some(i) => refuse(i, "at most the mean of the two axes' second moments"),

@@ -3,7 +3,7 @@
 use super::super::error::RunError;
 use super::super::saved::SavedRun;
 use crate::export::checkpoint::StoredModel;
-use crate::model::paper::state::Means;
+use crate::model::paper::state::InitialMeans;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::method::Method;
 use serde_json::Value;
@@ -100,7 +100,7 @@ fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
 }
 
 /// The first component whose initial mean differs.
-fn first_moved(a: &Means, b: &Means) -> Option<usize> {
+fn first_moved(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     if a == b {
         return None;
     }

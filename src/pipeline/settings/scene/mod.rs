@@ -8,7 +8,7 @@ use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::math::normalization::Normalization;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::sample::Sample;
-use crate::train::scene::config::{BirthRule, LookRule, SceneConfig};
+use crate::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use crate::train::scene::sum_form::SumForm;
 use crate::train::setting::ConfigError;
 use glam::DVec3;
@@ -34,8 +34,8 @@ pub struct SceneOverrides {
     pub gain: Option<bool>,
     /// Whether cracks between splats are closed when they are drawn.
     pub closing: Option<bool>,
-    /// How looks are counted.
-    pub looks: Option<LookRule>,
+    /// How hits and misses are counted.
+    pub looks: Option<VisibilityRule>,
     /// Whether colour varies over a splat.
     pub gradient: Option<bool>,
     /// Whether colour depends on the view direction.
@@ -172,7 +172,7 @@ impl SceneRun {
             engine.refine = false;
             engine.align = false;
             engine.gain = false;
-            engine.looks = LookRule::Returned;
+            engine.looks = VisibilityRule::Returned;
         }
         engine.refine = overrides.refine.unwrap_or(engine.refine);
         engine.align = overrides.align.unwrap_or(engine.align);

@@ -13,11 +13,11 @@ use crate::model::splat::splats::CovarianceForm;
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 
-/// A checked configuration. Built by [`TrainConfig::paper`] and [`TrainConfig::with`], or read from
+/// A checked configuration. Built by [`PaperConfig::paper`] and [`PaperConfig::with`], or read from
 /// a file; settings that an older file lacks are the paper's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(remote = "Self", default = "TrainConfig::paper")]
-pub struct TrainConfig {
+#[serde(remote = "Self", default = "PaperConfig::paper")]
+pub struct PaperConfig {
     /// Seed of every random stream.
     pub seed: u64,
     /// Number of components, the paper's N.
@@ -48,29 +48,29 @@ pub struct TrainConfig {
 
 /// Settings a user may override, from a RON file or the command line; `None` keeps the preset's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Overrides {
-    /// See [`TrainConfig::seed`].
+#[serde(rename = "PaperOverrides", default, deny_unknown_fields)]
+pub struct PaperOverrides {
+    /// See [`PaperConfig::seed`].
     pub seed: Option<u64>,
-    /// See [`TrainConfig::components`].
+    /// See [`PaperConfig::components`].
     pub components: Option<usize>,
-    /// See [`TrainConfig::candidates`].
+    /// See [`PaperConfig::candidates`].
     pub candidates: Option<Candidates>,
-    /// See [`TrainConfig::batch`].
+    /// See [`PaperConfig::batch`].
     pub batch: Option<Batch>,
-    /// See [`TrainConfig::statistics`].
+    /// See [`PaperConfig::statistics`].
     pub statistics: Option<StatisticsForm>,
-    /// See [`TrainConfig::index`].
+    /// See [`PaperConfig::index`].
     pub index: Option<IndexKind>,
-    /// See [`TrainConfig::init`].
+    /// See [`PaperConfig::init`].
     pub init: Option<Init>,
-    /// See [`TrainConfig::reassign`].
+    /// See [`PaperConfig::reassign`].
     pub reassign: Option<ReassignPolicy>,
-    /// See [`TrainConfig::reassign_fraction`].
+    /// See [`PaperConfig::reassign_fraction`].
     pub reassign_fraction: Option<f64>,
-    /// See [`TrainConfig::precision`].
+    /// See [`PaperConfig::precision`].
     pub precision: Option<Precision>,
-    /// See [`TrainConfig::operations`]; makes the precision [`Precision::Custom`].
+    /// See [`PaperConfig::operations`]; makes the precision [`Precision::Custom`].
     pub operations: Option<Operations>,
     /// Decomposition of the covariance; `legacy-cholesky` switches to the reference's exporter.
     pub covariance_form: Option<CovarianceForm>,
@@ -78,7 +78,7 @@ pub struct Overrides {
     pub scale_factor: Option<f64>,
 }
 
-impl Overrides {
+impl PaperOverrides {
     /// These settings where present, `fallback`'s elsewhere.
     pub fn or(self, fallback: Self) -> Self {
         Self {
@@ -109,7 +109,7 @@ fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T
 /// Most candidates per point; beyond this the dense E-step is meant.
 pub const MAX_CANDIDATES: usize = 1024;
 
-impl TrainConfig {
+impl PaperConfig {
     /// The published algorithm: N = 100,000, C = 4, random start, reassignment before the fit.
     pub fn paper() -> Self {
         Self {
@@ -130,7 +130,7 @@ impl TrainConfig {
     }
 
     /// This configuration with `overrides` applied, or the first setting that is out of range.
-    pub fn with(mut self, overrides: &Overrides) -> Result<Self, ConfigError> {
+    pub fn with(mut self, overrides: &PaperOverrides) -> Result<Self, ConfigError> {
         self.seed = overrides.seed.unwrap_or(self.seed);
         self.components = overrides.components.unwrap_or(self.components);
         self.candidates = overrides.candidates.unwrap_or(self.candidates);
@@ -149,7 +149,7 @@ impl TrainConfig {
         self.check()
     }
 
-    fn set_precision(&mut self, overrides: &Overrides) -> Result<(), ConfigError> {
+    fn set_precision(&mut self, overrides: &PaperOverrides) -> Result<(), ConfigError> {
         let named = |precision| match precision {
             Precision::F64 => Some(Operations::F64),
             Precision::Mixed => Some(Operations::MIXED),
@@ -244,31 +244,31 @@ mod tests {
     #[test]
     fn out_of_range_settings_are_refused_by_name() {
         let cases = [
-            (Overrides { components: Some(0), ..Default::default() }, "--components"),
+            (PaperOverrides { components: Some(0), ..Default::default() }, "--components"),
             (
-                Overrides { candidates: Some(Candidates::Nearest(0)), ..Default::default() },
+                PaperOverrides { candidates: Some(Candidates::Nearest(0)), ..Default::default() },
                 "--candidates",
             ),
             (
-                Overrides { reassign_fraction: Some(1.5), ..Default::default() },
+                PaperOverrides { reassign_fraction: Some(1.5), ..Default::default() },
                 "--reassign-fraction",
             ),
             (
-                Overrides { reassign_fraction: Some(f64::NAN), ..Default::default() },
+                PaperOverrides { reassign_fraction: Some(f64::NAN), ..Default::default() },
                 "--reassign-fraction",
             ),
-            (Overrides { scale_factor: Some(0.0), ..Default::default() }, "--scale-factor"),
+            (PaperOverrides { scale_factor: Some(0.0), ..Default::default() }, "--scale-factor"),
         ];
         for (overrides, setting) in cases {
-            assert_eq!(TrainConfig::paper().with(&overrides).unwrap_err().setting, setting);
+            assert_eq!(PaperConfig::paper().with(&overrides).unwrap_err().setting, setting);
         }
     }
 
     #[test]
     fn overrides_layer() {
-        let file = Overrides { seed: Some(1), components: Some(50), ..Default::default() };
-        let line = Overrides { seed: Some(2), ..Default::default() };
-        let config = TrainConfig::paper().with(&line.or(file)).unwrap();
+        let file = PaperOverrides { seed: Some(1), components: Some(50), ..Default::default() };
+        let line = PaperOverrides { seed: Some(2), ..Default::default() };
+        let config = PaperConfig::paper().with(&line.or(file)).unwrap();
         assert_eq!((config.seed, config.components), (2, 50));
     }
 }

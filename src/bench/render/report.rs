@@ -1,7 +1,8 @@
 //! Rows of frame times as a table, notes, ratios and panels.
 
-use super::painter::{Path, STAGES};
-use super::{RENDERERS, RenderPlan, RenderRow};
+use super::painter::{FramePath, STAGES};
+use super::plan::{RENDERERS, RenderPlan};
+use super::row::RenderRow;
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;
@@ -11,7 +12,7 @@ use serde::Serialize;
 
 /// What follows from the rows.
 #[derive(Clone, Debug, Serialize)]
-pub struct Summary {
+pub struct RenderSummary {
     /// Where both renderers were timed.
     pub ratios: Vec<Ratio>,
 }
@@ -20,7 +21,7 @@ pub struct Summary {
 #[derive(Clone, Debug, Serialize)]
 pub struct Ratio {
     /// How the frames came about.
-    pub path: Path,
+    pub path: FramePath,
     /// Splats of the scene.
     pub splats: usize,
     /// Columns of the image.
@@ -31,7 +32,7 @@ pub struct Ratio {
     pub exact_over_projected: f64,
 }
 
-impl Summary {
+impl RenderSummary {
     /// Of pairs of rows that differ in the renderer only.
     pub fn of(rows: &[RenderRow]) -> Self {
         let of = |renderer| rows.iter().filter(move |row: &&RenderRow| row.renderer == renderer);
@@ -64,12 +65,12 @@ pub fn text(rows: &[RenderRow]) -> String {
 }
 
 /// How the numbers came about, what follows from them, and what is missing.
-pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &Summary) -> Vec<String> {
+pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> Vec<String> {
     let mut notes = vec![format!(
         "Medians of {} frames from as many sides, in turns, after one that warms up; stages are medians of their own, - where they cannot be told apart.",
         plan.frames
     )];
-    if rows.iter().any(|row| row.path != Path::Cpu) {
+    if rows.iter().any(|row| row.path != FramePath::Cpu) {
         notes.push("On a GPU a frame ends when its image is done; its order is found beside it on the CPU and is not in it, drawing is timed by the GPU itself.".to_owned());
     }
     let ratios = summary.ratios.iter().map(|ratio| ratio.exact_over_projected);
@@ -90,7 +91,7 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &Summary) -> Vec<St
 
 /// One panel per resolution.
 pub fn panels(plan: &RenderPlan, rows: &[RenderRow]) -> Vec<Panel> {
-    let mut paths: Vec<Path> = rows.iter().map(|row| row.path).collect();
+    let mut paths: Vec<FramePath> = rows.iter().map(|row| row.path).collect();
     paths.sort_by_key(|path| *path as usize);
     paths.dedup();
     let lines = || paths.iter().flat_map(|&path| RENDERERS.map(|renderer| (path, renderer)));
@@ -122,7 +123,7 @@ mod tests {
     #[test]
     fn only_pairs_that_were_timed_have_a_ratio() {
         let row = |renderer, splats, ms| RenderRow {
-            path: Path::Cpu,
+            path: FramePath::Cpu,
             renderer,
             splats,
             width: 4,
@@ -144,7 +145,7 @@ mod tests {
             row(Renderer::Exact, 20, None),
             row(Renderer::Exact, 30, Some(3.0)),
         ];
-        let [ratio] = &Summary::of(&rows).ratios[..] else { panic!() };
+        let [ratio] = &RenderSummary::of(&rows).ratios[..] else { panic!() };
         assert_eq!((ratio.splats, ratio.exact_over_projected), (10, 1.5));
     }
 }

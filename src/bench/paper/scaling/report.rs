@@ -1,6 +1,7 @@
 //! What follows from the rows: exponents and speed-ups, the table, the notes and the plot.
 
-use super::{LINES, Means, Path, ScalingPlan, ScalingRow, Sweep};
+use super::plan::ScalingPlan;
+use super::row::{EnginePath, LINES, MeanPlacement, ScalingRow, Sweep};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;
@@ -13,16 +14,16 @@ pub struct Fit {
     /// What grows.
     pub sweep: Sweep,
     /// Where the means lie.
-    pub means: Means,
+    pub means: MeanPlacement,
     /// How the frame is processed.
-    pub path: Path,
+    pub path: EnginePath,
     /// `ms ∝ size^exponent`, least squares of the logarithms; `None` below two sizes.
     pub exponent: Option<f64>,
 }
 
 /// What follows from the rows.
 #[derive(Clone, Debug, Serialize)]
-pub struct Summary {
+pub struct ScalingSummary {
     /// One per line of the plot.
     pub fits: Vec<Fit>,
     /// Where one and two threads were timed.
@@ -33,21 +34,26 @@ pub struct Summary {
 #[derive(Clone, Debug, Serialize)]
 pub struct Speedup {
     /// Where the means lie.
-    pub means: Means,
+    pub means: MeanPlacement,
     /// How the frame is processed.
-    pub path: Path,
+    pub path: EnginePath,
     /// Time of one thread over that of two.
     pub two_over_one: f64,
 }
 
-impl Summary {
+impl ScalingSummary {
     /// Fits and speed-ups of all lines.
     pub fn of(rows: &[ScalingRow]) -> Self {
         Self { fits: fits(rows), speedups: speedups(rows) }
     }
 }
 
-fn line(rows: &[ScalingRow], sweep: Sweep, means: Means, path: Path) -> Vec<&ScalingRow> {
+fn line(
+    rows: &[ScalingRow],
+    sweep: Sweep,
+    means: MeanPlacement,
+    path: EnginePath,
+) -> Vec<&ScalingRow> {
     rows.iter().filter(|r| (r.sweep, r.means, r.path) == (sweep, means, path)).collect()
 }
 
@@ -81,12 +87,12 @@ fn speedups(rows: &[ScalingRow]) -> Vec<Speedup> {
     LINES.into_iter().filter_map(speedup).collect()
 }
 
-fn line_name(means: Means, path: Path) -> &'static str {
+fn line_name(means: MeanPlacement, path: EnginePath) -> &'static str {
     match (means, path) {
-        (Means::Random, Path::Fast) => "random means",
-        (Means::Surface, Path::Fast) => "means on surfaces",
-        (Means::Random, Path::Plain) => "random, plain path",
-        (Means::Surface, Path::Plain) => "on surfaces, plain path",
+        (MeanPlacement::Random, EnginePath::Fast) => "random means",
+        (MeanPlacement::Surface, EnginePath::Fast) => "means on surfaces",
+        (MeanPlacement::Random, EnginePath::Plain) => "random, plain path",
+        (MeanPlacement::Surface, EnginePath::Plain) => "on surfaces, plain path",
     }
 }
 
@@ -107,13 +113,13 @@ pub fn text(rows: &[ScalingRow]) -> String {
 }
 
 /// How the numbers came about, and what follows from them.
-pub fn notes(plan: &ScalingPlan, summary: &Summary) -> Vec<String> {
+pub fn notes(plan: &ScalingPlan, summary: &ScalingSummary) -> Vec<String> {
     let mut notes = vec![
         format!(
             "C = 4, no reassignment, {} frames each after one that warms up, in turns. Plain path: KD-tree, f64, unfused statistics.",
             plan.repeats
         ),
-        "Means on surfaces are points of six other frames.".to_owned(),
+        "MeanPlacement on surfaces are points of six other frames.".to_owned(),
     ];
     for fit in &summary.fits {
         let Some(exponent) = fit.exponent else { continue };

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 /// How sums become a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct NativeRule {
+pub struct SplatRule {
     /// Opacity from returns.
     pub opacity: DensityOpacity,
     /// Fewest points of a component that is drawn.
@@ -39,7 +39,7 @@ pub struct NativeRule {
 
 /// What a component's splat depends on besides its sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Anchor {
+pub struct SplatContext {
     /// Seed, world units.
     pub seed: DVec3,
     /// Structural scale, world units.
@@ -50,23 +50,23 @@ pub struct Anchor {
     pub frames: u64,
 }
 
-impl NativeRule {
+impl SplatRule {
     /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
-    pub fn splat(&self, sums: &SceneSums, anchor: &Anchor) -> (Splat, Appearance) {
-        let opacity = self.opacity.opacity(sums.count, anchor.expected, anchor.frames);
-        let least_points = (self.least_points * early(anchor.frames)).max(1.0);
+    pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
+        let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
+        let least_points = (self.least_points * early(context.frames)).max(1.0);
         if sums.count < least_points || opacity == 0.0 {
             return Default::default();
         }
         let mean = sums.mean_offset();
         let covariance = sums.covariance();
         let (scale, rotation) =
-            decompose(self.regular(covariance, sums.count, anchor.h), CovarianceForm::Eigen);
-        let scale = (scale * self.scale).max(DVec3::splat(self.least_scale * anchor.h));
+            decompose(self.regular(covariance, sums.count, context.h), CovarianceForm::Eigen);
+        let scale = (scale * self.scale).max(DVec3::splat(self.least_scale * context.h));
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
-            appearance.gradient = rows(sums.gradient(self.gradient_ridge * anchor.h * anchor.h));
+            appearance.gradient = rows(sums.gradient(self.gradient_ridge * context.h * context.h));
         }
         if self.directional {
             let weights = self.directional(sums);
@@ -74,7 +74,7 @@ impl NativeRule {
             appearance.directional = rows(weights);
         }
         let splat = Splat {
-            mean: (anchor.seed + mean).as_vec3().to_array(),
+            mean: (context.seed + mean).as_vec3().to_array(),
             opacity: opacity as f32,
             color: color.as_vec3().to_array(),
             scale: scale.as_vec3().to_array(),

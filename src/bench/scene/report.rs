@@ -1,7 +1,7 @@
 //! The tables for people, and the plot.
 
+use super::row::{AccuracyRow, AccuracySummary};
 use super::variants::Table;
-use super::{AccuracyRow, Summary};
 use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;
@@ -58,8 +58,8 @@ fn cells(row: &AccuracyRow) -> [String; 11] {
 }
 
 /// What the numbers mean.
-pub fn notes(summary: &Summary, n_crack_views: usize) -> Vec<String> {
-    let Summary { frames, views, orders, seen, .. } = summary;
+pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
+    let AccuracySummary { frames, views, orders, seen, .. } = summary;
     let mut notes = vec![
         format!(
             "{frames} frames in {orders} orders (as listed, reversed, shuffled); quality: projected renderer, black background, {views} held-out views, mean of the orders; orders: highest less lowest PSNR. ms: median over frames and orders, configurations in turns.",

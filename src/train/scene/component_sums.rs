@@ -1,16 +1,16 @@
-//! The sums of all components, and how often each was looked at.
+//! The sums of all components, and in how many frames each was seen or seen through.
 
 use crate::math::real::Real;
-use crate::model::scene::state::{Looks, QUANTUM, StoredSums, WIDE_POINTS, WideRow};
+use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// The form sums are kept in.
-pub trait Word: Copy + Default + Send + Sync + 'static {
+/// The number that a sum of one component is kept in.
+pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     /// Arithmetic of the terms of one point.
     type Term: Real;
-    /// Points from which on a row is carried over. As many more still fit.
+    /// Points from which on a row spills into a wide one. As many more still fit.
     const FULL: f64;
     /// A term, rounded to the form of the sums.
     fn of(term: Self::Term) -> Self;
@@ -27,7 +27,7 @@ pub trait Word: Copy + Default + Send + Sync + 'static {
 }
 
 /// Integer sums are the same in any order. Terms within ±4 take 18 bits.
-impl Word for i32 {
+impl SumScalar for i32 {
     type Term = f32;
     const FULL: f64 = WIDE_POINTS as f64;
 
@@ -64,9 +64,9 @@ impl Word for i32 {
     }
 }
 
-macro_rules! plain_word {
+macro_rules! plain_sum_scalar {
     ($t:ty, $stored:ident) => {
-        impl Word for $t {
+        impl SumScalar for $t {
             type Term = $t;
             const FULL: f64 = f64::INFINITY;
 
@@ -103,8 +103,8 @@ macro_rules! plain_word {
     };
 }
 
-plain_word!(f32, F32);
-plain_word!(f64, F64);
+plain_sum_scalar!(f32, F32);
+plain_sum_scalar!(f64, F64);
 
 /// Quanta per unit of the integer sums.
 const QUANTA: f32 = (1.0 / QUANTUM) as f32;
@@ -115,28 +115,28 @@ const RETURN_QUANTA: f64 = 64.0;
 /// Sums of one component.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-pub struct Row<W> {
+pub struct SumRow<W> {
     /// In the order of [`N_SUMS`].
     pub sums: [W; N_SUMS],
-    looks: Looks,
+    visibility: VisibilityCounts,
 }
 
-impl<W: Word> Default for Row<W> {
+impl<W: SumScalar> Default for SumRow<W> {
     fn default() -> Self {
-        Self { sums: [W::default(); N_SUMS], looks: Looks::default() }
+        Self { sums: [W::default(); N_SUMS], visibility: VisibilityCounts::default() }
     }
 }
 
 /// What one frame says of a component's visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Look {
+pub enum Visibility {
     /// It was where the frame measured a surface.
-    Seen,
+    Hit,
     /// The frame measured something farther.
-    Missed,
+    Miss,
 }
 
-impl<W: Word> Row<W> {
+impl<W: SumScalar> SumRow<W> {
     /// Adds the terms of one point.
     #[inline(always)]
     pub fn add(&mut self, terms: &[W::Term; N_SUMS]) {
@@ -145,54 +145,54 @@ impl<W: Word> Row<W> {
         }
     }
 
-    /// Counts a look from which `expected` returns could have come.
+    /// Counts a frame from which `expected` returns could have come.
     #[inline(always)]
-    pub fn look(&mut self, look: Look, expected: f64) {
+    pub fn count_visibility(&mut self, visibility: Visibility, expected: f64) {
         let expected = (expected * RETURN_QUANTA) as u32;
-        self.looks = self.looks.plus(match look {
-            Look::Seen => Looks { expected, seen: 1, missed: 0 },
-            Look::Missed => Looks { expected, seen: 0, missed: 1 },
+        self.visibility = self.visibility.plus(match visibility {
+            Visibility::Hit => VisibilityCounts { expected, hits: 1, misses: 0 },
+            Visibility::Miss => VisibilityCounts { expected, hits: 0, misses: 1 },
         });
     }
 
     /// Returns that it could have given.
     pub fn expected(&self) -> f64 {
-        f64::from(self.looks.expected) / RETURN_QUANTA
+        f64::from(self.visibility.expected) / RETURN_QUANTA
     }
 }
 
 /// What rows could not hold.
 #[derive(Clone, Copy)]
-pub struct Carried<'a>(&'a BTreeMap<u32, [f64; N_SUMS]>);
+pub struct WideRows<'a>(&'a BTreeMap<u32, [f64; N_SUMS]>);
 
-impl<'a> Carried<'a> {
+impl<'a> WideRows<'a> {
     /// `N`, `Σ d` and `Σ n` of a component.
     #[inline(always)]
-    pub fn plane<W: Word>(self, id: usize, row: &Row<W>) -> (f64, [f64; 3], [f64; 3]) {
+    pub fn plane<W: SumScalar>(self, id: usize, row: &SumRow<W>) -> (f64, [f64; 3], [f64; 3]) {
         let sum = self.reader(id, row);
         (sum(0), [sum(1), sum(2), sum(3)], [sum(22), sum(23), sum(24)])
     }
 
     #[inline(always)]
-    fn reader<W: Word>(self, id: usize, row: &'a Row<W>) -> impl Fn(usize) -> f64 + 'a {
-        let carried = if self.0.is_empty() { None } else { self.0.get(&(id as u32)) };
-        move |i| row.sums[i].value() + carried.map_or(0.0, |c| c[i])
+    fn reader<W: SumScalar>(self, id: usize, row: &'a SumRow<W>) -> impl Fn(usize) -> f64 + 'a {
+        let wide = if self.0.is_empty() { None } else { self.0.get(&(id as u32)) };
+        move |i| row.sums[i].value() + wide.map_or(0.0, |wide| wide[i])
     }
 }
 
-/// Rows of all components. What a row cannot hold is carried over into a wider one.
-pub struct Ledger<W> {
-    rows: Vec<Row<W>>,
+/// Rows of all components. What a row cannot hold spills into a wider one.
+pub struct ComponentSums<W> {
+    rows: Vec<SumRow<W>>,
     wide: BTreeMap<u32, [f64; N_SUMS]>,
 }
 
-impl<W: Word> Default for Ledger<W> {
+impl<W: SumScalar> Default for ComponentSums<W> {
     fn default() -> Self {
         Self { rows: Vec::new(), wide: BTreeMap::new() }
     }
 }
 
-impl<W: Word> Ledger<W> {
+impl<W: SumScalar> ComponentSums<W> {
     /// Number of components.
     pub fn len(&self) -> usize {
         self.rows.len()
@@ -200,25 +200,25 @@ impl<W: Word> Ledger<W> {
 
     /// Makes room for components up to `n`.
     pub fn grow(&mut self, n: usize) {
-        self.rows.resize(n, Row::default());
+        self.rows.resize(n, SumRow::default());
     }
 
     /// Bytes that the rows take.
     pub fn bytes(&self) -> usize {
-        self.rows.len() * size_of::<Row<W>>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
+        self.rows.len() * size_of::<SumRow<W>>() + self.wide.len() * size_of::<[f64; N_SUMS]>()
     }
 
-    /// The row of a component, without what was carried over.
-    pub fn row(&self, id: usize) -> &Row<W> {
+    /// The row of a component, without what spilt into a wide one.
+    pub fn row(&self, id: usize) -> &SumRow<W> {
         &self.rows[id]
     }
 
     /// Everything a component has received.
     pub fn sums(&self, id: usize) -> [f64; N_SUMS] {
         let mut sums = self.rows[id].sums.map(W::value);
-        if let Some(carried) = self.wide.get(&(id as u32)) {
-            for (sum, carried) in sums.iter_mut().zip(carried) {
-                *sum += carried;
+        if let Some(wide) = self.wide.get(&(id as u32)) {
+            for (sum, wide) in sums.iter_mut().zip(wide) {
+                *sum += wide;
             }
         }
         sums
@@ -227,23 +227,23 @@ impl<W: Word> Ledger<W> {
     /// `N`, `Σ d` and `Σ n` of a component.
     #[inline(always)]
     pub fn plane_sums(&self, id: usize) -> (f64, [f64; 3], [f64; 3]) {
-        Carried(&self.wide).plane(id, &self.rows[id])
+        WideRows(&self.wide).plane(id, &self.rows[id])
     }
 
     /// `N` and `Σ c` of a component.
     #[inline(always)]
     pub fn color_sums(&self, id: usize) -> (f64, [f64; 3]) {
-        let sum = Carried(&self.wide).reader(id, &self.rows[id]);
+        let sum = WideRows(&self.wide).reader(id, &self.rows[id]);
         (sum(0), [sum(10), sum(11), sum(12)])
     }
 
-    /// Sums and looks as checkpoints hold them, of the components in `order`. Equal sums are stored
-    /// alike, whatever the order they were added in.
-    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<Looks>) {
-        let (mut rows, mut wide, mut looks) = (Vec::new(), Vec::new(), Vec::new());
+    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal sums
+    /// are stored alike, whatever the order they were added in.
+    pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
+        let (mut rows, mut wide, mut visibility) = (Vec::new(), Vec::new(), Vec::new());
         for (&id, at) in order.iter().zip(0u32..) {
             let row = &self.rows[id as usize];
-            looks.push(row.looks);
+            visibility.push(row.visibility);
             if self.wide.contains_key(&id) || is_full(row) {
                 rows.push([W::default(); N_SUMS]);
                 wide.push(WideRow { id: at, sums: self.sums(id as usize) });
@@ -251,13 +251,17 @@ impl<W: Word> Ledger<W> {
                 rows.push(row.sums);
             }
         }
-        (W::stored(rows, wide), looks)
+        (W::stored(rows, wide), visibility)
     }
 
-    /// The ledger that [`Self::state`] describes; `None` if its sums have another form.
-    pub fn restore(sums: StoredSums, looks: Vec<Looks>) -> Option<Self> {
+    /// The sums that [`Self::state`] describes; `None` if its sums have another form.
+    pub fn restore(sums: StoredSums, visibility: Vec<VisibilityCounts>) -> Option<Self> {
         let (sums, wide) = W::restored(sums)?;
-        let rows = sums.into_iter().zip(looks).map(|(sums, looks)| Row { sums, looks }).collect();
+        let rows = sums
+            .into_iter()
+            .zip(visibility)
+            .map(|(sums, visibility)| SumRow { sums, visibility })
+            .collect();
         let wide = wide.into_iter().map(|row| (row.id, row.sums)).collect();
         Some(Self { rows, wide })
     }
@@ -266,16 +270,16 @@ impl<W: Word> Ledger<W> {
     pub fn for_each_part(
         &mut self,
         parts: usize,
-        f: impl Fn(usize, &mut [Row<W>], Carried<'_>) + Sync,
+        f: impl Fn(usize, &mut [SumRow<W>], WideRows<'_>) + Sync,
     ) {
         let n = self.rows.len().div_ceil(parts).max(1);
         let wide = &self.wide;
         let rows = self.rows.par_chunks_mut(n).enumerate();
-        rows.for_each(|(i, rows)| f(i * n, rows, Carried(wide)));
+        rows.for_each(|(i, rows)| f(i * n, rows, WideRows(wide)));
     }
 
-    /// Carries over the rows that another frame might make overflow.
-    pub fn carry_over(&mut self, touched: &[u32]) {
+    /// Spills rows that another frame might make overflow into wide ones.
+    pub fn spill_to_wide_rows(&mut self, touched: &[u32]) {
         for &id in touched {
             let row = &mut self.rows[id as usize];
             if !is_full(row) {
@@ -289,11 +293,11 @@ impl<W: Word> Ledger<W> {
     /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
     /// leaves the other without any.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
-        let looks = std::mem::take(&mut self.rows[dropped].looks);
+        let visibility = std::mem::take(&mut self.rows[dropped].visibility);
         self.rows[dropped].sums = [W::default(); N_SUMS];
         self.wide.remove(&(dropped as u32));
         let row = &mut self.rows[kept];
-        row.looks = row.looks.plus(looks);
+        row.visibility = row.visibility.plus(visibility);
         if row.sums[0].value() + sums[0] < W::FULL {
             let sums = sums.map(W::of_sum);
             row.sums.iter_mut().zip(sums).for_each(|(sum, other)| *sum = sum.plus(other));
@@ -312,7 +316,7 @@ impl<W: Word> Ledger<W> {
 }
 
 /// Whether another frame might make a row overflow.
-fn is_full<W: Word>(row: &Row<W>) -> bool {
+fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
     row.sums[0].value() >= W::FULL
 }
 
@@ -322,18 +326,18 @@ mod tests {
 
     #[test]
     fn rows_that_fill_up_lose_nothing() {
-        let mut ledger = Ledger::<i32>::default();
-        ledger.grow(1);
+        let mut component_sums = ComponentSums::<i32>::default();
+        component_sums.grow(1);
         let mut terms = [-3.25f32; N_SUMS];
         terms[0] = 1.0;
         for _ in 0..20 {
             for _ in 0..1000 {
-                ledger.rows[0].add(&terms);
+                component_sums.rows[0].add(&terms);
             }
-            ledger.carry_over(&[0]);
+            component_sums.spill_to_wide_rows(&[0]);
         }
-        assert_eq!(ledger.sums(0)[0], 20_000.0);
-        assert_eq!(ledger.sums(0)[5], -65_000.0);
+        assert_eq!(component_sums.sums(0)[0], 20_000.0);
+        assert_eq!(component_sums.sums(0)[5], -65_000.0);
     }
 
     #[test]

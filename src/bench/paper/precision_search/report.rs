@@ -1,13 +1,26 @@
 //! What follows from the timed combinations, for people, for machines and for `train --preset paper --config`.
 
-use super::{Combination, Search, SearchPlan, choose};
+use super::combination::{PrecisionCombination, choose};
+use super::plan::SearchPlan;
 use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions};
-use crate::bench::paper::sample::{Sample, count};
+use crate::bench::paper::sample::{TrainingSample, count};
 use crate::eval::report::MachineReport;
 use crate::eval::table;
 use crate::pipeline::machine;
 use crate::train::paper::config::{Operations, Precision, UpdateWidth, Width};
 use serde::Serialize;
+
+/// The result, ready to be printed and written.
+pub struct PrecisionSearch {
+    /// For people.
+    pub text: String,
+    /// For machines.
+    pub json: serde_json::Value,
+    /// Settings that `train --preset paper --config` takes.
+    pub ron: String,
+    /// The widths chosen.
+    pub operations: Operations,
+}
 
 /// What a narrower width of one operation is worth.
 #[derive(Clone, Debug, Serialize)]
@@ -62,9 +75,9 @@ struct SearchReport<'a> {
     bound: f64,
     notes: &'a [String],
     rows: &'a [OperationRow],
-    chosen: Combination,
-    combinations: &'a [Combination],
-    named: &'a [Combination],
+    chosen: PrecisionCombination,
+    combinations: &'a [PrecisionCombination],
+    named: &'a [PrecisionCombination],
 }
 
 /// Reads the width of one operation.
@@ -94,7 +107,7 @@ const OPERATIONS: [(&str, WidthOf, &[&str]); 5] = [
     ("update", |o| update_name(o.update), &["fixed128", "fixed64", "f32"]),
 ];
 
-fn operation_rows(combinations: &[Combination], chosen: &Operations) -> Vec<OperationRow> {
+fn operation_rows(combinations: &[PrecisionCombination], chosen: &Operations) -> Vec<OperationRow> {
     let mut rows = Vec::new();
     for (operation, width_of, widths) in OPERATIONS {
         let best = |width: &str| {
@@ -125,10 +138,10 @@ fn operation_rows(combinations: &[Combination], chosen: &Operations) -> Vec<Oper
 
 /// The combination in which every other operation is the widest.
 fn alone<'a>(
-    combinations: &'a [Combination],
+    combinations: &'a [PrecisionCombination],
     operation: &str,
     width: &str,
-) -> Option<&'a Combination> {
+) -> Option<&'a PrecisionCombination> {
     combinations.iter().find(|c| {
         OPERATIONS.iter().all(|(name, width_of, widths)| {
             width_of(&c.operations) == if *name == operation { width } else { widths[0] }
@@ -139,10 +152,10 @@ fn alone<'a>(
 /// The result in all its forms.
 pub fn report(
     plan: &SearchPlan,
-    sample: &Sample,
-    combinations: &[Combination],
-    named: &[Combination],
-) -> Result<Search, BenchError> {
+    sample: &TrainingSample,
+    combinations: &[PrecisionCombination],
+    named: &[PrecisionCombination],
+) -> Result<PrecisionSearch, BenchError> {
     let dataset = &sample.dataset.name;
     let chosen = choose(combinations).ok_or_else(|| BenchError::Bound {
         bound: plan.bound,
@@ -169,7 +182,12 @@ pub fn report(
         named,
     };
     let json = serde_json::to_value(&report)?;
-    Ok(Search { text, json, ron: settings(plan, dataset, &chosen)?, operations: chosen.operations })
+    Ok(PrecisionSearch {
+        text,
+        json,
+        ron: settings(plan, dataset, &chosen)?,
+        operations: chosen.operations,
+    })
 }
 
 fn operations_table(rows: &[OperationRow]) -> String {
@@ -186,9 +204,9 @@ fn operations_table(rows: &[OperationRow]) -> String {
     table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
 }
 
-fn summary_table(named: &[Combination], chosen: &Combination) -> String {
+fn summary_table(named: &[PrecisionCombination], chosen: &PrecisionCombination) -> String {
     let names = ["f64 (oracle)", "mixed", "f32", "chosen"];
-    let cells = |(name, c): (&str, &Combination)| {
+    let cells = |(name, c): (&str, &PrecisionCombination)| {
         [
             name.to_owned(),
             c.spread().to_string(),
@@ -212,10 +230,10 @@ fn summary_table(named: &[Combination], chosen: &Combination) -> String {
 
 fn notes(
     plan: &SearchPlan,
-    sample: &Sample,
-    combinations: &[Combination],
-    oracle: &Combination,
-    chosen: &Combination,
+    sample: &TrainingSample,
+    combinations: &[PrecisionCombination],
+    oracle: &PrecisionCombination,
+    chosen: &PrecisionCombination,
 ) -> Vec<String> {
     let n_frames = sample.frames.len();
     let widest = combinations.iter().find(|c| c.operations == Operations::F64);
@@ -250,7 +268,11 @@ fn notes(
 
 /// A named precision where the widths are one's, else the operations. `f64` is none of them: its
 /// points and means are f64 as well.
-fn settings(plan: &SearchPlan, dataset: &str, chosen: &Combination) -> Result<String, BenchError> {
+fn settings(
+    plan: &SearchPlan,
+    dataset: &str,
+    chosen: &PrecisionCombination,
+) -> Result<String, BenchError> {
     let named = match chosen.operations {
         Operations::MIXED => Some(Precision::Mixed),
         Operations::F32 => Some(Precision::F32),

@@ -5,14 +5,14 @@ use super::grid::SeedGrid;
 
 /// The seeds with the components they belong to.
 #[derive(Clone, Copy)]
-pub struct Places<'a> {
+pub struct SeedPositions<'a> {
     /// The seeds.
     pub grid: &'a SeedGrid,
     /// Their components.
     pub components: &'a Components,
 }
 
-impl Places<'_> {
+impl SeedPositions<'_> {
     /// The seed that a component's sums are about, world units from the scene's origin.
     #[inline(always)]
     pub fn of(self, component: usize) -> [f32; 3] {
