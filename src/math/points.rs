@@ -8,6 +8,16 @@ const DEFAULT_TILE: usize = 64;
 
 /// Points of one frame, normalised (see [`Normalization`]), grouped into tiles: sums are formed
 /// tile by tile, so results depend on the tiles and never on how they are spread over threads.
+///
+/// ```
+/// use vbgs_studio::math::points::Points;
+///
+/// let mut points = Points::<f32>::new();
+/// points.push([0.0, 0.0, 1.0, 0.5, 0.5, 0.5]);
+/// points.push([0.1, 0.0, 1.0, 0.5, 0.5, 0.5]);
+/// points.close_tile();
+/// assert_eq!((points.len(), points.n_tiles(), points.tile(0)), (2, 1, 0..2));
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Points<R> {
     /// Position, first axis.
@@ -130,7 +140,18 @@ impl<R: Real> Points<R> {
 }
 
 /// Affine map from world positions and colours in `[0, 1]` to the coordinates the model works in:
-/// per axis the mean and standard deviation of a uniform law on a given range (`model.md` 2).
+/// per axis the mean and standard deviation of a uniform law on a given range (`model.md`,
+/// Normalisation).
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::points::Normalization;
+///
+/// let world = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
+/// let corner = world.normalize(DVec3::ONE);
+/// assert!((corner.x - 3f64.sqrt()).abs() < 1e-12);
+/// assert!((world.denormalize(corner) - DVec3::ONE).length() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Normalization {
     /// World position of the normalised origin.

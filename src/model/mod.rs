@@ -1,9 +1,11 @@
 //! The mixture itself: laws, hyper-parameters, statistics, posterior, and the splats it becomes.
 //!
-//! Three models are kept apart (`model.md` 1). The *prior* never changes ([`prior::Hyper`]). The
+//! Three models are kept apart (`model.md`, Three models). The *prior* never changes
+//! ([`prior::Hyper`]). The
 //! *initial model* supplies every E-step and changes by reassignment only
 //! ([`mixture::InitialModel`]). The *posterior* is the prior plus all statistics so far; it is what
 //! is rendered and never feeds back ([`posterior`]).
+#![doc = include_str!("model.md")]
 
 pub mod appearance;
 pub mod attributes;

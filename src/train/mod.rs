@@ -1,8 +1,10 @@
 //! The training engine: one frame of points in, updated statistics out.
 //!
 //! A frame runs through candidate search, E-step, statistics, update and reassignment
-//! (`model.md` 6–10). The pass over the points changes no shared state; only the final addition of
-//! its records does, and that cannot fail: a frame is applied whole or not at all.
+//! (`train.md`, Stages of a frame). The pass over the points changes no shared state; only the
+//! final addition of its records does, and that cannot fail: a frame is applied whole or not at
+//! all.
+#![doc = include_str!("train.md")]
 
 pub mod candidates;
 pub mod config;

@@ -177,7 +177,7 @@ impl<R: Scalar> Trainer<R> {
     }
 
     /// Before the first fit nothing is unused: the posterior is still the initial model, whose
-    /// weights are not below the prior's (`model.md` 10).
+    /// weights are not below the prior's (`train.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         if self.frames == 0 && self.statistics.used() == 0 {
             return None;

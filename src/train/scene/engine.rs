@@ -27,6 +27,24 @@ pub enum SumForm {
 }
 
 /// A scene trainer whose sums take the form chosen at run time.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::observation::{Observation, SurfacePoint};
+/// use vbgs_studio::train::scene::{config::SceneConfig, engine::SceneEngine};
+///
+/// let at = |x| SurfacePoint {
+///     position: [x, 0.0, 1.0],
+///     normal: [0.0, 0.0, -1.0],
+///     direction: [0.0, 0.0, 1.0],
+///     ..SurfacePoint::default()
+/// };
+/// let frame = Observation { points: vec![at(0.0), at(0.05), at(0.5)], ..Observation::empty() };
+/// let mut engine = SceneEngine::new(&SceneConfig::fine(0.1), DVec3::ZERO);
+/// assert_eq!(engine.train(&frame).points, 3);
+/// assert_eq!(engine.used(), 2, "one of them had a seed within 0.1");
+/// assert_eq!(engine.posterior(0).count, 2.0);
+/// ```
 pub enum SceneEngine {
     /// See [`SumForm::Mixed`].
     Mixed(Box<SceneTrainer<i32>>),

@@ -1,5 +1,5 @@
 //! Depth refinement: a point's most probable place along its ray, given its component as a plane
-//! (`accuracy.md` 3, step 2).
+//! (`scene.md`, Depth refinement).
 
 use super::ledger::{Ledger, Word};
 use crate::math::observation::SurfacePoint;

@@ -397,7 +397,7 @@ impl<W: Word> SceneTrainer<W> {
     }
 
     /// Posterior of a component, world units relative to the scene's origin, colours normalised.
-    /// Its prior mean is the seed (`model.md` 14, quirk 2).
+    /// Its prior mean is the seed (`model.md`, Scene posterior).
     pub fn posterior(&self, id: usize) -> ComponentPosterior {
         let moments = self.sums(id).moments();
         let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
