@@ -1,5 +1,5 @@
 //! Painting without a real GPU: the CPU renderer on its own thread, its picture as a texture
-//! (`rendering.md` (d)).
+//! (`rendering.md`, Software adapters).
 
 use super::drawing::{DrawSample, DrawStage};
 use super::splat_updates::SplatChange;

@@ -1,5 +1,6 @@
 //! The one training loop. The window and the command line both drive [`session::Session`]: frames
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
+#![doc = include_str!("pipeline.md")]
 
 mod births;
 pub mod checkpoint;

@@ -1,6 +1,7 @@
 //! Decoding and unprojection of the frames to come: on their own thread through a bounded queue
 //! where a core is left for it, else some frames at once between trainings. On a machine whose cores
-//! all train, a decoding thread doubles the time of the trainings it runs beside (`engine.md` 10).
+//! all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
+//! Prefetch).
 
 use super::plan::Plan;
 use super::prepare::Prepare;

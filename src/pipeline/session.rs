@@ -37,6 +37,23 @@ pub enum Step {
 }
 
 /// A dataset, a configuration and a model that grows frame by frame.
+///
+/// ```
+/// use std::sync::Arc;
+/// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+/// use vbgs_studio::pipeline::plan::Selection;
+/// use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+/// use vbgs_studio::pipeline::session::{Session, Step};
+///
+/// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
+/// let room = synthetic::dataset(&small)?;
+/// let selection = Selection { max_frames: Some(2), ..Selection::everything() };
+/// let mut session = Session::new(Arc::new(room), SceneOverrides::default(), selection)?;
+/// while !matches!(session.step()?, Step::Finished) {}
+/// assert_eq!((session.frames().len(), session.skipped().len()), (2, 0));
+/// assert!(session.splats().iter().any(|splat| splat.is_drawable()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Session {
     dataset: Arc<Dataset>,
     config: RunConfig,

@@ -1,5 +1,6 @@
 //! The training engine: one frame in, updated statistics out. What both presets share lies here;
 //! each has a folder of its own.
+#![doc = include_str!("train.md")]
 
 pub mod candidates;
 pub mod component_elbo;

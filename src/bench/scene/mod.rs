@@ -1,5 +1,5 @@
-//! What every part of the scene preset brings (`accuracy.md` 5 and 7), on any dataset, and how many
-//! components buy which quality.
+//! What every part of the scene preset brings (`pipeline.md`, Accuracy bench), on any dataset, and
+//! how many components buy which quality.
 
 mod report;
 mod row;

@@ -1,5 +1,5 @@
-//! Native checkpoints, `*.vbgs` (`export.md` 4): everything a run needs to go on as if it had never
-//! stopped, saved at a frame boundary.
+//! Native checkpoints, `*.vbgs` (`export.md`, Checkpoint container): everything a run needs to go
+//! on as if it had never stopped, saved at a frame boundary.
 //!
 //! Little-endian. A header of 24 bytes (magic, version, number of sections, length of the file), a
 //! table with one entry of 32 bytes per section (tag, element type, offset, length, CRC-32), the

@@ -1,4 +1,5 @@
-//! What a scene's splats carry beyond position, shape and one colour (`rendering.md` (h)).
+//! What a scene's splats carry beyond position, shape and one colour (`rendering.md`, Native
+//! appearance).
 
 use super::exposure::ExposureLog;
 use super::splats::Splat;

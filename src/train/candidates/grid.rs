@@ -1,4 +1,4 @@
-//! A uniform grid over the initial spatial means (`engine.md` section 3).
+//! A uniform grid over the initial spatial means (`train.md`, Grid of means).
 
 use super::columns::Columns;
 use super::error::IndexError;

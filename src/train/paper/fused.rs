@@ -1,4 +1,5 @@
-//! The hot path: search, E-step and sums of a tile in one go, in f32 (`engine.md` 4–6).
+//! The hot path: search, E-step and sums of a tile in one go, in f32 (`train.md`, Candidate search,
+//! and what follows it).
 //!
 //! A point's nearest component wins outright where no other can come within 40 nats of it, which a
 //! lower bound on the second distance proves for nearly all points; only the others are ranked and

@@ -1,4 +1,4 @@
-//! Moving unused components onto badly explained points (`model.md` 10).
+//! Moving unused components onto badly explained points (`train.md`, Reassignment).
 
 use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
@@ -120,8 +120,8 @@ impl DestinationChooser {
     }
 
     /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law of
-    /// drawing one after the other with probabilities `p_i` of what is left (`engine.md` 8). Those
-    /// of probability zero come last, in uniform order.
+    /// drawing one after the other with probabilities `p_i` of what is left (`train.md`, Sampling
+    /// without replacement). Those of probability zero come last, in uniform order.
     fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
         let of = |point: u32| q[point as usize];

@@ -168,7 +168,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     /// Before the first fit nothing is unused: the posterior is still the initial model, whose
-    /// weights are not below the prior's (`model.md` 10).
+    /// weights are not below the prior's (`train.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         if self.frames == 0 && self.statistics.used() == 0 {
             return None;

@@ -10,6 +10,25 @@ use glam::DVec3;
 
 /// A scene without components, whose positions are kept relative to `origin` (world units), with
 /// sums of the form that `config` names.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::observation::surface::{Observation, SurfacePoint};
+/// use vbgs_studio::train::scene::{config::SceneConfig, engine};
+///
+/// let at = |x| SurfacePoint {
+///     position: [x, 0.0, 1.0],
+///     normal: [0.0, 0.0, -1.0],
+///     direction: [0.0, 0.0, 1.0],
+///     ..SurfacePoint::default()
+/// };
+/// let frame = Observation { points: vec![at(0.0), at(0.05), at(0.5)], ..Observation::empty() };
+/// let mut scene = engine::begin(&SceneConfig::fine(0.1), DVec3::ZERO);
+/// assert_eq!(scene.learn(&frame)?.points, 3);
+/// assert_eq!(scene.used(), 2, "one of them had a seed within 0.1");
+/// assert_eq!(scene.posterior(0).count, 2.0);
+/// # Ok::<(), vbgs_studio::train::candidates::IndexError>(())
+/// ```
 pub fn begin(config: &SceneConfig, origin: DVec3) -> Box<dyn SceneLearner> {
     match config.sums {
         SumForm::Mixed => Box::new(SceneTrainer::<i32>::new(config, origin)),

@@ -405,7 +405,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
-    /// (`model.md` 14, quirk 2).
+    /// (`model.md`, Quirks of the reference).
     fn posterior(&self, id: usize) -> ComponentPosterior {
         let moments = self.sums(id).moments();
         let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
