@@ -29,6 +29,7 @@ mod view_thread;
 pub mod viewer;
 mod viewport;
 mod window;
+mod wording;
 pub mod worker;
 
 pub use studio::{Painting, Studio};

@@ -9,8 +9,8 @@ use crate::train::candidates::IndexError;
 use crate::train::config::TrainConfig;
 use crate::train::engine::Engine;
 use crate::train::scene::engine::SceneEngine;
-use crate::train::scene::trainer::Lost;
 use crate::train::trainer::FrameOutcome;
+use crate::train::warnings::TrainingWarning;
 
 /// A model that learns.
 pub enum Learner {
@@ -150,19 +150,10 @@ impl Learner {
     }
 
     /// What a user should know about points that found no component.
-    pub fn warnings(&self) -> Vec<String> {
-        let Self::Scene(engine) = self else { return Vec::new() };
-        let Lost { budget, reach } = engine.lost();
-        let budget = (budget > 0).then(|| {
-            format!(
-                "{budget} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"
-            )
-        });
-        let reach = (reach > 0).then(|| {
-            format!(
-                "{reach} points lie more than a million structural scales from the scene's origin and were left out; widen --scale, or limit --depth-range"
-            )
-        });
-        budget.into_iter().chain(reach).collect()
+    pub fn warnings(&self) -> Vec<TrainingWarning> {
+        match self {
+            Self::Paper(_) => Vec::new(),
+            Self::Scene(engine) => engine.lost().warnings(),
+        }
     }
 }

@@ -9,9 +9,8 @@ use crate::dataset::error::FrameError;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 /// Prepared frames that may wait: one being trained, one ready, one in the making.
@@ -45,8 +44,9 @@ pub struct PreparedFrame {
 pub struct Prefetch(Source);
 
 enum Source {
-    /// A thread that runs ahead.
-    Ahead { frames: Receiver<Prepared>, recycle: Sender<Material> },
+    /// A thread that runs ahead. No more material goes back than there are frames in the making,
+    /// ready and in training.
+    Ahead { frames: Receiver<Prepared>, recycle: SyncSender<Material> },
     /// Threads of the trainer, while it waits.
     Between { frames: Frames, desks: Vec<Desk>, ready: VecDeque<Prepared> },
 }
@@ -73,7 +73,7 @@ impl Prefetch {
 
     fn ahead(mut frames: Frames) -> Result<Self, SpawnError> {
         let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
-        let (recycle, recycled) = channel();
+        let (recycle, recycled) = sync_channel(QUEUE_LENGTH + 1);
         thread::Builder::new()
             .name("prefetch".into())
             .spawn(move || run_ahead(&mut frames, &sender, &recycled))?;
@@ -108,8 +108,9 @@ impl Prefetch {
     /// Gives a frame's memory back for another frame.
     pub fn recycle(&mut self, material: Material) {
         match &mut self.0 {
-            // The thread may have ended already: then the memory is simply freed.
-            Source::Ahead { recycle, .. } => drop(recycle.send(material)),
+            // Where the thread has ended or has memory enough waiting, this is simply freed: whoever
+            // trains never waits to give something back.
+            Source::Ahead { recycle, .. } => drop(recycle.try_send(material)),
             Source::Between { desks, .. } => {
                 if let Some(desk) = desks.iter_mut().find(|desk| desk.memory.is_none()) {
                     desk.memory = Some(material);
@@ -142,11 +143,7 @@ impl Frames {
     fn prepare(&self, position: usize, desk: &mut Desk) -> Prepared {
         let index = self.plan.frames[position];
         let name = self.dataset.splits[self.plan.split].frames[index].name.clone();
-        // A decoder that panics on a damaged file costs that frame, not the scene.
-        let result = catch_unwind(AssertUnwindSafe(|| self.frame(index, desk)));
-        let result = result.unwrap_or_else(|_| {
-            Err(format!("{name}: decoding this frame crashed; check or remove its files"))
-        });
+        let result = self.frame(index, desk);
         Prepared { position, name, result }
     }
 

@@ -20,3 +20,4 @@ pub mod scene;
 mod slots;
 pub mod timing;
 pub mod trainer;
+pub mod warnings;

@@ -11,6 +11,7 @@ use crate::app::state::{
     HISTORY, Inspected, Notice, NoticeKind, RunState, Snapshot, Source, Subject,
 };
 use crate::app::training::TrainSettings;
+use crate::app::wording;
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::{FrameReport, Summary};
 use crate::export::mapping::Mapping;
@@ -368,7 +369,7 @@ impl Trainer {
             let summary = Summary::of_frames(session.frames(), 0.0);
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
             for warning in session.learner().warnings() {
-                self.notify(NoticeKind::Warning, warning);
+                self.notify(NoticeKind::Warning, wording::warning(&warning));
             }
         }
     }

@@ -2,6 +2,7 @@
 //! than a mixture's: normals, view directions, and how often a component was seen
 //! (`accuracy.md` 3). The NIW and Dirichlet posteriors of `posterior` follow from a part of them.
 
+pub mod bounds;
 pub mod exposure;
 pub mod merging;
 pub mod native;

@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The file.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] CheckpointError),
     /// A JSON section is not what this program writes.
     #[error("{}: section `{section}`: {problem}; use the program that wrote it", path.display())]
@@ -77,7 +77,7 @@ pub enum RunError {
     /// Another dataset.
     #[error(
         "{}: expected the dataset it was trained on, found one that differs in {difference}; name \
-         the right dataset, or use --force to go on with this one", path.display()
+         the right dataset", path.display()
     )]
     OtherDataset {
         /// The checkpoint.
@@ -145,13 +145,13 @@ pub enum RunError {
         source: AddError,
     },
     /// The dataset does not hold what the run needs.
-    #[error(transparent)]
+    #[error("{0}")]
     Dataset(#[from] DatasetError),
     /// The session does not start.
-    #[error(transparent)]
+    #[error("{0}")]
     Session(#[from] SessionError),
     /// The candidate index could not be built.
-    #[error(transparent)]
+    #[error("{0}")]
     Index(#[from] IndexError),
 }
 

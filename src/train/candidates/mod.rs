@@ -21,7 +21,7 @@ pub(in crate::train) use search::{CHUNK, VisitChunk};
 /// The index could not be built.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "building the candidate index over {components} components failed: {reason}; try fewer --components"
+    "building the candidate index over {components} components failed: {reason}; try fewer components"
 )]
 pub struct IndexError {
     /// Number of means.

@@ -1,6 +1,7 @@
 //! The sums of all components, and how often each was looked at.
 
 use crate::math::real::Real;
+use crate::model::scene::bounds::{self, Slack, restrain};
 use crate::model::scene::state::{Looks, QUANTUM, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
@@ -12,6 +13,8 @@ pub trait Word: Copy + Default + Send + Sync + 'static {
     type Term: Real;
     /// Points from which on a row is carried over. As many more still fit.
     const FULL: f64;
+    /// How far rounding may take sums of this form.
+    const SLACK: Slack;
     /// A term, rounded to the form of the sums.
     fn of(term: Self::Term) -> Self;
     /// A sum, rounded likewise.
@@ -30,6 +33,7 @@ pub trait Word: Copy + Default + Send + Sync + 'static {
 impl Word for i32 {
     type Term = f32;
     const FULL: f64 = WIDE_POINTS as f64;
+    const SLACK: Slack = bounds::MIXED;
 
     #[inline(always)]
     fn of(term: f32) -> Self {
@@ -65,10 +69,11 @@ impl Word for i32 {
 }
 
 macro_rules! plain_word {
-    ($t:ty, $stored:ident) => {
+    ($t:ty, $stored:ident, $slack:ident) => {
         impl Word for $t {
             type Term = $t;
             const FULL: f64 = f64::INFINITY;
+            const SLACK: Slack = bounds::$slack;
 
             #[inline(always)]
             fn of(term: $t) -> Self {
@@ -103,8 +108,8 @@ macro_rules! plain_word {
     };
 }
 
-plain_word!(f32, F32);
-plain_word!(f64, F64);
+plain_word!(f32, F32, F32);
+plain_word!(f64, F64, F64);
 
 /// Quanta per unit of the integer sums.
 const QUANTA: f32 = (1.0 / QUANTUM) as f32;
@@ -287,7 +292,8 @@ impl<W: Word> Ledger<W> {
     }
 
     /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
-    /// leaves the other without any.
+    /// leaves the other without any. Second moments stay those of some points: moving them to the
+    /// other seed may have taken them a quantum below 0.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let looks = std::mem::take(&mut self.rows[dropped].looks);
         self.rows[dropped].sums = [W::default(); N_SUMS];
@@ -300,6 +306,19 @@ impl<W: Word> Ledger<W> {
         } else {
             let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
             self.add_wide(kept as u32, sums);
+        }
+        let mut union = self.sums(kept);
+        if restrain(&mut union, W::SLACK) {
+            self.replace(kept, &union);
+        }
+    }
+
+    /// Gives a component other sums, as large as it has, in place of its own.
+    fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
+        let row = &mut self.rows[id].sums;
+        match self.wide.get_mut(&(id as u32)) {
+            Some(wide) => (*row, *wide) = ([W::default(); N_SUMS], *sums),
+            None => *row = sums.map(W::of_sum),
         }
     }
 
@@ -318,7 +337,12 @@ fn is_full<W: Word>(row: &Row<W>) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::merge::moved;
     use super::*;
+    use crate::math::rng::{Purpose, Rng};
+    use crate::math::sym3::Sym3;
+    use crate::model::scene::sums::SceneSums;
+    use glam::DVec3;
 
     #[test]
     fn rows_that_fill_up_lose_nothing() {
@@ -334,6 +358,51 @@ mod tests {
         }
         assert_eq!(ledger.sums(0)[0], 20_000.0);
         assert_eq!(ledger.sums(0)[5], -65_000.0);
+    }
+
+    /// Whatever is merged, however often and from however far, the sums are some that files take.
+    fn merges_stay_bounded<W: Word>(term: impl Fn(f64) -> W::Term) {
+        let mut restrained = 0;
+        for case in 0..400 {
+            let mut rng = Rng::new(7, Purpose::Init, case);
+            let mut ledger = Ledger::<W>::default();
+            ledger.grow(6);
+            let mut vector = |step: fn(f64) -> f64| {
+                DVec3::from_array([0; 3].map(|_| step(rng.range(-1.0, 1.0))))
+            };
+            let seeds = [DVec3::ZERO; 6].map(|_| vector(|x| x));
+            // Points on a line through the first seed, along an axis or in a plane of two: about that
+            // seed some of their moments are nothing but rounding.
+            let direction = vector(f64::round);
+            for (id, seed) in seeds.iter().enumerate() {
+                for _ in 0..1 + id % 3 {
+                    let d = seeds[0] + direction * rng.range(0.0, 0.2) - *seed;
+                    let mut sums = SceneSums::new(&[0.0; N_SUMS], 1.0);
+                    (sums.count, sums.first, sums.second) = (1.0, d, Sym3::outer(d));
+                    ledger.rows[id].add(&sums.to_array().map(&term));
+                }
+            }
+            for (id, seed) in seeds.iter().enumerate().skip(1) {
+                let own = SceneSums::new(&ledger.sums(id), 1.0);
+                let moved = moved(&own, *seed - seeds[0]).to_array();
+                let rounded = moved.map(|sum| W::of_sum(sum).value());
+                let mut plain = ledger.sums(0);
+                plain.iter_mut().zip(rounded).for_each(|(sum, other)| *sum += other);
+                restrained += usize::from(restrain(&mut plain, W::SLACK));
+                ledger.merge(0, id, &moved);
+                let mut union = ledger.sums(0);
+                assert!(!restrain(&mut union, W::SLACK), "case {case}, merge {id}: {union:?}");
+                assert!((union[0] - plain[0]).abs() == 0.0, "no point is lost");
+            }
+        }
+        assert!(restrained > 100, "only {restrained} merges needed it");
+    }
+
+    #[test]
+    fn merging_keeps_moments_within_their_bounds() {
+        merges_stay_bounded::<i32>(|x| x as f32);
+        merges_stay_bounded::<f32>(|x| x as f32);
+        merges_stay_bounded::<f64>(|x| x);
     }
 
     #[test]
