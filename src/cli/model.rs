@@ -29,7 +29,7 @@ impl Model {
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
             Some(method) => method.color_camera(),
-            None => Calibration::known(dataset).and_then(|c| c.color_camera),
+            None => dataset.known_calibration().and_then(|c| c.color_camera),
         }
     }
 }

@@ -83,7 +83,7 @@ pub fn measure<'a>(
     progress: impl FnMut(usize),
 ) -> Option<CrackReport> {
     let splats = splats.into();
-    let sensor = Sensor::of(dataset);
+    let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
         let frame = loaded.ok()?;
         let surfaces = Surfaces::of(&frame, sensor)?;
