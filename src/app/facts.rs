@@ -2,7 +2,6 @@
 
 use super::panels::legend::number;
 use crate::dataset::Dataset;
-use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::pipeline::session::{Session, layout_name};
 use crate::pipeline::settings::method::Method;

@@ -1,9 +1,9 @@
 //! The search for the colour camera, from coarse images to fine ones.
 //!
-//! What is minimised is the variance of colour inside components that several views see. It is
-//! smooth over a texel or two only, so the search begins with images at an eighth of their size,
-//! where a camera far from the truth still sees which way it is, and refines. Gains are estimated
-//! in between, because exposure that differs between views looks like a wrong camera.
+//! What is minimised is the variance of colour inside components that several views see. The
+//! search begins with images at an eighth of their size, where slopes hold far enough for a camera
+//! far from the truth to see which way it is, and refines. Gains are estimated in between, because
+//! exposure that differs between views looks like a wrong camera.
 //!
 //! A minimum always exists, so finding one proves nothing: another camera must lower the variance
 //! by [`MIN_FALL`] and shift colours by [`MIN_SHIFT`], and each of its values is then given back

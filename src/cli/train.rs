@@ -9,7 +9,6 @@ use super::settings::{asked, method, selection};
 use super::{output, progress, quality};
 use indicatif::ProgressBar;
 use std::sync::Arc;
-use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};

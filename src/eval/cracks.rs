@@ -10,7 +10,6 @@ use super::sweep::over_views;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::model::splat::appearance::SplatView;
@@ -160,6 +159,7 @@ impl Cracks {
 mod tests {
     use super::*;
     use crate::dataset::frame::{Depth, DepthCodes, DepthKind};
+    use crate::dataset::surface::Sensor;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::model::splat::splats::Splat;

@@ -1,8 +1,8 @@
 //! What stands in the room: large plain walls, fine and coarse patterns, curved and thin things,
 //! one before the other.
 //!
-//! The seed moves textures and the colours of the small things, never shapes; the camera's path
-//! is clear of every solid whatever the seed, and depth is comparable between seeds.
+//! The seed moves textures and the colours of the small things, never shapes: the camera's path
+//! is clear of every solid whatever the seed.
 
 use super::solid::{Hit, Ray, Shape};
 use super::texture::Texture;
