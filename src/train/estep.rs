@@ -13,9 +13,9 @@ const HARD_NATS: f64 = 40.0;
 /// Constants of the score.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
-    /// `λ = E[Λ^c] / E[Λ^s]`.
+    /// `λ = E[Λ^c] / E[Λ^s]`: what a squared distance of colours counts beside one of positions.
     pub color_ratio: f64,
-    /// `½ E[Λ^s]`.
+    /// `½ E[Λ^s]`: nats per squared distance in normalised coordinates.
     pub half_precision: f64,
     /// Point- and component-independent part of the log-score.
     ln_constant: f64,

@@ -1,5 +1,10 @@
 //! The paper's ablation: what each step from the dense E-step to forwarded reassignment costs and
 //! brings, on any dataset.
+//!
+//! Rows are timed in turns, since a shared machine drifts by more than neighbouring rows differ.
+//! Dense rows would take minutes a frame: they run on whole tiles, evenly spaced, and what grows
+//! with the points is scaled back. Their models saw fewer points, so their PSNR compares within
+//! those rows only; the table says so.
 
 use super::runs::{self, Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
@@ -26,7 +31,7 @@ const DENSE_BATCH: Batch = Batch::Points(128);
 /// How much of the ablation is run.
 #[derive(Clone, Debug)]
 pub struct AblationPlan {
-    /// Components.
+    /// Components of every row, the paper's N.
     pub components: usize,
     /// Training frames at most.
     pub frames: usize,
@@ -85,9 +90,9 @@ pub struct AblationRow {
     pub ms_q3: f64,
     /// Candidate search, scaled like `ms`.
     pub candidates_ms: f64,
-    /// Scores and responsibilities.
+    /// Scores and responsibilities, scaled like `ms`.
     pub e_step_ms: f64,
-    /// Sums.
+    /// Sums per tile, scaled like `ms`.
     pub stats_ms: f64,
     /// Addition to the totals.
     pub update_ms: f64,

@@ -1,4 +1,7 @@
 //! Axes of plots: which values they span and where their ticks are.
+//!
+//! Ticks are multiples of 1, 2 or 5 times a power of ten. The far end of an axis can be held free
+//! for a legend, which then never covers a mark.
 
 use crate::eval::spread::Spread;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
@@ -29,7 +32,7 @@ impl Axis {
         }
     }
 
-    /// Its names, where it has any.
+    /// Names from the top down; none unless the axis is one of names.
     pub fn names(&self) -> &[String] {
         match self {
             Self::Names(names) => names,

@@ -60,7 +60,7 @@ pub enum TimedPaintError {
 
 /// Draws frames of one scene after the other.
 pub trait TimedPainter {
-    /// How.
+    /// How its frames come about.
     fn path(&self) -> FramePath;
 
     /// The adapter that draws, if one does.
@@ -121,7 +121,7 @@ impl TimedPainter for TimedCpu {
     }
 }
 
-/// Milliseconds.
+/// Milliseconds since an instant.
 pub fn ms_since(started: Instant) -> f64 {
     started.elapsed().as_secs_f64() * 1e3
 }

@@ -1,4 +1,8 @@
 //! Scenes of any number of splats that cover the image alike.
+//!
+//! Sizes shrink as numbers grow, so that the image stays as covered: cost then follows the number
+//! of splats, not how much they overlap. Shapes and opacities of the synthetic scene are those of a
+//! trained one.
 
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::splats::Splat;

@@ -4,4 +4,5 @@
 pub mod merging;
 pub mod mixture;
 pub mod state;
+mod total_scalar;
 pub mod totals;

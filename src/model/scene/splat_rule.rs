@@ -66,7 +66,8 @@ impl SplatRule {
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
-            appearance.gradient = rows(sums.gradient(self.gradient_ridge * context.h * context.h));
+            appearance.gradient =
+                rows(sums.gradient(covariance, self.gradient_ridge * context.h * context.h));
         }
         if self.directional {
             let weights = self.directional(sums);

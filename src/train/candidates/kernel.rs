@@ -2,6 +2,10 @@
 //!
 //! Every squared distance is `(dx² + dy²) + dz²`, never fused: the same bits everywhere. No vector
 //! passes through a closure: one that is not inlined would be compiled for the baseline.
+//!
+//! Keys carry the entry in the low bits of the distance, so that a sorting network of `min` and
+//! `max` moves both at once, without branches and without registers for indices. Distances that
+//! agree in the remaining bits are reported as uncertain and ranked again in full.
 
 use super::columns::{Columns, STEP};
 use crate::math::simd::{LANES, Vector};
@@ -167,7 +171,7 @@ pub(super) struct Neighbours<const KEYS: usize> {
     /// Lanes in which the last key and the one before are equal but for the entry: which of them
     /// is nearer is not known.
     pub set_uncertain: u32,
-    /// The same for any two neighbouring keys.
+    /// Lanes in which any two neighbouring keys are equal but for the entry.
     pub order_uncertain: u32,
 }
 

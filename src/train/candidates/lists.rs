@@ -1,4 +1,8 @@
 //! The candidates of a group of points, and the nearest among them.
+//!
+//! Two lists, since two sizes of neighbourhood pay: a raw one, gathered from the grid once for a
+//! group, and a near one of a few dozen entries for sixteen points, short enough to compare every
+//! point with every entry.
 
 use super::columns::{Columns, STEP};
 use super::extent::{Extent, RELATIVE_MARGIN};
@@ -20,7 +24,7 @@ const USUAL_LEN: usize = 4096;
 pub(in crate::train) struct Lists {
     /// All that can matter to a group.
     raw: Columns,
-    /// Those of `raw` that can matter to a chunk.
+    /// Entries of `raw` that can matter to a chunk.
     near: Columns,
     /// Middle of the chunk, and how far from there `near` leaves nothing out.
     near_centre: [f32; 3],
@@ -160,9 +164,9 @@ impl Lists {
         nearest
     }
 
-    /// The entries nearest to one point, by the order (squared distance, component): at most `rank`,
-    /// and where squares are finite none farther than the squared distance `within2`. `ids` are the
-    /// components by entry.
+    /// The entries nearest to one point, by the order (squared distance, component): at most
+    /// `rank`, and where squares are finite none farther than the squared distance `within2`. `ids`
+    /// are the components by entry.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -247,6 +251,6 @@ impl Lists {
 pub(in crate::train) enum Among {
     /// All entries that can matter to the group.
     Raw,
-    /// Those that can matter to the chunk.
+    /// Entries that can matter to the chunk.
     Near,
 }

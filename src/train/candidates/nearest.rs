@@ -1,4 +1,9 @@
 //! Ids of the nearest means of every point of a tile, in either arithmetic.
+//!
+//! Up to eight neighbours the kernel's sorted keys are the answer for nearly all points. Beyond,
+//! and where rounding hides an order, points are ranked one by one. The wide form takes lists that
+//! are right for rounded means and ranks them by f64 distances: margins of the lists cover the
+//! rounding.
 
 use super::columns::Columns;
 use super::grid::MeanGrid;
@@ -32,8 +37,8 @@ pub fn nearest_in_tile(
     }
 }
 
-/// The same with squared distances in f64 between `points` and `means`, both of precision `R`; the
-/// grid is over the means rounded to f32.
+/// As [`nearest_in_tile`], with squared distances in f64 between `points` and `means`, both of
+/// precision `R`; the grid is over the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
     grid: &MeanGrid,
     search: &mut CandidateSearch,

@@ -1,8 +1,9 @@
 //! Exact nearest means of all points of a tile at once (`engine.md` section 4).
 //!
 //! What the means near a tile have in common is found once: a list of all that can be among the
-//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from the
-//! triangle inequality and carry margins for rounding, which cost candidates, never correctness.
+//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from
+//! the triangle inequality and carry margins for rounding, which cost candidates, never
+//! correctness.
 
 use super::columns::Columns;
 use super::extent::{Extent, MAX_RADIUS};

@@ -4,6 +4,11 @@
 //! lower bound on the second distance proves for nearly all points; only the others are ranked and
 //! scored against all C. Sums run over the points of a tile in their order and are handed on as one
 //! record per component and tile, so they depend on nothing but the tile and the means.
+//!
+//! Stages are fused because a tile of at most 64 points and its lists fit the first-level cache,
+//! while candidates and responsibilities of a whole frame do not. There is no fused multiply-add
+//! and no order that depends on lanes, or instruction sets would disagree and shards could not be
+//! merged.
 
 use super::slots::Slots;
 use crate::math::simd::{Kernel, Vector};

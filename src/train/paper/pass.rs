@@ -1,7 +1,12 @@
 //! One parallel pass over a frame's points: search, E-step and per-tile sums.
 //!
 //! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
-//! fixed-point totals they end in, are the same for any number of threads.
+//! fixed-point totals they end in, do not depend on the number of threads. Three ways lead through
+//! a pass: fused (f32, all stages of a tile at once), plain (any precision, tile by tile) and
+//! materialised (stage by stage over a batch, as the reference does it; slower, kept to measure by
+//! how much).
+//!
+//! Buffers belong to threads, not to tasks: a warm pass allocates nothing.
 
 use super::config::{Batch, Candidates, Operations, PaperConfig, StatisticsForm, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
@@ -33,7 +38,7 @@ pub enum Output {
 
 /// The fixed inputs of a pass.
 pub struct PassInputs<'a, R: PaperScalar> {
-    /// Initial model.
+    /// Initial model that points are scored against.
     pub model: &'a InitialModel<R>,
     /// Index over its spatial means.
     pub index: &'a Index,
@@ -41,7 +46,7 @@ pub struct PassInputs<'a, R: PaperScalar> {
     pub scoring: &'a Scoring,
     /// Components each point is compared with.
     pub candidates: Candidates,
-    /// How it is done.
+    /// Settings that say which path is taken.
     pub config: &'a PaperConfig,
     /// The totals the sums are for.
     pub statistics: &'a Statistics,
@@ -109,8 +114,8 @@ struct Columns<'a> {
 impl Pass {
     /// Runs over all points. `q` receives the effective distance of every point (see
     /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
-    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points left
-    /// out.
+    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points
+    /// left out.
     pub fn run<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<R>,

@@ -1,6 +1,10 @@
 //! The plain path: candidates, scores, responsibilities and sums one after the other, each in the
 //! precision asked for. It serves the oracle, dense E-steps, the KD-tree and materialised
 //! responsibilities.
+//!
+//! Every stage is a function over one tile with its own width, so that `precision-search` can
+//! narrow one operation at a time. Nothing here is tuned: what it says is what faster paths are
+//! held to.
 
 use super::config::{Candidates, Operations, Width};
 use super::index::Index;

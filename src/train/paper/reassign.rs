@@ -1,4 +1,10 @@
 //! Moving unused components onto badly explained points (`model.md` 10).
+//!
+//! The worst points are found by a histogram over the leading bits of their scores and one
+//! selection within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
+//! the reference does, has the law of an exponential race: every point gets a time from its own
+//! random number, and the first ones win. The race has no rounds, runs on all threads and gives
+//! equal points for any number of them.
 
 use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
@@ -9,8 +15,8 @@ const PART: usize = 1 << 10;
 
 /// Parts of a frame that are looked through at once.
 const PARTS: usize = 8;
-/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of the
-/// mantissa tell bins apart.
+/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of
+/// the mantissa tell bins apart.
 const BIN_SHIFT: u32 = 50;
 const N_BINS: usize = 1 << (64 - BIN_SHIFT);
 
@@ -119,9 +125,9 @@ impl DestinationChooser {
         }
     }
 
-    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law of
-    /// drawing one after the other with probabilities `p_i` of what is left (`engine.md` 8). Those
-    /// of probability zero come last, in uniform order.
+    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
+    /// of drawing one after the other with probabilities `p_i` of what is left (`engine.md` 8).
+    /// Those of probability zero come last, in uniform order.
     fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
         let of = |point: u32| q[point as usize];

@@ -1,4 +1,8 @@
 //! Adds a frame's points to the sums of their components.
+//!
+//! Threads take runs of consecutive components and gather the points of each: no two threads write
+//! one row, so there are neither atomics nor copies to merge, and rows are added to in the order of
+//! the points.
 
 use super::component_sums::{ComponentSums, SumRow, SumScalar, Visibility};
 use super::config::VisibilityRule;
@@ -14,7 +18,7 @@ const PARTS: usize = 16;
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]
 pub struct Matched<'a> {
-    /// The points.
+    /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
     /// Component of each; values beyond the last component mean none.
     pub owners: &'a [u32],

@@ -1,4 +1,10 @@
 //! The component of every point: the one with the nearest seed within the structural scale.
+//!
+//! Consecutive points are neighbours, so a group of them collects the seeds of the cells it touches
+//! once and compares all with all: straight loops that vectors run through, where a lookup per
+//! point would chase 27 buckets. A group that is torn apart by a depth edge falls back to single
+//! searches. Distance alone decides: normals or colours as further dimensions brought more
+//! components and no better picture (`accuracy.md` 8).
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
@@ -18,7 +24,8 @@ struct Near {
     seeds: Vec<[f32; 3]>,
 }
 
-/// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`] where no seed is near enough.
+/// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`]
+/// where no seed is near enough.
 pub fn assign(
     grid: &SeedGrid,
     components: &Components,

@@ -1,4 +1,10 @@
 //! The sums of all components, and in how many frames each was seen or seen through.
+//!
+//! Rows are integers of 2⁻¹⁵ in 32 bits: half the memory of f64, and a sum that is exact in any
+//! order of points, frames and threads. A row that could overflow spills into a wide row of f64
+//! whole quanta, which is exact below 2⁵³ of them; 2 % of the components of the Kinect room need
+//! one. Sums in f32 and f64 exist to show that nothing is lost: all three draw the same picture
+//! within 0.0001 dB.
 
 use crate::math::real::Real;
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
@@ -16,7 +22,7 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     fn of(term: Self::Term) -> Self;
     /// A sum, rounded likewise.
     fn of_sum(sum: f64) -> Self;
-    /// The sum.
+    /// Sum of both; integers wrap.
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
     fn value(self) -> f64;
@@ -26,7 +32,7 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
 }
 
-/// Integer sums are the same in any order. Terms within ±4 take 18 bits.
+/// Integer sums do not depend on the order of terms. Terms within ±4 take 18 bits.
 impl SumScalar for i32 {
     type Term = f32;
     const FULL: f64 = WIDE_POINTS as f64;
@@ -130,9 +136,9 @@ impl<W: SumScalar> Default for SumRow<W> {
 /// What one frame says of a component's visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Visibility {
-    /// It was where the frame measured a surface.
+    /// The frame measured a surface where the component is.
     Hit,
-    /// The frame measured something farther.
+    /// The frame measured something farther through the component.
     Miss,
 }
 
@@ -237,8 +243,8 @@ impl<W: SumScalar> ComponentSums<W> {
         (sum(0), [sum(10), sum(11), sum(12)])
     }
 
-    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal sums
-    /// are stored alike, whatever the order they were added in.
+    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal
+    /// sums are stored alike, whatever the order they were added in.
     pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
         let (mut rows, mut wide, mut visibility) = (Vec::new(), Vec::new(), Vec::new());
         for (&id, at) in order.iter().zip(0u32..) {

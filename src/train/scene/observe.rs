@@ -17,9 +17,9 @@ struct Viewer<'a> {
     h: f64,
 }
 
-/// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where it
-/// measured something farther; what is hidden or unknown does not count. `camera` is the frame's,
-/// where it really stood.
+/// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where
+/// it measured something farther; what is hidden or unknown does not count. `camera` is the
+/// frame's, where it really stood.
 pub fn observe<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,

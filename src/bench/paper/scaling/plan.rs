@@ -6,9 +6,9 @@ use crate::bench::findings::BenchOptions;
 /// Which sizes are timed.
 #[derive(Clone, Debug)]
 pub struct ScalingPlan {
-    /// Points of a frame.
+    /// Points of a frame that are timed.
     pub points: Vec<usize>,
-    /// Components.
+    /// Numbers of components that are timed.
     pub components: Vec<usize>,
     /// Threads; those above the machine's are left out.
     pub threads: Vec<usize>,
@@ -66,11 +66,11 @@ impl ScalingPlan {
 
 /// One size of a sweep.
 pub struct ScalingPoint {
-    /// What grows.
+    /// Size that is swept.
     pub sweep: Sweep,
     /// Points of the frame.
     pub points: usize,
-    /// Components.
+    /// Number of components N.
     pub components: usize,
     /// Threads of the pool.
     pub threads: usize,

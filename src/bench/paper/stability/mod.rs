@@ -1,6 +1,10 @@
 //! Hard cases for arithmetic, each against exact sums: how far means, covariances and
 //! responsibilities are off, whether covariances stay positive definite, whether anything but a
 //! number comes out.
+//!
+//! Engines read f32 points and means, so the exact reference is given those, rounded likewise: what
+//! remains is the error of the arithmetic, not of its input. Errors are largest ones, not means:
+//! one broken component is a hole that no average shows.
 
 mod cases;
 mod exact;
@@ -39,9 +43,9 @@ pub struct StabilityRow {
     pub points: usize,
     /// Points that are no finite numbers and must not count.
     pub points_broken: usize,
-    /// Frames learnt.
+    /// Times the frame was learnt.
     pub frames: u32,
-    /// Components.
+    /// Components of the model, used or not.
     pub components: usize,
     /// Components with statistics.
     pub used: usize,
