@@ -156,6 +156,7 @@ impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
         let place = format!("{}, {threads} threads, {cpu}, {simd}{adapter}", self.dataset);
         let said = [place, self.table].into_iter().chain(self.notes.iter().cloned());
         let text = said.collect::<Vec<_>>().join("\n");
+        // Table and JSON say the machine and the notes alike: a number without them means nothing.
         let report = BenchReport {
             format: BENCH_FORMAT,
             bench: self.name,

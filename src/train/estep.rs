@@ -64,6 +64,8 @@ impl Scoring {
     /// `logsumexp ln γ̂`. Infinity for no candidates.
     #[inline(always)]
     pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
+        // Scores are of the order of 1e9 nats, of which f32 keeps hundreds: only differences to the
+        // least mean anything.
         let min = distances.iter().fold(f64::INFINITY, |min, &q| if q < min { q } else { min });
         let (scale, min) = (S::of(self.half_precision), S::of(min));
         let mut sum = S::ZERO;

@@ -37,6 +37,7 @@ impl Ownership {
     /// Replaces the sums by those of the points whose effective distances are `q`, one for each of
     /// `owners`, in their order.
     pub fn count(&mut self, q: &[f64]) {
+        // Only rows that hold something: a frame touches far fewer components than there are.
         for id in self.ids.drain(..) {
             self.rows[id as usize] = (0.0, 0);
         }

@@ -167,6 +167,8 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
         ..PaperOverrides::default()
     };
     let fused = PaperOverrides { statistics: Some(StatisticsForm::Fused), ..plain };
+    // The tree stays until the grid has a row of its own: what truncation brings must not be mixed
+    // with a faster index.
     let truncated = PaperOverrides {
         candidates: Some(PaperConfig::paper().candidates),
         index: Some(IndexKind::KdTree),

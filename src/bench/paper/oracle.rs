@@ -172,6 +172,7 @@ pub fn posterior_errors(
 }
 
 fn mean_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f64 {
+    // A mean near the origin has no size of its own to compare with.
     let size = truth.mean_space.length().max(truth.expected_covariance().trace().sqrt());
     number_or_infinity((found.mean_space - truth.mean_space).length() / size)
 }

@@ -116,6 +116,7 @@ impl ParetoPlan {
             let change = PaperOverrides { precision: Some(precision), ..none() };
             add("precision", named(&precision), change, all_threads)?;
         }
+        // All threads is the base itself.
         for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
             add(
                 "threads",
@@ -328,6 +329,7 @@ fn mark_front(rows: &mut [ParetoRow]) {
         let beaten = |&(threads, ms, psnr): &(usize, f64, f64)| {
             threads == most && ms < row.ms && psnr > row.psnr
         };
+        // Runs on fewer threads show what threads bring; nobody would choose them.
         row.on_front = row.threads == most && !all.iter().any(beaten);
     }
 }

@@ -86,6 +86,7 @@ fn span(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
 
 fn linear(values: impl Iterator<Item = f64>) -> ([f64; 2], Vec<f64>) {
     let [lo, hi] = span(values).unwrap_or([0.0, 1.0]);
+    // One value, or equal ones, still need an axis of some length.
     let margin = MARGIN * (hi - lo).max(1e-3 * hi.abs()).max(1e-12);
     let [lo, hi] = [lo - margin, hi + margin];
     let rough = (hi - lo) / MAX_TICKS;
@@ -101,6 +102,7 @@ fn logarithmic(values: impl Iterator<Item = f64>) -> ([f64; 2], Vec<f64>) {
     let margin = MARGIN * (hi - lo).max(0.5);
     let [lo, hi] = [lo - margin, hi + margin];
     let decades = hi - lo;
+    // Few decades leave room for ticks within them.
     let within: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let every = (decades / MAX_TICKS).ceil().max(1.0) as usize;
     let powers = (lo.floor() as i32..=hi.ceil() as i32).step_by(every);

@@ -100,6 +100,7 @@ impl TimedPainter for TimedGpu {
         // Two scenes need not fit at once.
         self.scene = GpuScene::new(device, queue, &[])?;
         self.scene = GpuScene::new(device, queue, splats)?;
+        // Lists grow again with every scene.
         (self.projected.is_warm, self.exact.is_warm) = (false, false);
         Ok(self.gpu.wait()?)
     }

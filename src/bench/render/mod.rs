@@ -95,6 +95,7 @@ impl<'a> Turns<'a> {
                 let painter = &mut self.painters[target.painter];
                 match painter.frame(self.splats, &camera, &options) {
                     Ok(ms) if round > 0 => target.times.push(ms),
+                    // The round that warms up.
                     Ok(_) => {}
                     Err(error) => target.failure = Some(error.to_string()),
                 }

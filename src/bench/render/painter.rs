@@ -96,6 +96,7 @@ impl TimedPainter for TimedCpu {
 
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let needed = BYTES_PER_SPLAT * splats.len() as u64;
+        // Asked beforehand: running out of memory would take the rows that were timed along.
         match machine::available_bytes() {
             Some(available) if available < needed => Err(TimedPaintError::Memory {
                 needed_mb: needed.div_ceil(1_000_000),

@@ -87,6 +87,7 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> 
             Some(format!("skipped, {} with {} splats: {why}", row.path, row.splats))
         })
         .collect();
+    // Both renderers are skipped for one reason.
     reasons.dedup();
     notes.extend(reasons);
     notes

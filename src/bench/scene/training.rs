@@ -105,6 +105,7 @@ fn train_alike(
     }
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
+        // Rules of drawing leave sums alone, so one model is drawn by each of them.
         course.engine.set_splat_rule(run.engine.native);
         Some(Trained {
             splats: course.engine.splats(),

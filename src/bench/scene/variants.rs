@@ -133,6 +133,7 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     }];
     for (i, (name, _)) in PARTS.iter().enumerate() {
         let run = with(&PARTS[i + 1..]);
+        // A part that changes nothing on this dataset would repeat the row above.
         if rows.last().is_none_or(|row| row.run != run) {
             rows.push(SceneVariant { table: Table::Cumulative, name: format!("+ {name}"), run });
         }

@@ -60,6 +60,7 @@ impl ComponentPosterior {
             nu_space: hyper.nu0 + n,
             kappa_color,
             mean_space,
+            // f32 sums of few points can leave less than the prior: see `definite`.
             inverse_scale: definite(inverse_scale, 1.0 / hyper.u0_space),
             mean_color: moments.color / kappa_color,
         }
@@ -67,6 +68,8 @@ impl ComponentPosterior {
 
     /// `E[Σ^s] = U⁻¹ / (ν − D − 1)`.
     pub fn expected_covariance(&self) -> Sym3 {
+        // The mean of an inverse Wishart law in D = 3: ν − D − 1, which the prior's ν = 5 keeps
+        // positive.
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
 

@@ -100,6 +100,8 @@ impl TotalScalar for i128 {
     #[inline]
     fn add(sums: &mut [i128; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
         let terms = terms.iter().map(|&term| to_fixed(term));
+        // A sum that leaves 2⁴⁷ units was formed of no coordinates: it stays at the limit, where
+        // merging sees it.
         sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum = sum.saturating_add(term));
         None
     }

@@ -175,6 +175,7 @@ impl Statistics {
         &mut self,
         of_shard: impl Fn(usize, &mut dyn FnMut(&[TileRecord<R>])) + Sync,
     ) {
+        // The stamp would wrap, and rows of the first frames pass for touched.
         if self.frame == u32::MAX {
             any_form!(&mut self.form, shards => shards.iter_mut().for_each(Shard::forget_frames));
             self.frame = 0;
@@ -182,6 +183,7 @@ impl Statistics {
         self.frame += 1;
         let (frame, bits) = (self.frame, self.shard_bits);
         any_form!(&mut self.form, shards => {
+            // Shards differ much in their records, so each is handed out by itself.
             shards.par_iter_mut().with_max_len(1).enumerate().for_each(|(s, shard)| {
                 shard.add_frame(frame, s << bits, |add| of_shard(s, add));
             });
@@ -219,6 +221,7 @@ impl Statistics {
 }
 
 fn shard_bits(components: usize) -> u32 {
+    // At least one word of the bit set of used rows.
     components.div_ceil(MAX_SHARDS).next_power_of_two().max(64).trailing_zeros()
 }
 
@@ -233,6 +236,7 @@ fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec
     for (id, &sums) in rows.iter().enumerate() {
         let (shard, place) = (&mut shards[id >> bits], id & ((1 << bits) - 1));
         shard.rows[place].sums = sums;
+        // A count whose low bits are zero by chance is marked with its carry below.
         if sums[0] != T::default() {
             shard.mark_used(place);
         }
@@ -307,6 +311,7 @@ impl<T: TotalScalar> Shard<T> {
     #[inline(always)]
     fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
         let row = &mut self.rows[place];
+        // A value that nobody needs yet: reading it fetches the row's second cache line.
         std::hint::black_box(row.sums[N_SUMS - 1]);
         let is_new = row.frame != frame;
         if is_new && !T::vanishes(record.sums[0].to_f64()) {
@@ -337,6 +342,7 @@ impl<T: TotalScalar> Shard<T> {
     fn moments(&self, component: usize, shard_bits: u32) -> Moments {
         let row = &self.rows[component & ((1 << shard_bits) - 1)];
         let none = [0; N_SUMS];
+        // Hardly a model carries anything: then there is no lookup per component.
         let limbs = match self.carries.is_empty() {
             true => &none,
             false => self.carries.get(&(component as u32)).unwrap_or(&none),

@@ -29,6 +29,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         terms.map(term).collect::<Vec<_>>()
     };
     let mut terms = [terms(0, a), terms(1, b)].concat();
+    // Equal seeds become neighbours, and the result is in the order that lattices are stored in.
     terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
     let mut scene = SceneState {
         origin: a.origin,
@@ -49,6 +50,8 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         if total.iter().any(|sum| sum.abs() > MAX_SUM) {
             return Err(AddError::Overflow { component });
         }
+        // The form follows from the count alone, so equal sums are stored alike whatever tree added
+        // them.
         if total[0] >= f64::from(WIDE_POINTS) {
             rows.push([0; N_SUMS]);
             wide.push(WideRow { id: component as u32, sums: total });

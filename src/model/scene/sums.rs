@@ -111,6 +111,7 @@ impl SceneSums {
         let rows =
             |at: usize| DMat3::from_cols(vector(at), vector(at + 3), vector(at + 6)).transpose();
         let second = [sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]];
+        // Directions are unit vectors, so their squares add up to the count.
         let last = sums[0] - sums[28] - sums[31];
         let view_second = [sums[28], sums[29], sums[30], sums[31], sums[32], last];
         Self {
@@ -185,6 +186,7 @@ impl SceneSums {
 impl Add for SceneSums {
     type Output = Self;
 
+    #[inline]
     fn add(self, other: Self) -> Self {
         Self {
             count: self.count + other.count,

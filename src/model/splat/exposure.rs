@@ -59,6 +59,8 @@ impl ExposureLog {
         let nearest = self.frames.iter().map(away).fold(f64::INFINITY, f64::min);
         let (mut total, mut logs) = (0.0, DVec3::ZERO);
         for frame in &self.frames {
+            // Relative to the nearest frame: far from all of them every weight alone would
+            // underflow.
             let weight = (0.5 * (nearest - away(frame))).exp();
             total += weight;
             logs -= weight * DVec3::from_array(frame.gain).map(f64::ln);

@@ -123,6 +123,8 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
         let eigen = covariance.eigen();
         eigen.vectors * DMat3::from_diagonal(eigen.values.max(DVec3::ZERO).map(f64::sqrt))
     });
+    // As the reference does, though the rows of a Cholesky factor are no rotation: its figures
+    // depend on it.
     let rows = l.transpose();
     let scale = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
     let unit =
@@ -212,6 +214,7 @@ pub fn framing(splats: &[Splat]) -> Option<Framing> {
         let n = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
         Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
     };
+    // Medians and quantiles: a few strays far out must not move or shrink the view.
     let axis = |i: usize| quantile(centres.iter().map(|c| c[i]).collect(), 0.5);
     let centre = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
     let radius = quantile(centres.iter().map(|c| c.distance(centre)).collect(), FRAMED_SHARE)?;

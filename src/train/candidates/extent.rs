@@ -43,11 +43,13 @@ impl Extent {
     }
 
     /// Longest edge of the box.
+    #[inline]
     pub fn length(&self) -> f32 {
         (0..3).fold(0f32, |length, axis| length.max(self.hi[axis] - self.lo[axis]))
     }
 
     /// Whether bounds mean anything: coordinates are finite and their squares do not overflow.
+    #[inline]
     pub fn is_finite(&self) -> bool {
         self.reach.is_finite() && self.slack.is_finite()
     }

@@ -180,19 +180,24 @@ impl Shape {
         let n = means.len().clamp(1, MAX_CELLS) as f64;
         let [a, b, c] = longest_first;
         let mut cell = (a * b * c / n).cbrt();
+        // A cloud thinner than a cell has no volume to share out: cells are squares of its face, or
+        // pieces of its length.
         if !(c >= cell && cell > 0.0) {
             cell = (a * b / n).sqrt();
         }
         if !(b >= cell && cell > 0.0) {
             cell = a / n;
         }
+        // All means in one place: any cell will do.
         if cell == 0.0 {
             cell = 1.0;
         }
         let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);
+        // Short axes are rounded up to a layer each, which may exceed one cell per mean by far.
         while dims(cell).iter().fold(1usize, |all, &d| all.saturating_mul(d)) > MAX_CELLS {
             cell *= 1.1;
         }
+        // The inverse of a denormal cell is beyond f32.
         let per_unit = (1.0 / cell).min(f64::from(f32::MAX)) as f32;
         Self { lo: lo.map(|v| v as f32), cell: cell as f32, per_unit, dims: dims(cell) }
     }

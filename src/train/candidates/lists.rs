@@ -13,6 +13,7 @@ use std::ops::Range;
 
 /// Points that share a list of candidates.
 pub(in crate::train) const CHUNK: usize = 16;
+
 /// Longest list whose entries fit in the low bits of a key.
 const MAX_KERNEL_LIST: usize = 1 << 13;
 
@@ -182,6 +183,8 @@ impl Lists {
             Among::Near => &*near,
         };
         let least = distances::<V>(list, position, distance2);
+        // Sixteen lane minima are distances of sixteen entries: they bound no more neighbours than
+        // that.
         let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
         keys.clear();
         let mut take = |place: usize| {
@@ -214,6 +217,7 @@ impl Lists {
     /// The list that leaves out nothing within a squared distance of a point of the chunk.
     #[inline(always)]
     pub fn covering(&self, position: [f32; 3], distance2: f32) -> Among {
+        // The near list is complete within a ball about the chunk's middle, not about the point.
         let off = squared_distance(position, self.near_centre).sqrt();
         let reach = (off + distance2.sqrt()) * RELATIVE_MARGIN;
         if reach < self.near_limit { Among::Near } else { Among::Raw }

@@ -100,6 +100,7 @@ impl VisitChunk for NarrowVisitor<'_> {
         if !lists.shorten::<V>(points, chunk.clone(), self.rank) {
             return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
         }
+        // One key more than neighbours: it tells whether the last one has an equal.
         match self.rank {
             1 => self.visit_near::<V, 2>(lists, points, chunk),
             2 => self.visit_near::<V, 3>(lists, points, chunk),
@@ -189,6 +190,7 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let is_short = lists.shorten::<V>(points, chunk.clone(), self.rank);
+        // Where bounds mean nothing the near list was not filled.
         let among = if is_short { Among::Near } else { Among::Raw };
         for i in chunk {
             let place = points.tag[i] as usize;

@@ -113,6 +113,8 @@ impl Kernel for FusedTiles<'_> {
         let points = inputs.points;
         let first_point = points.tiles[tiles.start] as usize;
         for tile in tiles.clone() {
+            // Reading the clock costs as much as scoring a point, so one tile stands for all of a
+            // task.
             clock.begin_tile(tile == tiles.start);
             let range = points.tile(tile);
             tile_memory.begin(inputs.grid.len(), range.len());
@@ -196,6 +198,8 @@ fn emit(
     records: &mut [Vec<TileRecord<f32>>],
 ) {
     for (component, &sums) in memory.components.iter().zip(sums) {
+        // Slots are given to every component that was looked at; most of those that lost receive
+        // nothing.
         if sums[0] > 0.0 {
             let record = TileRecord { id: component.id, tile: tile as u32, sums };
             records[component.id as usize >> shard_bits].push(record);
@@ -311,9 +315,12 @@ impl<'a> Assign<'a> {
             _ => (lists.covering(space, reach2), reach2),
         };
         let found = lists.rank::<V>(among, space, ids, rank, within2);
+        // Taken out, since `slot` needs the rest of the memory meanwhile; put back at the end.
         let mut candidates = std::mem::take(&mut self.memory.candidates);
         candidates.clear();
         candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));
+        // By component, not by distance: sums, and who wins among equals, then do not depend on how
+        // the index lists them.
         candidates.sort_unstable();
         let mut scores = std::mem::take(&mut self.memory.scores);
         scores.clear();
@@ -332,6 +339,7 @@ impl<'a> Assign<'a> {
             self.memory.owners[place] = SHARED | self.memory.shared.len() as u32;
             self.memory.shared.push(first..self.memory.shares.len() as u32);
         } else {
+            // A point that is no number has candidates, but must reach no sum.
             self.q[place] = f64::NAN;
         }
         (self.memory.candidates, self.memory.scores) = (candidates, scores);

@@ -234,6 +234,7 @@ impl Pass {
         columns: Columns,
     ) {
         let per_point = inputs.per_point();
+        // Taken out of `self`, whose workers the stages borrow beside them.
         let mut ids = std::mem::take(&mut self.ids);
         let mut responsibilities = std::mem::take(&mut self.responsibilities);
         ids.resize(columns.q.len() * per_point, 0);
@@ -299,6 +300,7 @@ impl Pass {
     /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
     /// takes which tiles changes from frame to frame.
     fn begin(&mut self, statistics: &Statistics) {
+        // Never fewer than before: a smaller pool for a while must not throw memory away.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
             let fused = FusedMemory::new(statistics.len());
@@ -314,6 +316,8 @@ impl Pass {
     }
 
     fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
+        // Every thread takes the memory of its own number, so the lock never waits: it is how safe
+        // code says that threads do not share it.
         let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
         self.workers[thread].write().unwrap_or_else(PoisonError::into_inner)
     }
@@ -354,6 +358,7 @@ fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let is_fused = inputs.config.statistics == StatisticsForm::Fused;
     match inputs.candidates {
         Candidates::Nearest(n) if is_narrow && is_fused && inputs.index.tree().is_none() => {
+            // Fewer components than candidates is legal: all of them are candidates then.
             Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
         }
         _ => None,
@@ -379,6 +384,7 @@ fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> u
     let Batch::Points(n) = batch else { return points.n_tiles() };
     let end = points.tiles[tile] as usize + n;
     let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
+    // One tile at least, or a batch of fewer points than a tile has would never end.
     tiles_before.clamp(tile + 1, points.n_tiles())
 }
 
@@ -393,6 +399,7 @@ fn for_each_task<R: PaperScalar>(
     if tiles.len() <= TILES_PER_TASK {
         return task(tiles, columns);
     }
+    // Halves are rounded to whole tasks, so that only the last one may be small.
     let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
     let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
     let (left, right) = columns.split(n_points, per_point);

@@ -91,6 +91,8 @@ impl DestinationChooser {
             self.draw(q, quota.moves, stream);
             self.points.extend(self.draws.iter().map(|&(_, point)| point));
         }
+        // In the order of points: neighbours then get neighbouring components, which lie close in
+        // memory.
         self.points.sort_unstable();
         &self.points
     }
@@ -105,6 +107,7 @@ impl DestinationChooser {
         let Self { parts, lowest, .. } = self;
         let size = q.len().div_ceil(PARTS).max(1);
         let mut last_bin = N_BINS - 1;
+        // Where all points may be chosen no bin has to be found.
         if n < q.len() {
             parts.par_iter_mut().enumerate().for_each(|(i, part)| part.count(part_of(q, i, size)));
             let mut found = 0;
@@ -137,6 +140,7 @@ impl DestinationChooser {
         pairs.for_each(|(draw, &(_, point))| {
             let uniform = stream.uniform_at(point.into());
             let gap = of(point) - best;
+            // The logarithm of `libm` has equal bits on every machine; the platform's need not.
             let time = -libm::log(uniform) / gap;
             let last = 1 << 63;
             // A time is not negative, so its bits are in its order.

@@ -144,9 +144,13 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         let gradient = sums.gradient(covariance, self.ridge);
         Some(Match {
             normal,
+            // Not divided by the number of points: errors of neighbouring pixels do not average
+            // out.
             variance: noise * noise + covariance.quadratic_form(normal).max(0.0),
             mean: seed + sums.mean_offset(),
             color: sums.color / sums.count,
+            // Across a plane its points say nothing of the colour, so only the part within it is
+            // kept.
             gradient: gradient - outer(gradient * normal, normal),
             seen: seed + seen,
             seen_color,
@@ -184,10 +188,12 @@ impl Normal {
     }
 
     fn add_match(&mut self, matched: &Match, centre: DVec3, motion: &Motion) {
+        // About the camera's centre, so that a turn leaves the camera where it is.
         let arm = motion.turn * (matched.seen - centre);
         let offset = centre + arm + motion.shift - matched.mean;
         let distance = matched.normal.dot(offset);
         let weight = matched.weight / (ALIKE * matched.variance);
+        // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
         let trust = 1.0 / (1.0 + distance * distance / (matched.variance * ROBUST));
         self.add(distance, matched.normal, arm, weight * trust);
         let color = matched.seen_color - matched.color - matched.gradient * offset;

@@ -73,6 +73,7 @@ fn assign_group(
     }
     near.ids.clear();
     near.seeds.clear();
+    // Cells are wider than a group: most of their seeds are within reach of none of its points.
     let (low_corner, high_corner) = corners(points);
     grid.visit(low, high, |id, seed| {
         let is_near =
@@ -116,6 +117,7 @@ impl Kernel for Nearest<'_> {
         for (i, point) in points.iter().enumerate() {
             [xs[i], ys[i], zs[i]] = point.position;
         }
+        // Whole arrays even for a short group: loops of constant length become vectors.
         let (mut best, mut found) = ([limit; GROUP], [NONE; GROUP]);
         for (&id, seed) in near.ids.iter().zip(&near.seeds) {
             for i in 0..GROUP {

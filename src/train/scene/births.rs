@@ -37,6 +37,7 @@ pub fn give_birth(
     owners: &mut [u32],
     limits: Limits,
 ) -> FrameBirths {
+    // One point after the other, on one thread: every birth decides who is born after it.
     let mut births = FrameBirths::default();
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
         let place = seed_of(rule, h, point.position);

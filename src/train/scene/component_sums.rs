@@ -181,6 +181,7 @@ impl<'a> WideRows<'a> {
 
     #[inline(always)]
     fn reader<W: SumScalar>(self, id: usize, row: &'a SumRow<W>) -> impl Fn(usize) -> f64 + 'a {
+        // Most scenes have no wide rows, and this is asked for every component and frame.
         let wide = if self.0.is_empty() { None } else { self.0.get(&(id as u32)) };
         move |i| row.sums[i].value() + wide.map_or(0.0, |wide| wide[i])
     }

@@ -37,6 +37,7 @@ impl Components {
             component,
             free: Vec::new(),
         };
+        // From the last seed on, so that the oldest is the one that stays.
         for (seed, &component) in sharing.component.iter().enumerate().rev() {
             *sharing.reference.get_mut(component as usize)? = seed as u32;
             let seeds = &mut sharing.seeds[component as usize];
@@ -128,6 +129,7 @@ impl Components {
         for component in &mut sharing.component {
             *component = into[*component as usize];
         }
+        // The lowest row is popped first.
         sharing.free.sort_unstable_by(|a, b| b.cmp(a));
     }
 }

@@ -75,6 +75,7 @@ impl SeedGrid {
 
     /// Adds a seed at a place within reach.
     pub fn insert(&mut self, position: [f32; 3]) -> u32 {
+        // As many buckets as seeds at least keep chains short.
         if self.len() >= self.heads.len() {
             self.grow();
         }
@@ -125,6 +126,7 @@ impl SeedGrid {
         let cell = self.cell_of(position);
         self.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |id, seed| {
             let d2 = squared_distance(position, seed);
+            // The order of buckets must not decide between equals.
             if d2 < best || (d2 == best && id < found) {
                 (best, found) = (d2, id);
             }

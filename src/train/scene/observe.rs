@@ -37,6 +37,7 @@ pub fn observe<W: SumScalar>(
     component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
             let (n, sum, normal) = wide.plane(id, row);
+            // A free row, or a component that has received nothing yet.
             if n == 0.0 {
                 continue;
             }
@@ -74,6 +75,7 @@ impl Viewer<'_> {
         } else {
             return None; // hidden, or unknown
         };
+        // Normals that cancel out face nowhere: no return is expected of them.
         let facing =
             (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
         Some((visibility, facing * self.h * self.h * k.fx * k.fy / (range * range)))

@@ -6,8 +6,7 @@ mod room;
 mod row;
 
 pub use plan::ScalingPlan;
-pub use plan::ScalingPoint;
-use report::{Fit, Speedup};
+pub use report::{Fit, Speedup};
 pub use row::{EnginePath, MeanPlacement, ScalingRow, Sweep};
 
 use super::runs::{median, with_threads};

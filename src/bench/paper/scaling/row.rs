@@ -77,7 +77,7 @@ pub struct ScalingRow {
 }
 
 impl ScalingRow {
-    /// What grows from row to row.
+    /// Place on the axis of the sweep: the size that is swept.
     pub fn position(&self) -> f64 {
         let size = match self.sweep {
             Sweep::Points => self.points,
