@@ -13,6 +13,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use scenes::{draws, smooth};
 use std::hint::black_box;
 use std::num::NonZero;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
 use vbgs_studio::model::conjugate::prior::Hyper;
@@ -22,9 +23,9 @@ use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::candidates::{CandidateSearch, MeanGrid, nearest_in_tile};
 use vbgs_studio::train::estep::Scoring;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
-use vbgs_studio::train::paper::engine::PaperEngine;
+use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
-use vbgs_studio::train::paper::reassign::{Chooser, Quota};
+use vbgs_studio::train::paper::reassign::{DestinationChooser, Quota};
 
 const COMPONENTS: usize = 100_000;
 
@@ -72,9 +73,10 @@ fn frame(criterion: &mut Criterion) {
         let overrides =
             PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&overrides).expect("settings in range");
-        let mut engine = PaperEngine::new(&config, &draw).expect("finite means");
+        let mut engine =
+            engine::begin(&config, &draw, Normalization::IDENTITY).expect("finite means");
         group.bench_function(start, |bencher| {
-            bencher.iter(|| engine.train(&frame).expect("finite means"));
+            bencher.iter(|| engine.learn(&frame).expect("finite means"));
         });
     }
 }
@@ -120,7 +122,7 @@ fn choice(criterion: &mut Criterion) {
     let q: Vec<f64> = (0..193_600).map(|_| 1e-4 * rng.normal().powi(2)).collect();
     let stream = Rng::new(0, Purpose::Reassign, 1);
     let quota = Quota { moves: 5000, low_elbo: 20_000 };
-    let mut chooser = Chooser::default();
+    let mut chooser = DestinationChooser::default();
     criterion.bench_function("destinations", |bencher| {
         bencher.iter(|| black_box(chooser.destinations(&q, quota, &stream).len()));
     });

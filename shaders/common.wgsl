@@ -1,7 +1,7 @@
 // Structs shared with Rust: `src/render/gpu/layout.rs` mirrors them and `tests/shaders.rs` compares
 // every size and offset. Prepended to each of the other files.
 
-// One splat as `rendering.md` (d) stores it. A record that cannot be drawn is all zeros.
+// One splat as `rendering.md`, Splat record, stores it. A record that cannot be drawn is all zeros.
 struct Splat {
     mean: vec3<f32>,            // world units
     opacity: f32,
@@ -20,8 +20,8 @@ struct SparseSplat {
     index: u32,
 }
 
-// What a splat carries beyond position, shape and one colour (`rendering.md` (h)); 80 bytes. Rows are
-// channels: `gradient[3 * channel + axis]`.
+// What a splat carries beyond position, shape and one colour (`rendering.md`, Native appearance);
+// 80 bytes. Rows are channels: `gradient[3 * channel + axis]`.
 struct Appearance {
     gradient: array<f32, 9>,    // per world unit
     directional: array<f32, 9>, // times the unit direction from the camera to the mean

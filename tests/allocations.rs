@@ -6,10 +6,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
-use vbgs_studio::train::paper::engine::PaperEngine;
+use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
 
 struct Counting;
@@ -67,12 +68,14 @@ fn a_warm_training_loop_allocates_nothing() {
             ..PaperOverrides::default()
         };
         let config = PaperConfig::paper().with(&overrides).unwrap();
-        let mut engine = PaperEngine::new(&config, &InitialDraw::random(20_000, 0)).unwrap();
-        engine.start_component_elbo();
+        let mut engine =
+            engine::begin(&config, &InitialDraw::random(20_000, 0), Normalization::IDENTITY)
+                .unwrap();
+        engine.component_elbo_mut().start();
         let allocations = pool.install(|| {
             let mut train = |n| {
                 for frame in frames.iter().cycle().take(n) {
-                    engine.train(frame).unwrap();
+                    engine.learn(frame).unwrap();
                 }
             };
             train(300);

@@ -9,6 +9,7 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::train::learner::Changed;
 use vbgs_studio::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
 };
@@ -47,8 +48,9 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
             session.start_component_elbo();
             while let Step::Trained(frame) = session.step().unwrap() {
                 let engine = session.learner();
-                let known = engine.components_with_elbo();
-                let of = |&id: &u32| engine.component_elbo(id as usize).unwrap();
+                let elbo = engine.component_elbo();
+                let known = elbo.components();
+                let of = |&id: &u32| elbo.of(id as usize).unwrap();
                 let (sum, n) = known
                     .iter()
                     .map(of)
@@ -56,7 +58,7 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
                 assert_eq!(n as usize, frame.points, "{name}");
                 let expected = frame.elbo_mean * frame.points as f64;
                 assert!((sum / expected - 1.0).abs() < 1e-9, "{name}: {sum} {expected}");
-                let touched = engine.touched();
+                let Changed::Listed(touched) = engine.changed() else { panic!("{name}: all") };
                 assert!(known.iter().all(|id| touched.contains(id)), "{name}");
             }
         }
@@ -79,7 +81,7 @@ fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_fram
     session.step().unwrap();
     let third = known(&session);
     assert!(!second.is_empty() && second != third);
-    let mut ids = session.learner().components_with_elbo().to_vec();
+    let mut ids = session.learner().component_elbo().components().to_vec();
     ids.sort_unstable();
     assert_eq!(third, ids);
     session.stop_component_elbo();

@@ -2,6 +2,7 @@
 //! bit, whatever is an approximation must stay close to the f64 oracle.
 #![allow(clippy::unwrap_used)]
 
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::paper::state::ModelState;
 use vbgs_studio::observation::points::Points;
@@ -9,8 +10,9 @@ use vbgs_studio::train::paper::config::{
     Batch, Candidates, IndexKind, Operations, PaperConfig, PaperOverrides, Precision,
     ReassignPolicy, StatisticsForm, UpdateWidth, Width,
 };
-use vbgs_studio::train::paper::engine::PaperEngine;
+use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner::PaperLearner;
 
 const COMPONENTS: usize = 3000;
 const POLICIES: [ReassignPolicy; 4] = [
@@ -49,12 +51,12 @@ fn config(overrides: &PaperOverrides) -> PaperConfig {
     PaperConfig::paper().with(&overrides.clone().or(base)).unwrap()
 }
 
-fn trained(overrides: &PaperOverrides, frames: &[Points<f32>]) -> PaperEngine {
+fn trained(overrides: &PaperOverrides, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
     let config = config(overrides);
     let draw = InitialDraw::random(config.components, config.seed);
-    let mut engine = PaperEngine::new(&config, &draw).unwrap();
+    let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
     for frame in frames {
-        engine.train(frame).unwrap();
+        engine.learn(frame).unwrap();
     }
     engine
 }
@@ -122,11 +124,16 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
                 ..PaperOverrides::default()
             };
             let half = trained(&overrides, &frames[..2]);
-            let mut other =
-                PaperEngine::restore(&config(&overrides), half.state(), half.frames()).unwrap();
+            let mut other = engine::restore(
+                &config(&overrides),
+                half.state(),
+                half.frames(),
+                Normalization::IDENTITY,
+            )
+            .unwrap();
             assert!(other.state() == half.state());
             for frame in &frames[2..] {
-                other.train(frame).unwrap();
+                other.learn(frame).unwrap();
             }
             assert!(other.state() == state(&overrides, &frames), "{reassign:?}, {precision:?}");
         }
@@ -165,7 +172,7 @@ fn truncation_assigns_as_the_dense_e_step() {
 #[test]
 fn precisions_stay_close_to_the_oracle() {
     let frames = frames();
-    let posteriors = |engine: PaperEngine| -> Vec<_> {
+    let posteriors = |engine: Box<dyn PaperLearner>| -> Vec<_> {
         (0..engine.components()).map(|k| engine.posterior(k)).collect()
     };
     let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
@@ -222,7 +229,7 @@ fn points_that_are_no_numbers_are_left_out() {
                 ..PaperOverrides::default()
             };
             let mut engine = trained(&overrides, &[]);
-            let outcome = engine.train(&dirty).unwrap();
+            let outcome = engine.learn(&dirty).unwrap();
             // 1e30 has a square in f64.
             let left_out = if precision == Precision::F64 { 4 } else { 5 };
             assert_eq!(outcome.points, dirty.len() - left_out);

@@ -1,5 +1,5 @@
-//! The `paper` preset on the real Lego recording against the figures of `model.md` section 17, and
-//! the mixed path against f64.
+//! The `paper` preset on the real Lego recording against the figures of `model.md`, What the
+//! reference reaches, and the mixed path against f64.
 //!
 //! `cargo test --release --test lego -- --ignored --nocapture` prints the tables.
 #![allow(clippy::unwrap_used)]
@@ -21,7 +21,6 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::pipeline::learner::Learner;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
@@ -99,9 +98,9 @@ fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<u
 }
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
-    let Learner::Paper(paper) = session.learner() else { unreachable!() };
-    let config = PaperConfig { conversion, ..paper.config.clone() };
-    paper.engine.splats(&config, &paper.normalization)
+    let learner = session.learner();
+    let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
+    (0..learner.components()).map(splat).collect()
 }
 
 /// Mean PSNR over the views against either ground truth, dB.
@@ -270,7 +269,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     }
 }
 
-/// A row of the 3DGS layout by its definition (`export.md` 1).
+/// A row of the 3DGS layout by its definition (`export.md`, PLY of splats).
 fn splat_of(row: &DefaultElement) -> Splat {
     let value = |name: &str| match row.get(name) {
         Some(Property::Float(value)) => *value,

@@ -33,7 +33,7 @@ fn draw<'a>(
     CpuRenderer::new().render(splats, camera, options)
 }
 
-/// Of `rendering.md` (g).
+/// Of `rendering.md`, Tolerances.
 const F32_TOLERANCE: f64 = 1e-4;
 
 /// How a whole image of the CPU renderer agrees with the oracle's.

@@ -154,9 +154,9 @@ fn shared_structs_agree_with_rust() {
         let fields: Vec<_> = fields.into_iter().map(|(f, at)| (f.to_owned(), at)).collect();
         assert_eq!(theirs[name], (size, fields), "{name}");
     }
-    assert_eq!(size_of::<GpuSplat>(), 64, "rendering.md (d)");
-    assert_eq!(size_of::<GpuAppearance>(), 80, "rendering.md (h)");
-    assert!(size_of::<View>() <= 256, "rendering.md (d)");
+    assert_eq!(size_of::<GpuSplat>(), 64, "`rendering.md`, Splat record");
+    assert_eq!(size_of::<GpuAppearance>(), 80, "`rendering.md`, Splat record");
+    assert!(size_of::<View>() <= 256, "`rendering.md`, Splat record");
 }
 
 /// Files of the tile path that others are built on.

@@ -5,11 +5,14 @@
 mod common;
 mod ui {
     mod camera;
+    mod crash;
     mod files;
     mod harness;
     mod inspect;
     mod opening;
+    mod saving;
     mod scene;
     mod states;
+    mod switching;
     mod viewer;
 }

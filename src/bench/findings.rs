@@ -9,9 +9,9 @@ use crate::dataset::synthetic::ParamsError;
 use crate::eval::report::MachineReport;
 use crate::eval::views::EvalError;
 use crate::math::image::RgbImage;
+use crate::pipeline::error::SessionError;
 use crate::pipeline::machine;
 use crate::pipeline::prefetch::SpawnError;
-use crate::pipeline::session::SessionError;
 #[cfg(feature = "gui")]
 use crate::render::gpu::headless::HeadlessError;
 use crate::train::candidates::IndexError;

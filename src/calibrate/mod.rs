@@ -1,6 +1,6 @@
 //! What a recording says of its own cameras: where the colour camera stands, how depth is biased,
 //! how bright every frame was exposed. Surfaces that several views see must be thin and of one colour
-//! (`accuracy.md` 5 and 7).
+//! (`pipeline.md`, Calibration).
 
 mod camera_search;
 mod depth;

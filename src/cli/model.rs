@@ -28,7 +28,7 @@ impl Model {
     /// model was trained with, else what is known of the layout.
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
-            Some(method) => method.color_camera(),
+            Some(method) => method.any().color_camera(),
             None => Calibration::known(dataset).and_then(|c| c.color_camera),
         }
     }

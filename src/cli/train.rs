@@ -79,7 +79,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     session.learner().warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
-    let color_camera = session.config().method.color_camera();
+    let color_camera = session.config().method.any().color_camera();
     let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
     let measured = match (&args.eval, &end) {
         (Some(split), Ok(true)) => measure(&session, split, &early, &comparison),

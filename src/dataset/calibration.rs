@@ -9,6 +9,17 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Corrections of a dataset's cameras; [`Calibration::NONE`] changes nothing.
+///
+/// ```
+/// use vbgs_studio::dataset::calibration::Calibration;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("camera.ron");
+/// std::fs::write(&path, "(depth_offset: 0.004)")?;
+/// let calibration = Calibration::read(&path)?;
+/// assert_eq!((calibration.depth_offset, calibration.depth_scale), (0.004, 1.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
@@ -167,7 +178,7 @@ fn options() -> ron::Options {
 
 impl ColorCamera {
     /// That of the Kinect of 7-Scenes, whose colour images are not registered: found by minimising
-    /// the variance of colour inside components (`accuracy.md` 7).
+    /// the variance of colour inside components (`dataset.md`, Colour camera).
     pub const KINECT: Self = Self {
         focal: [522.0, 522.0],
         principal: [320.0, 238.5],

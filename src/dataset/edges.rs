@@ -3,13 +3,13 @@
 //! diagonals; borders replicated) and drop the pixel if a pair jumps and the pixel lies well
 //! inside the jump.
 //!
-//! * 8-bit codes (`model.md` 13): a jump is ≥ 6 levels, well inside is `[min + 2, max − 2]`; code 0
-//!   (background) takes part like any other.
-//! * Metric depth: the same with the noise half-width `q` (`accuracy.md` 2) in place of a level,
-//!   which for 8-bit depth is one level: a jump is ≥ 6 q, well inside is `[min + 2 q, max − 2 q]`,
-//!   with `q` at the pixel's own depth. Small images see slanted surfaces jump from pixel to pixel,
-//!   so a jump must also exceed what a plane tilted by 80° shows across two pixels. Holes there are
-//!   missing measurements, so a pair with a hole says nothing.
+//! * 8-bit codes (`dataset.md`, Edge filter): a jump is ≥ 6 levels, well inside is
+//!   `[min + 2, max − 2]`; code 0 (background) takes part like any other.
+//! * Metric depth: the same with the noise half-width `q` in place of a level, which for 8-bit depth
+//!   is one level: a jump is ≥ 6 q, well inside is `[min + 2 q, max − 2 q]`, with `q` at the pixel's
+//!   own depth. Small images see slanted surfaces jump from pixel to pixel, so a jump must also exceed
+//!   what a plane tilted by 80° shows across two pixels. Holes there are missing measurements, so a
+//!   pair with a hole says nothing.
 
 use super::frame::sensor_noise;
 

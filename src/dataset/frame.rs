@@ -33,7 +33,7 @@ pub enum DepthKind {
 }
 
 /// Depth codes as stored, with the rule that makes lengths of them. Codes are kept because the
-/// edge filter of `model.md` 13 is defined on them.
+/// edge filter (`dataset.md`, Edge filter) is defined on them.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DepthCodes {
     /// `8·(1 − d/255)` world units, `d = 0` is no surface.
@@ -145,7 +145,7 @@ pub(super) fn decode_linear16(code: u16, unit: f64) -> Option<f64> {
 }
 
 /// Noise half-width of a metric depth camera up to 1 m, metres; beyond it grows with the square of
-/// the distance (`accuracy.md` 2, step 2).
+/// the distance (`dataset.md`, Sensors).
 pub(super) const SENSOR_NOISE: f64 = 0.003;
 
 /// Noise half-width of a metric depth camera, metres.

@@ -6,6 +6,7 @@
 //! at loading, never a panic, and the other frames remain usable.
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
+#![doc = include_str!("dataset.md")]
 
 pub mod calibration;
 pub mod error;

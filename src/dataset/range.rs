@@ -1,4 +1,4 @@
-//! The range of positions that normalises a dataset (`model.md` 2).
+//! The range of positions that normalises a dataset (`dataset.md`, Position range).
 
 use super::Dataset;
 use super::error::FrameError;

@@ -1,4 +1,5 @@
-//! Frames to coloured points: unprojection (`model.md` 13), validity, tile order (`engine.md` 2).
+//! Frames to coloured points: unprojection (`dataset.md`, Unprojection), validity, tile order
+//! (`dataset.md`, Tile order).
 
 use super::edges::{Padded, mixed_lengths, mixed_levels};
 use super::error::FrameError;
@@ -18,7 +19,7 @@ pub const MAX_COORDINATE: f32 = 65536.0;
 #[serde(rename_all = "kebab-case")]
 pub enum CameraConvention {
     /// The published loader: rays through pixel corners, and a small-angle formula with `h − 1`
-    /// from ray distance to depth (`model.md` 14, quirk 19).
+    /// from ray distance to depth (`dataset.md`, Unprojection).
     Paper,
     /// Rays through pixel centres, exact.
     Exact,
@@ -30,7 +31,8 @@ pub enum CameraConvention {
 pub enum EdgeFilter {
     /// Every pixel with depth is a point, whatever its alpha.
     Off,
-    /// Pixels of partial alpha, and pixels between two surfaces, are dropped (`model.md` 13).
+    /// Pixels of partial alpha, and pixels between two surfaces, are dropped (`dataset.md`, Edge
+    /// filter).
     DropMixed,
 }
 
@@ -49,6 +51,17 @@ pub struct PointCounts {
     pub dropped_range: usize,
     /// Not finite, or beyond [`MAX_COORDINATE`].
     pub dropped_far: usize,
+}
+
+/// In words, without those that made points.
+impl std::fmt::Display for PointCounts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { holes, dropped_edge, dropped_range, dropped_alpha, .. } = self;
+        write!(
+            f,
+            "{holes} holes, {dropped_edge} at edges, {dropped_range} out of range, {dropped_alpha} transparent"
+        )
+    }
 }
 
 impl PointCounts {
@@ -70,7 +83,7 @@ pub struct UnprojectSettings {
 }
 
 /// Camera-space point (OpenCV axes, world units) of the pixel `[column, row]` at length `value` of
-/// `kind` (`model.md` 13); `paper` half-widths are those of the image's width.
+/// `kind` (`dataset.md`, Unprojection); `paper` half-widths are those of the image's width.
 pub fn camera_point(
     k: &Intrinsics,
     convention: CameraConvention,
@@ -136,6 +149,25 @@ fn local_point(x: Slope, y: Slope, kind: DepthKind, value: f64) -> DVec3 {
 }
 
 /// Turns frames into points; keeps its scratch memory between frames.
+///
+/// ```
+/// use vbgs_studio::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+/// use vbgs_studio::dataset::range::PositionRange;
+/// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+/// use vbgs_studio::observation::points::Points;
+///
+/// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
+/// let room = synthetic::dataset(&small)?;
+/// let settings = UnprojectSettings {
+///     convention: CameraConvention::Exact,
+///     filter: EdgeFilter::Off,
+///     normalization: PositionRange::nerf_synthetic().normalization(),
+/// };
+/// let mut points = Points::new();
+/// let counts = Unprojector::new().unproject(&room.load(0, 0)?, &settings, &mut points)?;
+/// assert_eq!((counts.kept, points.len(), points.n_tiles()), (32 * 24, 32 * 24, 12));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Unprojector {
     levels: Padded<u8>,

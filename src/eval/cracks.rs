@@ -1,4 +1,4 @@
-//! Cracks: background that shows between splats inside a measured surface (`accuracy.md` 7, Cracks),
+//! Cracks: background that shows between splats inside a measured surface (`eval.md`, Cracks),
 //! at the distance of training and at half of it.
 //!
 //! Half the distance is a camera moved along its optical axis by half the median depth z of the

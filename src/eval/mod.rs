@@ -1,4 +1,5 @@
 //! Quality of a model, and how runs report themselves.
+#![doc = include_str!("eval.md")]
 
 pub mod comparison;
 pub mod cracks;

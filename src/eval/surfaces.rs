@@ -8,7 +8,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use rayon::prelude::*;
 
-/// Interior pixels have no edge in the square of this many pixels around them (`accuracy.md` 7,
+/// Interior pixels have no edge in the square of this many pixels around them (`eval.md`,
 /// Cracks).
 pub const EDGE_MARGIN: usize = 5;
 

@@ -1,4 +1,4 @@
-//! Rendering dataset views and scoring them against their photographs (`rendering.md` (f)).
+//! Rendering dataset views and scoring them against their photographs (`eval.md`, Protocols).
 
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics::{self, MetricError};
@@ -39,7 +39,7 @@ pub enum PartialCoverage {
     /// The background through them, as renderers draw it.
     Composited,
     /// The splats' colour alone, divided by its coverage, where that is at least
-    /// [`COVERED`]: what is left when cracks are filled (`accuracy.md` 7).
+    /// [`COVERED`]: what is left when cracks are filled (`eval.md`, Partial coverage).
     Divided,
 }
 

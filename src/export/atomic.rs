@@ -1,4 +1,4 @@
-//! Files appear whole or not at all (`export.md`, "Atomic write").
+//! Files appear whole or not at all (`export.md`, Atomic writing).
 
 use super::error::{ExportError, Fault};
 use std::ffi::OsString;
@@ -20,6 +20,18 @@ const RENAME_WAIT: Duration = Duration::from_millis(200);
 /// # Errors
 /// [`Fault::NoFolder`], [`Fault::IsFolder`], [`Fault::DiskFull`], or [`Fault::Io`] with the error
 /// of the system or of `write`.
+///
+/// ```
+/// use std::io::{Error, Write};
+/// use vbgs_studio::export::atomic::write_atomic;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("notes.txt");
+/// assert_eq!(write_atomic(&path, |out| out.write_all(b"whole"))?, 5);
+/// assert!(write_atomic(&path, |_| Err(Error::other("interrupted"))).is_err());
+/// assert_eq!(std::fs::read(&path)?, b"whole");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_atomic(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,

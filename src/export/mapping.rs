@@ -1,5 +1,6 @@
-//! Natively rendered splats as plain ones (`accuracy.md` 6). Plain files end at opacity 1 and hold no
-//! colour gradient; here a flat top becomes a wider splat, and a gradient several splats.
+//! Natively rendered splats as plain ones (`export.md`, Native splats as plain ones). Plain files
+//! end at opacity 1 and hold no colour gradient; here a flat top becomes a wider splat, and a
+//! gradient several splats.
 //!
 //! ```
 //! use vbgs_studio::export::mapping::{Mapping, Split, to_plain};

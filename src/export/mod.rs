@@ -27,6 +27,7 @@
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+#![doc = include_str!("export.md")]
 
 pub mod atomic;
 pub mod checkpoint;

@@ -73,6 +73,17 @@ impl Intrinsics {
 }
 
 /// Intrinsics and pose.
+///
+/// ```
+/// use glam::{DVec2, DVec3};
+/// use vbgs_studio::math::camera::{Camera, Intrinsics};
+/// use vbgs_studio::math::pose::Pose;
+///
+/// let intrinsics = Intrinsics::from_horizontal_fov(640, 480, 1.0);
+/// let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+/// let (pixel, depth) = camera.project(DVec3::new(0.0, 0.0, 2.0));
+/// assert_eq!((pixel, depth), (DVec2::new(320.0, 240.0), 2.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// How camera space maps to pixels.

@@ -7,6 +7,16 @@ pub const FRACTION_BITS: i32 = 80;
 
 /// Converts a finite `f64` to fixed point, rounding to nearest with ties away from zero.
 /// Values beyond ±2⁴⁶ saturate; NaN counts as zero (callers drop non-finite points first).
+///
+/// ```
+/// use vbgs_studio::math::fixed::{from_fixed, to_fixed};
+///
+/// let values = [1e9, 1e-7, -1e9, 0.3];
+/// let forwards: i128 = values.iter().map(|&v| to_fixed(v)).sum();
+/// let backwards: i128 = values.iter().rev().map(|&v| to_fixed(v)).sum();
+/// assert_eq!(forwards, backwards);
+/// assert!((from_fixed(forwards) - 0.300_000_1).abs() < 1e-15);
+/// ```
 #[inline]
 pub fn to_fixed(value: f64) -> i128 {
     let bits = value.to_bits();

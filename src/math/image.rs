@@ -1,6 +1,14 @@
 //! A rectangle of values, row by row.
 
 /// Row-major image: pixel `(column, row)` is `data[row * width + column]`.
+///
+/// ```
+/// use vbgs_studio::math::image::Image;
+///
+/// let image = Image::from_vec(2, 1, vec![[0.0f32; 3], [1.0, 0.5, 0.0]]);
+/// assert_eq!(image.at(1, 0)[0], 1.0);
+/// assert_eq!(image.to_rgb8(), [0, 0, 0, 255, 128, 0]);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image<T> {
     /// Columns.

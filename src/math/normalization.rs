@@ -3,7 +3,17 @@
 use glam::DVec3;
 
 /// Affine map from world positions and colours in `[0, 1]` to the coordinates the model works in:
-/// per axis the mean and standard deviation of a uniform law on a given range (`model.md` 2).
+/// per axis the mean and standard deviation of a uniform law on a given range (`model.md`, Normalisation).
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::normalization::Normalization;
+///
+/// let world = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
+/// let corner = world.normalize(DVec3::ONE);
+/// assert!((corner.x - 3f64.sqrt()).abs() < 1e-12);
+/// assert!((world.denormalize(corner) - DVec3::ONE).length() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Normalization {
     /// World position of the normalised origin.
@@ -19,6 +29,9 @@ pub const COLOR_OFFSET: f64 = 0.5;
 pub const COLOR_SCALE: f64 = 0.288_675_134_594_812_9;
 
 impl Normalization {
+    /// The world itself.
+    pub const IDENTITY: Self = Self { offset: [0.0; 3], scale: [1.0; 3] };
+
     /// From the range of positions, `lo < hi` on every axis.
     pub fn from_range(lo: DVec3, hi: DVec3) -> Self {
         let scale = (hi - lo) / 12f64.sqrt();

@@ -8,6 +8,17 @@ use std::f64::consts::FRAC_PI_2;
 const POLE_MARGIN: f64 = 1e-3;
 
 /// Camera position in spherical coordinates around a target.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::orbit::Orbit;
+///
+/// let (target, up) = (DVec3::ZERO, DVec3::Z);
+/// let orbit = Orbit { target, up, azimuth: 0.3, elevation: 0.5, distance: 4.0 };
+/// let pose = orbit.pose();
+/// assert!((pose.centre().length() - 4.0).abs() < 1e-9);
+/// assert!((Orbit::from_pose(&pose, up, 4.0).azimuth - 0.3).abs() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     /// Point looked at, world units.

@@ -28,6 +28,18 @@ pub enum PoseError {
 }
 
 /// Rigid transform `world_from_camera` in OpenCV axes: x right, y down, z forward.
+///
+/// ```
+/// use glam::{DMat4, DVec3};
+/// use vbgs_studio::math::pose::Pose;
+///
+/// let eye = DVec3::new(0.0, -2.0, 1.0);
+/// let pose = Pose::look_at(eye, DVec3::Z, DVec3::Z).ok_or("looks along up")?;
+/// // Two units ahead of the camera lies what it looks at.
+/// assert!((pose.transform_point(2.0 * DVec3::Z) - DVec3::Z).length() < 1e-12);
+/// assert!(Pose::from_opencv(DMat4::from_scale(DVec3::splat(2.0))).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     rotation: DMat3,

@@ -17,6 +17,18 @@ pub enum Purpose {
 }
 
 /// A reproducible stream of random numbers.
+///
+/// ```
+/// use vbgs_studio::math::rng::{Purpose, Rng};
+///
+/// let shuffled = |seed| {
+///     let mut frames: Vec<u32> = (0..20).collect();
+///     Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
+///     frames
+/// };
+/// assert_eq!(shuffled(7), shuffled(7));
+/// assert_ne!(shuffled(7), shuffled(8));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Rng {
     key: u64,

@@ -3,6 +3,16 @@
 use glam::{DMat3, DQuat, DVec3};
 
 /// Symmetric 3×3 matrix, upper triangle.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::sym3::Sym3;
+///
+/// let needle = Sym3::outer(DVec3::new(3.0, 4.0, 0.0)).add_scaled(0.01, Sym3::diagonal(1.0));
+/// let eigen = needle.eigen();
+/// assert!((eigen.values.x - 25.01).abs() < 1e-12);
+/// assert!((eigen.vectors.x_axis.y.abs() - 0.8).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sym3 {
     /// Entry (0,0).

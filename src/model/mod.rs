@@ -1,12 +1,14 @@
 //! The mixture itself: laws, hyper-parameters, statistics, posterior, and the splats it becomes.
 //!
-//! Three models are kept apart (`model.md` 1). The *prior* never changes
+//! Three models are kept apart (`model.md`, Three models). The *prior* never changes
 //! ([`conjugate::prior::Hyper`]). The *initial model* supplies every E-step and changes by
 //! reassignment only ([`paper::mixture::InitialModel`]). The *posterior* is the prior plus all
 //! statistics so far; it is what is rendered and never feeds back ([`conjugate::posterior`]).
+#![doc = include_str!("model.md")]
 
 pub mod attributes;
 pub mod conjugate;
 pub mod paper;
 pub mod scene;
 pub mod splat;
+pub mod stored;

@@ -8,6 +8,16 @@ const DEFAULT_TILE: usize = 64;
 
 /// Points of one frame, normalised (see [`Normalization`](crate::math::normalization::Normalization)), grouped into tiles: sums are formed
 /// tile by tile, so results depend on the tiles and never on how they are spread over threads.
+///
+/// ```
+/// use vbgs_studio::observation::points::Points;
+///
+/// let mut points = Points::<f32>::new();
+/// points.push([0.0, 0.0, 1.0, 0.5, 0.5, 0.5]);
+/// points.push([0.1, 0.0, 1.0, 0.5, 0.5, 0.5]);
+/// points.close_tile();
+/// assert_eq!((points.len(), points.n_tiles(), points.tile(0)), (2, 1, 0..2));
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Points<R> {
     /// Position, first axis.

@@ -1,7 +1,8 @@
 //! The built-in demo: one definition for the window and for machines without a display.
 
+use super::error::SessionError;
 use super::plan::Selection;
-use super::session::{Session, SessionError};
+use super::session::Session;
 use super::settings::method::Asked;
 use crate::dataset::Dataset;
 use crate::dataset::synthetic::{self, ParamsError};

@@ -44,7 +44,7 @@ impl Session {
 
     fn attributes(&self, component: usize) -> ComponentAttributes {
         let engine = self.learner();
-        let elbo = engine.component_elbo(component).map(|(mean, _)| mean);
+        let elbo = engine.component_elbo().of(component).map(|(mean, _)| mean);
         let posterior = engine.posterior(component);
         ComponentAttributes::new(&posterior, self.normalization(), elbo, self.birth_of(component))
     }

@@ -1,4 +1,5 @@
-//! A decoded frame in the form that a model learns from.
+//! A decoded frame in the form that a learner understands: what turns pixels into observations, one
+//! implementation for each form.
 
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
@@ -6,122 +7,90 @@ use crate::dataset::surface::{Preparer, SurfaceCounts, SurfaceSettings};
 use crate::dataset::unproject::{PointCounts, UnprojectSettings, Unprojector};
 use crate::observation::points::Points;
 use crate::observation::surface::Observation;
+use std::fmt::Display;
 
-/// How frames are prepared.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Preparation {
-    /// Coloured points, for the paper's preset.
-    Points(UnprojectSettings),
-    /// Surface points and ranges, for the scene's.
-    Surfaces(Box<SurfaceSettings>),
-}
+/// How frames are prepared. Implemented by the settings of each preparation, which threads share.
+pub trait Prepare: Send + Sync + 'static {
+    /// What a learner learns from.
+    type Observation: Send + 'static;
+    /// Buffers kept between frames, one for each thread.
+    type Memory: Default + Send + 'static;
+    /// What became of the pixels; in words without those that made points.
+    type Counts: Display;
 
-/// What a model learns from.
-pub enum Material {
-    /// For the paper's preset.
-    Points(Points<f32>),
-    /// For the scene's.
-    Surfaces(Box<Observation>),
-}
+    /// An observation without points, whose memory frames reuse.
+    fn empty() -> Self::Observation;
 
-impl Material {
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Points(points) => points.len(),
-            Self::Surfaces(frame) => frame.points.len(),
-        }
-    }
-
-    /// The points, if that is what it is.
-    pub fn into_points(self) -> Option<Points<f32>> {
-        match self {
-            Self::Points(points) => Some(points),
-            Self::Surfaces(_) => None,
-        }
-    }
-
-    /// Whether there is nothing to learn from.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-}
-
-/// What became of the pixels of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Counts {
-    /// See [`PointCounts`].
-    Points(PointCounts),
-    /// See [`SurfaceCounts`].
-    Surfaces(SurfaceCounts),
-}
-
-impl Counts {
-    /// Measured pixels that made no point.
-    pub fn dropped(&self) -> usize {
-        match self {
-            Self::Points(counts) => counts.dropped(),
-            Self::Surfaces(counts) => counts.dropped(),
-        }
-    }
-}
-
-/// In words, without those that made points.
-impl std::fmt::Display for Counts {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Points(c) => write!(
-                f,
-                "{} holes, {} at edges, {} out of range, {} transparent",
-                c.holes, c.dropped_edge, c.dropped_range, c.dropped_alpha
-            ),
-            Self::Surfaces(c) => write!(
-                f,
-                "{} holes, {} flying, {} at a slant, {} out of range, {} transparent, {} outside the colour image",
-                c.holes,
-                c.dropped_flying,
-                c.dropped_slant,
-                c.dropped_range,
-                c.dropped_alpha,
-                c.dropped_no_color
-            ),
-        }
-    }
-}
-
-/// Prepares frames one after the other; keeps memory between them.
-#[derive(Default)]
-pub(super) struct Desk {
-    unprojector: Unprojector,
-    preparer: Preparer,
-    /// Material whose memory the next frame may take.
-    pub memory: Option<Material>,
-}
-
-impl Desk {
-    /// What a frame holds for the model.
-    pub fn prepare(
-        &mut self,
+    /// Replaces `observation` by what a frame holds.
+    ///
+    /// # Errors
+    /// [`FrameError`] for a frame without what is needed, such as depth.
+    fn prepare(
+        &self,
         frame: &Frame,
-        preparation: &Preparation,
-    ) -> Result<(Material, Counts), FrameError> {
-        match (preparation, self.memory.take()) {
-            (Preparation::Points(settings), memory) => {
-                let mut points = match memory {
-                    Some(Material::Points(points)) => points,
-                    _ => Points::default(),
-                };
-                let counts = self.unprojector.unproject(frame, settings, &mut points)?;
-                Ok((Material::Points(points), Counts::Points(counts)))
-            }
-            (Preparation::Surfaces(settings), memory) => {
-                let mut surfaces = match memory {
-                    Some(Material::Surfaces(surfaces)) => surfaces,
-                    _ => Box::new(Observation::empty()),
-                };
-                let counts = self.preparer.prepare(frame, settings, &mut surfaces)?;
-                Ok((Material::Surfaces(surfaces), Counts::Surfaces(counts)))
-            }
-        }
+        memory: &mut Self::Memory,
+        observation: &mut Self::Observation,
+    ) -> Result<Self::Counts, FrameError>;
+
+    /// Points of an observation.
+    fn n_points(observation: &Self::Observation) -> usize;
+
+    /// Measured pixels that made no point.
+    fn dropped(counts: &Self::Counts) -> usize;
+}
+
+/// Coloured points for the published algorithm.
+impl Prepare for UnprojectSettings {
+    type Observation = Points<f32>;
+    type Memory = Unprojector;
+    type Counts = PointCounts;
+
+    fn empty() -> Points<f32> {
+        Points::new()
+    }
+
+    fn prepare(
+        &self,
+        frame: &Frame,
+        unprojector: &mut Unprojector,
+        points: &mut Points<f32>,
+    ) -> Result<PointCounts, FrameError> {
+        unprojector.unproject(frame, self, points)
+    }
+
+    fn n_points(points: &Points<f32>) -> usize {
+        points.len()
+    }
+
+    fn dropped(counts: &PointCounts) -> usize {
+        counts.dropped()
+    }
+}
+
+/// Surface points and ranges for the scene preset.
+impl Prepare for SurfaceSettings {
+    type Observation = Observation;
+    type Memory = Preparer;
+    type Counts = SurfaceCounts;
+
+    fn empty() -> Observation {
+        Observation::empty()
+    }
+
+    fn prepare(
+        &self,
+        frame: &Frame,
+        preparer: &mut Preparer,
+        surfaces: &mut Observation,
+    ) -> Result<SurfaceCounts, FrameError> {
+        preparer.prepare(frame, self, surfaces)
+    }
+
+    fn n_points(surfaces: &Observation) -> usize {
+        surfaces.points.len()
+    }
+
+    fn dropped(counts: &SurfaceCounts) -> usize {
+        counts.dropped()
     }
 }

@@ -1,6 +1,6 @@
-//! Scores and responsibilities of one point (`model.md` 6), in the distance form that f32 survives:
-//! differences first, then `q = |Δs|² + λ|Δc|² − w`, scaled by the precision only after the point's
-//! minimum is taken off.
+//! Scores and responsibilities of one point (`train.md`, E-step), in the distance form that f32
+//! survives: differences first, then `q = |Δs|² + λ|Δc|² − w`, scaled by the precision only after
+//! the point's minimum is taken off.
 
 use crate::math::real::Real;
 use crate::model::conjugate::prior::Hyper;

@@ -1,11 +1,14 @@
 //! The training engine: one frame in, updated statistics out. What both presets share lies here;
 //! each has a folder of its own.
+#![doc = include_str!("train.md")]
 
 pub mod candidates;
+pub mod component_elbo;
 pub mod estep;
+pub mod learner;
 pub mod outcome;
-mod ownership;
 pub mod paper;
 pub mod scene;
 pub mod setting;
+pub mod stages;
 pub mod timing;

@@ -48,7 +48,7 @@ fn the_model_is_as_it_was_at_once() {
     let run = saved(&session);
     assert_eq!(run.splats().unwrap(), session.splats());
     assert_eq!(run.up(), session.up());
-    let learner = run.learner().unwrap();
+    let learner = run.revive().unwrap().learner;
     for k in 0..learner.components() {
         assert_eq!(learner.posterior(k), session.learner().posterior(k));
     }

@@ -68,7 +68,7 @@ fn the_scene_is_as_it_was_at_once() {
         assert_eq!(run.config, *session.config());
         assert_eq!(run.splats().unwrap(), session.stored_splats());
         assert_eq!(run.up(), session.up());
-        let learner = run.learner().unwrap();
+        let learner = run.revive().unwrap().learner;
         assert_eq!(learner.components(), session.learner().components());
         let resumed = run.resume(room(), &Asked::default(), false).unwrap();
         assert_eq!(resumed.normalization(), session.normalization());

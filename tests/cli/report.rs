@@ -86,10 +86,12 @@ eval[].ssim_aligned_mean number
 eval[].ssim_mean number
 eval[].views number
 format string
+frames[].born number
 frames[].components number
 frames[].elbo_mean number
 frames[].frame string
 frames[].index number
+frames[].merged number
 frames[].ms.candidates number
 frames[].ms.e_step number
 frames[].ms.load number

@@ -1,4 +1,4 @@
-//! Whole images against the oracle, with the tolerances of `rendering.md` (g).
+//! Whole images against the oracle, with the tolerances of `rendering.md`, Tolerances.
 
 use vbgs_studio::math::image::Image;
 use vbgs_studio::render::cpu::Rendered;

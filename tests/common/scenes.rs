@@ -54,7 +54,7 @@ pub const SCENES: [Scene; 6] = [
     },
 ];
 
-/// Scenes for splats with an appearance (`rendering.md` (h)): every opacity up to 3.
+/// Scenes for splats with an appearance (`rendering.md`, Native appearance): every opacity up to 3.
 pub const NATIVE_SCENES: [Scene; 3] = [
     Scene { name: "dots", n_splats: 1200, scale: (0.01, 0.05), opacity: (0.0, 3.0), radius: 1.0 },
     Scene { name: "clouds", n_splats: 200, scale: (0.05, 0.3), opacity: (0.0, 3.0), radius: 1.0 },

@@ -1,5 +1,6 @@
-//! Sampling without replacement, in the rounds of the reference (`model.md` 10): the stored cases
-//! prescribe its uniforms. The trainer draws by a race of the same law.
+//! Sampling without replacement, in the rounds of the reference (`train.md`, Sampling without
+//! replacement): the stored cases prescribe its uniforms. The trainer draws by a race of the same
+//! law.
 
 use vbgs_studio::math::rng::{Purpose, Rng};
 

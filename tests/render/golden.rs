@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 
-/// Tolerances of `rendering.md` (g).
+/// Of `rendering.md`, Tolerances.
 const F64_TOLERANCE: f64 = 1e-9;
 const F32_TOLERANCE: f64 = 2e-5;
 /// Depth in f32, relative: the quotient by a coverage of 1/255 keeps five digits.

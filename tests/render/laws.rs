@@ -1,4 +1,4 @@
-//! What the exact renderer's response is by definition (`rendering.md` (c), tests 1 to 5), on the
+//! What the exact renderer's response is by definition (`rendering.md`, Exact renderer), on the
 //! oracle.
 
 use crate::common::ray::GaussianOnRay;

@@ -1,5 +1,5 @@
-//! Splats that carry more than one colour (`rendering.md` (h)): the oracle by its definition, the CPU
-//! renderer by the oracle.
+//! Splats that carry more than one colour (`rendering.md`, Native appearance): the oracle by its
+//! definition, the CPU renderer by the oracle.
 
 use crate::agreement;
 use crate::common::ray::GaussianOnRay;

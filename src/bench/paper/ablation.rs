@@ -21,6 +21,7 @@ use crate::train::paper::config::{
     StatisticsForm,
 };
 use crate::train::paper::init::InitialDraw;
+use crate::train::stages::PaperStage;
 use crate::train::timing::StageMs;
 use serde::Serialize;
 use std::sync::Arc;
@@ -217,7 +218,9 @@ fn measured(
     let points_share = count(frames) as f64 / count(&sample.frames) as f64;
     // What is done per component does not grow with the points.
     let scaled = |ms: &StageMs| {
-        let per_component = ms.update + ms.reassign;
+        let per_component =
+            [PaperStage::Update, PaperStage::Reassign].map(|stage| ms.values()[stage as usize]);
+        let per_component: f64 = per_component.iter().sum();
         (ms.train - per_component) / points_share + per_component
     };
     let ms = runs.spread(scaled);
@@ -234,7 +237,7 @@ fn measured(
         stats_ms: stats / points_share,
         update_ms: update,
         reassign_ms: reassign,
-        psnr: sample.psnr(&runs.engine, &row.config)?,
+        psnr: sample.psnr(&*runs.engine, &row.config)?,
         used: runs.engine.used(),
     })
 }

@@ -8,13 +8,14 @@
 //! than the standard deviation of their component.
 
 use crate::bench::findings::BenchError;
+use crate::math::normalization::Normalization;
 use crate::math::sym3::Sym3;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::observation::points::Points;
 use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -120,11 +121,11 @@ impl Seen {
         draw: &InitialDraw,
         frames: &[Points<f32>],
     ) -> Result<Self, BenchError> {
-        let mut engine = PaperEngine::new(config, draw)?;
+        let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
         for frame in frames {
-            engine.train(frame)?;
+            engine.learn(frame)?;
         }
-        let elbo = engine.elbo();
+        let elbo = engine.point_elbo();
         let posteriors = (0..engine.components()).map(|k| engine.posterior(k)).collect();
         let mut responsibilities = Vec::new();
         // Tile by tile: a dense engine lists every component for every point.

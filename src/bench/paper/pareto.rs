@@ -291,7 +291,7 @@ fn measured(
         stats_ms,
         update_ms,
         reassign_ms,
-        psnr: sample.psnr(&runs.engine, config)?,
+        psnr: sample.psnr(&*runs.engine, config)?,
         elbo_diff_max: errors.elbo_max,
         elbo_diff_mean: errors.elbo_mean,
         total_variation_mean: errors.variation_mean,

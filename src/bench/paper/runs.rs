@@ -3,10 +3,13 @@
 
 use crate::bench::findings::BenchError;
 use crate::eval::spread::Spread;
+use crate::math::normalization::Normalization;
 use crate::observation::points::Points;
 use crate::train::paper::config::PaperConfig;
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner::PaperLearner;
+use crate::train::stages::PAPER_STAGES;
 use crate::train::timing::StageMs;
 use rayon::ThreadPoolBuilder;
 
@@ -27,7 +30,7 @@ pub struct Runs {
     /// Per run the median over its frames, stage by stage.
     pub runs: Vec<StageMs>,
     /// The model after the last run.
-    pub engine: PaperEngine,
+    pub engine: Box<dyn PaperLearner>,
 }
 
 impl Runs {
@@ -36,9 +39,9 @@ impl Runs {
         Spread::of(self.runs.iter().map(of).collect())
     }
 
-    /// Medians of all stages, in the order of [`StageMs::NAMES`].
-    pub fn stages(&self) -> [f64; 5] {
-        std::array::from_fn(|i| self.spread(|ms| ms.stages()[i]).median)
+    /// Medians of all stages, in the order of [`PAPER_STAGES`].
+    pub fn stages(&self) -> [f64; PAPER_STAGES.len()] {
+        std::array::from_fn(|i| self.spread(|ms| ms.values()[i]).median)
     }
 }
 
@@ -74,12 +77,12 @@ pub fn with_threads<T: Send>(
     Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
 }
 
-fn run(variant: &TimedConfiguration) -> Result<(PaperEngine, StageMs), BenchError> {
+fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs), BenchError> {
     let TimedConfiguration { config, draw, frames, .. } = variant;
-    let mut engine = PaperEngine::new(config, draw)?;
+    let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
     let mut times = Vec::with_capacity(frames.len());
     for frame in *frames {
-        times.push(engine.train(frame)?.ms);
+        times.push(engine.learn(frame)?.ms);
     }
     let counted = &times[usize::from(times.len() > 1)..];
     Ok((engine, median(counted)))
@@ -87,13 +90,5 @@ fn run(variant: &TimedConfiguration) -> Result<(PaperEngine, StageMs), BenchErro
 
 /// Median of every stage on its own.
 pub fn median(times: &[StageMs]) -> StageMs {
-    let of = |stage: fn(&StageMs) -> f64| Spread::of(times.iter().map(stage).collect()).median;
-    StageMs {
-        candidates: of(|ms| ms.candidates),
-        e_step: of(|ms| ms.e_step),
-        stats: of(|ms| ms.stats),
-        update: of(|ms| ms.update),
-        reassign: of(|ms| ms.reassign),
-        train: of(|ms| ms.train),
-    }
+    StageMs::combine(times, |values| Spread::of(values).median)
 }

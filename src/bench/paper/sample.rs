@@ -7,10 +7,11 @@ use crate::math::normalization::Normalization;
 use crate::observation::points::Points;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
+use crate::pipeline::preset::TypedPreset;
 use crate::pipeline::session::Session;
 use crate::render::{Method, RenderOptions};
 use crate::train::paper::config::{PaperConfig, PaperOverrides};
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::learner::PaperLearner;
 use std::sync::Arc;
 
 /// Points of evenly spaced training frames, ready to be trained on again and again.
@@ -37,10 +38,10 @@ impl TrainingSample {
         // nothing.
         let small = PaperOverrides { components: Some(1), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&small)?;
-        let session = Session::new(dataset.clone(), config, Selection::everything())?;
+        let session = Session::new(dataset.clone(), config.clone(), Selection::everything())?;
         let (split, chosen) = (session.plan().split, spaced(&session.plan().frames, n_frames));
         let normalization = *session.normalization();
-        let preparation = session.config().preparation(normalization);
+        let preparation = config.preparation(session.config(), normalization);
         drop(session);
         let plan = Plan { split, frames: chosen, held_out: None };
         let mut prefetch = Prefetch::start(dataset.clone(), &plan, 0, preparation)?;
@@ -48,7 +49,7 @@ impl TrainingSample {
         let mut first_problem = None;
         let frames: Vec<_> = results
             .filter_map(|result| match result {
-                Ok(prepared) => prepared.material.into_points(),
+                Ok(prepared) => Some(prepared.observation),
                 Err(problem) => {
                     first_problem.get_or_insert(problem);
                     None
@@ -66,8 +67,10 @@ impl TrainingSample {
 
     /// Mean PSNR over the held-out views, dB, black background, against the photographs' RGB as the
     /// paper compares.
-    pub fn psnr(&self, engine: &PaperEngine, config: &PaperConfig) -> Result<f64, BenchError> {
-        let splats = engine.splats(config, &self.normalization);
+    pub fn psnr(&self, engine: &dyn PaperLearner, config: &PaperConfig) -> Result<f64, BenchError> {
+        // The timed engine knows no world: its frames were normalised here.
+        let splat = |k| config.conversion.splat(&engine.posterior(k), &self.normalization);
+        let splats: Vec<_> = (0..engine.components()).map(splat).collect();
         let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
         let options = EvalOptions::plain(GroundTruth::Rgb, render);
         let (split, views) = &self.views;

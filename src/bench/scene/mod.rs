@@ -1,5 +1,5 @@
-//! What every part of the scene preset brings (`accuracy.md` 5 and 7), on any dataset, and how many
-//! components buy which quality.
+//! What every part of the scene preset brings (`pipeline.md`, Accuracy bench), on any dataset, and
+//! how many components buy which quality.
 //!
 //! The first two tables bracket every part: added one by one, a part is measured without those that
 //! come after it; left out of the whole, with all of them. Parts that help only beside others show
@@ -22,9 +22,9 @@ use crate::eval::cracks;
 use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::views::{EvalOptions, GroundTruth, evaluate};
 use crate::math::rng::{Purpose, Rng};
+use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
-use crate::pipeline::session::SessionError;
-use crate::pipeline::settings::method::Method as Training;
+use crate::pipeline::preset::AnyPreset;
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{Method, RenderOptions};
 use row::Measured;
@@ -147,7 +147,7 @@ impl AccuracyRuns {
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
         let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
         // All rows are judged by the same camera, whatever they were trained with.
-        let color_camera = Training::Scene(Box::new(base.clone())).color_camera();
+        let color_camera = base.color_camera();
         let options =
             EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
         let views = (evaluation.split, views);

@@ -7,12 +7,13 @@
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
 use crate::model::splat::appearance::SplatSet;
+use crate::observation::surface::Observation;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::prefetch::Prefetch;
-use crate::pipeline::prepare::{Material, Preparation};
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::SceneConfig;
-use crate::train::scene::engine::SceneEngine;
+use crate::train::scene::engine;
+use crate::train::scene::learner::SceneLearner;
 use std::sync::Arc;
 
 /// A configuration after its frames.
@@ -66,7 +67,7 @@ pub fn n_sweeps(runs: &[SceneRun]) -> usize {
 /// One engine and what it needed.
 struct TrainedSums {
     config: SceneConfig,
-    engine: SceneEngine,
+    engine: Box<dyn SceneLearner>,
     train_ms: Vec<f64>,
 }
 
@@ -81,20 +82,21 @@ fn train_alike(
     let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
         if !courses.iter().any(|course| course.has_sums_of(run)) {
-            let engine = SceneEngine::new(&run.engine, surface.origin);
+            let engine = engine::begin(&run.engine, surface.origin);
             courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
         }
     }
     let mut prepare_ms = Vec::with_capacity(plan.frames.len());
     let mut first_problem = None;
-    let preparation = Preparation::Surfaces(Box::new(surface.clone()));
-    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, preparation)?;
+    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, surface.clone())?;
     while let Some(frame) = prefetch.next_frame() {
         match frame.result {
             Ok(prepared) => {
                 prepare_ms.push(prepared.prepare_ms);
-                courses.iter_mut().for_each(|course| course.learn(&prepared.material));
-                prefetch.recycle(prepared.material);
+                for course in &mut courses {
+                    course.learn(&prepared.observation)?;
+                }
+                prefetch.recycle(prepared.observation);
             }
             Err(problem) => drop(first_problem.get_or_insert(problem)),
         }
@@ -123,9 +125,8 @@ impl TrainedSums {
         SceneConfig { native: self.config.native, ..run.engine.clone() } == self.config
     }
 
-    fn learn(&mut self, material: &Material) {
-        if let Material::Surfaces(frame) = material {
-            self.train_ms.push(self.engine.train(frame).ms.train);
-        }
+    fn learn(&mut self, frame: &Observation) -> Result<(), BenchError> {
+        self.train_ms.push(self.engine.learn(frame)?.ms.train);
+        Ok(())
     }
 }

@@ -3,7 +3,7 @@
 //!
 //! A part is a change that does without it, applied to the preset; a row whose change alters
 //! nothing on a dataset is left out. Constants of the changes are those of the recipe's own
-//! ablation (`accuracy.md` 5), so that rows can be held against it.
+//! ablation (`scene.md`, What each part brings), so that rows can be held against it.
 
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
@@ -44,7 +44,7 @@ pub struct SceneVariant {
 /// A part of the preset and how to do without it.
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
-/// In the order of `accuracy.md` 5.
+/// In the order of the table (`scene.md`, What each part brings).
 const PARTS: [PresetChange; 11] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
@@ -79,7 +79,7 @@ const CHANGES: [PresetChange; 7] = [
     ("sums in f64", |run| run.engine.sums = SumForm::F64),
 ];
 
-/// What is added to 8-bit ray depth as decoded (`accuracy.md` 2, step 2), world units.
+/// What is added to 8-bit ray depth as decoded (`dataset.md`, Sensors), world units.
 const INVERSE8_OFFSET: f64 = 0.004;
 
 /// Neither the colour camera nor what is known of the depth's bias.
@@ -94,8 +94,8 @@ fn uncalibrated(run: &mut SceneRun) {
     }
 }
 
-/// Row 0 of `accuracy.md` 5: every component with at least 30 points is drawn with opacity 0.95, as
-/// a plain Gaussian.
+/// The first row (`pipeline.md`, Accuracy bench): every component with at least 30 points is drawn
+/// with opacity 0.95, as a plain Gaussian.
 fn constant_opacity(run: &mut SceneRun) {
     let native = &mut run.engine.native;
     native.opacity = DensityOpacity { tau: 0.95, rho0: 1e-12, doubt: 1.0, least: 0.0 };
@@ -110,7 +110,7 @@ fn opacity_of_count(run: &mut SceneRun) {
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
 }
 
-/// The thresholds of row 1 of `accuracy.md` 5, where the sensor's are tighter.
+/// Looser thresholds (`dataset.md`, Tried and dropped), where the sensor's are tighter.
 fn loose_inliers(run: &mut SceneRun) {
     if run.surface.sensor == Sensor::Inverse8Ray {
         run.surface.thresholds =

@@ -1,10 +1,10 @@
 //! NeRF-synthetic: `transforms_SPLIT.json` with one field of view, RGBA images, depth beside them
 //! as `STEM_depth_NNNN.png`.
 //!
-//! 8-bit depth holds `8·(1 − d/255)` units along the ray (`model.md` 13); 16-bit depth is along
-//! the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. Training
-//! range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it, else
-//! the `[−1, 1]³` that NeRF-synthetic scenes are made for.
+//! 8-bit depth holds `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings); 16-bit
+//! depth is along the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per
+//! step. Training range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the
+//! file has it, else the `[−1, 1]³` that NeRF-synthetic scenes are made for.
 
 use super::candidate::{Candidate, Candidates};
 use super::{Format, Parsed, check_intrinsics, is_sane_field_of_view};
@@ -160,8 +160,8 @@ impl FrameList {
         Ok(Candidates { split: self.split.clone(), frames })
     }
 
-    /// `rendering.md` (a): focal length from the field of view, centred principal point, unless
-    /// the file gives them in pixels.
+    /// Intrinsics (`dataset.md`, Frames of reference): focal length from the field of view, centred
+    /// principal point, unless the file gives them in pixels.
     fn intrinsics(&self, width: u32, height: u32) -> Result<Intrinsics, DatasetError> {
         let mut k = match (self.number("camera_angle_x")?, self.number("fl_x")?) {
             (_, Some(fx)) => {

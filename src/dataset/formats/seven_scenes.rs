@@ -30,7 +30,7 @@ const SPLIT_SUFFIX: &str = "Split.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
 /// Millimetres.
 const DEPTH_UNIT: f64 = 0.001;
-/// Metres; outside, the sensor's depth is not used for training (`accuracy.md` 2, step 1).
+/// Metres; outside, the sensor's depth is not used for training (`dataset.md`, Depth encodings).
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 /// The dataset's published intrinsics, for images of 640×480 only.

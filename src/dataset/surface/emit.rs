@@ -1,4 +1,4 @@
-//! Fitted pixels to points (`accuracy.md` 2, steps 4 to 7).
+//! Fitted pixels to points (`dataset.md`, Surface points).
 
 use super::fates::PixelFate;
 use super::fit::Fitted;
@@ -138,7 +138,7 @@ impl<'a> Emitter<'a> {
         })
     }
 
-    /// Step 5. Turned away from the camera, so that the product with the ray is what remains of
+    /// Turned away from the camera, so that the product with the ray is what remains of
     /// the inverse depth itself.
     #[inline(always)]
     fn tilt(&self, fitted: &Fitted, place: usize, ray: Vec3) -> Tilt {

@@ -44,6 +44,22 @@ pub struct SurfaceCounts {
     pub dropped_no_color: usize,
 }
 
+/// In words, without those that made points.
+impl std::fmt::Display for SurfaceCounts {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{} holes, {} flying, {} at a slant, {} out of range, {} transparent, {} outside the colour image",
+            self.holes,
+            self.dropped_flying,
+            self.dropped_slant,
+            self.dropped_range,
+            self.dropped_alpha,
+            self.dropped_no_color
+        )
+    }
+}
+
 impl SurfaceCounts {
     /// Counts the pixels of a frame.
     pub fn of(fates: &[PixelFate]) -> Self {

@@ -1,4 +1,4 @@
-//! The robust plane fit, eight pixels at a time (`accuracy.md` 2, steps 3 and 4).
+//! The robust plane fit, eight pixels at a time (`dataset.md`, Plane fit).
 //!
 //! Inverse depths are taken relative to the pixel's own and in units of `q / z²`: thresholds are
 //! then the same for every pixel, and f32 loses nothing to the depth itself. The sums of the normal

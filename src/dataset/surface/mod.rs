@@ -1,5 +1,5 @@
-//! Frames to observations (`accuracy.md` 2): a robust plane is fitted around every pixel in inverse
-//! depth, pixels that no plane explains are dropped, the others take its depth and normal.
+//! Frames to observations (`dataset.md`, Plane fit): a robust plane is fitted around every pixel in
+//! inverse depth, pixels that no plane explains are dropped, the others take its depth and normal.
 
 pub mod fates;
 pub mod oracle;
@@ -40,6 +40,22 @@ const TILE: usize = 8;
 const LENGTHS: RangeInclusive<f64> = 1e-9..=1e9;
 
 /// Turns frames into observations; keeps its scratch memory between frames.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
+/// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+/// use vbgs_studio::observation::surface::Observation;
+///
+/// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
+/// let room = synthetic::dataset(&small)?;
+/// let mut seen = Observation::empty();
+/// let settings = SurfaceSettings::new(&room, DVec3::ZERO);
+/// let counts = Preparer::new().prepare(&room.load(0, 0)?, &settings, &mut seen)?;
+/// assert_eq!(seen.points.len(), counts.kept);
+/// assert_eq!(counts.kept + counts.holes + counts.dropped(), 32 * 24);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Preparer {
     isa: Isa,

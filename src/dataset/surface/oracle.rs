@@ -1,5 +1,5 @@
 //! The slow, plain preparation that the fast one is measured against: f64, pixel by pixel, straight
-//! from the text of `accuracy.md` 2. It shares no arithmetic with the fast path.
+//! from the text (`dataset.md`, Plane fit). It shares no arithmetic with the fast path.
 
 use super::occluders::CELL;
 use super::sensor::{Profile, Thresholds};

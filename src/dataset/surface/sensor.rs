@@ -24,10 +24,10 @@ const CURVATURE: f64 = 1.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sensor {
-    /// NeRF-synthetic's 8-bit depth along the ray (`accuracy.md` 2): quantisation of one code, and
-    /// a bias of an eighth of it.
+    /// NeRF-synthetic's 8-bit depth along the ray (`dataset.md`, Sensors): quantisation of one
+    /// code, and a bias of an eighth of it.
     Inverse8Ray,
-    /// Structured light, metres (`accuracy.md` 2).
+    /// Structured light, metres (`dataset.md`, Sensors).
     Kinect,
     /// Time of flight in phones and tablets, metres: good to a centimetre on large surfaces
     /// (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9), growing with distance;
@@ -54,7 +54,7 @@ pub struct NoiseLaw {
 }
 
 /// Thresholds of the plane fit, all but the cosine in units of the noise half-width
-/// (`accuracy.md` 2, steps 3, 4 and 6).
+/// (`dataset.md`, Sensors).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
     /// Largest residual of a neighbour that takes part.
@@ -78,7 +78,7 @@ pub struct Profile {
     pub steepness: f64,
     /// Thresholds of the plane fit.
     pub thresholds: Thresholds,
-    /// How far measured and modelled depth may differ (`accuracy.md` 3, steps 2 and 4).
+    /// How far measured and modelled depth may differ (`dataset.md`, Sensors).
     pub tolerance: DepthTolerance,
 }
 

@@ -110,6 +110,17 @@ pub fn demo() -> Result<Dataset, ParamsError> {
 }
 
 /// A dataset whose frames are rendered when they are loaded.
+///
+/// ```
+/// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+///
+/// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
+/// let room = synthetic::dataset(&small)?;
+/// let frame = room.load(room.training_split()?, 0)?;
+/// assert_eq!((frame.color.width, frame.color.height), (32, 24));
+/// assert!(frame.depth_z().is_some_and(|z| z.data.iter().all(|&z| z > 0.0)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
     let Plan { scene, splits } = Plan::new(params)?;
     let intrinsics = scene.intrinsics();

@@ -1,4 +1,4 @@
-//! Centres as a coloured point cloud (`export.md` 2).
+//! Centres as a coloured point cloud (`export.md`, Point cloud).
 
 use super::write::{end_header, header_start, push_property, turn};
 use crate::export::error::Fault;

@@ -1,4 +1,4 @@
-//! The Dirichlet law of the mixture weights (`model.md` 5, 12).
+//! The Dirichlet law of the mixture weights (`model.md`, Dirichlet).
 
 use crate::math::special::{digamma, ln_gamma};
 

@@ -1,4 +1,4 @@
-//! The Normal-Wishart law of one Gaussian block (`model.md` 3, 5, 12), D = 3.
+//! The Normal-Wishart law of one Gaussian block (`model.md`, Normal-Wishart), D = 3.
 
 use crate::math::special::{mv_digamma3, mv_ln_gamma3};
 use crate::math::sym3::Sym3;
@@ -84,7 +84,7 @@ impl Niw {
             + mv_ln_gamma3(0.5 * self.nu)
     }
 
-    /// `KL(self ‖ other)` (`model.md` 12).
+    /// `KL(self ‖ other)` (`model.md`, Divergences).
     pub fn kl(&self, other: &Self) -> f64 {
         let (q, p) = (self, other);
         let ratio = p.kappa / q.kappa;

@@ -1,9 +1,9 @@
-//! Posterior of a component in the cancellation-free form (`model.md` 8), and its splat.
+//! Posterior of a component in the cancellation-free form (`model.md`, Posterior), and its splat.
 //!
 //! The textbook form `U⁻¹ = U₀⁻¹ + Σ s sᵀ − κ m mᵀ` subtracts numbers of the size of squared
 //! coordinates to leave a prior of 4e-15; centred sums never form them. Nothing of the posterior
-//! feeds back into training (`model.md` 1): it is found on demand, for what is drawn, stored or
-//! shown.
+//! feeds back into training (`model.md`, Three models): it is found on demand, for what is drawn,
+//! stored or shown.
 
 use super::prior::Hyper;
 use super::statistics::Moments;
@@ -14,6 +14,21 @@ use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Posterior parameters of one component, normalised coordinates.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::sym3::Sym3;
+/// use vbgs_studio::model::conjugate::posterior::ComponentPosterior;
+/// use vbgs_studio::model::conjugate::prior::Hyper;
+/// use vbgs_studio::model::conjugate::statistics::Moments;
+///
+/// let moments = Moments { count: 4.0, second: Sym3::diagonal(4.0), ..Moments::default() };
+/// let hyper = Hyper::paper(100, 100.0);
+/// let posterior = ComponentPosterior::new(&hyper, DVec3::ZERO, &moments);
+/// assert_eq!(posterior.nu_space, 9.0);
+/// // The scatter over N + 1.
+/// assert!((posterior.expected_covariance().xx - 0.8).abs() < 1e-6);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComponentPosterior {
     /// `N_k`, the sum of responsibilities of the points received.
@@ -79,8 +94,8 @@ impl ComponentPosterior {
     }
 
     /// Standard deviation of the mean's position in world units, `√(tr(A E[Σ^s] A) / κ)`: under the
-    /// normal-inverse-Wishart law of `model.md` 8 the mean, given `Σ`, has the covariance `Σ/κ`, so
-    /// `E[Σ]/κ` is its covariance altogether; `A` holds the world units per axis.
+    /// normal-inverse-Wishart law (`model.md`, Posterior) the mean, given `Σ`, has the covariance
+    /// `Σ/κ`, so `E[Σ]/κ` is its covariance altogether; `A` holds the world units per axis.
     pub fn mean_deviation(&self, normalization: &Normalization) -> f64 {
         (self.world_covariance(normalization).trace() / self.kappa_space).sqrt()
     }
@@ -103,7 +118,21 @@ fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
     Sym3::from_mat3(rebuilt)
 }
 
-/// How a posterior becomes splats (`export.md` 0).
+/// How a posterior becomes splats (`model.md`, From posterior to splat).
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::normalization::Normalization;
+/// use vbgs_studio::model::conjugate::posterior::{ComponentPosterior, Conversion};
+/// use vbgs_studio::model::conjugate::prior::Hyper;
+/// use vbgs_studio::model::conjugate::statistics::Moments;
+///
+/// let hyper = Hyper::paper(100, 100.0);
+/// let unused = ComponentPosterior::new(&hyper, DVec3::ZERO, &Moments::default());
+/// let world = Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE);
+/// assert_eq!(Conversion::right().splat(&unused, &world).opacity, 0.0);
+/// assert_eq!(Conversion::legacy().splat(&unused, &world).opacity, 0.95);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Conversion {
     /// Decomposition of the covariance.
@@ -134,7 +163,7 @@ impl Conversion {
         }
     }
 
-    /// The reference exporter, quirks 3, 16, 17 and 18 of `model.md` included.
+    /// The reference exporter with its quirks (`model.md`, Quirks of the reference).
     pub fn legacy() -> Self {
         Self {
             form: CovarianceForm::LegacyCholesky,

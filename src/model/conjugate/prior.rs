@@ -1,4 +1,4 @@
-//! Hyper-parameters (`model.md` 4) and the constants of the E-step they imply.
+//! Hyper-parameters (`model.md`, Hyper-parameters) and the constants of the E-step they imply.
 
 use crate::math::special::mv_digamma3;
 use serde::{Deserialize, Serialize};
@@ -9,6 +9,14 @@ const NU0: f64 = 5.0;
 const D: f64 = 3.0;
 
 /// Everything the prior and the initial model fix before the first point is seen.
+///
+/// ```
+/// use vbgs_studio::model::conjugate::prior::Hyper;
+///
+/// let hyper = Hyper::paper(2000, 2000.0);
+/// assert_eq!(hyper.expected_precision_space(), 4.5e11);
+/// assert_eq!(hyper.expected_precision_color(), 5e8);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hyper {
     /// Number of components `K` (the paper's N).
@@ -49,8 +57,8 @@ impl Hyper {
 
     /// Hyper-parameters of a scene of structural scale `h` (world units), for sums in world units
     /// about the seeds. The prior of the covariance is two points of standard deviation 0.3 h
-    /// (`accuracy.md` 3, Export). How many components there will be is not known, so each counts as
-    /// one before it has points.
+    /// (`model.md`, Scene splat rule). How many components there will be is not known, so each
+    /// counts as one before it has points.
     pub fn scene(h: f64) -> Self {
         let prior_scatter = 2.0 * (0.3 * h).powi(2);
         Self {
@@ -93,7 +101,7 @@ impl Hyper {
 mod tests {
     use super::*;
 
-    /// The check values of `model.md` section 5.
+    /// The check values of `model.md`, Expectations.
     #[test]
     fn constants_match_the_specification() {
         for (components, expected) in

@@ -5,7 +5,7 @@ use crate::math::sym3::Sym3;
 use glam::DVec3;
 
 /// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), where
-/// `d = s − m_k` (`model.md` 7 and 15).
+/// `d = s − m_k` (`model.md`, Sufficient statistics).
 pub const N_SUMS: usize = 13;
 
 /// Sums of one component over one tile of points, not yet rounded to the form of the totals.
@@ -44,6 +44,17 @@ pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]
 }
 
 /// Statistics of one component in f64, still centred about its initial mean.
+///
+/// ```
+/// use vbgs_studio::model::conjugate::statistics::{Moments, N_SUMS, add_point};
+///
+/// let mut sums = [0.0f64; N_SUMS];
+/// add_point(&mut sums, 1.0, [0.1, 0.0, 0.0], [0.5; 3]);
+/// add_point(&mut sums, 1.0, [-0.1, 0.0, 0.0], [0.5; 3]);
+/// let moments = Moments::from_sums(sums);
+/// assert_eq!((moments.count, moments.first.x), (2.0, 0.0));
+/// assert!((moments.second.xx - 0.02).abs() < 1e-15);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
     /// `N_k = Σ r`.

@@ -23,6 +23,17 @@ pub enum AddError {
 }
 
 /// The sum of two totals of equal form and length.
+///
+/// ```
+/// use vbgs_studio::model::paper::merging::add;
+/// use vbgs_studio::model::paper::state::Totals;
+/// use vbgs_studio::model::conjugate::statistics::N_SUMS;
+///
+/// let of = |quanta| Totals::Fixed128(vec![[quanta; N_SUMS]]);
+/// assert_eq!(add(&of(2), &of(3)), Ok(of(5)));
+/// let rounded = Totals::F32(vec![[2.0; N_SUMS]]);
+/// assert!(add(&rounded, &rounded).is_err());
+/// ```
 pub fn add(a: &Totals, b: &Totals) -> Result<Totals, AddError> {
     match (a, b) {
         (

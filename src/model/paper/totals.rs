@@ -5,10 +5,10 @@
 //! id, so that threads can add without sharing a row; a row begins a cache line, with the stamp of
 //! the frame in front, where it is read together with the first sums.
 //!
-//! Tried and dropped (`engine.md` 6): private accumulators in every thread (1.2 to 1.9 ms a frame
-//! before they are merged, where records and their addition take 0.9 to 1.4), sorting the points by
-//! component (1.6 to 1.9 ms), and floating-point sums without an order, which give other bits in
-//! every run.
+//! Tried and dropped (`train.md`, Tried and dropped): private accumulators in every thread (1.2 to
+//! 1.9 ms a frame before they are merged, where records and their addition take 0.9 to 1.4),
+//! sorting the points by component (1.6 to 1.9 ms), and floating-point sums without an order, which
+//! give other bits in every run.
 
 use super::state::{Carry, Totals};
 use super::total_scalar::TotalScalar;

@@ -1,6 +1,7 @@
 //! The scene model: components anchored at fixed seeds, with additive statistics that carry more
 //! than a mixture's: normals, view directions, and how often a component was seen
-//! (`accuracy.md` 3). The NIW and Dirichlet posteriors of `posterior` follow from a part of them.
+//! (`model.md`, Scene sums). The NIW and Dirichlet posteriors of `posterior` follow from a part of
+//! them.
 
 pub mod merging;
 pub mod opacity;

@@ -1,5 +1,5 @@
 //! From sums to what renderers draw: a splat with a flat top, a colour gradient and a colour that
-//! depends on the direction it is seen from (`accuracy.md` 3, Export).
+//! depends on the direction it is seen from (`model.md`, Scene splat rule).
 
 use super::opacity::{DensityOpacity, early};
 use super::sums::{SceneSums, outer};

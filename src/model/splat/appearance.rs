@@ -1,4 +1,5 @@
-//! What a scene's splats carry beyond position, shape and one colour (`rendering.md` (h)).
+//! What a scene's splats carry beyond position, shape and one colour (`rendering.md`, Native
+//! appearance).
 //!
 //! Appearance lies beside the splats, not in them: plain splats, which files of other programs
 //! hold, take no memory for it.

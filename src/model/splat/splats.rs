@@ -8,13 +8,22 @@ use crate::math::sym3::{Sym3, rotation_quaternion};
 use glam::{DMat3, DQuat, DVec3};
 
 /// One Gaussian splat in world units.
+///
+/// ```
+/// use vbgs_studio::model::splat::splats::Splat;
+///
+/// let disc = Splat { opacity: 0.9, scale: [0.2, 0.1, 0.01], ..Splat::default() };
+/// assert!(disc.is_drawable());
+/// assert!((disc.covariance().xx - 0.04).abs() < 1e-8);
+/// assert!(!Splat::default().is_drawable(), "an empty slot");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct Splat {
     /// Centre, world units.
     pub mean: [f32; 3],
-    /// Peak opacity: in `[0, 1]`, or up to 3 for a flat top (`rendering.md` (h)). 0 marks an empty
-    /// slot that no renderer draws.
+    /// Peak opacity: in `[0, 1]`, or up to 3 for a flat top (`rendering.md`, Native appearance). 0
+    /// marks an empty slot that no renderer draws.
     pub opacity: f32,
     /// sRGB-encoded colour in `[0, 1]`.
     pub color: [f32; 3],
@@ -24,7 +33,7 @@ pub struct Splat {
     pub rotation: [f32; 4],
 }
 
-/// How a covariance becomes scales and a rotation (`export.md` 0).
+/// How a covariance becomes scales and a rotation (`model.md`, From posterior to splat).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CovarianceForm {

@@ -1,6 +1,7 @@
 //! Settings a user gives beside a checkpoint: they must be the ones the run was begun with.
 
-use super::{RunError, SavedRun};
+use super::error::RunError;
+use super::saved::SavedRun;
 use crate::dataset::LoadOptions;
 use crate::pipeline::plan::{Order, Shard};
 use crate::pipeline::settings::method::Method;

@@ -1,7 +1,7 @@
 //! The settings of a model: the paper's or the scene's.
 
 use super::scene::{SceneOverrides, SceneRun};
-use crate::dataset::calibration::ColorCamera;
+use crate::pipeline::preset::AnyPreset;
 use crate::train::paper::config::{PaperConfig, Preset};
 use serde::{Deserialize, Serialize};
 
@@ -24,19 +24,11 @@ impl Method {
         }
     }
 
-    /// Seed of every random stream.
-    pub fn seed(&self) -> u64 {
+    /// Settings of either preset, for what does not depend on which it is.
+    pub fn any(&self) -> &dyn AnyPreset {
         match self {
-            Self::Paper(config) => config.seed,
-            Self::Scene(run) => run.seed,
-        }
-    }
-
-    /// The camera that photographs were taken by; `None` if the one that measured depth.
-    pub fn color_camera(&self) -> Option<ColorCamera> {
-        match self {
-            Self::Paper(_) => None,
-            Self::Scene(run) => run.surface.calibration.as_ref()?.color_camera,
+            Self::Paper(config) => config,
+            Self::Scene(run) => &**run,
         }
     }
 }

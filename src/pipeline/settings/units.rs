@@ -50,6 +50,15 @@ impl From<StructuralScale> for String {
 }
 
 /// Most components of a scene.
+///
+/// ```
+/// use vbgs_studio::pipeline::settings::scene::Budget;
+///
+/// assert_eq!("25000".parse(), Ok(Budget::Components(25_000)));
+/// assert!("5MB".parse::<Budget>()?.components() > 20_000);
+/// assert!("much".parse::<Budget>().is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum Budget {

@@ -1,8 +1,9 @@
 //! The CPU renderer: evaluation everywhere, and the viewport where no real GPU exists.
 //!
-//! Four stages (`rendering.md` (e)): prepare (parallel), radix sort by depth, list splats per row of
-//! tiles, rasterise (one task per row of tiles). A tile is drawn by one thread from one sorted list,
-//! so an image has the same bits for any number of threads; every instruction set gives them too.
+//! Four stages (`rendering.md`, CPU renderer): prepare (parallel), radix sort by depth, list splats
+//! per row of tiles, rasterise (one task per row of tiles). A tile is drawn by one thread from one
+//! sorted list, so an image has the same bits for any number of threads; every instruction set
+//! gives them too.
 
 mod bounds;
 mod buckets;

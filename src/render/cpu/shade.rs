@@ -1,4 +1,4 @@
-//! What colour a splat has in a view (`rendering.md` (h)), once per splat.
+//! What colour a splat has in a view (`rendering.md`, Native appearance), once per splat.
 
 use super::conic::Tangent;
 use super::record::Gradient;

@@ -1,4 +1,4 @@
-//! Blending sorted splats into one tile (`rendering.md` (b) 6 to 8, (c), (e) 4, (h)).
+//! Blending sorted splats into one tile (`rendering.md`, Blending).
 
 use super::lanes::exp2;
 use super::record::{Frame, Gradient, Record, Records};
@@ -299,7 +299,7 @@ fn respond<V: Vector>(
     }
 }
 
-/// One channel of the colour with its gradient (`rendering.md` (h)).
+/// One channel of the colour with its gradient (`rendering.md`, Native appearance).
 #[inline(always)]
 fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
     let [x, y] = gradient.across[channel];

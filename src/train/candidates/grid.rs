@@ -1,4 +1,4 @@
-//! A uniform grid over the initial spatial means (`engine.md` section 3).
+//! A uniform grid over the initial spatial means (`train.md`, Grid of means).
 //!
 //! Cells are filled by a counting sort, stable by id, so that a row of cells is one span of memory
 //! and ties fall to the lower id. Bounds are quantiles of a sample: one stray mean must not stretch

@@ -7,9 +7,9 @@
 //! `benches/candidates.rs` tries (10 to 10⁵ means, 1 to 1024 neighbours), so nothing switches to
 //! it.
 //!
-//! Tried and dropped (`engine.md` 11): insertion with branches or blends (the kernel takes twice as
-//! long); chunks of 8 points; bounds for a whole tile (99 candidates instead of 57); finer grids
-//! where means crowd (a tenth, on such data only).
+//! Tried and dropped (`train.md`, Tried and dropped): insertion with branches or blends (the kernel
+//! takes twice as long); chunks of 8 points; bounds for a whole tile (99 candidates instead of 57);
+//! finer grids where means crowd (a tenth, on such data only).
 
 mod columns;
 mod error;

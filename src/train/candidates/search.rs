@@ -1,4 +1,4 @@
-//! Exact nearest means of all points of a tile at once (`engine.md` section 4).
+//! Exact nearest means of all points of a tile at once (`train.md`, Candidate search).
 //!
 //! What the means near a tile have in common is found once: a list of all that can be among the
 //! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from

@@ -1,4 +1,5 @@
-//! The hot path: search, E-step and sums of a tile in one go, in f32 (`engine.md` 4–6).
+//! The hot path: search, E-step and sums of a tile in one go, in f32 (`train.md`, Candidate search,
+//! and what follows it).
 //!
 //! A point's nearest component wins outright where no other can come within 40 nats of it, which a
 //! lower bound on the second distance proves for nearly all points; only the others are ranked and
@@ -17,8 +18,8 @@ use crate::observation::points::Points;
 use crate::train::candidates::{
     Among, CHUNK, CandidateSearch, Columns, Lists, MeanGrid, Nearest, VisitChunk,
 };
+use crate::train::component_elbo::{NOBODY, largest};
 use crate::train::estep::{Scoring, squared_distance};
-use crate::train::ownership::{NOBODY, largest};
 use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
 

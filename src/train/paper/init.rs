@@ -1,4 +1,4 @@
-//! Initial means and weights (`model.md` 11).
+//! Initial means and weights (`train.md`, Initial means).
 
 use crate::math::real::Real;
 use crate::math::rng::{Purpose, Rng};
@@ -11,6 +11,14 @@ const HALF_WIDTH: f64 = 1.7;
 const NOISE: f64 = 0.025;
 
 /// Means and Dirichlet parameters of the initial model.
+///
+/// ```
+/// use vbgs_studio::train::paper::init::InitialDraw;
+///
+/// let draw = InitialDraw::random(10, 3);
+/// assert_eq!((draw.means.len(), draw.alpha.len()), (10, 10));
+/// assert_eq!(draw.means, InitialDraw::random(10, 3).means);
+/// ```
 #[derive(Clone, Debug)]
 pub struct InitialDraw {
     /// Rows `[s, c]`, normalised.

@@ -1,5 +1,5 @@
 //! The published algorithm: candidate search, E-step, statistics, update and reassignment
-//! (`model.md` 6–10). The pass over the points changes no shared state; only the final addition of
+//! (`train.md`, Stages of a frame). The pass over the points changes no shared state; only the final addition of
 //! its records does, and that cannot fail: a frame is applied whole or not at all.
 
 pub mod config;
@@ -7,6 +7,7 @@ pub mod engine;
 mod fused;
 pub mod index;
 pub mod init;
+pub mod learner;
 pub mod pass;
 mod plain;
 pub mod reassign;

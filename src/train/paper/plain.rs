@@ -16,8 +16,8 @@ use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
 use crate::model::paper::mixture::InitialModel;
 use crate::observation::points::Points;
 use crate::train::candidates::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
+use crate::train::component_elbo::largest;
 use crate::train::estep::Scoring;
-use crate::train::ownership::largest;
 use std::num::NonZero;
 use std::ops::Range;
 

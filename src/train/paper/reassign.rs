@@ -1,4 +1,4 @@
-//! Moving unused components onto badly explained points (`model.md` 10).
+//! Moving unused components onto badly explained points (`train.md`, Reassignment).
 //!
 //! The worst points are found by a histogram over the leading bits of their scores and one
 //! selection within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
@@ -128,9 +128,9 @@ impl DestinationChooser {
         }
     }
 
-    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
-    /// of drawing one after the other with probabilities `p_i` of what is left (`engine.md` 8).
-    /// Those of probability zero come last, in uniform order.
+    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law of
+    /// drawing one after the other with probabilities `p_i` of what is left (`train.md`, Sampling
+    /// without replacement). Those of probability zero come last, in uniform order.
     fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
         let of = |point: u32| q[point as usize];

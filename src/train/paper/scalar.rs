@@ -10,6 +10,9 @@ pub trait PaperScalar: Real {
     /// The points, if they are kept in f32.
     fn narrow_points(points: &Points<Self>) -> Option<&Points<f32>>;
 
+    /// A frame's points in this precision, in `memory` where they have to be widened.
+    fn points<'a>(points: &'a Points<f32>, memory: &'a mut Points<Self>) -> &'a Points<Self>;
+
     /// The model, if it is kept in f32.
     fn narrow_model(model: &InitialModel<Self>) -> Option<&InitialModel<f32>>;
 
@@ -23,6 +26,10 @@ pub trait PaperScalar: Real {
 impl PaperScalar for f32 {
     fn narrow_points(points: &Points<f32>) -> Option<&Points<f32>> {
         Some(points)
+    }
+
+    fn points<'a>(points: &'a Points<f32>, _: &'a mut Points<f32>) -> &'a Points<f32> {
+        points
     }
 
     fn narrow_model(model: &InitialModel<f32>) -> Option<&InitialModel<f32>> {
@@ -41,6 +48,11 @@ impl PaperScalar for f32 {
 impl PaperScalar for f64 {
     fn narrow_points(_: &Points<f64>) -> Option<&Points<f32>> {
         None
+    }
+
+    fn points<'a>(points: &'a Points<f32>, memory: &'a mut Points<f64>) -> &'a Points<f64> {
+        points.cast_into(memory);
+        memory
     }
 
     fn narrow_model(_: &InitialModel<f64>) -> Option<&InitialModel<f32>> {

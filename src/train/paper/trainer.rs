@@ -15,9 +15,10 @@ use crate::model::paper::state::ModelState;
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
+use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
 use crate::train::outcome::FrameOutcome;
-use crate::train::ownership::Ownership;
+use crate::train::stages::{PAPER_STAGES, PaperStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 
@@ -33,8 +34,7 @@ pub struct PaperTrainer<R: PaperScalar> {
     pass: Pass,
     /// Effective distance of every point of the last frame.
     q: Vec<f64>,
-    /// Kept only while somebody asks for it.
-    ownership: Option<Ownership>,
+    component_elbo: ComponentElbo,
     chooser: DestinationChooser,
     moves: Vec<(u32, u32)>,
     /// Positions and colours that components of a reassignment came from, should it fail.
@@ -55,6 +55,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         draw: &InitialDraw,
     ) -> Result<Self, IndexError> {
         let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
+        let scoring = Scoring::new(&hyper);
         let is_padded = config.reassign == ReassignPolicy::Padded;
         let chooser = if is_padded {
             DestinationChooser::padded(config)
@@ -65,11 +66,11 @@ impl<R: PaperScalar> PaperTrainer<R> {
             config: config.clone(),
             hyper,
             index: Index::new(&model, config.index)?,
-            scoring: Scoring::new(&hyper),
+            scoring,
             statistics: Statistics::new(model.len(), config.operations.update),
             pass: Pass::default(),
             q: Vec::new(),
-            ownership: None,
+            component_elbo: ComponentElbo::new(scoring),
             moves: Vec::new(),
             displaced: Vec::new(),
             alpha_init: draw.alpha.clone(),
@@ -84,7 +85,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     /// has moved.
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
-        let mut ms = StageMs::default();
+        let mut ms = StageMs::new(&PAPER_STAGES);
         let reassigned = match self.config.reassign {
             ReassignPolicy::Off => {
                 self.fit(points, &mut ms);
@@ -107,7 +108,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.frames += 1;
         let (learnt, elbo_mean) = self.mean_elbo();
         ms.train = wall.elapsed_ms();
-        Ok(FrameOutcome { points: learnt, elbo_mean, reassigned, ms })
+        Ok(FrameOutcome { points: learnt, elbo_mean, reassigned, ms, ..FrameOutcome::default() })
     }
 
     /// Candidates of the pass that scores points before the fit.
@@ -122,10 +123,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
         let mut clock = Stopwatch::start();
         self.pass.commit(&mut self.statistics, self.config.operations.moments);
-        if let Some(ownership) = &mut self.ownership {
-            ownership.count(&self.q);
-        }
-        ms.update += clock.lap_ms();
+        self.component_elbo.count(&self.q, self.model.len());
+        ms.add(PaperStage::Update as usize, clock.lap_ms());
     }
 
     fn run_pass(
@@ -146,7 +145,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         };
         let owners = match output {
             Output::Elbo => None,
-            Output::ElboAndSums => self.ownership.as_mut().map(|o| &mut o.owners),
+            Output::ElboAndSums => self.component_elbo.owners(),
         };
         self.pass.run(&inputs, points, output, &mut self.q, owners);
         ms.add_pass(clock.lap_ms(), self.pass.take_stage_nanos());
@@ -169,7 +168,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     /// Before the first fit nothing is unused: the posterior is still the initial model, whose
-    /// weights are not below the prior's (`model.md` 10).
+    /// weights are not below the prior's (`train.md`, Reassignment).
     fn quota(&self) -> Option<Quota> {
         if self.frames == 0 && self.statistics.used() == 0 {
             return None;
@@ -194,7 +193,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         let moved = self.move_components(points, &moves);
         let n = moves.len();
         self.moves = moves;
-        ms.reassign += clock.lap_ms();
+        ms.add(PaperStage::Reassign as usize, clock.lap_ms());
         moved.map(|()| n)
     }
 
@@ -226,29 +225,6 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.q.iter().map(|&q| self.scoring.elbo(q)).collect()
     }
 
-    /// Sums the ELBO of the points of every frame to come by the component with the largest share in
-    /// each. Without it that costs neither time nor memory.
-    pub fn start_component_elbo(&mut self) {
-        self.ownership.get_or_insert_with(|| Ownership::new(self.model.len()));
-    }
-
-    /// Ends what [`Self::start_component_elbo`] began.
-    pub fn stop_component_elbo(&mut self) {
-        self.ownership = None;
-    }
-
-    /// Mean ELBO and number of the points of the last frame that a component has the largest share
-    /// in; `None` if it has none, or if nobody asked before that frame.
-    pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
-        let (q, n) = self.ownership.as_ref()?.of(component)?;
-        Some((self.scoring.elbo(q), n))
-    }
-
-    /// Components that [`Self::component_elbo`] knows of, each once.
-    pub fn components_with_elbo(&self) -> &[u32] {
-        self.ownership.as_ref().map_or(&[], Ownership::ids)
-    }
-
     /// Effective distances of the points of the last frame (see [`Scoring::elbo`]).
     pub fn effective_distances(&self) -> &[f64] {
         &self.q
@@ -261,7 +237,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     /// Scores a frame's points without learning from them; the values are [`PaperTrainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
-        self.run_pass(points, candidates, Output::Elbo, &mut StageMs::default());
+        self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
     }
 
     /// A model that goes on where another stopped after `frames` frames.
@@ -285,6 +261,21 @@ impl<R: PaperScalar> PaperTrainer<R> {
             means: R::means(&self.model.space, &self.model.color),
             totals: self.statistics.state(),
         }
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &PaperConfig {
+        &self.config
+    }
+
+    /// Evidence by component.
+    pub fn component_elbo(&self) -> &ComponentElbo {
+        &self.component_elbo
+    }
+
+    /// See [`Self::component_elbo`].
+    pub fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
+        &mut self.component_elbo
     }
 
     /// Frames learnt.

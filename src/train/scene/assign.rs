@@ -4,7 +4,7 @@
 //! once and compares all with all: straight loops that vectors run through, where a lookup per
 //! point would chase 27 buckets. A group that is torn apart by a depth edge falls back to single
 //! searches. Distance alone decides: normals or colours as further dimensions brought more
-//! components and no better picture (`accuracy.md` 8).
+//! components and no better picture (`scene.md`, Tried and dropped).
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};

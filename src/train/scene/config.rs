@@ -44,6 +44,14 @@ pub enum VisibilityRule {
 }
 
 /// Every setting of the engine that shapes a scene.
+///
+/// ```
+/// use vbgs_studio::train::scene::config::SceneConfig;
+///
+/// assert!(SceneConfig::fine(0.02).check().is_ok());
+/// let error = SceneConfig::fine(f64::NAN).check().err();
+/// assert_eq!(error.map(|e| e.setting), Some("--scale"));
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
     /// Where components are born.
@@ -69,7 +77,7 @@ pub struct SceneConfig {
 }
 
 impl SceneConfig {
-    /// For exact or 8-bit depth, with structural scale `h` (`accuracy.md` 3).
+    /// For exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
     pub fn fine(h: f64) -> Self {
         Self {
             births: BirthRule::Seeds,
@@ -105,7 +113,7 @@ impl SceneConfig {
     }
 
     /// For real depth cameras, whose poses, depth and exposure err more than the structural scale
-    /// resolves (`accuracy.md` 7).
+    /// resolves (`scene.md`, Settings by sensor).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
         let native = SplatRule {

@@ -1,4 +1,4 @@
-//! A frame's exposure against the scene's (`accuracy.md` 7).
+//! A frame's exposure against the scene's (`scene.md`, Gain).
 
 use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;

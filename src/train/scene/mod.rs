@@ -1,12 +1,15 @@
-//! The engine of the scene preset (`accuracy.md` 3): components are born where points have none
-//! within the structural scale, and carry additive statistics about a seed that never moves.
+//! The engine of the scene preset (`scene.md`, Stages of a frame): components are born where points
+//! have none within the structural scale, and carry additive statistics about a seed that never
+//! moves.
 //!
 //! The E-step is the mixture's, truncated to one candidate: the initial model of every component is
 //! isotropic with one common precision about its seed, so the component with the largest
 //! responsibility is the one with the nearest seed.
+#![doc = include_str!("scene.md")]
 
 pub mod config;
 pub mod engine;
+pub mod learner;
 pub mod partition;
 pub mod sum_form;
 pub mod trainer;

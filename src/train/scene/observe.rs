@@ -1,4 +1,5 @@
-//! Which components a frame could see: evidence for and against them (`accuracy.md` 3, step 4).
+//! Which components a frame could see: evidence for and against them (`scene.md`, Visibility
+//! counts).
 
 use super::component_sums::{ComponentSums, SumScalar, Visibility};
 use super::seed_positions::SeedPositions;

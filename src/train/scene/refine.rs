@@ -1,5 +1,5 @@
 //! Depth refinement: a point's most probable place along its ray, given its component as a plane
-//! (`accuracy.md` 3, step 2).
+//! (`scene.md`, Depth refinement).
 
 use super::component_sums::{ComponentSums, SumScalar};
 use crate::observation::surface::SurfacePoint;

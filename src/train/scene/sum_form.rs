@@ -1,9 +1,9 @@
-//! The form in which the sums of a scene's components are kept: settings name it, the engine obeys.
+//! The arithmetic of a scene's sums.
 
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, VariantNames};
 
-/// Arithmetic and storage of the sums of every component.
+/// How sums are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

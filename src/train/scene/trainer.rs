@@ -9,6 +9,7 @@ use super::components::Components;
 use super::config::{BirthRule, SceneConfig, VisibilityRule};
 use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
+use super::learner::SceneLearner;
 use super::merge::merge_down;
 use super::observe::observe;
 use super::refine::shift;
@@ -22,10 +23,14 @@ use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::exposure::{ExposureLog, FrameExposure};
 use crate::model::splat::splats::Splat;
+use crate::model::stored::StoredModel;
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
+use crate::train::candidates::IndexError;
+use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
+use crate::train::learner::{Changed, Learner, LearnerWarning, Learns};
 use crate::train::outcome::FrameOutcome;
-use crate::train::ownership::Ownership;
+use crate::train::stages::{SCENE_STAGES, SceneStage, TrainStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -58,9 +63,10 @@ pub struct SceneTrainer<W> {
     shifts: Vec<f32>,
     /// Squared distance of every point of the last frame from its seed.
     q: Vec<f64>,
-    /// Kept only while somebody asks for it.
-    ownership: Option<Ownership>,
+    component_elbo: ComponentElbo,
     touched: Vec<u32>,
+    /// Whether the last frame changed components that are not among the touched.
+    has_changed_all: bool,
     frames: u64,
     /// Points that found no component so far.
     unassigned: UnassignedPoints,
@@ -74,19 +80,21 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// A scene without components, whose positions are kept relative to `origin` (world units).
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let hyper = Hyper::scene(config.h);
+        let scoring = Scoring::new(&hyper);
         Self {
             config: config.clone(),
             origin,
             hyper,
-            scoring: Scoring::new(&hyper),
+            scoring,
             grid: SeedGrid::new(config.h),
             components: Components::default(),
             component_sums: ComponentSums::default(),
             owners: Vec::new(),
             shifts: Vec::new(),
             q: Vec::new(),
-            ownership: None,
+            component_elbo: ComponentElbo::new(scoring),
             touched: Vec::new(),
+            has_changed_all: false,
             frames: 0,
             unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
@@ -134,7 +142,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Components in the order in which checkpoints hold them. Where components do not depend on the
     /// order of frames, their order does not either.
     fn stored_order(&self) -> Vec<u32> {
-        let mut order: Vec<u32> = (0..self.components() as u32).collect();
+        let mut order: Vec<u32> = (0..self.component_sums.len() as u32).collect();
         if self.config.births.is_order_invariant() {
             let seed = |id: &u32| self.grid.position(*id as usize);
             order.sort_unstable_by(|a, b| seed_order(&seed(a), &seed(b)));
@@ -145,44 +153,53 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Learns from one frame, whole: nothing in it can fail.
     pub fn train(&mut self, frame: &Observation) -> FrameOutcome {
         let wall = Stopwatch::start();
-        let mut ms = StageMs::default();
+        let mut ms = StageMs::new(&SCENE_STAGES);
         let mut clock = Stopwatch::start();
+        let mut lap = |ms: &mut StageMs, stage: SceneStage| ms.add(stage as usize, clock.lap_ms());
         let (moved, camera) = self.moved(frame);
         let points = moved.as_deref().unwrap_or(&frame.points);
-        ms.e_step = clock.lap_ms();
+        lap(&mut ms, SceneStage::Pose);
         self.assign(points);
-        ms.candidates = clock.lap_ms();
-        let births = self.give_birth(points);
-        ms.reassign = clock.lap_ms();
+        lap(&mut ms, SceneStage::Assign);
+        let born = self.give_birth(points);
+        lap(&mut ms, SceneStage::Births);
         let (n_points, elbo_mean) = self.explain(points);
         self.refine(points, frame.tolerance);
         let gain = self.gain(points);
-        ms.e_step += clock.lap_ms();
-        self.component_sums.grow(self.components.n_rows());
-        let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
-        let (h, looks) = (self.config.h, self.config.looks);
-        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
-        accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
-        ms.stats = clock.lap_ms();
-        self.component_sums.spill_to_wide_rows(&self.touched);
-        if looks == VisibilityRule::Projected {
-            observe(&mut self.component_sums, seed_positions, frame, &camera, h);
-        }
-        ms.update = clock.lap_ms();
+        lap(&mut ms, SceneStage::Refine);
+        self.sum_up(points, gain);
+        lap(&mut ms, SceneStage::Stats);
+        self.see(frame, &camera);
+        lap(&mut ms, SceneStage::Visibility);
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
-        let has_merged = self.merge();
-        if has_merged || self.frames.is_multiple_of(EVERYTHING_EVERY) {
-            // Visibility and merging change components without points as well.
-            self.touched.clear();
-            self.touched.extend(0..self.components.n_rows() as u32);
-        }
-        ms.reassign += clock.lap_ms();
+        let merged = self.merge();
+        // Looks and merging change components without points as well.
+        self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
+        lap(&mut ms, SceneStage::Merge);
         ms.train = wall.elapsed_ms();
-        FrameOutcome { points: n_points, elbo_mean, reassigned: births, ms }
+        FrameOutcome { points: n_points, elbo_mean, born, reassigned: 0, merged, ms }
+    }
+
+    /// Adds the points to the sums of their components.
+    fn sum_up(&mut self, points: &[SurfacePoint], gain: [f32; 3]) {
+        self.component_sums.grow(self.components.n_rows());
+        let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
+        let (h, looks) = (self.config.h, self.config.looks);
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
+    }
+
+    /// Counts which components the frame saw, or saw through.
+    fn see(&mut self, frame: &Observation, camera: &Camera) {
+        self.component_sums.spill_to_wide_rows(&self.touched);
+        if self.config.looks == VisibilityRule::Projected {
+            let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+            observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
+        }
     }
 
     /// The frame's points and camera as they stood, if the scene tells better than the recorded pose.
@@ -230,19 +247,18 @@ impl<W: SumScalar> SceneTrainer<W> {
         births.born
     }
 
-    /// Merges components until the budget holds; whether any were. Components of a lattice may not
-    /// depend on when the budget was reached: they are merged when they are drawn.
-    fn merge(&mut self) -> bool {
-        let most = self.config.most;
-        let is_over = self.components.used() > most;
-        if is_over && !self.config.births.is_order_invariant() {
-            // Some less than allowed: merging takes longer than a frame.
-            let target = most - most / 16;
-            let Self { component_sums, components, grid, .. } = self;
-            merge_down(component_sums, components, grid, self.config.h, target);
-            return true;
+    /// Merges components until the budget holds; how many became part of others. Components of a
+    /// lattice may not depend on when the budget was reached: they are merged when they are drawn.
+    fn merge(&mut self) -> usize {
+        let (most, used) = (self.config.most, self.components.used());
+        if used <= most || self.config.births.is_order_invariant() {
+            return 0;
         }
-        false
+        // Some less than allowed: merging takes longer than a frame.
+        let target = most - most / 16;
+        let Self { component_sums, components, grid, .. } = self;
+        merge_down(component_sums, components, grid, self.config.h, target);
+        used - self.components.used()
     }
 
     /// Points that have a component, and the mean of their ELBO under the initial model; 0 without
@@ -254,10 +270,9 @@ impl<W: SumScalar> SceneTrainer<W> {
             id => f64::from(squared_distance(point.position, seed_positions.of(id as usize))),
         };
         points.par_iter().zip(&self.owners).with_min_len(1024).map(q).collect_into_vec(&mut self.q);
-        if let Some(ownership) = &mut self.ownership {
-            ownership.owners.clone_from(&self.owners);
-            ownership.grow(self.components.n_rows());
-            ownership.count(&self.q);
+        if let Some(owners) = self.component_elbo.owners() {
+            owners.clone_from(&self.owners);
+            self.component_elbo.count(&self.q, self.components.n_rows());
         }
         let (sum, n) =
             self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
@@ -298,36 +313,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         if self.config.gain { gain(&self.component_sums, points, &self.owners) } else { [1.0; 3] }
     }
 
-    /// Frames learnt.
-    pub fn frames(&self) -> u64 {
-        self.frames
-    }
-
-    /// Slots of components, in use or free.
-    pub fn components(&self) -> usize {
-        self.component_sums.len()
-    }
-
-    /// Components in use.
-    pub fn used(&self) -> usize {
-        self.components.used()
-    }
-
-    /// Points that found no component so far.
-    pub fn unassigned(&self) -> UnassignedPoints {
-        self.unassigned
-    }
-
-    /// Bytes the model itself occupies.
-    pub fn model_bytes(&self) -> usize {
-        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
-    }
-
-    /// Components that the last frame changed, ascending.
-    pub fn touched(&self) -> &[u32] {
-        &self.touched
-    }
-
     /// Everything a component has received, world units about its seed.
     pub fn sums(&self, id: usize) -> SceneSums {
         SceneSums::new(&self.component_sums.sums(id), self.config.h)
@@ -351,30 +336,10 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.config.native = rule;
     }
 
-    /// What renderers draw of a component; an empty slot if nothing.
-    pub fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.config.native.splat(&self.sums(id), &self.splat_context(id))
-    }
-
-    /// What renderers draw of all components; slot `k` is component `k`. Of a lattice that exceeds its
-    /// budget, see [`Self::stored_splats`].
-    pub fn splats(&self) -> SplatSet {
-        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
-    }
-
-    /// The same in the order in which checkpoints hold the components; components of a lattice that
-    /// exceeds its budget are merged in that order until they hold it.
-    pub fn stored_splats(&self) -> SplatSet {
-        match self.within_budget() {
-            Some(merged) => merged.every_splat(),
-            None => self.splats_of(&self.stored_order()),
-        }
-    }
-
     /// The scene of a lattice that exceeds its budget, merged until it holds it.
     fn within_budget(&self) -> Option<Self> {
         let most = self.config.most;
-        if !self.config.births.is_order_invariant() || self.used() <= most {
+        if !self.config.births.is_order_invariant() || self.components.used() <= most {
             return None;
         }
         let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
@@ -384,15 +349,8 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn every_splat(&self) -> SplatSet {
-        let splats = (0..self.components()).into_par_iter().with_min_len(256);
+        let splats = (0..self.component_sums.len()).into_par_iter().with_min_len(256);
         let (splats, appearance) = splats.map(|id| self.splat(id)).unzip();
-        self.set_of(splats, appearance)
-    }
-
-    /// What renderers draw of the listed components, in their order.
-    pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
-        let splats = ids.par_iter().with_min_len(256);
-        let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
         self.set_of(splats, appearance)
     }
 
@@ -402,36 +360,99 @@ impl<W: SumScalar> SceneTrainer<W> {
         let closing = self.config.native.closing as f32;
         SplatSet::new(splats, appearance).finished(Finishing { closing, exposures })
     }
+}
 
-    /// Posterior of a component, world units relative to the scene's origin, colours normalised.
-    /// Its prior mean is the seed (`model.md` 14, quirk 2).
-    pub fn posterior(&self, id: usize) -> ComponentPosterior {
+impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
+    fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
+        Ok(self.train(frame))
+    }
+}
+
+impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
+    fn set_splat_rule(&mut self, rule: SplatRule) {
+        self.config.native = rule;
+    }
+}
+
+impl<W: SumScalar> Learner for SceneTrainer<W> {
+    fn stages(&self) -> &'static [TrainStage] {
+        &SCENE_STAGES
+    }
+
+    fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Slots of components, in use or free.
+    fn components(&self) -> usize {
+        self.component_sums.len()
+    }
+
+    fn used(&self) -> usize {
+        self.components.used()
+    }
+
+    fn changed(&self) -> Changed<'_> {
+        if self.has_changed_all { Changed::All } else { Changed::Listed(&self.touched) }
+    }
+
+    fn changes_unseen(&self) -> bool {
+        true
+    }
+
+    fn model_bytes(&self) -> usize {
+        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
+    }
+
+    /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
+    /// (`model.md`, Quirks of the reference).
+    fn posterior(&self, id: usize) -> ComponentPosterior {
         let moments = self.sums(id).moments();
         let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
         posterior.mean_space += self.seed(id);
         posterior
     }
 
-    /// Sums the ELBO of the points of every frame to come by their component. Without it that costs
-    /// neither time nor memory.
-    pub fn start_component_elbo(&mut self) {
-        self.ownership.get_or_insert_with(|| Ownership::new(self.components.n_rows()));
+    fn splat(&self, id: usize) -> (Splat, Appearance) {
+        self.config.native.splat(&self.sums(id), &self.splat_context(id))
     }
 
-    /// Ends what [`Self::start_component_elbo`] began.
-    pub fn stop_component_elbo(&mut self) {
-        self.ownership = None;
+    /// Of a lattice that exceeds its budget, see [`Self::stored_splats`].
+    fn splats(&self) -> SplatSet {
+        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
     }
 
-    /// Mean ELBO and number of a component's points of the last frame; `None` if it has none, or if
-    /// nobody asked before that frame.
-    pub fn component_elbo(&self, component: usize) -> Option<(f64, u32)> {
-        let (q, n) = self.ownership.as_ref()?.of(component)?;
-        Some((self.scoring.elbo(q), n))
+    /// In the order in which checkpoints hold the components; components of a lattice that exceeds
+    /// its budget are merged in that order until they hold it.
+    fn stored_splats(&self) -> SplatSet {
+        match self.within_budget() {
+            Some(merged) => merged.every_splat(),
+            None => self.splats_of(&self.stored_order()),
+        }
     }
 
-    /// Components that [`Self::component_elbo`] knows of, each once.
-    pub fn components_with_elbo(&self) -> &[u32] {
-        self.ownership.as_ref().map_or(&[], Ownership::ids)
+    fn splats_of(&self, ids: &[u32]) -> SplatSet {
+        let splats = ids.par_iter().with_min_len(256);
+        let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
+        self.set_of(splats, appearance)
+    }
+
+    fn component_elbo(&self) -> &ComponentElbo {
+        &self.component_elbo
+    }
+
+    fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
+        &mut self.component_elbo
+    }
+
+    fn warnings(&self) -> Vec<LearnerWarning> {
+        let UnassignedPoints { budget, reach } = self.unassigned;
+        let budget = (budget > 0).then_some(LearnerWarning::OverBudget { points: budget });
+        let reach = (reach > 0).then_some(LearnerWarning::OutOfReach { points: reach });
+        budget.into_iter().chain(reach).collect()
+    }
+
+    fn stored(&self) -> StoredModel {
+        StoredModel::Scene(self.state())
     }
 }

@@ -5,7 +5,7 @@ use crate::bench::paper::runs::Runs;
 use crate::eval::spread::Spread;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::train::paper::config::{Operations, PaperConfig, Precision, UpdateWidth, Width};
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::learner::PaperLearner;
 use serde::Serialize;
 
 /// One combination of widths.
@@ -34,7 +34,7 @@ impl PrecisionCombination {
         bound: f64,
     ) -> Self {
         let ms = runs.spread(|ms| ms.train);
-        let error = posterior_errors(&posteriors(&runs.engine), truth);
+        let error = posterior_errors(&posteriors(&*runs.engine), truth);
         Self {
             precision: config.precision,
             operations: config.operations,
@@ -77,7 +77,7 @@ pub fn combinations() -> Vec<Operations> {
 }
 
 /// Posteriors of all components, used or not.
-pub fn posteriors(engine: &PaperEngine) -> Vec<ComponentPosterior> {
+pub fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
     (0..engine.components()).map(|k| engine.posterior(k)).collect()
 }
 

@@ -14,8 +14,9 @@ use super::runs::TimedConfiguration;
 use super::sample::TrainingSample;
 use crate::bench::findings::{BenchError, Progress};
 use crate::dataset::Dataset;
+use crate::math::normalization::Normalization;
 use crate::train::paper::config::{PaperOverrides, Precision, ReassignPolicy};
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
 use combination::{combinations, posteriors};
 use std::sync::Arc;
@@ -49,7 +50,7 @@ pub fn run(
         progress(done, steps);
     })?;
     // The first of the named ones is f64 throughout.
-    let truth = posteriors(&timed[all.len()].engine);
+    let truth = posteriors(&*timed[all.len()].engine);
     let measured: Vec<PrecisionCombination> = variants
         .iter()
         .zip(&timed)
@@ -70,9 +71,13 @@ fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDra
         ..PaperOverrides::default()
     };
     let config = plan.config(change)?;
-    let mut engine = PaperEngine::new(&config, &InitialDraw::random(plan.components, config.seed))?;
+    let mut engine = engine::begin(
+        &config,
+        &InitialDraw::random(plan.components, config.seed),
+        Normalization::IDENTITY,
+    )?;
     for frame in &sample.frames {
-        engine.train(frame)?;
+        engine.learn(frame)?;
     }
     let state = engine.state();
     Ok(InitialDraw { means: state.means.rows(), alpha: state.alpha_init })

@@ -6,7 +6,6 @@ mod room;
 mod row;
 
 pub use plan::ScalingPlan;
-pub use report::{Fit, Speedup};
 pub use row::{EnginePath, MeanPlacement, ScalingRow, Sweep};
 
 use super::runs::{median, with_threads};
@@ -14,10 +13,12 @@ use super::sample::thin;
 use crate::bench::findings::{Bench, BenchError, Findings, Progress};
 use crate::bench::plot::draw;
 use crate::eval::spread::Spread;
+use crate::math::normalization::Normalization;
 use crate::train::paper::config::{
     IndexKind, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
 };
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::engine;
+use crate::train::stages::PaperStage;
 use crate::train::timing::StageMs;
 use plan::ScalingPoint;
 use report::{ScalingSummary, notes, panels, text};
@@ -61,21 +62,23 @@ fn time_stop(
         for (means, path) in LINES {
             let config = config(path, stop.components, plan.options.seed)?;
             let draw = room.draw(means, stop.components, plan.options.seed);
-            let mut engine = PaperEngine::new(&config, &draw)?;
-            engine.train(&frame)?;
+            let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY)?;
+            engine.learn(&frame)?;
             engines.push(engine);
         }
         let mut times: [Vec<StageMs>; LINES.len()] = Default::default();
         for _ in 0..plan.repeats.max(1) {
             for (engine, times) in engines.iter_mut().zip(&mut times) {
-                times.push(engine.train(&frame)?.ms);
+                times.push(engine.learn(&frame)?.ms);
             }
         }
         Ok(times)
     })??;
     let total = |i: usize| Spread::of(times[i].iter().map(|ms| ms.train).collect());
     let row = |(i, &(means, path)): (usize, &(MeanPlacement, EnginePath))| {
-        let (ms, stages) = (total(i), median(&times[i]));
+        let ms = total(i);
+        let stages = median(&times[i]);
+        let stage_ms = |stage: PaperStage| stages.values()[stage as usize];
         // The plain lines follow the fast ones in the same order of means.
         let plain = total(i % 2 + 2);
         ScalingRow {
@@ -88,10 +91,10 @@ fn time_stop(
             ms: ms.median,
             ms_q1: ms.quartiles[0],
             ms_q3: ms.quartiles[1],
-            candidates_ms: stages.candidates,
-            e_step_ms: stages.e_step,
-            stats_ms: stages.stats,
-            update_ms: stages.update,
+            candidates_ms: stage_ms(PaperStage::Candidates),
+            e_step_ms: stage_ms(PaperStage::EStep),
+            stats_ms: stage_ms(PaperStage::Stats),
+            update_ms: stage_ms(PaperStage::Update),
             plain_over_this: plain.median / ms.median,
         }
     };

@@ -8,7 +8,7 @@ use crate::dataset::range;
 use crate::dataset::synthetic::{self, SyntheticParams};
 use crate::dataset::unproject::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use crate::observation::points::Points;
-use crate::pipeline::session::SessionError;
+use crate::pipeline::error::SessionError;
 use crate::train::paper::init::InitialDraw;
 
 /// A frame to train on, and points of other frames for means on surfaces.

@@ -151,7 +151,7 @@ impl RationalMixture {
         }
     }
 
-    /// `η_0 + S` of every component (`model.md` 8), rounded at the very end.
+    /// `η_0 + S` of every component (`model.md`, Posterior), rounded at the very end.
     pub fn posteriors(&self) -> Vec<ComponentPosterior> {
         let unused = self.posterior(&Sums::zero());
         let of = |k| self.sums.get(&k).map_or(unused, |sums| self.posterior(sums));

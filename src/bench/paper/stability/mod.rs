@@ -23,8 +23,9 @@ use crate::observation::points::Points;
 use crate::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
-use crate::train::paper::engine::PaperEngine;
+use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner::PaperLearner;
 use exact::RationalMixture;
 use glam::DVec3;
 use serde::Serialize;
@@ -144,9 +145,9 @@ impl<'a> Truth<'a> {
     pub fn measure(&self, precision: Precision) -> Result<StabilityRow, BenchError> {
         let overrides = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         let config = self.config.clone().with(&overrides)?;
-        let mut engine = PaperEngine::new(&config, &self.draw)?;
+        let mut engine = engine::begin(&config, &self.draw, self.case.normalization)?;
         for _ in 0..self.case.frames {
-            engine.train(&self.frame)?;
+            engine.learn(&self.frame)?;
         }
         let found: Vec<ComponentPosterior> =
             (0..engine.components()).map(|k| engine.posterior(k)).collect();
@@ -162,18 +163,18 @@ impl<'a> Truth<'a> {
             frames: self.case.frames,
             components: engine.components(),
             used: engine.used(),
-            responsibility_error: self.responsibility_error(&mut engine),
+            responsibility_error: self.responsibility_error(&mut *engine),
             count_error: self.count_error(&found),
             mean_error: mean_max,
             covariance_error: covariance_max,
-            splat_error: self.splat_error(&engine, &config),
+            splat_error: self.splat_error(&*engine),
             smallest_eigenvalue: smallest,
             positive_definite: found.iter().all(|p| p.expected_covariance().cholesky().is_some()),
-            non_finite: self.non_finite(&engine, &config, &found),
+            non_finite: self.non_finite(&*engine, &found),
         })
     }
 
-    fn responsibility_error(&self, engine: &mut PaperEngine) -> f64 {
+    fn responsibility_error(&self, engine: &mut dyn PaperLearner) -> f64 {
         let found = engine.responsibilities(&self.frame).into_iter().map(Shares::from_iter);
         let sound = found.zip(&self.sound).filter(|(_, sound)| **sound).map(|(r, _)| r);
         let pairs = sound.zip(&self.responsibilities);
@@ -186,11 +187,12 @@ impl<'a> Truth<'a> {
         errors.map(|e| if e.is_nan() { f64::INFINITY } else { e }).fold(0.0, f64::max)
     }
 
-    fn splat_error(&self, engine: &PaperEngine, config: &PaperConfig) -> f64 {
+    fn splat_error(&self, engine: &dyn PaperLearner) -> f64 {
         let normalization = &self.case.normalization;
         let half_width = normalization.scale[0] * 3f64.sqrt();
-        let splats = engine.splats(config, normalization);
-        let used = splats.iter().zip(&self.posteriors).filter(|(_, t)| t.count > 0.0);
+        let splats = engine.splats();
+        let used =
+            splats.view().splats().iter().zip(&self.posteriors).filter(|(_, t)| t.count > 0.0);
         used.map(|(splat, truth)| {
             let centre = DVec3::from_array(splat.mean.map(f64::from));
             centre.distance(normalization.denormalize(truth.mean_space)) / half_width
@@ -198,12 +200,7 @@ impl<'a> Truth<'a> {
         .fold(0.0, f64::max)
     }
 
-    fn non_finite(
-        &self,
-        engine: &PaperEngine,
-        config: &PaperConfig,
-        found: &[ComponentPosterior],
-    ) -> usize {
+    fn non_finite(&self, engine: &dyn PaperLearner, found: &[ComponentPosterior]) -> usize {
         let posterior = found.iter().flat_map(|p| {
             let scalars = [p.count, p.alpha, p.kappa_space, p.nu_space, p.kappa_color];
             let vectors = [p.mean_space, p.mean_color].map(|v| v.to_array());
@@ -212,11 +209,11 @@ impl<'a> Truth<'a> {
                 .chain(vectors.into_iter().flatten())
                 .chain(p.inverse_scale.to_array())
         });
-        let splats = engine.splats(config, &self.case.normalization);
-        let drawn = splats.iter().filter(|s| s.opacity > 0.0);
+        let splats = engine.splats();
+        let drawn = splats.view().splats().iter().filter(|s| s.opacity > 0.0);
         let drawn = drawn.flat_map(|s| bytemuck::cast::<_, [f32; 14]>(*s).map(f64::from));
         // Points left out have no score.
-        let elbo = engine.elbo().into_iter().filter(|e| !e.is_nan());
+        let elbo = engine.point_elbo().into_iter().filter(|e| !e.is_nan());
         posterior.chain(drawn).chain(elbo).filter(|v| !v.is_finite()).count()
     }
 }

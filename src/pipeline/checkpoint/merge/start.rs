@@ -1,7 +1,7 @@
 //! Whether runs began alike.
 
-use super::super::{RunError, SavedRun};
-use super::whole;
+use super::super::error::RunError;
+use super::super::saved::SavedRun;
 use crate::export::checkpoint::StoredModel;
 use crate::model::paper::state::InitialMeans;
 use crate::pipeline::run::RunConfig;
@@ -29,7 +29,7 @@ impl Difference {
 pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     let difference = of_datasets(a, b)
         .or_else(|| of_methods(&a.config.method, &b.config.method))
-        .or_else(|| of_settings(&whole(&a.config), &whole(&b.config)))
+        .or_else(|| of_settings(&a.config.whole(), &b.config.whole()))
         .or_else(|| of_models(&a.content.model, &b.content.model));
     match difference {
         None => Ok(()),

@@ -190,7 +190,7 @@ impl SceneRun {
     }
 }
 
-/// Settings measured with each kind of sensor (`accuracy.md` 3 and 7).
+/// Settings measured with each kind of sensor (`scene.md`, Settings by sensor).
 fn engine_for(sensor: Sensor, h: f64) -> SceneConfig {
     match sensor {
         Sensor::Inverse8Ray => SceneConfig::fine(h),

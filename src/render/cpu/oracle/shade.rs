@@ -1,5 +1,5 @@
-//! The colour of a splat in a pixel: its own with gradient and view dependence (`rendering.md` (h)),
-//! or one that a viewer painted over it.
+//! The colour of a splat in a pixel: its own with gradient and view dependence (`rendering.md`,
+//! Native appearance), or one that a viewer painted over it.
 
 use super::SplatF64;
 use crate::math::camera::Camera;

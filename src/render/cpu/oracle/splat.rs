@@ -1,4 +1,4 @@
-//! Splats in f64, and what both renderers do to them first (`rendering.md` (a)).
+//! Splats in f64, and what both renderers do to them first (`rendering.md`, Conventions).
 
 use super::shade::Shade;
 use crate::math::camera::Camera;

@@ -15,6 +15,17 @@ use serde::{Deserialize, Serialize};
 
 /// A checked configuration. Built by [`PaperConfig::paper`] and [`PaperConfig::with`], or read from
 /// a file; settings that an older file lacks are the paper's.
+///
+/// ```
+/// use vbgs_studio::train::paper::config::{Overrides, TrainConfig};
+///
+/// let few = Overrides { components: Some(5000), ..Overrides::default() };
+/// assert_eq!(TrainConfig::paper().with(&few)?.components, 5000);
+/// let none = Overrides { components: Some(0), ..Overrides::default() };
+/// let error = TrainConfig::paper().with(&none).err().ok_or("accepted")?;
+/// assert_eq!(error.setting, "--components");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self", default = "PaperConfig::paper")]
 pub struct PaperConfig {

@@ -85,7 +85,7 @@ macro_rules! number_or_word {
 number_or_word!(Candidates, Nearest, Dense, "dense");
 number_or_word!(Batch, Points, Frame, "frame");
 
-/// Where the initial means come from (`model.md` 11).
+/// Where the initial means come from (`train.md`, Initial means).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
@@ -96,7 +96,7 @@ pub enum Init {
     Data,
 }
 
-/// When and by which scores unused components move (`model.md` 10).
+/// When and by which scores unused components move (`train.md`, Reassignment).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]

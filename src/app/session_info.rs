@@ -10,11 +10,11 @@ use crate::pipeline::settings::scene::{SceneRun, StructuralScale};
 use crate::train::scene::config::BirthRule;
 
 /// Lines for the scene panel: label and value.
-pub fn session_facts(session: &Session) -> Vec<(String, String)> {
+pub fn session_info(session: &Session) -> Vec<(String, String)> {
     let dataset: &Dataset = session.dataset();
     let path =
         dataset.path.as_ref().map_or_else(|| "built in".to_owned(), |p| p.display().to_string());
-    let mut facts = vec![
+    let mut info = vec![
         ("Dataset".to_owned(), path),
         (
             "Layout".to_owned(),
@@ -25,20 +25,20 @@ pub fn session_facts(session: &Session) -> Vec<(String, String)> {
         let k = &split.frames[0].camera.intrinsics;
         let depth = if split.has_depth { "with depth" } else { "colour only" };
         let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
-        facts.push((format!("Split {}", split.name), text));
+        info.push((format!("Split {}", split.name), text));
     }
     match &session.config().method {
         Method::Paper(train) => {
-            facts.push(("Preset".to_owned(), "paper".to_owned()));
-            facts.push(("Components".to_owned(), train.components.to_string()));
-            facts.push(("Range from".to_owned(), session.config().position_range_source.clone()));
+            info.push(("Preset".to_owned(), "paper".to_owned()));
+            info.push(("Components".to_owned(), train.components.to_string()));
+            info.push(("Range from".to_owned(), session.config().position_range_source.clone()));
         }
-        Method::Scene(run) => facts.extend(scene_facts(run, dataset)),
+        Method::Scene(run) => info.extend(scene_info(run, dataset)),
     }
-    facts
+    info
 }
 
-fn scene_facts(run: &SceneRun, dataset: &Dataset) -> Vec<(String, String)> {
+fn scene_info(run: &SceneRun, dataset: &Dataset) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
     let h = number(engine.h);
     let scale = match scale {

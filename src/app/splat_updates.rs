@@ -1,11 +1,11 @@
 //! Changed splats on their way from the trainer to the viewport. Nobody waits: the trainer adds to
-//! the feed only when the last delivery was taken, and the viewport takes what is there.
+//! the updates only when the last update was taken, and the viewport takes what is there.
 
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::SplatSet;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// One delivery.
+/// One update.
 #[derive(Clone, Debug)]
 pub enum SplatChange {
     /// Everything is replaced.
@@ -20,16 +20,16 @@ pub enum SplatChange {
 }
 
 /// A change and what is known of its components, one each in the same order; nothing where nobody
-/// asked (see [`super::worker::Order::Watch`]).
+/// asked (see [`super::worker::WorkerOrder::Watch`]).
 #[derive(Clone, Debug)]
-pub struct Delivery {
+pub struct SplatUpdate {
     /// The change.
     pub change: SplatChange,
     /// What is known of its components.
     pub attributes: Vec<ComponentAttributes>,
 }
 
-impl From<SplatChange> for Delivery {
+impl From<SplatChange> for SplatUpdate {
     fn from(change: SplatChange) -> Self {
         Self { change, attributes: Vec::new() }
     }
@@ -37,10 +37,10 @@ impl From<SplatChange> for Delivery {
 
 /// The mailbox between the two.
 #[derive(Debug, Default)]
-pub struct SplatFeed(Mutex<Vec<Delivery>>);
+pub struct SplatUpdates(Mutex<Vec<SplatUpdate>>);
 
-impl SplatFeed {
-    fn lock(&self) -> MutexGuard<'_, Vec<Delivery>> {
+impl SplatUpdates {
+    fn lock(&self) -> MutexGuard<'_, Vec<SplatUpdate>> {
         // A panic while a list is pushed or taken leaves the list valid.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -50,17 +50,17 @@ impl SplatFeed {
         self.lock().is_empty()
     }
 
-    /// Adds a delivery; a replacement makes those before it pointless.
-    pub fn push(&self, delivery: Delivery) {
+    /// Adds a update; a replacement makes those before it pointless.
+    pub fn push(&self, update: SplatUpdate) {
         let mut waiting = self.lock();
-        if matches!(delivery.change, SplatChange::All(_)) {
+        if matches!(update.change, SplatChange::All(_)) {
             waiting.clear();
         }
-        waiting.push(delivery);
+        waiting.push(update);
     }
 
     /// Takes all deliveries, oldest first.
-    pub fn take(&self) -> Vec<Delivery> {
+    pub fn take(&self) -> Vec<SplatUpdate> {
         std::mem::take(&mut *self.lock())
     }
 }
@@ -97,16 +97,16 @@ mod tests {
 
     #[test]
     fn a_replacement_supersedes_what_waits_and_later_changes_may_add() {
-        let feed = SplatFeed::default();
-        feed.push(SplatChange::Some { ids: vec![0], splats: vec![VISIBLE].into() }.into());
-        feed.push(SplatChange::All(vec![EMPTY; 2].into()).into());
-        feed.push(SplatChange::Some { ids: vec![1, 3], splats: vec![VISIBLE; 2].into() }.into());
+        let updates = SplatUpdates::default();
+        updates.push(SplatChange::Some { ids: vec![0], splats: vec![VISIBLE].into() }.into());
+        updates.push(SplatChange::All(vec![EMPTY; 2].into()).into());
+        updates.push(SplatChange::Some { ids: vec![1, 3], splats: vec![VISIBLE; 2].into() }.into());
         let mut splats = SplatSet::default();
         let changed: Vec<_> =
-            feed.take().into_iter().map(|d| apply(&mut splats, d.change)).collect();
+            updates.take().into_iter().map(|d| apply(&mut splats, d.change)).collect();
         assert_eq!(changed, [None, Some(vec![1, 3])]);
         assert_eq!(splats[..], [EMPTY, VISIBLE, Splat::default(), VISIBLE]);
-        assert!(feed.is_empty());
+        assert!(updates.is_empty());
     }
 
     #[test]

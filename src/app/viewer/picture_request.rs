@@ -8,18 +8,18 @@ use std::sync::Arc;
 
 /// A picture of the viewport.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shot {
+pub struct PictureRequest {
     /// Camera for the whole viewport, in pixels of the screen.
     pub camera: Camera,
     /// How the scene is drawn.
     pub options: RenderOptions,
     /// What it is compared with.
-    pub second: Option<Second>,
+    pub second: Option<ComparedPicture>,
 }
 
 /// What a picture is compared with.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Second {
+pub struct ComparedPicture {
     /// The other picture.
     pub partner: Partner,
     /// The part of the viewport that it fills.

@@ -43,12 +43,12 @@ const fn reason(
 }
 
 /// Prepares frames as training does and paints what became of their pixels.
-pub struct FatePainter {
+pub struct PixelStatusPainter {
     preparer: Preparer,
     observation: Observation,
 }
 
-impl FatePainter {
+impl PixelStatusPainter {
     /// No memory yet.
     pub fn new() -> Self {
         Self { preparer: Preparer::new(), observation: Observation::empty() }
