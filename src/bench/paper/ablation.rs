@@ -182,6 +182,8 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
     let mut rows = vec![
         ("dense E-step, statistics unfused, f64".to_owned(), plain, true),
         ("+ fused statistics".to_owned(), fused, true),
+        // On the thinned points once more: against the row above nothing but the candidates
+        // differs.
         ("+ truncated E-step, C = 4, same points".to_owned(), truncated.clone(), true),
     ];
     for &batch in &plan.batches {

@@ -235,6 +235,7 @@ pub fn run(
     let stops = plan.stops()?;
     let variants: Vec<TimedConfiguration> =
         stops.iter().map(|stop| stop.variant(&sample)).collect();
+    // One step more for each stop: its views and the oracle.
     let steps = (plan.repeats.max(1) + 1) * stops.len();
     let mut done = 0;
     let mut step = || {

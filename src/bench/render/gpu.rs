@@ -76,6 +76,7 @@ impl TimedGpu {
             total = ms_since(started);
         }
         method.is_warm = true;
+        // A frame whose lists did not fit is not whole, and its time no time of a frame.
         match method.renderer.shortage() {
             Some(shortage) => Err(shortage.clone().into()),
             None => Ok(total),

@@ -79,6 +79,7 @@ fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     let mut copy = |i: usize| {
         let original = &splats[(i as f64 / share) as usize];
         let scale = original.scale.map(|s| s * shrink);
+        // Fewer than the model has: some of its own, wider, with nothing to lie within.
         if n <= splats.len() {
             return Splat { scale, ..*original };
         }

@@ -81,6 +81,7 @@ fn train_alike(
     let surface = &first.surface;
     let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
+        // Runs that differ in drawing alone share their sums.
         if !courses.iter().any(|course| course.has_sums_of(run)) {
             let engine = engine::begin(&run.engine, surface.origin);
             courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });

@@ -62,6 +62,7 @@ fn add_fixed64(
     b: &[[i64; N_SUMS]],
     carries_b: &[Carry],
 ) -> Result<Totals, AddError> {
+    // Wider than what is stored: limbs of both cannot overflow before their sum is checked.
     let mut limbs: BTreeMap<u32, [i64; N_SUMS]> = BTreeMap::new();
     for carry in carries_a.iter().chain(carries_b) {
         let sums = limbs.entry(carry.id).or_default();

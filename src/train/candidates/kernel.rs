@@ -89,6 +89,7 @@ pub(super) fn distances<V: Vector>(
     centre: [f32; 3],
     out: &mut Vec<f32>,
 ) -> [f32; STEP] {
+    // The padding lies infinitely far away: measured along, it is never among the least.
     let size = list.len.next_multiple_of(STEP);
     if out.len() < size {
         out.resize(size.next_power_of_two(), 0.0);
@@ -198,6 +199,7 @@ pub(super) fn neighbours<V: Vector, const KEYS: usize>(
         }
     }
     let (mut set_uncertain, mut order_uncertain) = (0, 0);
+    // The last pair alone decides which entries are found, the others in what order.
     for pair in keys.windows(2) {
         set_uncertain = pair[0].agrees(pair[1], !entry_bits);
         order_uncertain |= set_uncertain;

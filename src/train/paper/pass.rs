@@ -94,6 +94,7 @@ impl Worker {
         narrow.clear();
         narrow.reserve(room(narrow.capacity(), seen[0]));
         wide.clear();
+        // Most runs never sum in f64: no memory for it then.
         wide.reserve(if seen[1] == 0 { 0 } else { room(wide.capacity(), seen[1]) });
     }
 }
@@ -209,6 +210,7 @@ impl Pass {
             let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
             for_each_tile(inputs.points, tiles, 0, columns, |tile, columns| {
                 let range = inputs.points.tile(tile);
+                // Stages are long on this path, so the clock may be read for every tile.
                 clock.begin_tile(true);
                 inputs.find(plain, range.clone(), ids);
                 clock.lap(Lap::Candidates);

@@ -123,6 +123,7 @@ impl DestinationChooser {
         lowest.clear();
         parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
         if n < lowest.len() {
+            // The last bin brings more than asked for: only its points have to be told apart, here.
             lowest.select_nth_unstable(n);
             lowest.truncate(n);
         }
@@ -162,6 +163,7 @@ impl Part {
         self.histogram.clear();
         self.histogram.resize(N_BINS, 0);
         for &q in q.iter().filter(|q| !q.is_nan()) {
+            // Reversed, so that the largest distances come first.
             self.histogram[(!ordered(q) >> BIN_SHIFT) as usize] += 1;
         }
     }

@@ -69,6 +69,7 @@ pub fn accumulate<W: SumScalar>(
     touched.clear();
     for (_, Received { ids, wide }) in parts {
         touched.extend(ids);
+        // Wide rows are shared, so they are added to when all threads are done.
         wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
     }
 }

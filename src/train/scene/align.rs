@@ -116,6 +116,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         let owners = self.owners.iter().enumerate().filter(|(_, owner)| known(**owner));
         let mut order: Vec<u64> =
             owners.map(|(i, &owner)| u64::from(owner) << 32 | i as u64).collect();
+        // Runs of one component, each in the order of its points: sums round alike on any machine.
         order.par_sort_unstable();
         let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
         let runs = runs.par_iter().with_min_len(64);

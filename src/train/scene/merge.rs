@@ -85,10 +85,12 @@ fn cheapest_pairs<W: SumScalar>(
         .into_par_iter()
         .filter_map(|id| best_partner(&summaries, components, grid, h, id))
         .collect();
+    // Equal costs in the order of numbers: any number of threads merges alike.
     pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut taken = vec![false; summaries.len()];
     let mut chosen = Vec::new();
     for (_, a, b) in pairs {
+        // Pairs share no component, so it does not matter in which order they are merged.
         if chosen.len() < n && !taken[a as usize] && !taken[b as usize] {
             (taken[a as usize], taken[b as usize]) = (true, true);
             chosen.push((a, b));
@@ -130,6 +132,7 @@ fn best_partner(
         if other_id as usize == id || other.sums.count == 0.0 {
             return;
         }
+        // The older one stays, since its seed is what its sums are about.
         let is_older = components.reference(id) < components.reference(other_id as usize);
         let (a, b) = if is_older { (own, other) } else { (other, own) };
         let Some(cost) = cost(a, b) else { return };

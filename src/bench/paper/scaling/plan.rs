@@ -49,6 +49,7 @@ impl ScalingPlan {
     pub fn stops(&self) -> Vec<ScalingPoint> {
         let all = rayon::current_num_threads();
         let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
+        // More threads than the machine has would time its scheduler.
         threads.push(all);
         let at = |sweep, points, components, threads| ScalingPoint {
             sweep,

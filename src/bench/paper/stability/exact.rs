@@ -167,6 +167,7 @@ impl RationalMixture {
         };
         let prior_scale = exact(1.0) / exact(hyper.u0_space);
         let entry = |(sum, (i, j)): (&BigRational, (usize, usize))| {
+            // The raw form, which f64 could not use: in fractions nothing cancels.
             let spread = sum - &sums.first[i] * &sums.first[j] / &kappa_space;
             rounded(&if i == j { spread + &prior_scale } else { spread })
         };

@@ -189,6 +189,7 @@ impl<'a> Truth<'a> {
 
     fn splat_error(&self, engine: &dyn PaperLearner) -> f64 {
         let normalization = &self.case.normalization;
+        // The scale is the standard deviation of a uniform law, half its range over √3.
         let half_width = normalization.scale[0] * 3f64.sqrt();
         let splats = engine.splats();
         let used =
