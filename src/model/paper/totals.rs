@@ -10,19 +10,16 @@
 //! sorting the points by component (1.6 to 1.9 ms), and floating-point sums without an order, which
 //! give other bits in every run.
 
+use super::shard::{Shard, row_bytes};
 use super::state::{Carry, Totals};
 use super::total_scalar::TotalScalar;
 use crate::math::real::Real;
 use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 
 /// Most shards; a power of two.
 const MAX_SHARDS: usize = 64;
-
-/// Records whose rows are fetched together.
-const ROWS_AHEAD: usize = 16;
 
 /// How totals over all frames are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -61,28 +58,6 @@ macro_rules! any_form {
             Form::Fixed128($shards) => $body,
         }
     };
-}
-
-/// Rows of consecutive components.
-struct Shard<T: TotalScalar> {
-    rows: Vec<TotalRow<T>>,
-    carries: BTreeMap<u32, [i32; N_SUMS]>,
-    /// Bit `i` of word `j` is set if row `64 j + i` has received something.
-    used: Vec<u64>,
-    n_used: usize,
-    /// Ids whose rows the current frame has changed, each once.
-    touched: Vec<u32>,
-    /// Memory for records that must be put in order.
-    sorted: Vec<TileRecord<f64>>,
-}
-
-/// Two cache lines in 64-bit form.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct TotalRow<T> {
-    /// The frame that changed it last.
-    frame: u32,
-    sums: [T; N_SUMS],
 }
 
 impl Statistics {
@@ -152,10 +127,7 @@ impl Statistics {
 
     /// Bytes of one component.
     pub fn row_bytes(&self) -> usize {
-        fn bytes<T: TotalScalar>(_: &[Shard<T>]) -> usize {
-            size_of::<TotalRow<T>>()
-        }
-        any_form!(&self.form, shards => bytes(shards))
+        any_form!(&self.form, shards => row_bytes(shards))
     }
 
     /// Number of shards.
@@ -251,104 +223,6 @@ fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec
 
 fn rows<T: TotalScalar>(shards: &[Shard<T>]) -> Vec<[T; N_SUMS]> {
     shards.iter().flat_map(|s| s.rows.iter().map(|row| row.sums)).collect()
-}
-
-impl<T: TotalScalar> Shard<T> {
-    fn new(len: usize) -> Self {
-        Self {
-            rows: vec![TotalRow { frame: 0, sums: [T::default(); N_SUMS] }; len],
-            carries: BTreeMap::new(),
-            used: vec![0; len.div_ceil(64)],
-            n_used: 0,
-            touched: Vec::with_capacity(len),
-            sorted: Vec::new(),
-        }
-    }
-
-    fn forget_frames(&mut self) {
-        self.rows.iter_mut().for_each(|row| row.frame = 0);
-    }
-
-    fn add_frame<R: Real>(
-        &mut self,
-        frame: u32,
-        first: usize,
-        records: impl FnOnce(&mut dyn FnMut(&[TileRecord<R>])),
-    ) {
-        self.touched.clear();
-        if !T::ORDERED {
-            return records(&mut |records| self.add_all(frame, first, records));
-        }
-        let mut sorted = std::mem::take(&mut self.sorted);
-        sorted.clear();
-        records(&mut |records| {
-            let widened = |r: &TileRecord<R>| TileRecord {
-                id: r.id,
-                tile: r.tile,
-                sums: r.sums.map(R::to_f64),
-            };
-            sorted.extend(records.iter().map(widened));
-        });
-        sorted.sort_unstable_by_key(|record| (record.id, record.tile));
-        self.add_all(frame, first, &sorted);
-        self.sorted = sorted;
-    }
-
-    /// Rows are far from the processor, so those of some records are fetched before any is added
-    /// to.
-    #[inline(always)]
-    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
-        for records in records.chunks(ROWS_AHEAD) {
-            for record in records {
-                self.touch(frame, record.id as usize - first, record);
-            }
-            for record in records {
-                self.add(record.id as usize - first, record);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
-        let row = &mut self.rows[place];
-        // A value that nobody needs yet: reading it fetches the row's second cache line.
-        std::hint::black_box(row.sums[N_SUMS - 1]);
-        let is_new = row.frame != frame;
-        if is_new && !T::vanishes(record.sums[0].to_f64()) {
-            row.frame = frame;
-            self.touched.push(record.id);
-            self.mark_used(place);
-        }
-    }
-
-    #[inline(always)]
-    fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
-        let sums = record.sums.map(R::to_f64);
-        if T::vanishes(sums[0]) {
-            return;
-        }
-        if let Some(limbs) = T::add(&mut self.rows[place].sums, &sums) {
-            let carry = self.carries.entry(record.id).or_insert([0; N_SUMS]);
-            carry.iter_mut().zip(limbs).for_each(|(c, l)| *c = c.saturating_add(l));
-        }
-    }
-
-    fn mark_used(&mut self, place: usize) {
-        let (word, bit) = (&mut self.used[place / 64], 1 << (place % 64));
-        self.n_used += usize::from(*word & bit == 0);
-        *word |= bit;
-    }
-
-    fn moments(&self, component: usize, shard_bits: u32) -> Moments {
-        let row = &self.rows[component & ((1 << shard_bits) - 1)];
-        let none = [0; N_SUMS];
-        // Hardly a model carries anything: then there is no lookup per component.
-        let limbs = match self.carries.is_empty() {
-            true => &none,
-            false => self.carries.get(&(component as u32)).unwrap_or(&none),
-        };
-        Moments::from_sums(std::array::from_fn(|i| row.sums[i].value(limbs[i], i)))
-    }
 }
 
 #[cfg(test)]
