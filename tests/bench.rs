@@ -279,6 +279,6 @@ fn a_bound_nothing_keeps_is_refused_with_the_best_there_is() {
         Err(error) => assert!(error.to_string().contains("choose a larger one"), "{error}"),
     }
     for bound in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "--bound");
+        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "bound");
     }
 }

@@ -39,6 +39,7 @@ pub mod viewer;
 mod viewport;
 mod window;
 mod window_error;
+mod wording;
 pub mod worker;
 
 pub use exit::{Exit, Leave};

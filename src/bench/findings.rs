@@ -38,25 +38,25 @@ pub struct BenchOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// The dataset cannot be trained on.
-    #[error(transparent)]
+    #[error("{0}")]
     Session(#[from] SessionError),
     /// The decoding thread did not start.
-    #[error(transparent)]
+    #[error("{0}")]
     Spawn(#[from] SpawnError),
     /// The synthetic scene cannot be made as asked.
-    #[error(transparent)]
+    #[error("{0}")]
     Scene(#[from] ParamsError),
     /// A setting is out of its range.
-    #[error(transparent)]
+    #[error("{0}")]
     Config(#[from] ConfigError),
     /// The candidate index cannot be built.
-    #[error(transparent)]
+    #[error("{0}")]
     Index(#[from] IndexError),
     /// The held-out views cannot be measured.
-    #[error(transparent)]
+    #[error("{0}")]
     Eval(#[from] EvalError),
     /// The plot cannot be drawn.
-    #[error(transparent)]
+    #[error("{0}")]
     Plot(#[from] PlotError),
     /// The rows cannot be written as CSV.
     #[error("writing the rows as CSV failed: {0}")]
@@ -74,14 +74,14 @@ pub enum BenchError {
     },
     /// No graphics adapter answers, or it fails.
     #[cfg(feature = "gui")]
-    #[error(transparent)]
+    #[error("{0}")]
     Gpu(#[from] HeadlessError),
     /// The settings found cannot be written as RON.
     #[error("writing the settings as RON failed: {0}")]
     Ron(#[from] ron::Error),
     /// No combination of widths is good enough.
     #[error(
-        "--bound: expected a bound that f64 operations on f32 points keep, at least {best:.1e}, found {bound:e}; choose a larger one"
+        "bound: expected a bound that f64 operations on f32 points keep, at least {best:.1e}, found {bound:e}; choose a larger one"
     )]
     Bound {
         /// What was asked for.

@@ -60,20 +60,20 @@ pub struct CalibratePlan {
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrateError {
     /// The dataset.
-    #[error(transparent)]
+    #[error("{0}")]
     Dataset(#[from] DatasetError),
     /// Its depth.
-    #[error(transparent)]
+    #[error("{0}")]
     Scene(#[from] SceneError),
     /// A frame.
-    #[error(transparent)]
+    #[error("{0}")]
     Frame(#[from] FrameError),
     /// The result could not be read back.
-    #[error(transparent)]
+    #[error("{0}")]
     Calibration(#[from] CalibrationError),
     /// Nothing is seen twice.
     #[error(
-        "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, ask for more with --max-frames or name another split with --split"
+        "{dataset}: expected at least 2 frames that see the same surface, found {found}; add frames to the recording, ask for more of its frames or name another split"
     )]
     NothingInCommon {
         /// Name of the dataset.
@@ -83,7 +83,7 @@ pub enum CalibrateError {
     },
     /// So many exposures would take too long.
     #[error(
-        "--exposure: expected a split of at most {most} frames, found {found}; name a smaller one with --split, or leave the exposures to `train`, which fits them as frames come"
+        "exposures: expected a split of at most {most} frames, found {found}; name a smaller one, or leave the exposures to training, which fits them as frames come"
     )]
     TooManyExposures {
         /// Most frames.

@@ -6,7 +6,7 @@ use super::interrupt::Interrupt;
 use super::model::conversion_comments;
 use super::quality::{Comparison, SEEN_AFTER};
 use super::settings::{asked, method, selection};
-use super::{output, progress, quality};
+use super::{output, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::calibration::Calibration;
@@ -76,7 +76,8 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
-    session.learner().warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
+    let warnings = session.learner().warnings();
+    warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
     let color_camera = session.config().method.any().color_camera();

@@ -5,6 +5,7 @@ use super::frame::{Depth, DepthCodes, DepthKind};
 use crate::math::image::Image;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// How the depth files of a split are to be read.
@@ -33,11 +34,13 @@ pub(super) struct Header {
 
 /// Reads an image's header only.
 pub(super) fn header(path: &Path) -> Result<Header, FrameProblem> {
-    let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
-    let (width, height) = decoder.dimensions();
-    let color = decoder.color_type();
-    let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
-    Ok(Header { width, height, bits_per_channel })
+    guarded(|| {
+        let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
+        let (width, height) = decoder.dimensions();
+        let color = decoder.color_type();
+        let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
+        Ok(Header { width, height, bits_per_channel })
+    })
 }
 
 /// Decodes a colour image.
@@ -101,7 +104,14 @@ fn decode(path: &Path) -> Result<DynamicImage, FrameProblem> {
     if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(&bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
-    Ok(reader.decode()?)
+    guarded(|| Ok(reader.decode()?))
+}
+
+/// Image decoders are other people's code, fed with whatever a folder holds: one that panics on a
+/// damaged file costs that frame, neither the scene being learnt nor the program. Nothing that the
+/// panic could have left half done is used afterwards.
+fn guarded<T>(read: impl FnOnce() -> Result<T, FrameProblem>) -> Result<T, FrameProblem> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(FrameProblem::DecoderCrash))
 }
 
 /// Whether a JPEG's end-of-image marker follows its first scan. Inside a scan every 0xFF byte is
@@ -119,4 +129,18 @@ fn jpeg_ends(bytes: &[u8]) -> bool {
         };
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decoder_that_panics_is_an_error_of_the_file() {
+        let crash = guarded::<()>(|| panic!("a defect of the decoder"));
+        assert!(matches!(crash, Err(FrameProblem::DecoderCrash)), "{crash:?}");
+        assert!(matches!(guarded(|| Ok(7)), Ok(7)));
+        let error = guarded::<()>(|| Err(FrameProblem::TruncatedJpeg));
+        assert!(matches!(error, Err(FrameProblem::TruncatedJpeg)), "{error:?}");
+    }
 }

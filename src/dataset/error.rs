@@ -152,6 +152,11 @@ pub enum FrameProblem {
         "expected a whole JPEG image, found no end-of-image marker: the file is truncated; copy or export it again"
     )]
     TruncatedJpeg,
+    /// A file on which the decoder panics.
+    #[error(
+        "expected a whole PNG or JPEG image, found one that crashes its decoder; copy or export the file again"
+    )]
+    DecoderCrash,
     /// A depth image of another pixel format.
     #[error("expected {expected} depth, found {found}; {hint}")]
     DepthFormat {

@@ -81,7 +81,7 @@ pub enum EvalError {
     },
     /// There is nothing to measure.
     #[error(
-        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another with --split"
+        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another split"
     )]
     NoViews {
         /// Name of the dataset.

@@ -12,10 +12,10 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     /// The scene's parameters.
-    #[error(transparent)]
+    #[error("{0}")]
     Scene(#[from] ParamsError),
     /// The session.
-    #[error(transparent)]
+    #[error("{0}")]
     Session(#[from] SessionError),
 }
 

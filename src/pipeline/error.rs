@@ -12,25 +12,25 @@ use crate::train::candidates::IndexError;
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The dataset does not hold what was asked for.
-    #[error(transparent)]
+    #[error("{0}")]
     Dataset(#[from] DatasetError),
     /// The scene preset does not suit the dataset.
-    #[error(transparent)]
+    #[error("{0}")]
     Scene(#[from] SceneError),
     /// The range of positions could not be found.
-    #[error(transparent)]
+    #[error("{0}")]
     Range(#[from] RangeError),
     /// The decoding thread did not start.
-    #[error(transparent)]
+    #[error("{0}")]
     Spawn(#[from] SpawnError),
     /// The machine has not enough memory.
-    #[error(transparent)]
+    #[error("{0}")]
     Memory(#[from] MemoryError),
     /// The candidate index could not be built.
-    #[error(transparent)]
+    #[error("{0}")]
     Index(#[from] IndexError),
     /// A stored model is not one of the settings stored beside it.
-    #[error(transparent)]
+    #[error("{0}")]
     Stored(Mismatch),
     /// Settings or reports could not be written as JSON.
     #[error("writing the run's settings as JSON failed: {0}; report this as a defect")]

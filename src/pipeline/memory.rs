@@ -8,7 +8,7 @@ use crate::observation::surface::SurfacePoint;
 use crate::train::paper::config::{
     Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
 };
-use crate::train::scene::config::SceneConfig;
+use crate::train::scene::config::{COMPONENT_BYTES, SceneConfig};
 
 /// Bytes of a point in memory: six f32 coordinates.
 const POINT_BYTES: usize = 24;
@@ -31,8 +31,6 @@ const SLOT_BYTES: usize = 8;
 /// Entry of the KD-tree and the widened means it is built from.
 const TREE_BYTES: usize = 32 + 24;
 
-/// Sums, seed and its place in the index.
-const SCENE_COMPONENT_BYTES: usize = 204;
 /// Owner, shift and distance of a point.
 const SCENE_POINT_BYTES: usize = 16;
 
@@ -48,7 +46,7 @@ pub struct Estimate {
 /// A run that would not fit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "--components: expected at most {most}, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer components or close other programs"
+    "components: expected at most {most}, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer components or close other programs"
 )]
 pub struct MemoryError {
     /// Components that would fit.
@@ -102,7 +100,7 @@ impl Estimate {
 
     /// For a scene of as many components as its settings allow.
     pub fn of_scene(config: &SceneConfig, pixels: usize) -> Self {
-        let per_component = SCENE_COMPONENT_BYTES + size_of::<Splat>() + size_of::<Appearance>();
+        let per_component = COMPONENT_BYTES + size_of::<Splat>() + size_of::<Appearance>();
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels * (FRAMES_AT_ONCE * point + SCENE_POINT_BYTES + PIXEL_BYTES);
         Self {

@@ -10,7 +10,6 @@ use crate::dataset::error::FrameError;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
@@ -91,7 +90,8 @@ impl<P: Prepare> Prefetch<P> {
 
     fn ahead(mut frames: Frames<P>) -> Result<Self, SpawnError> {
         let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
-        let (recycle, recycled) = sync_channel(QUEUE_LENGTH);
+        // No more goes back than there are frames in the making, ready and in training.
+        let (recycle, recycled) = sync_channel(QUEUE_LENGTH + 1);
         thread::Builder::new()
             .name("prefetch".into())
             .spawn(move || run_ahead(&mut frames, &sender, &recycled))?;
@@ -164,11 +164,7 @@ impl<P: Prepare> Frames<P> {
     fn prepare(&self, position: usize, worker: &mut Worker<P>) -> Prepared<P::Observation> {
         let index = self.plan.frames[position];
         let name = self.dataset.splits[self.plan.split].frames[index].name.clone();
-        // A decoder that panics on a damaged file costs that frame, not the scene.
-        let result = catch_unwind(AssertUnwindSafe(|| self.frame(index, worker)));
-        let result = result.unwrap_or_else(|_| {
-            Err(format!("{name}: decoding this frame crashed; check or remove its files"))
-        });
+        let result = self.frame(index, worker);
         Prepared { position, name, result }
     }
 

@@ -9,6 +9,7 @@ use super::candidates::IndexError;
 use super::component_elbo::ComponentElbo;
 use super::outcome::FrameOutcome;
 use super::stages::TrainStage;
+use super::warnings::TrainingWarning;
 use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -63,7 +64,7 @@ pub trait Learner: Send + Sync {
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo;
 
     /// What a user should know about the model as it stands.
-    fn warnings(&self) -> Vec<LearnerWarning>;
+    fn warnings(&self) -> Vec<TrainingWarning>;
 
     /// What a checkpoint holds.
     fn stored(&self) -> StoredModel;
@@ -87,24 +88,4 @@ pub enum Changed<'a> {
     Listed(&'a [u32]),
     /// All there are.
     All,
-}
-
-/// What a user should know about a model. What to do about it depends on where it is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum LearnerWarning {
-    /// Points were left out because the budget of components was used up.
-    #[error("{points} points found no component within the budget and were left out")]
-    OverBudget {
-        /// Number of points.
-        points: u64,
-    },
-    /// Points were left out because they lie too far from the origin to be told from their
-    /// neighbours.
-    #[error(
-        "{points} points lie more than a million structural scales from the scene's origin and were left out"
-    )]
-    OutOfReach {
-        /// Number of points.
-        points: u64,
-    },
 }

@@ -12,3 +12,4 @@ pub mod scene;
 pub mod setting;
 pub mod stages;
 pub mod timing;
+pub mod warnings;

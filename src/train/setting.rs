@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{setting}: expected {expected}, found {found}")]
 pub struct ConfigError {
-    /// Name of the setting, as the command line spells it.
+    /// Name of the setting, as settings files spell it.
     pub setting: &'static str,
     /// The allowed range.
     pub expected: String,

@@ -91,7 +91,7 @@ fn another_dataset_needs_force() {
         let error = half().resume(dataset.clone(), &up_to(5), false).err().unwrap();
         assert!(matches!(error, RunError::OtherDataset { .. }));
         let said = error.to_string();
-        assert!(said.contains(part) && said.contains("--force"), "{said}");
+        assert!(said.contains(part) && said.contains("name the right dataset"), "{said}");
         half().resume(dataset, &up_to(5), true)
     };
     let longer = refused(room_of(FRAMES + 2, 4), "number of frames (expected 40, found 42)");

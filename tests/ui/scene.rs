@@ -157,7 +157,8 @@ fn depth_in_a_wrong_unit_is_said() {
     wait(&mut window, "the message", |s| !s.snapshot().notices.is_empty());
     let notice = window.state().snapshot().notices[0].clone();
     assert_eq!(notice.kind, NoticeKind::Error);
-    assert!(notice.text.contains("--depth-scale"), "{}", notice.text);
+    assert!(notice.text.contains("the depth scale"), "{}", notice.text);
+    assert!(!notice.text.contains("--"), "a window has no options: {}", notice.text);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::state::{HISTORY, NoticeKind, RunState};
+use crate::app::wording;
 use crate::eval::report::{FrameReport, Summary};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::session::Step;
@@ -66,7 +67,7 @@ impl WorkerThread {
             let summary = Summary::of_frames(session.frames(), 0.0);
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
             for warning in session.learner().warnings() {
-                self.notify(NoticeKind::Warning, warning.to_string());
+                self.notify(NoticeKind::Warning, wording::warning(&warning));
             }
         }
     }

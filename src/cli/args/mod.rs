@@ -18,7 +18,7 @@ pub use renderer::RendererArgs;
 pub use scene::{Part, SceneArgs, SensorName};
 pub use train::{ConversionName, TrainArgs};
 
-use super::bench::findings::BenchArgs;
+use super::bench::BenchArgs;
 use super::precision_search::PrecisionSearchArgs;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};

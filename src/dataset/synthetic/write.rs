@@ -29,7 +29,7 @@ pub enum DepthBits {
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
     /// Parameters outside their range.
-    #[error(transparent)]
+    #[error("{0}")]
     Params(#[from] ParamsError),
     /// Nothing is overwritten.
     #[error(

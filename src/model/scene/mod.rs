@@ -3,6 +3,7 @@
 //! (`model.md`, Scene sums). The NIW and Dirichlet posteriors of `posterior` follow from a part of
 //! them.
 
+pub mod bounds;
 pub mod merging;
 pub mod opacity;
 pub mod splat_rule;

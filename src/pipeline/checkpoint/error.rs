@@ -11,7 +11,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The file.
-    #[error(transparent)]
+    #[error("{0}")]
     File(#[from] CheckpointError),
     /// A JSON section is not what this program writes.
     #[error("{}: section `{section}`: {problem}; use the program that wrote it", path.display())]
@@ -61,7 +61,7 @@ pub enum RunError {
     /// Another dataset.
     #[error(
         "{}: expected the dataset it was trained on, found one that differs in {difference}; name \
-         the right dataset, or use --force to go on with this one", path.display()
+         the right dataset", path.display()
     )]
     OtherDataset {
         /// The checkpoint.
@@ -129,12 +129,12 @@ pub enum RunError {
         source: AddError,
     },
     /// The dataset does not hold what the run needs.
-    #[error(transparent)]
+    #[error("{0}")]
     Dataset(#[from] DatasetError),
     /// The session does not start.
-    #[error(transparent)]
+    #[error("{0}")]
     Session(#[from] SessionError),
     /// The candidate index could not be built.
-    #[error(transparent)]
+    #[error("{0}")]
     Index(#[from] IndexError),
 }

@@ -1,6 +1,6 @@
 //! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
 
-use super::scene::{SceneError, StructuralScale};
+use super::scene::{DepthAdvice, NEARER_SHARE, SceneError, StructuralScale};
 use crate::dataset::Dataset;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::observation::surface::Observation;
@@ -10,8 +10,7 @@ use crate::pipeline::plan::Plan;
 const SAMPLED_FRAMES: usize = 8;
 /// Every so-many-th point of them.
 const SAMPLED_POINTS: usize = 7;
-/// Share of the points that are nearer than the typical distance.
-const NEARER: f64 = 0.95;
+
 /// What some frames of a plan look like.
 pub(super) struct Sample {
     /// Width of a pixel at the typical distance, world units.
@@ -50,7 +49,7 @@ impl Sample {
                 depths.extend(points.map(|p| f64::from(p.range)));
             }
         }
-        match (quantile(&mut footprints, NEARER), quantile(&mut depths, 0.05)) {
+        match (quantile(&mut footprints, NEARER_SHARE), quantile(&mut depths, 0.05)) {
             (Some(footprint), Some(near)) => {
                 let far = quantile(&mut depths, 0.95).unwrap_or(near);
                 let tolerance = f64::from(observation.tolerance.refinement);
@@ -99,7 +98,7 @@ fn no_points(dataset: &Dataset, trusted: [f64; 2], seen: &mut [f64], frames: usi
         _ => "no depth at all".to_owned(),
     };
     let advice = match quantile(seen, 0.5) {
-        None => "check that the depth images belong to this dataset".to_owned(),
+        None => DepthAdvice::CheckImages,
         Some(middle) => unit_advice(trusted, middle),
     };
     SceneError::NoPoints {
@@ -112,7 +111,7 @@ fn no_points(dataset: &Dataset, trusted: [f64; 2], seen: &mut [f64], frames: usi
 }
 
 /// The power of ten that brings a depth into the trusted interval, if one does.
-fn unit_advice(trusted: [f64; 2], middle: f64) -> String {
+fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
     let factors = [
         (1e-3, "millimetres"),
         (1e3, "kilometres"),
@@ -122,10 +121,8 @@ fn unit_advice(trusted: [f64; 2], middle: f64) -> String {
     let likely =
         factors.iter().find(|(factor, _)| (trusted[0]..trusted[1]).contains(&(middle * factor)));
     match likely {
-        Some((factor, unit)) => format!(
-            "the depths look like {unit} taken for metres: multiply --depth-scale by {factor}, or widen --depth-range"
-        ),
-        None => "set the unit with --depth-scale, or widen --depth-range".to_owned(),
+        Some(&(factor, unit)) => DepthAdvice::OtherUnit { unit, factor },
+        None => DepthAdvice::SetUnit,
     }
 }
 
@@ -148,7 +145,8 @@ mod tests {
 
     #[test]
     fn a_wrong_unit_is_guessed() {
-        assert!(unit_advice([0.3, 4.0], 1500.0).contains("millimetres"));
-        assert!(unit_advice([0.3, 4.0], 1e9).contains("--depth-scale"));
+        let advice = DepthAdvice::OtherUnit { unit: "millimetres", factor: 1e-3 };
+        assert_eq!(unit_advice([0.3, 4.0], 1500.0), advice);
+        assert_eq!(unit_advice([0.3, 4.0], 1e9), DepthAdvice::SetUnit);
     }
 }

@@ -1,9 +1,7 @@
 //! Lengths and sizes as a user says them.
 
+use crate::train::scene::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
-
-/// Bytes of a component, by which a budget in megabytes is counted.
-const COMPONENT_BYTES: usize = 200;
 
 /// Structural scale: largest distance of a point from the seed of its component.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -11,9 +11,10 @@ use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
-use crate::train::learner::{Changed, Learner, LearnerWarning, Learns};
+use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::FrameOutcome;
 use crate::train::stages::{PAPER_STAGES, TrainStage};
+use crate::train::warnings::TrainingWarning;
 use rayon::prelude::*;
 
 /// Components that a thread turns into splats at once, at least: fewer are not worth handing over.
@@ -118,7 +119,7 @@ impl<R: PaperScalar> Learner for InWorld<R> {
         self.trainer.component_elbo_mut()
     }
 
-    fn warnings(&self) -> Vec<LearnerWarning> {
+    fn warnings(&self) -> Vec<TrainingWarning> {
         Vec::new()
     }
 

@@ -7,6 +7,7 @@
 //! within 0.0001 dB.
 
 use crate::math::real::Real;
+use crate::model::scene::bounds::{self, Slack, restrain};
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
@@ -18,6 +19,8 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     type Term: Real;
     /// Points from which on a row spills into a wide one. As many more still fit.
     const FULL: f64;
+    /// How far rounding may take sums of this form.
+    const SLACK: Slack;
     /// A term, rounded to the form of the sums.
     fn of(term: Self::Term) -> Self;
     /// A sum, rounded likewise.
@@ -36,6 +39,7 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
 impl SumScalar for i32 {
     type Term = f32;
     const FULL: f64 = WIDE_POINTS as f64;
+    const SLACK: Slack = bounds::MIXED;
 
     #[inline(always)]
     fn of(term: f32) -> Self {
@@ -71,10 +75,11 @@ impl SumScalar for i32 {
 }
 
 macro_rules! plain_sum_scalar {
-    ($t:ty, $stored:ident) => {
+    ($t:ty, $stored:ident, $slack:ident) => {
         impl SumScalar for $t {
             type Term = $t;
             const FULL: f64 = f64::INFINITY;
+            const SLACK: Slack = bounds::$slack;
 
             #[inline(always)]
             fn of(term: $t) -> Self {
@@ -109,8 +114,8 @@ macro_rules! plain_sum_scalar {
     };
 }
 
-plain_sum_scalar!(f32, F32);
-plain_sum_scalar!(f64, F64);
+plain_sum_scalar!(f32, F32, F32);
+plain_sum_scalar!(f64, F64, F64);
 
 /// Quanta per unit of the integer sums.
 const QUANTA: f32 = (1.0 / QUANTUM) as f32;
@@ -298,7 +303,8 @@ impl<W: SumScalar> ComponentSums<W> {
     }
 
     /// Gives a component what another has, whose sums about the seed of the first are `sums`, and
-    /// leaves the other without any.
+    /// leaves the other without any. Second moments stay those of some points: moving them to the
+    /// other seed may have taken them a quantum below 0.
     pub fn merge(&mut self, kept: usize, dropped: usize, sums: &[f64; N_SUMS]) {
         let visibility = std::mem::take(&mut self.rows[dropped].visibility);
         self.rows[dropped].sums = [W::default(); N_SUMS];
@@ -311,6 +317,19 @@ impl<W: SumScalar> ComponentSums<W> {
         } else {
             let sums = sums.map(|sum| (sum / QUANTUM).round_ties_even() * QUANTUM);
             self.add_wide(kept as u32, sums);
+        }
+        let mut union = self.sums(kept);
+        if restrain(&mut union, W::SLACK) {
+            self.replace(kept, &union);
+        }
+    }
+
+    /// Gives a component other sums, as large as it has, in place of its own.
+    fn replace(&mut self, id: usize, sums: &[f64; N_SUMS]) {
+        let row = &mut self.rows[id].sums;
+        match self.wide.get_mut(&(id as u32)) {
+            Some(wide) => (*row, *wide) = ([W::default(); N_SUMS], *sums),
+            None => *row = sums.map(W::of_sum),
         }
     }
 
@@ -329,7 +348,12 @@ fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::merge::moved;
     use super::*;
+    use crate::math::rng::{Purpose, Rng};
+    use crate::math::sym3::Sym3;
+    use crate::model::scene::sums::SceneSums;
+    use glam::DVec3;
 
     #[test]
     fn rows_that_fill_up_lose_nothing() {
@@ -345,6 +369,51 @@ mod tests {
         }
         assert_eq!(component_sums.sums(0)[0], 20_000.0);
         assert_eq!(component_sums.sums(0)[5], -65_000.0);
+    }
+
+    /// Whatever is merged, however often and from however far, the sums are some that files take.
+    fn merges_stay_bounded<W: SumScalar>(term: impl Fn(f64) -> W::Term) {
+        let mut restrained = 0;
+        for case in 0..400 {
+            let mut rng = Rng::new(7, Purpose::Init, case);
+            let mut component_sums = ComponentSums::<W>::default();
+            component_sums.grow(6);
+            let mut vector = |step: fn(f64) -> f64| {
+                DVec3::from_array([0; 3].map(|_| step(rng.range(-1.0, 1.0))))
+            };
+            let seeds = [DVec3::ZERO; 6].map(|_| vector(|x| x));
+            // Points on a line through the first seed, along an axis or in a plane of two: about that
+            // seed some of their moments are nothing but rounding.
+            let direction = vector(f64::round);
+            for (id, seed) in seeds.iter().enumerate() {
+                for _ in 0..1 + id % 3 {
+                    let d = seeds[0] + direction * rng.range(0.0, 0.2) - *seed;
+                    let mut sums = SceneSums::new(&[0.0; N_SUMS], 1.0);
+                    (sums.count, sums.first, sums.second) = (1.0, d, Sym3::outer(d));
+                    component_sums.rows[id].add(&sums.to_array().map(&term));
+                }
+            }
+            for (id, seed) in seeds.iter().enumerate().skip(1) {
+                let own = SceneSums::new(&component_sums.sums(id), 1.0);
+                let moved = moved(&own, *seed - seeds[0]).to_array();
+                let rounded = moved.map(|sum| W::of_sum(sum).value());
+                let mut plain = component_sums.sums(0);
+                plain.iter_mut().zip(rounded).for_each(|(sum, other)| *sum += other);
+                restrained += usize::from(restrain(&mut plain, W::SLACK));
+                component_sums.merge(0, id, &moved);
+                let mut union = component_sums.sums(0);
+                assert!(!restrain(&mut union, W::SLACK), "case {case}, merge {id}: {union:?}");
+                assert_eq!(union[0], plain[0], "no point is lost");
+            }
+        }
+        assert!(restrained > 0, "no merge needed it");
+    }
+
+    #[test]
+    fn merging_keeps_moments_within_their_bounds() {
+        merges_stay_bounded::<i32>(|x| x as f32);
+        merges_stay_bounded::<f32>(|x| x as f32);
+        merges_stay_bounded::<f64>(|x| x);
     }
 
     #[test]

@@ -7,7 +7,13 @@ use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Most components where a user sets no budget: 400 MB of sums.
+/// Bytes that a component takes of the model at most: its sums and counts of visibility (176), its
+/// seed and the next of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes are
+/// counted by it, and so is the memory that a run is expected to take. What a run reports as the
+/// model's bytes is measured: a little less, and more where merged components keep their seeds.
+pub const COMPONENT_BYTES: usize = 200;
+
+/// Most components where a user sets no budget: [`COMPONENT_BYTES`] times as many are 400 MB.
 pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
 /// Where components are born.
@@ -136,14 +142,14 @@ impl SceneConfig {
     pub fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.most) {
             return Err(ConfigError {
-                setting: "--budget",
+                setting: "budget",
                 expected: format!("1 to {MAX_COMPONENTS} components"),
                 found: self.most.to_string(),
             });
         }
         if !(self.h.is_finite() && self.h > 0.0) {
             return Err(ConfigError {
-                setting: "--scale",
+                setting: "scale",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
             });

@@ -170,7 +170,7 @@ fn error(sums: &SceneSums) -> f64 {
 }
 
 /// Sums about a seed that lies `shift` before their own.
-fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
+pub(super) fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
     let crossed = outer(sums.first, shift);
     let second = sums
         .second

@@ -28,10 +28,11 @@ use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
-use crate::train::learner::{Changed, Learner, LearnerWarning, Learns};
+use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::FrameOutcome;
 use crate::train::stages::{SCENE_STAGES, SceneStage, TrainStage};
 use crate::train::timing::{StageMs, Stopwatch};
+use crate::train::warnings::TrainingWarning;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -445,10 +446,10 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         &mut self.component_elbo
     }
 
-    fn warnings(&self) -> Vec<LearnerWarning> {
+    fn warnings(&self) -> Vec<TrainingWarning> {
         let UnassignedPoints { budget, reach } = self.unassigned;
-        let budget = (budget > 0).then_some(LearnerWarning::OverBudget { points: budget });
-        let reach = (reach > 0).then_some(LearnerWarning::OutOfReach { points: reach });
+        let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
+        let reach = (reach > 0).then_some(TrainingWarning::OutOfReach { points: reach });
         budget.into_iter().chain(reach).collect()
     }
 

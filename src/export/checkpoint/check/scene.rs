@@ -3,6 +3,7 @@
 use super::super::error::{Defect, tag_text};
 use super::super::tag;
 use super::{AXES, ascending, value};
+use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbounded};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
 
@@ -17,22 +18,6 @@ const NAMES: [&str; N_SUMS] = [
     "red view x", "red view y", "red view z", "green view x", "green view y", "green view z",
     "blue view x", "blue view y", "blue view z",
 ];
-
-/// Positions of sums of squares.
-const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
-
-/// How far rounding may take sums: relative to them, and per point.
-#[derive(Clone, Copy)]
-struct Slack {
-    relative: f64,
-    per_point: f64,
-}
-
-/// Every term is rounded by half a quantum, and view directions are unit vectors in f32.
-const MIXED: Slack = Slack { relative: 1e-6, per_point: 3.0 * QUANTUM };
-/// Sums in f32 stand still from 2²⁴ points on; up to there rounding may double them.
-const F32: Slack = Slack { relative: 1.0, per_point: 0.0 };
-const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
 
 /// Origin, seeds and sums.
 pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
@@ -125,26 +110,6 @@ fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(),
     if sound { Ok(()) } else { Err(first_unsound(tag, k, row, slack, most)) }
 }
 
-/// The first mixed moment that is larger than its axes' second moments allow. The last second moment
-/// of view directions is what is left of their count.
-fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<usize> {
-    let [xx, yy, zz] = [row[4], row[7], row[9]];
-    let [view_xx, view_yy] = [row[28], row[31]];
-    let view_zz = row[0] * (1.0 + slack.relative) - view_xx - view_yy;
-    let pairs = [
-        (5, xx + yy),
-        (6, xx + zz),
-        (8, yy + zz),
-        (29, view_xx + view_yy),
-        (30, view_xx + view_zz),
-        (32, view_yy + view_zz),
-    ];
-    let rounding = slack.per_point * row[0];
-    let bounded =
-        |i: usize, squares: f64| 2.0 * row[i].abs() <= squares * (1.0 + slack.relative) + rounding;
-    pairs.into_iter().find(|&(i, squares)| !bounded(i, squares)).map(|(i, _)| i)
-}
-
 #[cold]
 fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most: f64) -> Defect {
     let refuse = |i: usize, expected: &str| value(tag, k, NAMES[i], expected, row[i]);
@@ -158,7 +123,7 @@ fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most
         return refuse(i, &format!("at most {MAX_TERM} a point, of {} points", row[0]));
     }
     match first_unbounded(row, slack) {
-        Some(i) => refuse(i, "at most the mean of the two axes' second moments"),
+        Some((i, _)) => refuse(i, "at most the mean of the two axes' second moments"),
         None => refuse(31, &format!("at most what `{}` leaves of N", NAMES[28])),
     }
 }

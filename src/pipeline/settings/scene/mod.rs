@@ -99,12 +99,45 @@ pub struct SceneRun {
 const DEFAULT_SCALE: StructuralScale = StructuralScale::Pixels(DEFAULT_PIXELS);
 /// The same in pixels.
 pub const DEFAULT_PIXELS: f64 = 2.5;
+/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
+pub const NEARER_SHARE: f64 = 0.95;
+
+/// What to do about depth of which nothing is usable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DepthAdvice {
+    /// The images hold none at all.
+    CheckImages,
+    /// It looks like another unit, taken for metres.
+    OtherUnit {
+        /// That unit.
+        unit: &'static str,
+        /// What the depth scale has to be multiplied by.
+        factor: f64,
+    },
+    /// No usual unit brings it into the trusted range.
+    SetUnit,
+}
+
+impl std::fmt::Display for DepthAdvice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::CheckImages => f.write_str("check that the depth images belong to this dataset"),
+            Self::OtherUnit { unit, factor } => write!(
+                f,
+                "the depths look like {unit} taken for metres: multiply the depth scale by {factor}, or widen the depth range"
+            ),
+            Self::SetUnit => {
+                f.write_str("set the depth scale to its unit, or widen the depth range")
+            }
+        }
+    }
+}
 
 /// Why a scene cannot begin.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     /// A setting out of range.
-    #[error(transparent)]
+    #[error("{0}")]
     Config(#[from] ConfigError),
     /// No pixel of the sampled frames is a point.
     #[error(
@@ -120,11 +153,11 @@ pub enum SceneError {
         /// Frames looked at.
         frames: usize,
         /// What to do.
-        advice: String,
+        advice: DepthAdvice,
     },
     /// The structural scale is below what the data can tell apart.
     #[error(
-        "--scale: expected at least {least:.2e} world units, the distance that depth noise makes of one surface here, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, say so with --depth-scale"
+        "structural scale: expected at least {least:.2e} world units, the distance that depth noise makes of one surface here, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale"
     )]
     BelowNoise {
         /// Least scale.

@@ -178,8 +178,8 @@ impl PaperConfig {
             }
             (Some(Precision::Custom), None) => {
                 return refuse(
-                    "--precision",
-                    "f64, mixed or f32, or `operations` in --config".into(),
+                    "precision",
+                    "f64, mixed or f32, or `operations` in a settings file".into(),
                     "custom alone".into(),
                 );
             }
@@ -197,7 +197,7 @@ impl PaperConfig {
     fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.components) {
             return refuse(
-                "--components",
+                "components",
                 format!("1 to {MAX_COMPONENTS}"),
                 self.components.to_string(),
             );
@@ -205,39 +205,35 @@ impl PaperConfig {
         if let Candidates::Nearest(c) = self.candidates
             && !(1..=MAX_CANDIDATES).contains(&c)
         {
-            return refuse(
-                "--candidates",
-                format!("1 to {MAX_CANDIDATES}, or dense"),
-                c.to_string(),
-            );
+            return refuse("candidates", format!("1 to {MAX_CANDIDATES}, or dense"), c.to_string());
         }
         if self.batch == Batch::Points(0) {
-            return refuse("--batch", "1 point or more, or frame".into(), "0".into());
+            return refuse("batch", "1 point or more, or frame".into(), "0".into());
         }
         if self.index == IndexKind::KdTree && self.operations.distance == Width::F32 {
             return refuse(
-                "--index",
-                "grid, or --precision f64: the tree measures distances in f64".into(),
+                "index",
+                "grid, or precision f64: the tree measures distances in f64".into(),
                 "kd-tree with distances in f32".into(),
             );
         }
         if self.candidates == Candidates::Dense && self.index == IndexKind::KdTree {
             return refuse(
-                "--index",
-                "grid with --candidates dense, which searches nothing".into(),
+                "index",
+                "grid with candidates dense, which searches nothing".into(),
                 "kd-tree".into(),
             );
         }
         if !(0.0..=1.0).contains(&self.reassign_fraction) {
             return refuse(
-                "--reassign-fraction",
+                "reassign_fraction",
                 "0 to 1".into(),
                 self.reassign_fraction.to_string(),
             );
         }
         if !(self.conversion.scale_factor > 0.0 && self.conversion.scale_factor <= 100.0) {
             let found = self.conversion.scale_factor.to_string();
-            return refuse("--scale-factor", "more than 0, at most 100".into(), found);
+            return refuse("scale_factor", "more than 0, at most 100".into(), found);
         }
         Ok(self)
     }
@@ -255,20 +251,20 @@ mod tests {
     #[test]
     fn out_of_range_settings_are_refused_by_name() {
         let cases = [
-            (PaperOverrides { components: Some(0), ..Default::default() }, "--components"),
+            (PaperOverrides { components: Some(0), ..Default::default() }, "components"),
             (
                 PaperOverrides { candidates: Some(Candidates::Nearest(0)), ..Default::default() },
-                "--candidates",
+                "candidates",
             ),
             (
                 PaperOverrides { reassign_fraction: Some(1.5), ..Default::default() },
-                "--reassign-fraction",
+                "reassign_fraction",
             ),
             (
                 PaperOverrides { reassign_fraction: Some(f64::NAN), ..Default::default() },
-                "--reassign-fraction",
+                "reassign_fraction",
             ),
-            (PaperOverrides { scale_factor: Some(0.0), ..Default::default() }, "--scale-factor"),
+            (PaperOverrides { scale_factor: Some(0.0), ..Default::default() }, "scale_factor"),
         ];
         for (overrides, setting) in cases {
             assert_eq!(PaperConfig::paper().with(&overrides).unwrap_err().setting, setting);
