@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 const ROWS_AHEAD: usize = 16;
 
 /// Rows of consecutive components.
-pub(super) struct Shard<T: TotalScalar> {
+pub(super) struct TotalShard<T: TotalScalar> {
     /// One row per component.
     pub rows: Vec<TotalRow<T>>,
     /// High limbs by component, where a sum has one.
@@ -35,11 +35,11 @@ pub(super) struct TotalRow<T> {
 }
 
 /// Bytes of one component.
-pub(super) fn row_bytes<T: TotalScalar>(_: &[Shard<T>]) -> usize {
+pub(super) fn row_bytes<T: TotalScalar>(_: &[TotalShard<T>]) -> usize {
     size_of::<TotalRow<T>>()
 }
 
-impl<T: TotalScalar> Shard<T> {
+impl<T: TotalScalar> TotalShard<T> {
     /// Rows of `len` components that have received nothing.
     pub fn new(len: usize) -> Self {
         Self {

@@ -10,7 +10,7 @@
 //! sorting the points by component (1.6 to 1.9 ms), and floating-point sums without an order, which
 //! give other bits in every run.
 
-use super::shard::{Shard, row_bytes};
+use super::shard::{TotalShard, row_bytes};
 use super::state::{Carry, Totals};
 use super::total_scalar::TotalScalar;
 use crate::math::real::Real;
@@ -45,9 +45,9 @@ pub struct Statistics {
 }
 
 enum Form {
-    F32(Vec<Shard<f32>>),
-    Fixed64(Vec<Shard<i64>>),
-    Fixed128(Vec<Shard<i128>>),
+    F32(Vec<TotalShard<f32>>),
+    Fixed64(Vec<TotalShard<i64>>),
+    Fixed128(Vec<TotalShard<i128>>),
 }
 
 macro_rules! any_form {
@@ -149,7 +149,7 @@ impl Statistics {
     ) {
         // The stamp would wrap, and rows of the first frames pass for touched.
         if self.frame == u32::MAX {
-            any_form!(&mut self.form, shards => shards.iter_mut().for_each(Shard::forget_frames));
+            any_form!(&mut self.form, shards => shards.iter_mut().for_each(TotalShard::forget_frames));
             self.frame = 0;
         }
         self.frame += 1;
@@ -197,12 +197,12 @@ fn shard_bits(components: usize) -> u32 {
     components.div_ceil(MAX_SHARDS).next_power_of_two().max(64).trailing_zeros()
 }
 
-fn empty_shards<T: TotalScalar>(components: usize) -> Vec<Shard<T>> {
+fn empty_shards<T: TotalScalar>(components: usize) -> Vec<TotalShard<T>> {
     let len = 1 << shard_bits(components);
-    (0..components).step_by(len).map(|first| Shard::new(len.min(components - first))).collect()
+    (0..components).step_by(len).map(|first| TotalShard::new(len.min(components - first))).collect()
 }
 
-fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec<Shard<T>> {
+fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec<TotalShard<T>> {
     let bits = shard_bits(rows.len());
     let mut shards = empty_shards(rows.len());
     for (id, &sums) in rows.iter().enumerate() {
@@ -221,7 +221,7 @@ fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec
     shards
 }
 
-fn rows<T: TotalScalar>(shards: &[Shard<T>]) -> Vec<[T; N_SUMS]> {
+fn rows<T: TotalScalar>(shards: &[TotalShard<T>]) -> Vec<[T; N_SUMS]> {
     shards.iter().flat_map(|s| s.rows.iter().map(|row| row.sums)).collect()
 }
 

@@ -169,6 +169,22 @@ impl SceneSums {
         }
     }
 
+    /// Sums of these points about a seed that lies `shift` before their own, in the unit of the
+    /// offsets.
+    pub fn moved(&self, shift: DVec3) -> Self {
+        let crossed = outer(self.first, shift);
+        let second = self
+            .second
+            .add_scaled(1.0, Sym3::from_mat3(crossed + crossed.transpose()))
+            .add_scaled(self.count, Sym3::outer(shift));
+        Self {
+            first: self.first + shift * self.count,
+            second,
+            color_offset: self.color_offset + outer(self.color, shift),
+            ..*self
+        }
+    }
+
     /// What the NIW and Dirichlet posteriors need of them. `normalized` colours have the offset and
     /// scale of [`crate::math::normalization::Normalization`].
     pub fn moments(&self) -> Moments {

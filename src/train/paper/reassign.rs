@@ -129,9 +129,9 @@ impl DestinationChooser {
         }
     }
 
-    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law of
-    /// drawing one after the other with probabilities `p_i` of what is left (`train.md`, Sampling
-    /// without replacement). Those of probability zero come last, in uniform order.
+    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
+    /// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
+    /// Sampling without replacement). Those of probability zero come last, in uniform order.
     fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
         let of = |point: u32| q[point as usize];

@@ -348,7 +348,6 @@ fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::merge::moved;
     use super::*;
     use crate::math::rng::{Purpose, Rng};
     use crate::math::sym3::Sym3;
@@ -382,8 +381,8 @@ mod tests {
                 DVec3::from_array([0; 3].map(|_| step(rng.range(-1.0, 1.0))))
             };
             let seeds = [DVec3::ZERO; 6].map(|_| vector(|x| x));
-            // Points on a line through the first seed, along an axis or in a plane of two: about that
-            // seed some of their moments are nothing but rounding.
+            // Points on a line through the first seed, along an axis or in a plane of two: about
+            // that seed some of their moments are nothing but rounding.
             let direction = vector(f64::round);
             for (id, seed) in seeds.iter().enumerate() {
                 for _ in 0..1 + id % 3 {
@@ -395,7 +394,7 @@ mod tests {
             }
             for (id, seed) in seeds.iter().enumerate().skip(1) {
                 let own = SceneSums::new(&component_sums.sums(id), 1.0);
-                let moved = moved(&own, *seed - seeds[0]).to_array();
+                let moved = own.moved(*seed - seeds[0]).to_array();
                 let rounded = moved.map(|sum| W::of_sum(sum).value());
                 let mut plain = component_sums.sums(0);
                 plain.iter_mut().zip(rounded).for_each(|(sum, other)| *sum += other);

@@ -60,7 +60,7 @@ pub fn merge_down<W: SumScalar>(
             component_sums.merge(
                 kept as usize,
                 dropped as usize,
-                &moved(&b.sums, b.seed - a.seed).to_array(),
+                b.sums.moved(b.seed - a.seed).to_array(),
             );
         }
         components.merge(&pairs);
@@ -146,7 +146,7 @@ fn best_partner(
 
 /// By how much more two components leave unexplained as one; `None` if that would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
-    let union = a.sums + moved(&b.sums, b.seed - a.seed);
+    let union = a.sums + b.sums.moved(b.seed - a.seed);
     let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
         && union.mean_offset().length() <= MAX_OFFSET;
     is_small.then(|| error(&union) - a.error - b.error)
@@ -167,21 +167,6 @@ fn error(sums: &SceneSums) -> f64 {
     };
     let thickness = covariance.eigen().values.min_element().max(0.0);
     n * (THICKNESS_COST * thickness - color.length_squared() - explained)
-}
-
-/// Sums about a seed that lies `shift` before their own.
-pub(super) fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
-    let crossed = outer(sums.first, shift);
-    let second = sums
-        .second
-        .add_scaled(1.0, Sym3::from_mat3(crossed + crossed.transpose()))
-        .add_scaled(sums.count, Sym3::outer(shift));
-    SceneSums {
-        first: sums.first + shift * sums.count,
-        second,
-        color_offset: sums.color_offset + outer(sums.color, shift),
-        ..*sums
-    }
 }
 
 #[cfg(test)]
@@ -212,8 +197,8 @@ mod tests {
     fn sums_are_the_same_about_any_seed() {
         let color = |p: DVec3| p * 0.3 + DVec3::splat(0.2);
         let (a, b) = (at(DVec3::ZERO, color), at(DVec3::X * 0.5, color));
-        let union = a.sums + moved(&b.sums, b.seed - a.seed);
-        let back = moved(&moved(&b.sums, DVec3::new(0.3, -1.0, 2.0)), -DVec3::new(0.3, -1.0, 2.0));
+        let union = a.sums + b.sums.moved(b.seed - a.seed);
+        let back = b.sums.moved(DVec3::new(0.3, -1.0, 2.0)).moved(-DVec3::new(0.3, -1.0, 2.0));
         assert!((back.first - b.sums.first).length() < 1e-12);
         assert!((back.second.trace() - b.sums.second.trace()).abs() < 1e-9);
         assert!((union.mean_offset().x - 0.45).abs() < 1e-12);
