@@ -76,8 +76,8 @@ pub trait Learns<Input>: Learner {
     ///
     /// # Errors
     /// [`IndexError`] if the candidate index cannot be built again. A frame is applied whole or not
-    /// at all; where only the reassignment after the fit fails, the frame is learnt and no
-    /// component has moved.
+    /// at all; where only the reassignment after the fit fails, the frame is learnt and no component
+    /// has moved.
     fn learn(&mut self, observation: &Input) -> Result<FrameOutcome, IndexError>;
 }
 

@@ -19,13 +19,13 @@ use crate::train::candidates::IndexError;
 /// ```
 /// use vbgs_studio::math::normalization::Normalization;
 /// use vbgs_studio::observation::points::Points;
-/// use vbgs_studio::train::paper::{config::{PaperOverrides, PaperConfig}, engine,
-/// init::InitialDraw};
+/// use vbgs_studio::train::paper::{config::{PaperOverrides, PaperConfig}, engine, init::InitialDraw};
 ///
-/// let config = PaperConfig::paper().with(&PaperOverrides { components: Some(50),
-/// ..Default::default() })?; let mut mixture = engine::begin(&config, &InitialDraw::random(50, 0),
-/// Normalization::IDENTITY)?; let outcome = mixture.learn(&Points::from_rows(&[[0.1; 6], [0.2;
-/// 6]]))?; assert_eq!(outcome.points, 2); assert!(mixture.used() >= 1);
+/// let config = PaperConfig::paper().with(&PaperOverrides { components: Some(50), ..Default::default() })?;
+/// let mut mixture = engine::begin(&config, &InitialDraw::random(50, 0), Normalization::IDENTITY)?;
+/// let outcome = mixture.learn(&Points::from_rows(&[[0.1; 6], [0.2; 6]]))?;
+/// assert_eq!(outcome.points, 2);
+/// assert!(mixture.used() >= 1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn begin(

@@ -20,8 +20,8 @@ use rayon::prelude::*;
 /// Components that a thread turns into splats at once, at least: fewer are not worth handing over.
 const MIN_SPLATS: usize = 1024;
 
-/// What a mixture of the published algorithm can do besides what all learners can; its precision
-/// was chosen at run time.
+/// What a mixture of the published algorithm can do besides what all learners can; its precision was
+/// chosen at run time.
 pub trait PaperLearner: Learns<Points<f32>> {
     /// ELBO of every point of the last frame under the model it was scored with, nats, point order;
     /// NaN for points that were left out.

@@ -12,7 +12,7 @@ use super::components::Components;
 use super::grid::SeedGrid;
 use super::seed_positions::SeedPositions;
 use crate::math::sym3::Sym3;
-use crate::model::scene::sums::{SceneSums, outer};
+use crate::model::scene::sums::SceneSums;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -172,7 +172,7 @@ fn error(sums: &SceneSums) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::scene::sums::N_SUMS;
+    use crate::model::scene::sums::{N_SUMS, outer};
 
     fn points(at: DVec3, color: impl Fn(DVec3) -> DVec3) -> SceneSums {
         let mut sums = SceneSums::new(&[0.0; N_SUMS], 1.0);
