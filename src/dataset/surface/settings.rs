@@ -33,13 +33,20 @@ pub struct SurfaceSettings {
 impl SurfaceSettings {
     /// Every stage, with the sensor of the dataset and what is known of its cameras.
     pub fn new(dataset: &Dataset, origin: DVec3) -> Self {
+        let calibration = Calibration::known(dataset);
+        Self { calibration, ..Self::of_sensor(Sensor::of(dataset), origin) }
+    }
+
+    /// Every stage, for frames of a sensor whose colour is registered to its depth; points are kept
+    /// relative to `origin`, world units.
+    pub fn of_sensor(sensor: Sensor, origin: DVec3) -> Self {
         Self {
-            sensor: Sensor::of(dataset),
+            sensor,
             thresholds: None,
             plane_fit: true,
             flying_pixels: true,
             cosine: true,
-            calibration: Calibration::known(dataset),
+            calibration: None,
             origin,
         }
     }

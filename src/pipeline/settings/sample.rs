@@ -1,6 +1,7 @@
 //! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
 
-use super::scene::{SceneError, StructuralScale};
+use super::scene::error::SceneError;
+use super::units::StructuralScale;
 use crate::dataset::Dataset;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::observation::surface::Observation;

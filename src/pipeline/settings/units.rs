@@ -1,9 +1,7 @@
 //! Lengths and sizes as a user says them.
 
+use crate::train::scene::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
-
-/// Bytes of a component, by which a budget in megabytes is counted.
-const COMPONENT_BYTES: usize = 200;
 
 /// Structural scale: largest distance of a point from the seed of its component.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -13,6 +11,14 @@ pub enum StructuralScale {
     Pixels(f64),
     /// World units.
     World(f64),
+}
+
+impl StructuralScale {
+    /// Whether it is a length that a component can have.
+    pub fn is_positive(&self) -> bool {
+        let (Self::Pixels(length) | Self::World(length)) = self;
+        length.is_finite() && *length > 0.0
+    }
 }
 
 impl std::str::FromStr for StructuralScale {
@@ -55,7 +61,7 @@ impl From<StructuralScale> for String {
 pub enum Budget {
     /// So many.
     Components(usize),
-    /// As many as fit in so many bytes of the model.
+    /// As many as fit in so many bytes of the model, at [`COMPONENT_BYTES`] each.
     Bytes(usize),
 }
 

@@ -3,11 +3,19 @@
 use super::engine::SumForm;
 use crate::model::scene::native::NativeRule;
 use crate::model::scene::opacity::DensityOpacity;
+use crate::model::scene::state::Looks;
+use crate::model::scene::sums::N_SUMS;
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Most components where a user sets no budget: 400 MB of sums.
+/// Bytes of memory that a component takes while a scene is trained: its sums and visibility counts,
+/// its seed, and the seed's place in a hash grid with at most two buckets a seed. Budgets in
+/// megabytes are counted by it.
+pub const COMPONENT_BYTES: usize =
+    N_SUMS * size_of::<i32>() + size_of::<Looks>() + size_of::<[f32; 3]>() + 3 * size_of::<u32>();
+
+/// Most components where a user sets no budget: 400 MB at [`COMPONENT_BYTES`] each.
 pub const MOST_COMPONENTS: usize = 2_000_000;
 
 /// Where components are born.
