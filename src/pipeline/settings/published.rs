@@ -27,6 +27,7 @@ mod tests {
     use super::*;
     use crate::dataset::synthetic::{SyntheticParams, dataset};
     use crate::pipeline::plan::{Plan, Selection};
+    use crate::pipeline::settings::method::Method;
     use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
     use crate::train::paper::config::{Overrides, TrainConfig};
     use crate::train::setting::table::{About, Setting, SettingLayer, Spelling};
@@ -154,6 +155,39 @@ mod tests {
         let readme = fs::read_to_string(in_tree("README.md")).unwrap();
         let scene = with_table(&readme, Preset::Scene, &table_of::<SceneOverrides>());
         hold("README.md", &with_table(&scene, Preset::Paper, &table_of::<Overrides>()));
+    }
+
+    /// Settings of a scene as version 0.1.0 wrote them into a checkpoint.
+    const STORED_BY_0_1: &str = r#"{"preset": "scene", "seed": 0, "scale": "2.5px", "budget": "5000", "births": "seeds", "h":
+        0.020206111948937178, "refine": true, "align": false, "gain": false, "looks": "projected",
+        "sums": "mixed", "most": 5000, "native": {"opacity": {"tau": 3.2, "rho0": 0.7, "doubt": 20.0,
+        "least": 0.3}, "least_points": 5.0, "scale": 1.12, "closing": 0.9, "least_scale": 0.05,
+        "prior_scale": 0.3, "prior_points": 2.0, "gradient": true, "gradient_ridge": 0.005,
+        "directional": true, "directional_ridge": [0.01, 0.2]}, "surface": {"sensor": "inverse8-ray",
+        "thresholds": null, "plane_fit": true, "flying_pixels": true, "cosine": true, "calibration":
+        null, "origin": [0.0, 3.0, 3.0]}}"#;
+
+    #[test]
+    fn stored_settings_of_version_0_1_are_compared_by_value() {
+        let Method::Scene(run) = serde_json::from_str(STORED_BY_0_1).unwrap() else {
+            panic!("the preset is scene")
+        };
+        let options = ron::Options::default()
+            .with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+        let asked = |text| -> SceneOverrides { options.from_str(text).unwrap() };
+        let same = "(seed: 0, scale: \"2.5px\", budget: \"5000\", looks: projected, closing: true, \
+                    sums: mixed, cosine: true, gain: false, sensor: r#inverse8-ray)";
+        assert_eq!(asked(same).conflict(&run), None);
+        for (other, setting, stored) in [
+            ("(closing: false)", "--with or --without crack-filling", "true"),
+            ("(visibility: returned)", "--visibility", "projected"),
+            ("(sums: f64)", "--precision", "mixed"),
+            ("(plane_fit: false)", "--with or --without plane-fit", "true"),
+            ("(calibration: ())", "--calibration", "none"),
+        ] {
+            let conflict = asked(other).conflict(&run).expect(other);
+            assert_eq!((conflict.setting.as_str(), conflict.stored.as_str()), (setting, stored));
+        }
     }
 
     #[test]
