@@ -1,4 +1,5 @@
 //! Every bench in a tiny setting: its rows, its files' contents and its plot.
+#![cfg(feature = "bench")]
 #![allow(clippy::unwrap_used)]
 
 #[cfg(feature = "gui")]

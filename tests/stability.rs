@@ -1,5 +1,6 @@
 //! Hard cases for arithmetic, held to bounds against exact sums: the same rows that
 //! `bench stability` prints.
+#![cfg(feature = "bench")]
 #![allow(clippy::unwrap_used)]
 
 use vbgs_studio::bench::paper::stability::{Case, StabilityRow, Truth, all};

@@ -1,6 +1,6 @@
 //! Figures of the real window on a display: start-up, and what it costs the trainer. They start the
 //! program several times, so they are run by name or with `--ignored`.
-#![cfg(feature = "gui")]
+#![cfg(all(feature = "gui", feature = "cli"))]
 #![allow(clippy::unwrap_used)]
 
 use std::io::{BufRead, BufReader};

@@ -55,7 +55,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let memory = session.memory();
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
-        "note: takes up to {} MB of memory for the model and {} MB for frames",
+        "note: takes up to {} MB of memory for as many components as the model may have, and {} MB for frames",
         megabytes(memory.model),
         megabytes(memory.frames)
     );

@@ -1,7 +1,8 @@
 //! Arguments of `eval`.
 
-use super::parse::parse_color;
-use super::{DepthArgs, RendererArgs, choice, parse_count};
+use super::depth::DepthArgs;
+use super::parse::{choice, parse_color, parse_count};
+use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::eval::views::PartialCoverage;

@@ -1,7 +1,7 @@
 //! Arguments of `render`.
 
-use super::parse::parse_color;
-use super::{RendererArgs, choice, parse_count, parse_size};
+use super::parse::{choice, parse_color, parse_count, parse_size};
+use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::render::Lens;

@@ -1,6 +1,6 @@
 //! Which renderers draw, and how: shared by everything that makes or measures pictures.
 
-use super::choice;
+use super::parse::choice;
 use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use vbgs_studio::render::{Antialias, Exact, Lens, Method, Response};
