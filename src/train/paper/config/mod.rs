@@ -59,7 +59,7 @@ pub struct PaperConfig {
 
 /// Settings a user may override, from a RON file or the command line; `None` keeps the preset's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename = "PaperOverrides", default, deny_unknown_fields)]
+#[serde(rename = "Overrides", default, deny_unknown_fields)]
 pub struct PaperOverrides {
     /// See [`PaperConfig::seed`].
     pub seed: Option<u64>,
