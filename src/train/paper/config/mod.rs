@@ -62,7 +62,8 @@ pub struct PaperConfig {
 
 settings! {
     /// Settings of a model of the paper preset that a user may change, in a RON file or on the
-    /// command line; `None` keeps the preset's.
+    /// command line; `None` keeps the preset's. Files may name it as version 0.1.0 did.
+    #[serde(rename = "Overrides")]
     pub struct PaperOverrides of PaperConfig;
 
     /// Seed of every random stream.
