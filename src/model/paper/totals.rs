@@ -5,7 +5,7 @@
 //! by id, so that threads can add without sharing a row.
 
 use super::state::{Carry, Totals};
-use crate::math::fixed::{Split, from_fixed, round_small, to_fixed, to_quanta};
+use crate::math::fixed::{Quanta, from_fixed, round_small, to_fixed, to_quanta};
 use crate::math::real::Real;
 use crate::model::conjugate::statistics::{Moments, N_SUMS, Record};
 use rayon::prelude::*;
@@ -144,18 +144,18 @@ impl Total for i64 {
 
     #[inline(always)]
     fn vanishes(count: f64) -> bool {
-        to_quanta(count, FRACTION_BITS[0]) == Split { high: 0, low: 0 }
+        to_quanta(count, FRACTION_BITS[0]) == Quanta { high: 0, low: 0 }
     }
 
     fn value(self, high: i32, index: usize) -> f64 {
-        Split { high, low: self }.value(FRACTION_BITS[index])
+        Quanta { high, low: self }.value(FRACTION_BITS[index])
     }
 }
 
 #[cold]
 fn add_with_carry(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> [i32; N_SUMS] {
     std::array::from_fn(|i| {
-        let sum = Split { high: 0, low: sums[i] }.plus(to_quanta(terms[i], FRACTION_BITS[i]));
+        let sum = Quanta { high: 0, low: sums[i] }.plus(to_quanta(terms[i], FRACTION_BITS[i]));
         sums[i] = sum.low;
         sum.high
     })

@@ -131,7 +131,7 @@ impl<W: Word> Alignment<'_, W> {
         let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for key in run {
             let point = &self.points[*key as u32 as usize];
-            seen += (vector(point.position) - seed) / n;
+            seen += (point.position_vector() - seed) / n;
             seen_color += self.exposed(point) / n;
             noise += f64::from(point.noise) / n;
         }
@@ -221,9 +221,9 @@ impl Motion {
         let turn = DMat3::from_quat(self.turn);
         let centre = pose.centre() - frame.origin;
         let moved = |point: &SurfacePoint| SurfacePoint {
-            position: array(centre + turn * (vector(point.position) - centre) + self.shift),
-            normal: array(turn * vector(point.normal)),
-            direction: array(turn * vector(point.direction)),
+            position: array(centre + turn * (point.position_vector() - centre) + self.shift),
+            normal: array(turn * point.normal_vector()),
+            direction: array(turn * point.direction_vector()),
             ..*point
         };
         frame.points.par_iter().with_min_len(1024).map(moved).collect_into_vec(points);
@@ -301,8 +301,8 @@ mod tests {
         assert!((camera.pose.centre() - found.shift).length() < 1e-12);
         let right = room(DQuat::IDENTITY, DVec3::ZERO);
         for (moved, right) in points.iter().zip(&right.points) {
-            assert!((vector(moved.position) - vector(right.position)).length() < 1e-3);
-            assert!((vector(moved.normal) - vector(right.normal)).length() < 1e-3);
+            assert!((moved.position_vector() - right.position_vector()).length() < 1e-3);
+            assert!((moved.normal_vector() - right.normal_vector()).length() < 1e-3);
         }
     }
 
