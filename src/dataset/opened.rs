@@ -1,7 +1,7 @@
 //! An opened dataset: its splits, what was refused, and what is known of its cameras.
 
 use super::calibration::Calibration;
-use super::entry::Split;
+use super::entry::DatasetSplit;
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::Folder;
 use super::formats::{self, Layout};
@@ -24,7 +24,7 @@ pub struct Dataset {
     /// Which content the layout was recognised by.
     pub recognised_by: String,
     /// At least one, none of them empty.
-    pub splits: Vec<Split>,
+    pub splits: Vec<DatasetSplit>,
     /// Frames that were listed but cannot be used.
     pub warnings: Vec<Warning>,
     /// What a user should know although nothing is wrong.
@@ -80,7 +80,7 @@ fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
 
 impl Dataset {
     /// Loads one frame: decodes its images and checks that they agree with each other and with
-    /// the camera. `split` and `index` are positions in [`Dataset::splits`] and [`Split::frames`].
+    /// the camera. `split` and `index` are positions in [`Dataset::splits`] and [`DatasetSplit::frames`].
     pub fn load(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
         let frames = self.splits.get(split).map_or(&[][..], |s| s.frames.as_slice());
         match frames.get(index) {

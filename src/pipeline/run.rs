@@ -75,9 +75,7 @@ impl RunConfig {
 fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
     match (preset, layout) {
         (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
-        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) | (Preset::Scene, _) => {
-            CameraConvention::Exact
-        }
+        _ => CameraConvention::Exact,
     }
 }
 
