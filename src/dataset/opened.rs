@@ -40,6 +40,23 @@ pub struct Dataset {
 /// # Errors
 /// A folder that cannot be read, is of no known layout, or has no usable frame; metadata that no
 /// camera has; an option outside its range.
+///
+/// ```
+/// use vbgs_studio::dataset::synthetic::SyntheticParams;
+/// use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
+/// use vbgs_studio::dataset::{Layout, LoadOptions, open};
+///
+/// let folder = tempfile::tempdir()?;
+/// let params =
+///     SyntheticParams { width: 16, height: 12, n_train: 2, n_eval: 1, ..SyntheticParams::demo() };
+/// write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ())?;
+///
+/// let dataset = open(folder.path(), &LoadOptions::default())?;
+/// assert_eq!((dataset.layout, dataset.layout.name()), (Layout::SevenScenes, "seven-scenes"));
+/// let frame = dataset.load(dataset.training_split()?, 0)?;
+/// assert_eq!((frame.color.width, frame.color.height), (16, 12));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
     options.check()?;
     let folder = Folder::open(path)?;

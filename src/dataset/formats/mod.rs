@@ -1,6 +1,6 @@
 //! The registry of layouts. A new layout is one file in this folder, its `mod` line and one row of
 //! the table below: recognition, metadata, poses, depth encoding, sensor and what is known of its
-//! cameras all stand in that file, and nothing else in the crate names a layout to learn of them.
+//! cameras all stand in that file, and nothing else in `dataset` asks which layout it reads.
 
 mod blender;
 mod format;
