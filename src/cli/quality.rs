@@ -5,9 +5,10 @@ use super::failure::Failure;
 use super::{output, progress};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
+use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
-use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
+use vbgs_studio::eval::views::{self, EvalOptions};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::{Method, RenderOptions};
 

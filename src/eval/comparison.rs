@@ -1,7 +1,8 @@
 //! One render against one photograph: as it is, over covered pixels, and after the colours were
 //! aligned (`eval.md`, Covered and aligned).
 
-use super::metrics::{MetricError, decibels, same_size};
+use super::metrics::decibels;
+use super::sizes::{MetricError, same_size};
 use super::ssim::{SsimPadding, ssim};
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;

@@ -1,11 +1,11 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
 
+use super::choices::PartialCoverage;
 use super::cracks::CrackReport;
 use super::seen::Seen;
-use super::views::PartialCoverage;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
-use crate::render::finish::Exposing;
+use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,8 @@
 //! the view must show, however little of the scene it knows yet.
 
 use super::comparison::COVERED;
-use super::metrics::{MetricError, mean_std, psnr_masked};
+use super::metrics::{mean_std, psnr_masked};
+use super::sizes::MetricError;
 use super::surfaces::Surfaces;
 use crate::math::image::{Image, RgbImage};
 use serde::{Deserialize, Serialize};

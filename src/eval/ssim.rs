@@ -1,6 +1,6 @@
 //! Structural similarity (`eval.md`, SSIM) in f64.
 
-use super::metrics::{MetricError, same_size};
+use super::sizes::{MetricError, SSIM_WINDOW, same_size};
 use crate::math::image::Image;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -15,8 +15,6 @@ pub enum SsimPadding {
     Zero,
 }
 
-/// Side of the SSIM window in pixels.
-pub(super) const SSIM_WINDOW: usize = 11;
 const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
 /// Standard deviation of the window in pixels.
 const SSIM_SIGMA: f64 = 1.5;

@@ -1,9 +1,10 @@
 //! Rendering dataset views and scoring them against their photographs (`eval.md`, Protocols).
 
 use super::comparison::{COVERED, Comparison, compare};
-use super::metrics::{self, MetricError};
+use super::metrics;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
 use super::seen::Seen;
+use super::sizes::MetricError;
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
 use crate::dataset::Dataset;
@@ -18,30 +19,6 @@ use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{EVALUATION_NEAR, Method, RenderOptions, Renderer};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
-
-/// What a render is compared with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GroundTruth {
-    /// Straight alpha over the render's background: the honest comparison.
-    Composited,
-    /// The RGB bytes with alpha dropped, as the paper does.
-    Rgb,
-}
-
-/// What a render shows where splats cover a pixel in part.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum PartialCoverage {
-    /// The background through them, as renderers draw it.
-    Composited,
-    /// The splats' colour alone, divided by its coverage, where that is at least
-    /// [`COVERED`]: what is left when cracks are filled (`eval.md`, Partial coverage).
-    Divided,
-}
 
 /// How views are rendered and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]

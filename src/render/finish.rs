@@ -7,24 +7,9 @@
 //! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
 //! ([`crate::model::splat::exposure`]).
 
-use super::RenderOptions;
+use super::options::RenderOptions;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Finishing;
-use serde::{Deserialize, Serialize};
-use strum::{Display, EnumString, VariantNames};
-
-/// How bright a scene is drawn whose cameras exposed by themselves.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum Exposing {
-    /// As the first frames were exposed, from everywhere.
-    Neutral,
-    /// As frames that were recorded thereabouts.
-    Recorded,
-}
 
 /// What becomes of an image's pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]

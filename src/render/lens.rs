@@ -1,6 +1,6 @@
 //! How pixels map to rays, both ways.
 
-use super::Lens;
+use super::options::Lens;
 use crate::math::camera::Intrinsics;
 use glam::{DVec2, DVec3};
 use std::f64::consts::PI;

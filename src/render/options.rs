@@ -1,7 +1,6 @@
 //! What a view needs besides splats and camera.
 
-use super::finish::Exposing;
-use super::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
+use super::constants::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
 use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -131,6 +130,19 @@ impl From<Renderer> for Method {
             Renderer::Exact => Self::EXACT,
         }
     }
+}
+
+/// How bright a scene is drawn whose cameras exposed by themselves.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Exposing {
+    /// As the first frames were exposed, from everywhere.
+    Neutral,
+    /// As frames that were recorded thereabouts.
+    Recorded,
 }
 
 /// What colour a splat gets.

@@ -1,6 +1,6 @@
 //! The rim of a splat as a camera sees it.
 
-use super::{Look, Method};
+use super::options::{Look, Method};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -52,7 +52,8 @@ mod tests {
     use super::*;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
-    use crate::render::{Antialias, Exact, Lens, RenderOptions, Response, cpu::CpuRenderer};
+    use crate::render::cpu::renderer::CpuRenderer;
+    use crate::render::options::{Antialias, Exact, Lens, RenderOptions, Response};
 
     fn camera() -> Camera {
         let intrinsics = Intrinsics::from_horizontal_fov(200, 160, 1.2);

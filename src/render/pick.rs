@@ -1,10 +1,11 @@
 //! Which splat a pixel shows: the one with the largest weight in the blend (`rendering.md`,
 //! Picking) and (c), for that one pixel, in f64.
 
-use super::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens,
-    Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, TRANSMITTANCE_STOP,
+use super::constants::{
+    ALPHA_CAP, ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, REFERENCE_VARIANCE,
+    TRANSMITTANCE_STOP,
 };
+use super::options::{Antialias, Exact, Lens, Look, Method, RenderOptions, Response};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -174,7 +175,7 @@ impl Eye {
 mod tests {
     use super::*;
     use crate::math::pose::Pose;
-    use crate::render::cpu::CpuRenderer;
+    use crate::render::cpu::renderer::CpuRenderer;
 
     fn camera() -> Camera {
         Camera { intrinsics: Intrinsics::from_horizontal_fov(64, 48, 1.0), pose: Pose::IDENTITY }

@@ -8,7 +8,7 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::finish::Exposing;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;

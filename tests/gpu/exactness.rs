@@ -3,7 +3,7 @@
 use super::device::Gpu;
 use crate::common::exactness::{Tolerance, check};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::gpu::renderer::Path;
+use vbgs_studio::render::gpu::Path;
 
 /// Half floats hold alpha to 5e-4; a real driver's arithmetic adds a little.
 const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };

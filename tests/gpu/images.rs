@@ -9,7 +9,7 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
 use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::finish::Exposing;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
 /// Every renderer with every setting that changes the shaders' formulas.

@@ -11,7 +11,7 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::cpu::oracle::Oracle;
-use vbgs_studio::render::gpu::renderer::Path;
+use vbgs_studio::render::gpu::Path;
 use vbgs_studio::render::{Method, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 

@@ -5,10 +5,11 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::gpu::Path;
 use vbgs_studio::render::gpu::context::{device_descriptor, required_limits};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;
-use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};
+use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 

@@ -7,7 +7,8 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::GpuError;
-use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};
+use vbgs_studio::render::gpu::Path;
+use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::GpuScene;
 use vbgs_studio::render::{Method, RenderOptions};
 

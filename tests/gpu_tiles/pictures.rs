@@ -8,7 +8,7 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::oracle::Oracle;
-use vbgs_studio::render::gpu::renderer::Path;
+use vbgs_studio::render::gpu::Path;
 use vbgs_studio::render::{
     ALPHA_CUT, Antialias, Exact, Lens, Look, Method, Paint, RenderOptions, Response,
     TRANSMITTANCE_STOP,

@@ -13,8 +13,8 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet, SplatView};
 use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::cpu::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
-use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
 const EXACT: Method = exact(Response::Ray, Antialias::None, Lens::Pinhole);

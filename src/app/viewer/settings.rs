@@ -2,7 +2,7 @@
 
 use crate::app::color_mode::ColorMode;
 use crate::app::stored_text;
-use crate::render::finish::Exposing;
+use crate::render::Exposing;
 use crate::render::{Antialias, Exact, Lens, Look, Method, RenderOptions, Renderer, Response};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;

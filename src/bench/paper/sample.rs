@@ -2,7 +2,8 @@
 
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
-use crate::eval::views::{self, EvalOptions, GroundTruth};
+use crate::eval::choices::GroundTruth;
+use crate::eval::views::{self, EvalOptions};
 use crate::math::normalization::Normalization;
 use crate::observation::points::Points;
 use crate::pipeline::plan::{Plan, Selection};

@@ -4,8 +4,8 @@ use super::parse::parse_color;
 use super::{RendererArgs, choice, parse_count, parse_size};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::Lens;
-use vbgs_studio::render::finish::Exposing;
 
 #[derive(Args)]
 pub struct RenderArgs {

@@ -4,12 +4,10 @@ use super::super::error::{reserved, shorten};
 use super::element::{Element, Stored};
 use super::error::{Defect, tag_text};
 use super::tag;
+use super::version::VERSION;
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
 use std::io::{self, Write};
-
-/// Version of the format this program writes, major and minor. Scenes came with 1.1.
-pub const VERSION: (u16, u16) = (1, 1);
 
 /// The line ends and the high bit show damage by transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";

@@ -1,7 +1,7 @@
 //! What can go wrong when a checkpoint is written or read.
 
 use super::super::error::{ExportError, Fault};
-use super::container::VERSION;
+use super::version::VERSION;
 use std::path::PathBuf;
 
 /// A checkpoint that could not be written or read.

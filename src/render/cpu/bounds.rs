@@ -3,7 +3,7 @@
 
 use super::record::Rect;
 use super::view::{Placed, View};
-use crate::render::Response;
+use crate::render::options::Response;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 

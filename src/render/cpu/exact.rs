@@ -3,11 +3,11 @@
 
 use super::bounds;
 use super::conic::{Conic, Tangent};
-use super::prepare::Drawn;
+use super::drawn::Drawn;
 use super::record::Frame;
 use super::view::{Placed, View};
 use crate::math::camera::Intrinsics;
-use crate::render::Exact;
+use crate::render::options::Exact;
 use glam::{DVec2, DVec3};
 
 /// The splat through a pinhole, or `None` if no pixel can see it.

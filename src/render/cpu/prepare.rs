@@ -1,18 +1,14 @@
 //! From splats to records, in f64 and once per splat, so that the f32 of the inner loop starts from
 //! correctly rounded numbers.
 
-use super::conic::Conic;
-use super::lanes::EXP2_MIN;
-use super::record::{Frame, Gradient, Listing, Record, Records, Rect};
+use super::record::{Frame, Gradient, Listing, Record, Records};
 use super::shade::{self, Shade};
 use super::view::{Placed, View};
 use super::{exact, projected};
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::{Lens, Method, Paint};
-use glam::DVec2;
+use crate::render::options::{Lens, Method, Paint};
 use rayon::prelude::*;
-use std::f64::consts::LOG2_E;
 
 /// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide the
 /// scheduling.
@@ -23,20 +19,6 @@ pub(super) const CHUNK: usize = 2048;
 pub(super) struct ChunkCount {
     pub n_visible: usize,
     pub n_invalid: usize,
-}
-
-/// A splat in the image, in f64.
-pub(super) struct Drawn {
-    pub centre: DVec2,
-    pub conic: Conic,
-    /// See [`Record`].
-    pub reach: f64,
-    /// See [`Listing`].
-    pub key: f64,
-    pub opacity: f64,
-    /// `k²` of the alpha cut.
-    pub extent_squared: f64,
-    pub rect: Rect,
 }
 
 /// Whether a view needs the colour gradients of its splats.
@@ -158,34 +140,5 @@ impl Chunk<'_> {
         self.listings[to] = Listing::new(key, &record.rect);
         self.records[to] = record;
         true
-    }
-}
-
-impl Drawn {
-    /// The record and its key; `None` if f32 cannot hold them.
-    fn record(&self, color: [f32; 3]) -> Option<(Record, f32)> {
-        // exp(−½ D²) = 2^−(½ log₂e · D²).
-        let unit = (0.5 * LOG2_E).sqrt();
-        let Conic { p_x, p_y, q_y, half_l, w } = self.conic;
-        let record = Record {
-            u: self.centre.x as f32,
-            v: self.centre.y as f32,
-            p_x: (unit * p_x) as f32,
-            p_y: (unit * p_y) as f32,
-            q_y: (unit * q_y) as f32,
-            half_l: half_l.as_vec2().to_array(),
-            w: (w / (unit * unit)) as f32,
-            cut: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
-            opacity: self.opacity as f32,
-            color,
-            reach: self.reach as f32,
-            rect: self.rect,
-        };
-        let Record { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
-        let key = self.key as f32;
-        [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]
-            .iter()
-            .all(|value| value.is_finite())
-            .then_some((record, key))
     }
 }

@@ -1,12 +1,13 @@
 //! The projected renderer's records: `rendering.md`, Projected renderer.
 
 use super::conic::Conic;
+use super::drawn::Drawn;
 use super::exact::pinhole_tangent;
-use super::prepare::Drawn;
 use super::record::{Gradient, Rect};
 use super::shade::Shade;
 use super::view::{Placed, View};
-use crate::render::{LOW_PASS_PX2, Support, TILE};
+use crate::render::constants::{LOW_PASS_PX2, TILE};
+use crate::render::options::Support;
 use glam::{DVec2, DVec3};
 
 /// Projected covariance in px², low-pass included.

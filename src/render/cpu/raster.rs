@@ -5,8 +5,9 @@ use super::record::Records;
 use super::tile::{Form, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
+use crate::render::constants::TILE;
 use crate::render::finish::Finish;
-use crate::render::{Lens, Method, Response, TILE};
+use crate::render::options::{Lens, Method, Response};
 use wide::bytemuck::cast_slice;
 
 /// Splats binned to tiles at a time: bounds a row's lists to this many entries per tile, whatever

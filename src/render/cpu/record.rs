@@ -15,7 +15,7 @@
 //! renderer is the case `l = w = 0`. Every sum is one of squares: nothing cancels, and the error of
 //! the numerator grows with `p`, where the expanded form's grows with `(p_x·δx)²`.
 
-use crate::render::TILE;
+use crate::render::constants::TILE;
 use std::ops::Range;
 
 /// A splat in the image: one line of the cache, since rows fetch records from all over the list.

@@ -5,7 +5,7 @@ use super::record::Gradient;
 use super::view::{Placed, View};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::Paint;
+use crate::render::options::Paint;
 use crate::render::paint::ramp;
 use glam::{DMat3, DVec3};
 

@@ -5,7 +5,8 @@ use super::record::{Frame, Gradient, Record, Records};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
-use crate::render::{ALPHA_CAP, Lens, TILE, TRANSMITTANCE_STOP};
+use crate::render::constants::{ALPHA_CAP, TILE, TRANSMITTANCE_STOP};
+use crate::render::options::Lens;
 use glam::DVec2;
 
 /// Groups of lanes per row of a tile.

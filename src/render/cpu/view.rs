@@ -4,10 +4,8 @@
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
-use crate::render::{
-    ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
-    REFERENCE_VARIANCE, RenderOptions,
-};
+use crate::render::constants::{ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, REFERENCE_VARIANCE};
+use crate::render::options::{Antialias, Exact, Lens, Look, Method, RenderOptions};
 use glam::{DMat3, DVec2, DVec3};
 
 /// A view, ready for splats.

@@ -1,6 +1,6 @@
 //! The graphics adapters of this computer, and choosing among them.
 
-use super::scene::ready;
+use super::poll::ready;
 use std::fmt;
 
 /// Which adapter is to draw.

@@ -1,7 +1,7 @@
 //! Out of memory, which WebGPU may report long after the allocation.
 
-use super::GpuError;
-use super::scene::ready;
+use super::error::GpuError;
+use super::poll::ready;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;

@@ -1,6 +1,6 @@
 //! Which path draws faster on this adapter: measured, not guessed from its name.
 
-use super::renderer::Path;
+use super::path::Path;
 
 /// Measurements of a path before it is judged. The first ones are of buffers that still grow and of
 /// clocks that still rise.

@@ -1,6 +1,6 @@
 //! What an adapter offers of the things we use, and what to ask of it.
 
-use super::GpuError;
+use super::error::GpuError;
 
 /// Features that help when offered; the renderer works without.
 const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;

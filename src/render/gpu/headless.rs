@@ -1,10 +1,10 @@
 //! A device without a window: for benches, and for pictures where there is no display.
 
-use super::GpuError;
 use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
+use super::error::GpuError;
 use super::faults::GpuFaults;
-use super::scene::ready;
+use super::poll::ready;
 use std::time::Duration;
 
 /// A GPU that takes longer than this for one frame is not coming back.

@@ -1,10 +1,11 @@
 //! The structs that Rust and WGSL share; `tests/shaders.rs` compares sizes and offsets with naga's.
 
-use super::GpuError;
+use super::error::GpuError;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, Support};
+use crate::render::constants::FRUSTUM_MARGIN;
+use crate::render::options::{Exact, Method, Paint, RenderOptions, Response, Support};
 
 /// WGSL of each pipeline: the shared structs, then the file.
 pub mod shader {

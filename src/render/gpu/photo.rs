@@ -1,6 +1,6 @@
 //! A photograph on the GPU, to lay beside splats.
 
-use super::GpuError;
+use super::error::GpuError;
 use crate::math::image::{RgbImage, unit_to_byte};
 
 /// An opaque picture, sRGB-encoded bytes.

@@ -1,7 +1,7 @@
 //! GPU images on the CPU, for tests and screenshots. Everything here waits for the GPU.
 
-use super::GpuError;
 use super::composite::Compositor;
+use super::error::GpuError;
 use super::target::SplatTarget;
 use crate::math::image::Image;
 use std::sync::mpsc;

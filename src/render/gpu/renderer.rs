@@ -1,44 +1,16 @@
 //! The renderer that the window and the benches see: a scene and a camera to an image.
 
-use super::GpuError;
 use super::chooser::{Chooser, Load};
+use super::error::GpuError;
 use super::layout::View;
+use super::path::{GpuTimes, Path};
 use super::quads::QuadPath;
 use super::scene::{GpuScene, OrderOf};
 use super::target::SplatTarget;
-use super::tiles::{TileFrame, TilePath};
 use super::timer::{Stage, StageTimer};
 use crate::math::camera::Camera;
-use crate::render::RenderOptions;
-use strum::Display;
-
-/// How splats become pixels. Both give the same image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
-#[strum(serialize_all = "kebab-case")]
-pub enum Path {
-    /// Blended quads, in the order of the CPU.
-    Quads,
-    /// Sorted and blended by compute shaders.
-    Tiles,
-}
-
-/// Milliseconds on the GPU of the stages of one image; `None` where a path has no such stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GpuTimes {
-    /// Splats to records.
-    pub preprocess: Option<f64>,
-    /// Records into their order.
-    pub sort: Option<f64>,
-    /// Records to pixels; with quads, splats to pixels.
-    pub draw: f64,
-}
-
-impl GpuTimes {
-    /// All stages.
-    pub fn total(&self) -> f64 {
-        self.preprocess.unwrap_or(0.0) + self.sort.unwrap_or(0.0) + self.draw
-    }
-}
+use crate::render::gpu::tiles::renderer::{TileFrame, TilePath};
+use crate::render::options::RenderOptions;
 
 /// Draws scenes into an image of its own; several renderers may share a scene.
 #[derive(Debug)]

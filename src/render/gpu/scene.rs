@@ -1,16 +1,14 @@
 //! The splats on the GPU and the orders in which to draw them.
 
-use super::GpuError;
 use super::allocation::Allocation;
 use super::context::max_buffer_bytes;
+use super::error::GpuError;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat};
 use super::scatter::Scatter;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::{Finishing, SplatView};
-use crate::render::RenderOptions;
 use crate::render::finish::Finish;
-use std::future::Future;
-use std::task::{Context, Poll, Waker};
+use crate::render::options::RenderOptions;
 
 const MIB: u64 = 1 << 20;
 /// Share of changed splats above which the whole scene is uploaded: a sparse record costs 80 bytes
@@ -318,14 +316,6 @@ fn capacity_for(
     }
     // A binding cannot be empty.
     Ok((before + before / 2).clamp(n_splats.max(1), max_splats))
-}
-
-/// Futures of native wgpu resolve at once; `None` from a backend whose do not.
-pub(super) fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
-    match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(value) => Some(value),
-        Poll::Pending => None,
-    }
 }
 
 #[cfg(test)]

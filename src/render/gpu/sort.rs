@@ -2,7 +2,7 @@
 
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
-use crate::render::{Lens, RenderOptions, Renderer};
+use crate::render::options::{Lens, RenderOptions, Renderer};
 use glam::DVec3;
 
 const DIGIT_BITS: u32 = 11;
@@ -89,7 +89,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::math::rng::{Purpose, Rng};
-    use crate::render::{Antialias, Exact, Method, Response};
+    use crate::render::options::{Antialias, Exact, Method, Response};
 
     fn camera() -> Camera {
         Camera {

@@ -1,6 +1,6 @@
 //! The offscreen image that splats are drawn into.
 
-use super::GpuError;
+use super::error::GpuError;
 use crate::render::finish::Finish;
 
 /// Premultiplied colour and coverage in half floats: blending in bytes would band.

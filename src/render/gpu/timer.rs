@@ -1,6 +1,6 @@
 //! How long the stages of an image take on the GPU, read back without ever waiting for them.
 
-use super::renderer::{GpuTimes, Path};
+use super::path::{GpuTimes, Path};
 use super::ring::{N_SLOTS, ReadbackRing};
 
 /// What is measured, in the order in which it happens.

@@ -1,10 +1,10 @@
 //! What the tile path keeps on the GPU between its stages.
 
+use super::constants::{GROUP, TILE_PIXELS};
 use super::kernel::storage;
-use super::{GROUP, TILE_PIXELS};
-use crate::render::gpu::GpuError;
 use crate::render::gpu::allocation::Allocation;
 use crate::render::gpu::context::max_buffer_bytes;
+use crate::render::gpu::error::GpuError;
 
 const WORD: u64 = size_of::<u32>() as u64;
 /// Sizes of the structs of `packed.wgsl` and `footprint.wgsl`.

@@ -2,7 +2,7 @@
 //! frames later; until then the farthest splats of an image that needs more are left out.
 
 use super::buffers::{COUNTS_BYTES, slot};
-use crate::render::gpu::GpuError;
+use crate::render::gpu::error::GpuError;
 use crate::render::gpu::ring::ReadbackRing;
 
 /// First guess, entries a splat.
