@@ -1,5 +1,9 @@
 //! One render against one photograph: as it is, over covered pixels, and after the colours were
 //! aligned (`eval.md`, Covered and aligned).
+//!
+//! Three questions, three numbers: how the frame looks, how what the model claims to know looks,
+//! and how it would look if camera and model agreed on exposure. The alignment is fitted per view
+//! by least squares, because cameras that expose by themselves change it per frame.
 
 use super::metrics::decibels;
 use super::sizes::{MetricError, same_size};
@@ -118,7 +122,7 @@ struct Sums {
     n_covered: usize,
     /// Squared errors of all pixels and channels.
     error: f64,
-    /// The same of covered pixels.
+    /// Squared errors of covered pixels, all channels.
     error_covered: f64,
     /// Of covered pixels, by channel.
     moments: [Moments; 3],
@@ -198,14 +202,14 @@ impl Sums {
 
 /// Variance of a channel, in (0 to 1)², below which no factor can be told: that of a channel whose
 /// pixels all have the same byte.
-const LEAST_VARIANCE: f64 = 1e-8;
+const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {
     /// Factor and offset.
     fn fit(&self, n: f64) -> [f64; 2] {
         let (x, y) = (self.x / n, self.y / n);
         let variance = self.xx / n - x * x;
-        let gain = if variance > LEAST_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
+        let gain = if variance > MIN_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
         [gain, y - gain * x]
     }
 }

@@ -4,6 +4,10 @@
 //! Half the distance is a camera moved along its optical axis by half the median depth z of the
 //! view's interior pixels. Its interior pixels are those of the view's depth, drawn forward into the
 //! moved camera ([`Surfaces::seen_by`]): inside by the rule in both images.
+//!
+//! Half the distance shows what the distance of training hides: splats that just touch where they
+//! were learnt from come apart when the camera moves closer. Only pixels inside a surface count,
+//! because near a silhouette background is what should be seen.
 
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
@@ -163,7 +167,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::model::splat::splats::Splat;
-    use crate::render::Method;
+    use crate::render::RenderMethod;
     use std::ops::Range;
 
     const WIDTH: usize = 96;
@@ -204,7 +208,7 @@ mod tests {
     fn cracks(splats: &[Splat]) -> ViewCracks {
         let frame = frame();
         let surfaces = Surfaces::of(&frame, Sensor::Kinect).unwrap();
-        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let renderer = &mut CpuRenderer::new();
         in_view(frame.name, &surfaces, splats.into(), &render, renderer).unwrap()
     }

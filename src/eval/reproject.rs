@@ -7,14 +7,14 @@ use crate::math::image::Image;
 pub struct Corner {
     /// Continuous pixel coordinates.
     pub at: [f32; 2],
-    /// Depth, positive.
+    /// Depth `z` in the other camera, world units, positive.
     pub z: f32,
     /// Whether it carries the mark.
     pub is_marked: bool,
 }
 
 /// The other image.
-pub struct Drawn {
+pub struct Reprojection {
     /// Depth of the nearest square; 0 where there is none.
     pub z: Image<f32>,
     /// Whether all corners of that square are marked.
@@ -31,9 +31,11 @@ pub fn draw(
     width: usize,
     is_square: impl Fn([usize; 4]) -> bool,
     [columns, rows]: [usize; 2],
-) -> Drawn {
-    let mut drawn =
-        Drawn { z: Image::filled(columns, rows, 0.0), marked: Image::filled(columns, rows, false) };
+) -> Reprojection {
+    let mut drawn = Reprojection {
+        z: Image::filled(columns, rows, 0.0),
+        marked: Image::filled(columns, rows, false),
+    };
     for upper_left in 0..corners.len().saturating_sub(width + 1) {
         let square = [upper_left, upper_left + 1, upper_left + width, upper_left + width + 1];
         let [Some(a), Some(b), Some(c), Some(d)] = square.map(|i| corners[i]) else { continue };
@@ -46,7 +48,7 @@ pub fn draw(
     drawn
 }
 
-impl Drawn {
+impl Reprojection {
     fn triangle(&mut self, corners: [Corner; 3], is_marked: bool) {
         let [a, b, c] = corners.map(|corner| corner.at);
         let area = cross(a, b, c);

@@ -15,7 +15,8 @@ pub struct Seen {
     pub psnr: f64,
     /// Share of them with coverage ≥ 0.5.
     pub coverage: f64,
-    /// The same of those inside a surface ([`Surfaces::interior`]); `None` if there is none.
+    /// Share with coverage ≥ 0.5 of those inside a surface ([`Surfaces::interior`]); `None` if
+    /// there is none.
     pub coverage_interior: Option<f64>,
 }
 

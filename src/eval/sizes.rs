@@ -19,9 +19,9 @@ pub enum MetricError {
         expected_width: usize,
         /// Rows of the prediction.
         expected_height: usize,
-        /// Columns found.
+        /// Columns of the image found, pixels.
         width: usize,
-        /// Rows found.
+        /// Rows of the image found, pixels.
         height: usize,
     },
     /// No pixel, or none under the mask.
@@ -34,9 +34,9 @@ pub enum MetricError {
         "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
     )]
     TooSmall {
-        /// Columns found.
+        /// Columns of the image found, pixels.
         width: usize,
-        /// Rows found.
+        /// Rows of the image found, pixels.
         height: usize,
     },
 }

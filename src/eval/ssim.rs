@@ -1,4 +1,9 @@
 //! Structural similarity (`eval.md`, SSIM) in f64.
+//!
+//! The window is separable: columns are summed under the window first, then rows of those sums, 22
+//! products a position instead of 121. Sums run in f64, because variances are differences of nearly
+//! equal numbers. Blocks of eight channels lie side by side so that the compiler finds vectors.
+//! Rows are added up in order: the score has equal bits for any number of threads.
 
 use super::sizes::{MetricError, SSIM_WINDOW, same_size};
 use crate::math::image::Image;

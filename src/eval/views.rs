@@ -1,4 +1,10 @@
 //! Rendering dataset views and scoring them against their photographs (`eval.md`, Protocols).
+//!
+//! A view is rendered, compared with its photograph and forgotten: only its row of numbers stays,
+//! so that a split of any length fits in memory. Where another camera took the photograph, the
+//! render is that camera's and depth is carried into its image. Unusable files are listed, not
+//! fatal, but a split without any usable view is an error: an average over nothing would look like
+//! a result.
 
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
@@ -16,7 +22,7 @@ use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
-use crate::render::{EVALUATION_NEAR, Method, RenderOptions, Renderer};
+use crate::render::{EVALUATION_NEAR, RenderMethod, RenderOptions, Renderer};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
@@ -75,7 +81,7 @@ pub enum EvalError {
         dataset: String,
         /// Name of the split.
         split: String,
-        /// Views skipped.
+        /// Number of views that could not be loaded.
         skipped: usize,
         /// Message of the first one.
         first: String,
@@ -226,7 +232,7 @@ fn measured_depth(
 }
 
 /// What a renderer's depth plane measures: the truth is converted to it, not the render.
-fn depth_kind(method: Method) -> DepthKind {
+fn depth_kind(method: RenderMethod) -> DepthKind {
     match method.renderer() {
         Renderer::Projected => DepthKind::Z,
         Renderer::Exact => DepthKind::RayDistance,
@@ -244,8 +250,8 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
     };
     let (psnr_mean, psnr_std) = of_all(|s| s.psnr);
     let exact = match options.render.method {
-        Method::Projected(_) => None,
-        Method::Exact(exact) => Some(exact),
+        RenderMethod::Projected(_) => None,
+        RenderMethod::Exact(exact) => Some(exact),
     };
     let ground_truth = match options.ground_truth {
         GroundTruth::Composited => "composited",
@@ -311,7 +317,7 @@ mod tests {
         }
     }
 
-    fn plain(method: Method) -> EvalOptions {
+    fn plain(method: RenderMethod) -> EvalOptions {
         EvalOptions::plain(GroundTruth::Rgb, RenderOptions::evaluation(method, [0.0; 3]))
     }
 
@@ -324,8 +330,8 @@ mod tests {
             |i: usize| 2.0 * frame.camera.intrinsics.ray(i % width, i / width).length() as f32;
         let distances = (0..width * height).map(along_ray).collect();
         let planes = [
-            (Method::PROJECTED, Image::filled(width, height, 2.0)),
-            (Method::EXACT, Image::from_vec(width, height, distances)),
+            (RenderMethod::PROJECTED, Image::filled(width, height, 2.0)),
+            (RenderMethod::EXACT, Image::from_vec(width, height, distances)),
         ];
         // A colour camera in the same place must see the same.
         let k = frame.camera.intrinsics;
@@ -345,7 +351,10 @@ mod tests {
             assert!(error(*method, depth, None) < 1e-6, "{method:?}");
             assert!(error(*method, depth, Some(same)) < 1e-5, "{method:?}");
         }
-        assert!(error(Method::EXACT, &planes[0].1, None) > 0.1, "z is no distance along the ray");
+        assert!(
+            error(RenderMethod::EXACT, &planes[0].1, None) > 0.1,
+            "z is no distance along the ray"
+        );
     }
 
     #[test]
@@ -380,7 +389,7 @@ mod tests {
             offset: [0.0, 0.0, 0.5],
             rotation: [0.0; 3],
         };
-        let options = EvalOptions { color_camera: Some(wide), ..plain(Method::PROJECTED) };
+        let options = EvalOptions { color_camera: Some(wide), ..plain(RenderMethod::PROJECTED) };
         let camera = options.photo_camera(&frame);
         assert_eq!((camera.intrinsics.fx, camera.intrinsics.width), (0.5 * k.fx, k.width));
         assert_eq!(camera.pose.centre().z, 0.5);

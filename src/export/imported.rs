@@ -1,4 +1,8 @@
 //! What a model file held.
+//!
+//! A row that is not finite is skipped and counted, not an error: one broken splat must not lose a
+//! model of a million. What else was ignored, guessed or converted is a [`Note`], which window and
+//! command line word for the user.
 
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
@@ -41,7 +45,7 @@ impl Imported {
 /// What a file's rows describe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelKind {
-    /// Gaussian splats.
+    /// Gaussian splats: rows with scales and a rotation.
     Splats,
     /// Coloured points without extent.
     PointCloud,
@@ -58,12 +62,12 @@ pub enum Note {
     },
     /// Quaternions of length zero were read as the identity.
     ZeroRotation {
-        /// How many.
+        /// Number of splats that this happened to.
         n_splats: usize,
     },
     /// Colours outside `[0, 1]` were clamped.
     ColorClamped {
-        /// How many.
+        /// Number of splats that this happened to.
         n_splats: usize,
     },
     /// The third scale is missing: splats are flat.
@@ -74,7 +78,7 @@ pub enum Note {
     LinearColorEncoded,
     /// Parts of a glTF that are not what was imported.
     PrimitivesSkipped {
-        /// How many.
+        /// Number of primitives left out.
         n_primitives: usize,
     },
 }

@@ -1,5 +1,9 @@
 //! Two pictures of one viewport as one: a wipe from one to the other, or what differs between them.
 //! `shaders/composite.wgsl` has the same formulas.
+//!
+//! Pictures are combined after they were finished and laid over the background, so that a wipe
+//! compares what each would show alone; the second is sampled bilinearly, since photographs and
+//! renders seldom have equal sizes.
 
 use crate::math::image::RgbImage;
 use rayon::prelude::*;

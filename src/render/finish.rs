@@ -1,8 +1,8 @@
-//! What becomes of a pixel once its splats are blended: closing, then exposure.
+//! What becomes of a pixel once its splats are blended: cracks are filled, then exposure is applied.
 //!
 //! Neighbouring splats never cover a surface whole: light comes through where their rims meet. Wider
 //! splats close such cracks and blur what they show. Instead a pixel counts as covered in full from a
-//! coverage below 1 on, the scene's closing; below that coverage and colour rise in proportion.
+//! coverage below 1 on, the scene's `closing` (1 fills no crack); below that coverage and colour rise in proportion.
 //!
 //! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
 //! ([`crate::model::splat::exposure`]).

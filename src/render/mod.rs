@@ -24,6 +24,6 @@ pub use constants::{
     REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE,
 };
 pub use options::{
-    Antialias, Exact, Exposing, Lens, Look, Method, Paint, RenderOptions, Renderer, Response,
-    Support,
+    Antialias, ExactOptions, Exposing, Lens, Paint, RenderMethod, RenderOptions, Renderer,
+    Response, SplatStyle, Support,
 };

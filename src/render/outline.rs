@@ -1,6 +1,6 @@
 //! The rim of a splat as a camera sees it.
 
-use super::options::{Look, Method};
+use super::options::{RenderMethod, SplatStyle};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -19,8 +19,8 @@ const N_CORNERS: usize = 96;
 pub fn outline(
     splat: &Splat,
     camera: &Camera,
-    method: Method,
-    look: &Look,
+    method: RenderMethod,
+    look: &SplatStyle,
     radius: f64,
 ) -> Vec<[DVec2; 2]> {
     if !splat.is_valid() {
@@ -53,7 +53,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::render::cpu::renderer::CpuRenderer;
-    use crate::render::options::{Antialias, Exact, Lens, RenderOptions, Response};
+    use crate::render::options::{Antialias, ExactOptions, Lens, RenderOptions, Response};
 
     fn camera() -> Camera {
         let intrinsics = Intrinsics::from_horizontal_fov(200, 160, 1.2);
@@ -80,10 +80,11 @@ mod tests {
     fn the_rim_is_where_the_exact_response_says() {
         let (camera, splat) = (camera(), splat());
         for lens in [Lens::Pinhole, Lens::Fisheye] {
-            let settings = Exact { response: Response::Ray, antialias: Antialias::None, lens };
-            let method = Method::Exact(settings);
+            let settings =
+                ExactOptions { response: Response::Ray, antialias: Antialias::None, lens };
+            let method = RenderMethod::Exact(settings);
             for radius in [1.0, 2.0] {
-                let rim = outline(&splat, &camera, method, &Look::PLAIN, radius);
+                let rim = outline(&splat, &camera, method, &SplatStyle::PLAIN, radius);
                 assert_eq!(rim.len(), N_CORNERS);
                 for [corner, _] in rim {
                     let options = RenderOptions::evaluation(method, [0.0; 3]);
@@ -97,9 +98,9 @@ mod tests {
         let image = CpuRenderer::new().render(
             &[splat],
             &camera,
-            &RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
+            &RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]),
         );
-        let rim = outline(&splat, &camera, Method::PROJECTED, &Look::PLAIN, 1.0);
+        let rim = outline(&splat, &camera, RenderMethod::PROJECTED, &SplatStyle::PLAIN, 1.0);
         let [corner, _] = rim[0];
         let there = *image.coverage.at(corner.x as usize, corner.y as usize);
         assert!((there - 0.9 * (-0.5f32).exp()).abs() < 0.1, "{there}");
@@ -108,10 +109,17 @@ mod tests {
     #[test]
     fn what_cannot_be_outlined_is_left_out() {
         let around = Splat { mean: [0.0, -4.0, 1.0], ..splat() };
-        assert!(outline(&around, &camera(), Method::EXACT, &Look::PLAIN, 1.0).is_empty());
+        assert!(
+            outline(&around, &camera(), RenderMethod::EXACT, &SplatStyle::PLAIN, 1.0).is_empty()
+        );
         let broken = Splat { mean: [f32::NAN; 3], ..splat() };
-        assert!(outline(&broken, &camera(), Method::EXACT, &Look::PLAIN, 1.0).is_empty());
+        assert!(
+            outline(&broken, &camera(), RenderMethod::EXACT, &SplatStyle::PLAIN, 1.0).is_empty()
+        );
         let behind = Splat { mean: [0.0, -40.0, 1.0], ..splat() };
-        assert!(outline(&behind, &camera(), Method::PROJECTED, &Look::PLAIN, 1.0).is_empty());
+        assert!(
+            outline(&behind, &camera(), RenderMethod::PROJECTED, &SplatStyle::PLAIN, 1.0)
+                .is_empty()
+        );
     }
 }

@@ -3,7 +3,7 @@
 use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
-use crate::render::gpu::Path;
+use crate::render::gpu::DrawPath;
 use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
 use crate::render::gpu::renderer::SplatRenderer;
@@ -19,7 +19,7 @@ const WARM_UP: usize = 8;
 /// One path of one adapter.
 pub struct TimedGpu {
     gpu: Rc<HeadlessGpu>,
-    path: Path,
+    path: DrawPath,
     /// One per method, so that each has its own times.
     projected: TimedMethod,
     exact: TimedMethod,
@@ -36,10 +36,13 @@ impl TimedGpu {
     /// Every path on the adapter chosen.
     pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
-        [Path::Quads, Path::Tiles].into_iter().map(|path| Self::new(gpu.clone(), path)).collect()
+        [DrawPath::Quads, DrawPath::Tiles]
+            .into_iter()
+            .map(|path| Self::new(gpu.clone(), path))
+            .collect()
     }
 
-    fn new(gpu: Rc<HeadlessGpu>, path: Path) -> Result<Self, HeadlessError> {
+    fn new(gpu: Rc<HeadlessGpu>, path: DrawPath) -> Result<Self, HeadlessError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let method = || -> Result<TimedMethod, HeadlessError> {
             let mut renderer = SplatRenderer::new(device, queue, OrderOf::First)?;
@@ -84,8 +87,8 @@ impl TimedGpu {
 impl TimedPainter for TimedGpu {
     fn path(&self) -> FramePath {
         match self.path {
-            Path::Quads => FramePath::Quads,
-            Path::Tiles => FramePath::Tiles,
+            DrawPath::Quads => FramePath::Quads,
+            DrawPath::Tiles => FramePath::Tiles,
         }
     }
 
@@ -111,7 +114,7 @@ impl TimedPainter for TimedGpu {
         options: &RenderOptions,
     ) -> Result<FrameStageMs, TimedPaintError> {
         let mut order_ms = None;
-        if self.path == Path::Quads {
+        if self.path == DrawPath::Quads {
             let started = Instant::now();
             let order = back_to_front(splats, camera, options, &mut self.scratch);
             order_ms = Some(ms_since(started));

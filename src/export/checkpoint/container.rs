@@ -1,7 +1,12 @@
 //! Header, table of sections and checksums: the frame around a checkpoint's content.
+//!
+//! Checks run from the outside in and take memory only for what the file is known to hold
+//! (`export.md`, Checkpoint container), so that no length in a damaged file can ask for memory.
+//! Sections lie at multiples of 64, a line of the cache, and in the order of the table with nothing
+//! but zeros between: a file has one form only.
 
 use super::super::error::{reserved, shorten};
-use super::element::{Element, Stored};
+use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
 use super::tag;
 use super::version::VERSION;
@@ -39,7 +44,7 @@ struct Entry {
 /// A section to be written.
 pub(super) struct Section<'a> {
     tag: [u8; 4],
-    element: Element,
+    element: ElementType,
     parts: Vec<Cow<'a, [u8]>>,
 }
 
@@ -63,7 +68,7 @@ impl<'a> Section<'a> {
         Self { tag, element: T::ELEMENT, parts: vec![Cow::Owned(bytes)] }
     }
 
-    /// The same followed by more elements.
+    /// Appends more elements of the section's type.
     pub fn and<T: Stored>(mut self, elements: &'a [T]) -> Self {
         debug_assert!(T::ELEMENT == self.element);
         self.parts.push(Cow::Borrowed(bytemuck::cast_slice(elements)));
@@ -212,7 +217,7 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     if range.start - end >= ALIGNMENT as usize || bytes[end..range.start].iter().any(|&b| b != 0) {
         return refuse("zeros up to the next multiple of 64 before it", "something else".into());
     }
-    let size = Element::of_code(entry.element).map_or(1, Element::size);
+    let size = ElementType::of_code(entry.element).map_or(1, ElementType::size);
     if !range.len().is_multiple_of(size) {
         return refuse(
             &format!("whole elements of {size} bytes"),

@@ -15,16 +15,16 @@ pub struct Checkpoint {
     pub history: Option<String>,
     /// How far the run is.
     pub cursor: Cursor,
-    /// The model.
+    /// The model of either preset, all its statistics included.
     pub model: StoredModel,
 }
 
 /// How far a run is.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Cursor {
-    /// Frames learnt.
+    /// Number of frames learnt.
     pub frames: u64,
-    /// Points learnt.
+    /// Number of points learnt, over all frames.
     pub points: u64,
     /// Positions in their split of the frames gone through, learnt or skipped, in order; each once.
     pub visited: Vec<u32>,
@@ -33,7 +33,7 @@ pub struct Cursor {
 /// A checkpoint and the file it was read from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
-    /// The content.
+    /// What the file held, checked.
     pub checkpoint: Checkpoint,
     /// Version of the format, major and minor.
     pub version: (u16, u16),

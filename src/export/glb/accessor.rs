@@ -1,4 +1,9 @@
 //! Attribute values behind accessors, buffer views and buffers, checked before any is read.
+//!
+//! Everything a file says about places is compared with the bytes that are there before anything is
+//! read or reserved: files come from anywhere. The types that an attribute may have are a table
+//! after the extension's text, because a wrong `normalized` changes every value and no viewer
+//! notices.
 
 use super::schema::{Accessor, Root};
 use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
@@ -49,9 +54,9 @@ pub(super) struct Column<'a> {
     stride: usize,
     component: u32,
     normalized: bool,
-    /// Rows.
+    /// Number of rows, one per splat or point.
     pub count: usize,
-    /// For messages.
+    /// Number and attribute of the accessor, as messages name it.
     pub place: String,
 }
 

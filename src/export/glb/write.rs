@@ -1,4 +1,9 @@
 //! Splats as GLB: floats, one tightly packed buffer view per attribute.
+//!
+//! Attributes are described by one table of columns, each with its declaration and its encoder, so
+//! that accessor, buffer view and bytes cannot disagree. Rows are encoded column by column from an
+//! iterator that is run again for each: memory stays at one row whatever the size of the model.
+//! Everything that can be refused is refused before a file is created.
 
 use super::schema::*;
 use super::{
@@ -15,7 +20,7 @@ use std::io::{self, Write};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
-/// `ARRAY_BUFFER`.
+/// `ARRAY_BUFFER`, the target of a buffer view of vertex attributes (glTF 2.0, 5.11.5).
 const VERTEX_DATA: u32 = 34962;
 const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
@@ -79,13 +84,13 @@ fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
 }
 
 /// A file before its columns.
-pub(in crate::export) struct Layout {
+pub(in crate::export) struct GlbLayout {
     pub(in crate::export) json: String,
     columns: Vec<&'static Column>,
     bin_length: u64,
 }
 
-impl Layout {
+impl GlbLayout {
     /// For these splats; fails if the file would not fit GLB's 32-bit lengths.
     pub fn new(
         gaussians: impl Iterator<Item = Gaussian> + Clone,
@@ -181,7 +186,7 @@ fn root(
         extensions_used: vec![EXTENSION.to_owned()],
         extensions_required: Vec::new(),
         scene: Some(0),
-        scenes: vec![Scene { nodes: vec![0] }],
+        scenes: vec![GltfScene { nodes: vec![0] }],
         nodes: vec![Node { mesh: Some(0), ..Node::default() }],
         meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,

@@ -2,15 +2,15 @@
 //! bounds).
 
 use super::record::Rect;
-use super::view::{Placed, View};
+use super::view::{CameraSplat, CpuView};
 use crate::render::options::Response;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Pixels that the ellipsoid of the alpha cut covers; tight through a pinhole.
 pub(super) fn pinhole(
-    view: &View,
-    placed: &Placed,
+    view: &CpuView,
+    placed: &CameraSplat,
     extent_squared: f64,
     response: Response,
 ) -> Option<Rect> {
@@ -57,8 +57,8 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
 /// centre's direction, one side along growing `θ`. Straight lines there are great circles, on which
 /// `θ` and the azimuth are largest and smallest at the corners or half way, see [`FisheyeBox`].
 pub(super) fn fisheye(
-    view: &View,
-    placed: &Placed,
+    view: &CpuView,
+    placed: &CameraSplat,
     extent_squared: f64,
     response: Response,
 ) -> Option<Rect> {
@@ -97,7 +97,8 @@ struct FisheyeBox {
 }
 
 impl FisheyeBox {
-    /// Its box in an equidistant fisheye, radians from the principal point.
+    /// Bounding box of the rectangle's image in an equidistant fisheye, radians from the principal
+    /// point.
     fn bounds(&self, azimuth: f64) -> (DVec2, DVec2) {
         let (sin, cos) = self.theta.sin_cos();
         let (mut inner, mut outer) = (f64::INFINITY, 0.0f64);

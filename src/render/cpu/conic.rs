@@ -28,7 +28,7 @@ pub(super) struct Conic {
 impl Conic {
     /// With whitening `M = diag(1/s)·(RQ)ᵀ`, `g₀ = M·x₀` and `A = M·steps`:
     /// `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` of `B = [A₁×g₀, A₂×g₀]`, and `l = 2Aᵀg₀/|g₀|²`.
-    pub(super) fn new(placed: &Placed, tangent: &Tangent) -> Self {
+    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
         let sharpness = placed.scale.recip();
         let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
         let g0 = white(tangent.x0);

@@ -3,17 +3,17 @@
 
 use super::conic::Conic;
 use super::lanes::EXP2_MIN;
-use super::record::{Record, Rect};
+use super::record::{ConicRecord, Rect};
 use glam::DVec2;
 use std::f64::consts::LOG2_E;
 
 /// A splat in the image, in f64.
-pub(super) struct Drawn {
+pub(super) struct ImageSplat {
     pub centre: DVec2,
     pub conic: Conic,
-    /// See [`Record`].
+    /// Depth `z` of the centre (pinhole) or its distance (fisheye), world units.
     pub reach: f64,
-    /// See [`Listing`].
+    /// What the order of blending goes by, world units: view depth (projected), distance (exact).
     pub key: f64,
     pub opacity: f64,
     /// `k²` of the alpha cut.
@@ -21,13 +21,13 @@ pub(super) struct Drawn {
     pub rect: Rect,
 }
 
-impl Drawn {
+impl ImageSplat {
     /// The record and its key; `None` if f32 cannot hold them.
-    pub(super) fn record(&self, color: [f32; 3]) -> Option<(Record, f32)> {
+    pub(super) fn record(&self, color: [f32; 3]) -> Option<(ConicRecord, f32)> {
         // exp(−½ D²) = 2^−(½ log₂e · D²).
         let unit = (0.5 * LOG2_E).sqrt();
         let Conic { p_x, p_y, q_y, half_l, w } = self.conic;
-        let record = Record {
+        let record = ConicRecord {
             u: self.centre.x as f32,
             v: self.centre.y as f32,
             p_x: (unit * p_x) as f32,
@@ -41,7 +41,7 @@ impl Drawn {
             reach: self.reach as f32,
             rect: self.rect,
         };
-        let Record { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
+        let ConicRecord { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
         let key = self.key as f32;
         [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]
             .iter()

@@ -23,4 +23,4 @@ mod sort;
 mod tile;
 mod view;
 
-pub use renderer::{CpuRenderer, Rendered, Stage};
+pub use renderer::{CpuRenderer, CpuStage, Rendered};

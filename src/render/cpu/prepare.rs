@@ -1,13 +1,13 @@
 //! From splats to records, in f64 and once per splat, so that the f32 of the inner loop starts from
 //! correctly rounded numbers.
 
-use super::record::{Frame, Gradient, Listing, Record, Records};
-use super::shade::{self, Shade};
-use super::view::{Placed, View};
+use super::record::{ConicRecord, DepthEntry, Gradient, Records, TangentFrame};
+use super::shade::{self, ColorGradient};
+use super::view::{CameraSplat, CpuView};
 use super::{exact, projected};
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::options::{Lens, Method, Paint};
+use crate::render::options::{Lens, Paint, RenderMethod};
 use rayon::prelude::*;
 
 /// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide the
@@ -22,16 +22,16 @@ pub(super) struct ChunkCount {
 }
 
 /// Whether a view needs the colour gradients of its splats.
-pub(super) fn has_gradients(splats: SplatView<'_>, view: &View) -> bool {
+pub(super) fn has_gradients(splats: SplatView<'_>, view: &CpuView) -> bool {
     !splats.appearance().is_empty() && view.look.paint == Paint::Stored
 }
 
 /// Fills the records of every chunk and counts them.
 pub(super) fn prepare(
     splats: SplatView<'_>,
-    view: &View,
+    view: &CpuView,
     out: &mut Records,
-    listings: &mut Vec<Listing>,
+    listings: &mut Vec<DepthEntry>,
     counts: &mut Vec<ChunkCount>,
 ) {
     let n = splats.splats().len();
@@ -78,15 +78,15 @@ struct Chunk<'a> {
     splats: &'a [Splat],
     /// Starts with those of `splats`, or is empty.
     appearance: &'a [Appearance],
-    records: &'a mut [Record],
-    listings: &'a mut [Listing],
+    records: &'a mut [ConicRecord],
+    listings: &'a mut [DepthEntry],
     gradients: &'a mut [Gradient],
-    frames: &'a mut [Frame],
+    frames: &'a mut [TangentFrame],
 }
 
 impl Chunk<'_> {
     /// Packs the visible splats into the front of the lists, in order.
-    fn fill(&mut self, view: &View) -> ChunkCount {
+    fn fill(&mut self, view: &CpuView) -> ChunkCount {
         let mut count = ChunkCount::default();
         for (i, splat) in self.splats.iter().enumerate() {
             if splat.opacity <= 0.0 {
@@ -106,27 +106,27 @@ impl Chunk<'_> {
     }
 
     /// Writes splat `i` to place `to`; whether any pixel sees it.
-    fn draw(&mut self, view: &View, i: usize, placed: Placed, to: usize) -> bool {
+    fn draw(&mut self, view: &CpuView, i: usize, placed: CameraSplat, to: usize) -> bool {
         let appearance = self.appearance.get(i);
         let color = shade::color(view, &self.splats[i], &placed, appearance);
         let shade = match (self.gradients.get_mut(to), appearance) {
-            (Some(place), Some(appearance)) => Some((place, Shade::new(appearance, view))),
+            (Some(place), Some(appearance)) => Some((place, ColorGradient::new(appearance, view))),
             _ => None,
         };
         let drawn = match view.method {
-            Method::Projected(support) => {
+            RenderMethod::Projected(support) => {
                 if let Some((place, shade)) = shade {
                     *place = projected::gradient(&shade, &placed, view);
                 }
                 projected::draw(view, &placed, support)
             }
-            Method::Exact(settings) if settings.lens == Lens::Pinhole => {
+            RenderMethod::Exact(settings) if settings.lens == Lens::Pinhole => {
                 if let Some((place, shade)) = shade {
                     *place = shade.gradient(&exact::pinhole_tangent(&placed, &view.intrinsics));
                 }
                 exact::pinhole(view, placed, settings)
             }
-            Method::Exact(settings) => {
+            RenderMethod::Exact(settings) => {
                 if let Some((place, shade)) = shade {
                     *place = shade.gradient(&exact::fisheye_tangent(&placed));
                 }
@@ -137,7 +137,7 @@ impl Chunk<'_> {
             }
         };
         let Some((record, key)) = drawn.and_then(|drawn| drawn.record(color)) else { return false };
-        self.listings[to] = Listing::new(key, &record.rect);
+        self.listings[to] = DepthEntry::new(key, &record.rect);
         self.records[to] = record;
         true
     }

@@ -7,7 +7,7 @@ use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
 use crate::render::constants::TILE;
 use crate::render::finish::Finish;
-use crate::render::options::{Lens, Method, Response};
+use crate::render::options::{Lens, RenderMethod, Response};
 use wide::bytemuck::cast_slice;
 
 /// Splats binned to tiles at a time: bounds a row's lists to this many entries per tile, whatever
@@ -29,7 +29,7 @@ pub(super) struct RowCanvas {
 pub(super) struct Sheet<'a> {
     pub records: &'a Records,
     pub intrinsics: Intrinsics,
-    pub method: Method,
+    pub method: RenderMethod,
     pub background: [f32; 3],
     pub finish: Finish,
 }
@@ -48,23 +48,23 @@ impl Kernel for DrawRow<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Method::Exact(exact) = self.sheet.method else {
+        let RenderMethod::Exact(exact) = self.sheet.method else {
             return self.draw::<V, { Form::PROJECTED }>(1.0);
         };
-        let least_front = match exact.response {
+        let min_front = match exact.response {
             Response::Ray => 0.0,
             Response::Line => f32::NEG_INFINITY,
         };
         match exact.lens {
-            Lens::Pinhole => self.draw::<V, { Form::PINHOLE }>(least_front),
-            Lens::Fisheye => self.draw::<V, { Form::FISHEYE }>(least_front),
+            Lens::Pinhole => self.draw::<V, { Form::PINHOLE }>(min_front),
+            Lens::Fisheye => self.draw::<V, { Form::FISHEYE }>(min_front),
         }
     }
 }
 
 impl DrawRow<'_> {
     #[inline(always)]
-    fn draw<V: Vector, const FORM: u8>(self, least_front: f32) {
+    fn draw<V: Vector, const FORM: u8>(self, min_front: f32) {
         let Self { sheet, canvas, top, list } = self;
         canvas.clear(top, &sheet);
         for batch in list.chunks(BATCH) {
@@ -79,9 +79,9 @@ impl DrawRow<'_> {
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let list = canvas.by_tile.get(index);
                 if sheet.records.gradients.is_empty() {
-                    tile.blend_all::<V, FORM, false>(list, records, least_front);
+                    tile.blend_all::<V, FORM, false>(list, records, min_front);
                 } else {
-                    tile.blend_all::<V, FORM, true>(list, records, least_front);
+                    tile.blend_all::<V, FORM, true>(list, records, min_front);
                 }
             }
         }
@@ -113,7 +113,8 @@ impl RowCanvas {
     ) {
         let k = &sheet.intrinsics;
         let width = k.width as usize;
-        let per_z = matches!(sheet.method, Method::Exact(exact) if exact.lens == Lens::Pinhole);
+        let per_z =
+            matches!(sheet.method, RenderMethod::Exact(exact) if exact.lens == Lens::Pinhole);
         for (index, tile) in self.tiles.iter().enumerate() {
             let left = index * TILE;
             let planes = tile.planes().map(|plane| cast_slice::<[f32; 8], f32>(plane));

@@ -1,8 +1,12 @@
 //! The CPU renderer as its callers see it: one image from splats, a camera and options.
+//!
+//! Buffers stay between images, because at 10⁵ splats reserving them costs more than sorting. Lists
+//! are kept per row of tiles and not per tile: with splats that cover the whole image, lists per
+//! tile grew long (`rendering.md`, Tried and dropped).
 
 use super::prepare::{self, ChunkCount};
 use super::raster::{DrawRow, RowCanvas, Sheet};
-use super::record::{Listing, Records};
+use super::record::{DepthEntry, Records};
 use super::rows::RowLists;
 use super::sort::{DepthSorter, Keyed};
 use super::view::View;
@@ -32,7 +36,7 @@ pub struct Rendered {
 
 /// A step of an image, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum CpuStage {
     /// Splats become records.
     Prepare,
     /// Visible records by depth.
@@ -43,7 +47,7 @@ pub enum Stage {
     Raster,
 }
 
-impl Stage {
+impl CpuStage {
     /// Every stage, in order.
     pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
 }
@@ -53,7 +57,7 @@ impl Stage {
 #[derive(Default)]
 pub struct CpuRenderer {
     records: Records,
-    listings: Vec<Listing>,
+    listings: Vec<DepthEntry>,
     counts: Vec<ChunkCount>,
     visible: Vec<Keyed>,
     sorter: DepthSorter,
@@ -108,15 +112,16 @@ impl CpuRenderer {
         self.render_observed(splats.into(), camera, options, |_| ())
     }
 
-    /// The same, telling `observer` when each stage is done.
+    /// [`Self::render`], telling `observer` when each stage is done, so that benches can time
+    /// stages.
     pub fn render_observed(
         &mut self,
         splats: SplatView<'_>,
         camera: &Camera,
         options: &RenderOptions,
-        mut observer: impl FnMut(Stage),
+        mut observer: impl FnMut(CpuStage),
     ) -> Rendered {
-        let view = View::new(camera, options);
+        let view = CpuView::new(camera, options);
         let (width, height) = (view.width, view.height);
         let mut image = Rendered {
             color: Image::filled(width, height, [0.0; 3]),
@@ -128,26 +133,28 @@ impl CpuRenderer {
             return image;
         }
         image.n_invalid = self.prepare(splats, &view);
-        observer(Stage::Prepare);
+        observer(CpuStage::Prepare);
         self.sorter.sort(&mut self.visible);
-        observer(Stage::Sort);
+        observer(CpuStage::Sort);
         self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
-        observer(Stage::Bin);
+        observer(CpuStage::Bin);
         let finish = Finish::new(splats.finishing(), camera, options);
         self.rasterise(camera, options, finish, &mut image);
-        observer(Stage::Raster);
+        observer(CpuStage::Raster);
         image
     }
 
     /// Fills `records` and `visible`; the number of broken splats.
-    fn prepare(&mut self, splats: SplatView<'_>, view: &View) -> usize {
+    fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
         prepare::prepare(splats, view, &mut self.records, &mut self.listings, &mut self.counts);
         self.visible.clear();
         for (chunk, count) in self.counts.iter().enumerate() {
             let first = chunk * prepare::CHUNK;
             let listings = self.listings[first..].iter().take(count.n_visible);
-            let keyed =
-                |(listing, record): (&Listing, u32)| Keyed { key: listing.key.to_bits(), record };
+            let keyed = |(listing, record): (&DepthEntry, u32)| Keyed {
+                key: listing.key.to_bits(),
+                record,
+            };
             self.visible.extend(listings.zip(first as u32..).map(keyed));
         }
         self.counts.iter().map(|count| count.n_invalid).sum()

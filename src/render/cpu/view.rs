@@ -5,11 +5,13 @@ use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
 use crate::render::constants::{ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, REFERENCE_VARIANCE};
-use crate::render::options::{Antialias, Exact, Lens, Look, Method, RenderOptions};
+use crate::render::options::{
+    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, SplatStyle,
+};
 use glam::{DMat3, DVec2, DVec3};
 
 /// A view, ready for splats.
-pub(super) struct View {
+pub(super) struct CpuView {
     pub width: usize,
     pub height: usize,
     pub world_from_camera: DMat3,
@@ -20,13 +22,13 @@ pub(super) struct View {
     pub tangent_lo: DVec2,
     pub tangent_hi: DVec2,
     pub near: f32,
-    pub method: Method,
-    pub look: Look,
+    pub method: RenderMethod,
+    pub look: SplatStyle,
 }
 
 /// A splat in camera axes, about to be drawn.
-pub(super) struct Placed {
-    /// Centre.
+pub(super) struct CameraSplat {
+    /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,
     /// Direction of each scale, in columns.
     pub axes: DMat3,
@@ -35,7 +37,7 @@ pub(super) struct Placed {
     pub opacity: f64,
 }
 
-impl View {
+impl CpuView {
     pub(super) fn new(camera: &Camera, options: &RenderOptions) -> Self {
         let k = camera.intrinsics;
         let focal = DVec2::new(k.fx, k.fy);
@@ -58,7 +60,7 @@ impl View {
     }
 
     /// The splat in camera axes, or `None` if no pixel can see it.
-    pub(super) fn place(&self, splat: &Splat) -> Option<Placed> {
+    pub(super) fn place(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64: far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let m = self.camera_from_world * (mean - self.centre);
@@ -72,7 +74,7 @@ impl View {
             return None;
         }
         let axes = self.camera_from_world * axes_of(splat.rotation);
-        Some(Placed { m, axes, scale: self.look.scales(splat), opacity })
+        Some(CameraSplat { m, axes, scale: self.look.scales(splat), opacity })
     }
 
     /// Casts saturate: far outside is empty, infinite is the whole image.
@@ -110,7 +112,7 @@ fn axes_of(rotation: [f32; 4]) -> DMat3 {
     )
 }
 
-impl Placed {
+impl CameraSplat {
     /// `k²`: the squared Mahalanobis distance at which the alpha cut lies, `o·exp(−k²/2)` being the
     /// cut.
     pub(super) fn extent_squared(&self) -> f64 {
@@ -119,7 +121,7 @@ impl Placed {
 
     /// Widened as the exact renderer's antialiasing says (`rendering.md`, Antialiasing); `None` if
     /// it fades the splat away.
-    pub(super) fn antialiased(mut self, exact: Exact, k: &Intrinsics) -> Option<Self> {
+    pub(super) fn antialiased(mut self, exact: ExactOptions, k: &Intrinsics) -> Option<Self> {
         let variance = match exact.antialias {
             Antialias::None => return Some(self),
             Antialias::Footprint => FOOTPRINT_PX2 * self.m.length_squared() / (k.fx * k.fy),

@@ -1,4 +1,8 @@
 //! Splat image over a background, into whatever the window or a picture wants.
+//!
+//! A pass of its own and not the splats' last step, because the image is drawn once and shown
+//! often: while nothing moves, only this pass runs, and backgrounds, wipes and differences change
+//! without drawing a splat again.
 
 use super::layout::{Composite, shader};
 use super::target::SplatTarget;
@@ -63,7 +67,7 @@ impl Compositor {
         self.prepare_pair(device, queue, image, background, None);
     }
 
-    /// The same with a second picture, over the same background.
+    /// [`Self::prepare`] with a second picture to compare with, laid over an equal background.
     pub fn prepare_pair(
         &mut self,
         device: &wgpu::Device,

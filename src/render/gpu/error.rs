@@ -18,11 +18,11 @@ pub enum GpuError {
         "{n_splats} splats need {needed_mib} MiB, this adapter binds at most {limit_mib} MiB: keep to {max_splats} splats or draw with the CPU renderer"
     )]
     TooManySplats {
-        /// Asked for.
+        /// Splats that were to be uploaded.
         n_splats: usize,
-        /// Their size.
+        /// Size of those splats' records, MiB.
         needed_mib: u64,
-        /// Largest buffer.
+        /// Largest buffer that a shader of this adapter sees whole, MiB.
         limit_mib: u64,
         /// What fits in it.
         max_splats: usize,
@@ -32,9 +32,9 @@ pub enum GpuError {
         "{n_splats} splats: the GPU is out of memory ({mib} MiB asked for); the splats uploaded before are still drawn, close other GPU programs or train fewer components"
     )]
     OutOfMemory {
-        /// Asked for.
+        /// Splats that were to be uploaded.
         n_splats: usize,
-        /// Their size.
+        /// Size of all buffers asked for, MiB.
         mib: u64,
     },
     /// An image needs more pairs of splat and tile than the GPU has room for.
@@ -74,7 +74,7 @@ pub enum GpuError {
         width: u32,
         /// Rows asked for.
         height: u32,
-        /// Largest side.
+        /// Pixels that a side of a texture may have at most.
         limit: u32,
     },
     /// The photograph is larger than a texture may be.
@@ -82,19 +82,19 @@ pub enum GpuError {
         "photograph {width}x{height}: this adapter shows at most {limit} pixels a side; compare with smaller images"
     )]
     PhotoTooLarge {
-        /// Columns.
+        /// Columns of the image, pixels.
         width: u32,
-        /// Rows.
+        /// Rows of the image, pixels.
         height: u32,
-        /// Largest side.
+        /// Pixels that a side of a texture may have at most.
         limit: u32,
     },
     /// An image did not come back from the GPU.
     #[error("image of {width}x{height} did not come back from the GPU: {reason}")]
     Readback {
-        /// Columns.
+        /// Columns of the image, pixels.
         width: u32,
-        /// Rows.
+        /// Rows of the image, pixels.
         height: u32,
         /// What wgpu said.
         reason: String,

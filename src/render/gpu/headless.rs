@@ -50,9 +50,9 @@ pub enum HeadlessError {
 /// A device, its queue and what they can do.
 #[derive(Debug)]
 pub struct HeadlessGpu {
-    /// The device.
+    /// The device, with every limit and optional feature its adapter offers.
     pub device: wgpu::Device,
-    /// Its queue.
+    /// The queue that takes the device's commands and uploads.
     pub queue: wgpu::Queue,
     /// What it can do.
     pub caps: GpuCaps,

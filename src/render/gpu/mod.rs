@@ -36,4 +36,4 @@ pub mod tiles;
 mod timer;
 
 pub use error::GpuError;
-pub use path::{GpuTimes, Path};
+pub use path::{DrawPath, GpuTimes};

@@ -5,7 +5,7 @@ use strum::Display;
 /// How splats become pixels. Both give the same image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
 #[strum(serialize_all = "kebab-case")]
-pub enum Path {
+pub enum DrawPath {
     /// Blended quads, in the order of the CPU.
     Quads,
     /// Sorted and blended by compute shaders.
@@ -24,7 +24,7 @@ pub struct GpuTimes {
 }
 
 impl GpuTimes {
-    /// All stages.
+    /// Sum of the stages, milliseconds.
     pub fn total(&self) -> f64 {
         self.preprocess.unwrap_or(0.0) + self.sort.unwrap_or(0.0) + self.draw
     }

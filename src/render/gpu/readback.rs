@@ -1,4 +1,8 @@
 //! GPU images on the CPU, for tests and screenshots. Everything here waits for the GPU.
+//!
+//! Rows in a buffer must be multiples of 256 bytes apart, images rarely are: rows are copied with
+//! that stride and packed on the CPU. Half floats are widened here by hand, which is exact and
+//! saves a dependency for one function.
 
 use super::composite::Compositor;
 use super::error::GpuError;

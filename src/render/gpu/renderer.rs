@@ -1,13 +1,18 @@
 //! The renderer that the window and the benches see: a scene and a camera to an image.
+//!
+//! Quads and tiles share the camera's uniforms and the image, so that a change of path is a change
+//! of what is recorded and of nothing else. The tile path is built only when it is first drawn
+//! with: its eleven pipelines and its buffers cost start-up time and memory that a software adapter
+//! never uses.
 
 use super::chooser::{Chooser, Load};
 use super::error::GpuError;
 use super::layout::View;
-use super::path::{GpuTimes, Path};
+use super::path::{DrawPath, GpuTimes};
 use super::quads::QuadPath;
 use super::scene::{GpuScene, OrderOf};
 use super::target::SplatTarget;
-use super::timer::{Stage, StageTimer};
+use super::timer::{GpuStage, StageTimer};
 use crate::math::camera::Camera;
 use crate::render::gpu::tiles::renderer::{TileFrame, TilePath};
 use crate::render::options::RenderOptions;
@@ -38,11 +43,11 @@ impl SplatRenderer {
             tiles: None,
             chooser: match timer {
                 Some(_) if !is_software => Chooser::measuring(),
-                _ => Chooser::fixed(Path::Quads),
+                _ => Chooser::fixed(DrawPath::Quads),
             },
             view: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("view"),
-                size: size_of::<View>() as u64,
+                size: size_of::<GpuView>() as u64,
                 usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             }),
@@ -60,12 +65,12 @@ impl SplatRenderer {
     }
 
     /// Draws by this path from now on, for tests and benches.
-    pub fn set_path(&mut self, path: Path) {
+    pub fn set_path(&mut self, path: DrawPath) {
         self.chooser = Chooser::fixed(path);
     }
 
     /// The path of the next image.
-    pub fn path(&self) -> Path {
+    pub fn path(&self) -> DrawPath {
         self.chooser.path()
     }
 
@@ -86,10 +91,10 @@ impl SplatRenderer {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
         let path = self.choose(scene, (width, height));
         let extent_cap = match path {
-            Path::Quads => self.extent_cap,
-            Path::Tiles => f32::INFINITY,
+            DrawPath::Quads => self.extent_cap,
+            DrawPath::Tiles => f32::INFINITY,
         };
-        let view = View::new(camera, options, extent_cap)?;
+        let view = GpuView::new(camera, options, extent_cap)?;
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
@@ -100,8 +105,8 @@ impl SplatRenderer {
         }
         let slot = self.timer.as_mut().and_then(|timer| timer.begin(path));
         match path {
-            Path::Quads => self.record_quads(device, encoder, scene, slot),
-            Path::Tiles => {
+            DrawPath::Quads => self.record_quads(device, encoder, scene, slot),
+            DrawPath::Tiles => {
                 let drawn = self.record_tiles(device, queue, encoder, scene, slot);
                 drawn.inspect_err(|_| self.chooser.rule_out_tiles())?;
             }
@@ -124,10 +129,10 @@ impl SplatRenderer {
 
     /// Why the farthest splats are missing in the image, if they are.
     pub fn shortage(&self) -> Option<&GpuError> {
-        self.tiles.as_ref().filter(|_| self.path() == Path::Tiles).and_then(TilePath::shortage)
+        self.tiles.as_ref().filter(|_| self.path() == DrawPath::Tiles).and_then(TilePath::shortage)
     }
 
-    fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> Path {
+    fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> DrawPath {
         if let Some(shortage) = self.shortage()
             && self.chooser.is_free()
         {
@@ -181,7 +186,7 @@ impl SplatRenderer {
                 },
             })],
             timestamp_writes: timer_slot
-                .and_then(|slot| self.timer.as_ref().map(|t| t.of_render(slot, Stage::Draw))),
+                .and_then(|slot| self.timer.as_ref().map(|t| t.of_render(slot, GpuStage::Draw))),
             ..Default::default()
         });
         if scene.n_drawn(self.of) > 0 {

@@ -1,4 +1,10 @@
 //! The splats on the GPU and the orders in which to draw them.
+//!
+//! Only what training changed is sent (`rendering.md`, Uploads): few changes as (index, record)
+//! pairs that a compute pass scatters, many as one whole upload, which streams faster than it
+//! scatters. Buffers grow by half, so that growing scenes are copied a logarithmic number of times.
+//! Orders live here too, one for each picture of a comparison, because they name splats of this
+//! scene and of no other.
 
 use super::allocation::Allocation;
 use super::context::max_buffer_bytes;
@@ -134,7 +140,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Splats uploaded.
+    /// Number of splats on the GPU, empty slots included.
     pub fn n_splats(&self) -> usize {
         self.n_splats
     }

@@ -1,4 +1,9 @@
 //! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
+//!
+//! Three passes of 11 bits cover a key of 32 and 2¹¹ counters fit L1; a pass whose keys all share a
+//! digit is skipped, which near scenes often allow. Keys of 16 bits were tried and swapped splats
+//! visibly (`rendering.md`, Tried and dropped). Sorting runs on the CPU because quads need no other
+//! compute; the tile path sorts on the GPU (`super::tiles`).
 
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
@@ -89,7 +94,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::math::rng::{Purpose, Rng};
-    use crate::render::options::{Antialias, Exact, Method, Response};
+    use crate::render::options::{Antialias, ExactOptions, RenderMethod, Response};
 
     fn camera() -> Camera {
         Camera {
@@ -98,18 +103,18 @@ mod tests {
         }
     }
 
-    const FISHEYE: Method = Method::Exact(Exact {
+    const FISHEYE: RenderMethod = RenderMethod::Exact(ExactOptions {
         response: Response::Ray,
         antialias: Antialias::Footprint,
         lens: Lens::Fisheye,
     });
 
-    fn options(method: Method, near: f64) -> RenderOptions {
+    fn options(method: RenderMethod, near: f64) -> RenderOptions {
         RenderOptions { near, ..RenderOptions::evaluation(method, [0.0; 3]) }
     }
 
     /// What must be beyond the near plane, and what the order goes by.
-    fn keys(splat: &Splat, camera: &Camera, method: Method) -> (f32, f32) {
+    fn keys(splat: &Splat, camera: &Camera, method: RenderMethod) -> (f32, f32) {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
         let depth = from_camera.dot(camera.pose.forward()) as f32;
         let distance = from_camera.length() as f32;
@@ -133,7 +138,7 @@ mod tests {
                     Splat { mean: [at(), at(), at()], opacity: 0.5, ..Splat::default() }
                 })
                 .collect();
-            for method in [Method::PROJECTED, Method::EXACT, FISHEYE] {
+            for method in [RenderMethod::PROJECTED, RenderMethod::EXACT, FISHEYE] {
                 let keys = |i: &u32| keys(&splats[*i as usize], &camera(), method);
                 let options = options(method, 0.2);
                 let ours = back_to_front(&splats, &camera(), &options, &mut scratch).to_vec();
@@ -164,9 +169,9 @@ mod tests {
         let mut order = |method, near| {
             back_to_front(&splats, &ahead, &options(method, near), &mut scratch).to_vec()
         };
-        assert_eq!(order(Method::PROJECTED, 0.2), [7, 8, 0]);
-        assert_eq!(order(Method::PROJECTED, -9.0), [7, 8, 0, 1]);
-        assert_eq!(order(Method::EXACT, 0.2), [7, 8, 0]);
+        assert_eq!(order(RenderMethod::PROJECTED, 0.2), [7, 8, 0]);
+        assert_eq!(order(RenderMethod::PROJECTED, -9.0), [7, 8, 0, 1]);
+        assert_eq!(order(RenderMethod::EXACT, 0.2), [7, 8, 0]);
         assert_eq!(order(FISHEYE, 0.2), [7, 2, 8, 0], "behind the plane is in sight");
     }
 }

@@ -25,7 +25,7 @@ pub(super) mod slot {
 /// Bytes of the buffer of counts.
 pub(super) const COUNTS_BYTES: u64 = 4 * WORD;
 
-/// By splat.
+/// Buffers with one entry per splat: keys and order of the sort, records, footprints.
 #[derive(Debug)]
 pub(super) struct SplatBuffers {
     pub(super) keys: [wgpu::Buffer; 2],
@@ -122,7 +122,7 @@ impl EntryBuffers {
 }
 
 /// Entries that the adapter's buffers hold.
-pub(super) fn most_entries(limits: &wgpu::Limits) -> u64 {
+pub(super) fn max_entries(limits: &wgpu::Limits) -> u64 {
     max_buffer_bytes(limits) / WORD
 }
 

@@ -4,7 +4,7 @@ use super::constants::GROUP;
 
 /// A compute pipeline; its bindings are laid out as its shader names them.
 #[derive(Debug)]
-pub(super) struct Kernel(wgpu::ComputePipeline);
+pub(super) struct ComputeKernel(wgpu::ComputePipeline);
 
 /// A kernel with its buffers, ready to be dispatched every frame.
 #[derive(Clone, Debug)]
@@ -20,7 +20,7 @@ pub(super) struct Grid {
     pub(super) rows: u32,
 }
 
-impl Kernel {
+impl ComputeKernel {
     pub(super) fn new(device: &wgpu::Device, module: &wgpu::ShaderModule, entry: &str) -> Self {
         Self::specialized(device, module, entry, &[])
     }

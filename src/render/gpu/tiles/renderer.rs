@@ -1,20 +1,20 @@
 //! The tile path as the renderer sees it: one image into one encoder.
 
-use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, most_entries, slot, tile_grid};
+use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, slot, tile_grid};
 use super::capacity::EntryDemand;
-use super::plan::{Inputs, Kernels, Plan};
+use super::plan::{Inputs, Kernels, TileMemory, TilePlan};
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
-use crate::render::gpu::timer::{Stage, StageTimer};
+use crate::render::gpu::timer::{GpuStage, StageTimer};
 
-/// One image.
+/// What one image is drawn from and into.
 #[derive(Clone, Copy)]
 pub(in crate::render::gpu) struct TileFrame<'a> {
     /// Camera and options, without a cap of the extent.
     pub(in crate::render::gpu) view: &'a wgpu::Buffer,
     pub(in crate::render::gpu) scene: &'a GpuScene,
-    /// Not empty.
+    /// Target of the image, at least one pixel a side.
     pub(in crate::render::gpu) image: &'a SplatTarget,
     /// A timer and its slot.
     pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
@@ -28,7 +28,7 @@ pub(in crate::render::gpu) struct TilePath {
     demand: EntryDemand,
     splats: SplatBuffers,
     entries: EntryBuffers,
-    plan: Option<Plan>,
+    plan: Option<TilePlan>,
 }
 
 impl TilePath {
@@ -66,13 +66,14 @@ impl TilePath {
         }
         let Self { kernels, counts, splats, entries, .. } = self;
         let plan = self.plan.get_or_insert_with(|| {
-            Plan::new(device, queue, kernels, inputs, counts, splats, entries)
+            let memory = TileMemory { counts, splats, entries };
+            TilePlan::new(device, queue, kernels, inputs, memory)
         });
 
         let mut zeroed = [0; 4];
         zeroed[slot::N_SPLATS as usize] = scene.n_splats() as u32;
         queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&zeroed));
-        for stage in [Stage::Preprocess, Stage::Sort, Stage::Draw] {
+        for stage in [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw] {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some("splats by tiles"),
                 timestamp_writes: timer.map(|(timer, slot)| timer.of_compute(slot, stage)),
@@ -96,7 +97,7 @@ impl TilePath {
             self.plan = None;
         }
         let n_splats = scene.n_splats();
-        let most = most_entries(&device.limits());
+        let most = max_entries(&device.limits());
         let capacity = self.demand.capacity(self.entries.capacity, n_splats, most);
         let room = match self.entries.check() {
             Err(late) => Err(late),
