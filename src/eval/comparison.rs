@@ -84,6 +84,7 @@ pub fn compare(
         _ => {
             let alignment = sums.alignment();
             let aligned = alignment.applied(render, coverage);
+            // Summed again and not derived from the fit: clamping to `[0, 1]` changes the error.
             let after = Sums::of(&aligned, coverage, truth);
             Some(Covered {
                 psnr: sums.psnr_covered(),
@@ -105,6 +106,7 @@ pub fn compare(
 impl Alignment {
     fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
         let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
+            // The background is nobody's colour, and aligning it would reward guessing it.
             if coverage < COVERED {
                 return pixel;
             }
@@ -142,6 +144,8 @@ impl Sums {
     /// number of threads.
     fn of(render: &RgbImage, coverage: &Image<f32>, truth: &RgbImage) -> Self {
         let width = render.width;
+        // Collected in order and added up below: a parallel sum would differ in its last digits
+        // from run to run.
         let rows: Vec<Self> = render
             .data
             .par_chunks(width)
@@ -209,6 +213,7 @@ impl Moments {
     fn fit(&self, n: f64) -> [f64; 2] {
         let (x, y) = (self.x / n, self.y / n);
         let variance = self.xx / n - x * x;
+        // A channel of one value fits any line; the one with factor 1 is taken.
         let gain = if variance > MIN_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
         [gain, y - gain * x]
     }

@@ -94,6 +94,7 @@ pub fn measure<'a>(
         in_view(frame.name, &surfaces, splats, render, renderer)
     };
     let found = over_views(dataset, split, frames, visit, progress);
+    // Views without interior pixels say nothing of cracks and must not count as free of them.
     let found: Vec<ViewCracks> = found.into_iter().flatten().collect();
     let far: Vec<Cracks> = found.iter().map(|view| view.training_distance).collect();
     let near: Vec<Cracks> = found.iter().filter_map(|view| view.half_distance).collect();
@@ -119,6 +120,7 @@ fn in_view(
         Cracks::of(&coverage, &surfaces.interior)
     };
     let nearer = half_distance(surfaces)?;
+    // Splats are dropped by their centre, so a surface just beyond the plane would miss some.
     let near = (NEAR_PLANES * render.near) as f32;
     Some(ViewCracks {
         frame,
@@ -129,6 +131,7 @@ fn in_view(
 
 /// The view's camera, moved along its axis by half the median depth of its interior pixels.
 fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
+    // The median and not the mean: a far background must not carry the camera through what is near.
     let step = 0.5 * f64::from(surfaces.median_interior_z()?);
     let Camera { intrinsics, pose } = surfaces.camera;
     Some(Camera { intrinsics, pose: pose.attached(step * DVec3::Z, DQuat::IDENTITY) })

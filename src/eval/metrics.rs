@@ -45,11 +45,13 @@ fn psnr_of<'a, R: Real>(
     let (mut sum, mut n_values) = (0.0, 0usize);
     for (prediction, truth) in pixels {
         for (p, t) in prediction.iter().zip(truth) {
+            // A display clamps too; photographs are in range by themselves.
             let error = p.to_f64().clamp(0.0, 1.0) - t.to_f64();
             sum += error * error;
         }
         n_values += 3;
     }
+    // An empty mean is NaN, which would pass through every average unseen.
     if n_values == 0 {
         return Err(MetricError::NoPixels);
     }
@@ -97,6 +99,7 @@ pub fn depth_error(
     let (mut absolute, mut squared, mut relative) = (0.0, 0.0, 0.0);
     for ((p, a), t) in prediction.data.iter().zip(&coverage.data).zip(&truth.data) {
         let (p, t) = (f64::from(*p), f64::from(*t));
+        // Written so that NaN is missing too.
         if !(t.is_finite() && t > 0.0) {
             continue;
         }

@@ -52,9 +52,11 @@ impl Reprojection {
     fn triangle(&mut self, corners: [Corner; 3], is_marked: bool) {
         let [a, b, c] = corners.map(|corner| corner.at);
         let area = cross(a, b, c);
+        // Squares seen edge-on cover no pixel and have no barycentric coordinates.
         if area == 0.0 {
             return;
         }
+        // Casts below saturate, so squares that reach beyond the image end at its border.
         let span = |axis: usize, size: usize| {
             let (lo, hi) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
             // Casts saturate, so what lies outside ends at the border.

@@ -30,6 +30,7 @@ impl Seen {
         surfaces: &Surfaces,
     ) -> Result<Option<Self>, MetricError> {
         let mask = surfaces.z.map(|&z| z > 0.0);
+        // No pixel has depth: a mean over nothing would read as a score.
         let Some(share) = covered_share(coverage, &mask) else { return Ok(None) };
         Ok(Some(Self {
             psnr: psnr_masked(render, truth, &mask)?,

@@ -43,6 +43,7 @@ pub fn ssim<R: Real>(
     if width == 0 || height == 0 {
         return Err(MetricError::NoPixels);
     }
+    // Zeros beyond the border reward dark rims, so reports use windows inside the image only.
     let pad = match padding {
         SsimPadding::Zero => SSIM_RADIUS,
         SsimPadding::Valid if width < SSIM_WINDOW || height < SSIM_WINDOW => {

@@ -40,6 +40,7 @@ impl Surfaces {
         for (i, z) in z.data.iter_mut().enumerate() {
             let (column, row) = (i % frame.color.width, i / frame.color.width);
             let is_trusted = depth.value_at(column, row).is_some_and(|value| depth.trusts(value));
+            // Alpha below full shows what lies behind, whose depth nobody measured.
             if !is_trusted || frame.color.data[i][3] < u8::MAX {
                 *z = 0.0;
             }
@@ -130,6 +131,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     let mut edges = z.map(|&z| z <= 0.0);
     let mut mark = |a: usize, b: usize| {
         if is_jump(z.data[a], z.data[b], jump) {
+            // Both sides: which of the two surfaces ends here cannot be told from depth alone.
             edges.data[a] = true;
             edges.data[b] = true;
         }

@@ -6,6 +6,7 @@
 //! fatal, but a split without any usable view is an error: an average over nothing would look like
 //! a result.
 
+use super::choices::{GroundTruth, PartialCoverage};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
@@ -23,8 +24,6 @@ use crate::math::image::{Image, RgbImage};
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{EVALUATION_NEAR, RenderMethod, RenderOptions, Renderer};
-use serde::{Deserialize, Serialize};
-use strum::{Display, EnumString, VariantNames};
 
 /// How views are rendered and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,6 +108,8 @@ pub fn evaluate<'a>(
         Ok(score.map_err(|source| EvalError::Metric { frame: frame.name, source }))
     };
     let split_name = dataset.splits[split].name.clone();
+    // Frames refused when the dataset was opened are no views any more, yet a report must list
+    // them.
     let refused = dataset.warnings.iter().filter(|w| w.split == split_name);
     let mut skipped: Vec<SkippedFrame> = refused.map(|w| SkippedFrame::from(&*w.error)).collect();
     let mut scores = Vec::with_capacity(views.len());
@@ -172,6 +173,7 @@ fn score(
         Some(surfaces) => Seen::compare(shown, coverage, &truth, surfaces)?,
     };
     let depth_mae = match measured_depth(frame, surfaces, options) {
+        // Without a covered pixel the error is a mean over nothing.
         Some(depth) if covered.is_some() => {
             let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
             error.mae.is_finite().then_some(error.mae)
@@ -198,6 +200,7 @@ fn score(
 fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
     let (color, coverage) = (&rendered.color, &rendered.coverage);
     let pixel = |(color, &coverage): (&[f32; 3], &f32)| {
+        // Too little is known of the colour to divide by its share.
         if coverage < COVERED {
             return *color;
         }
@@ -226,6 +229,7 @@ fn measured_depth(
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
     match options.color_camera {
+        // All that the file holds: reprojecting would lose the rim.
         None => frame.depth_as(kind),
         Some(_) => surfaces.map(|s| s.depth_as(kind)),
     }

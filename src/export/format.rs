@@ -14,7 +14,7 @@ use std::str::FromStr;
 /// use vbgs_studio::export::ModelFormat;
 ///
 /// assert_eq!(ModelFormat::from_path(Path::new("scene.GLB"))?, Format::Glb);
-/// assert_eq!("point-cloud".parse::<Format>()?, Format::PointCloudPly);
+/// assert_eq!("point-cloud".parse::<ModelFormat>()?, Format::PointCloudPly);
 /// assert!(ModelFormat::from_path(Path::new("scene.obj")).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -60,6 +60,7 @@ impl ModelFormat {
     pub fn from_path(path: &Path) -> Result<Self, ExportError> {
         let found = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match found.as_deref() {
+            // Splats, not points: what a user means by PLY here; points are asked for by name.
             Some("ply") => Ok(ModelFormat::Ply),
             Some("glb") => Ok(ModelFormat::Glb),
             _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.at(path)),

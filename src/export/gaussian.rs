@@ -50,7 +50,9 @@ impl Gaussian {
             mean: wide(splat.mean),
             opacity: f64::from(splat.opacity),
             color: wide(splat.color),
+            // A logarithm of 0 is no number in a file.
             scale: wide(splat.scale).max(DVec3::splat(SCALE_FLOOR)),
+            // A splat of no direction is drawn unrotated, and its file must say what is seen.
             rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
             directional: from_rows(appearance.directional),
         };
@@ -114,6 +116,7 @@ impl Gaussian {
 pub(super) fn unit_quaternion([w, x, y, z]: [f64; 4]) -> Option<DQuat> {
     let q = DQuat::from_xyzw(x, y, z, w);
     let length = q.length();
+    // NaN is kept, so that the row is counted as broken and not as unrotated.
     (length.is_nan() || length >= MIN_QUATERNION).then(|| q / length)
 }
 

@@ -131,6 +131,7 @@ impl Rows {
     /// Adds a row, or counts it as skipped.
     pub fn push(&mut self, row: Gaussian) {
         match row.to_splat() {
+            // Colours are noted only for rows that stay.
             Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.has_wild_color());
                 self.splats.push(splat, appearance);
@@ -146,6 +147,7 @@ impl Rows {
         mut notes: Vec<Note>,
         comments: Vec<String>,
     ) -> Result<Imported, Fault> {
+        // An empty scene would open and show nothing; better to say why.
         if self.splats.is_empty() {
             return Err(Fault::NothingToImport { skipped: self.skipped });
         }
@@ -168,6 +170,7 @@ impl Rows {
 fn give_points_a_size(points: &mut [Splat]) {
     let diagonal = bounds(points).map_or(0.0, |(lo, hi)| (hi - lo).length());
     let spacing = diagonal / (points.len() as f64).sqrt();
+    // One point, or all in one place, has no spacing; a millimetre in metres can at least be seen.
     let scale = if spacing > 0.0 { (0.5 * spacing) as f32 } else { 1e-3 };
     for point in points {
         point.scale = [scale; 3];

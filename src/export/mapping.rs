@@ -139,6 +139,7 @@ fn gradient(view: SplatView, i: usize) -> DMat3 {
 /// A splat as several, whose centres, covariances and colours together are its own.
 fn pieces(native: Gaussian, gradient: DMat3, split: GradientSplit) -> Vec<Gaussian> {
     let frame = DMat3::from_quat(native.rotation);
+    // Along the longest axes, where a gradient changes the colour most.
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| native.scale[b].total_cmp(&native.scale[a]));
     let (mut scale, mut offsets) = (native.scale, vec![DVec3::ZERO]);
@@ -146,6 +147,8 @@ fn pieces(native: Gaussian, gradient: DMat3, split: GradientSplit) -> Vec<Gaussi
     for axis in order.into_iter().take(split.n_axes()).filter(|&i| native.scale[i] > SCALE_FLOOR) {
         let step = split.reach() * native.scale[axis] * frame.col(axis);
         offsets = offsets.into_iter().flat_map(|o| [o - step, o + step]).collect();
+        // What the centres' spread adds to the variance, the pieces give up: together they have the
+        // splat's own.
         scale[axis] *= (1.0 - split.reach().powi(2)).sqrt();
     }
     let limit = DVec3::splat(GRADIENT_LIMIT);

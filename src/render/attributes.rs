@@ -77,6 +77,7 @@ pub struct Range {
 impl Range {
     /// The middle 96 % of the known values; `None` if none is known.
     pub fn of(attribute: Attribute, values: &[ComponentAttributes]) -> Option<Self> {
+        // Over the whole list, because neighbours in it were often born together.
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
         let sample = values.iter().step_by(stride);
         let mut known: Vec<f64> = sample.filter_map(|v| attribute.position(v)).collect();
@@ -103,7 +104,9 @@ impl Range {
     pub fn color(&self, of: &ComponentAttributes) -> [f32; 3] {
         let [lo, hi] = self.ends;
         match self.attribute.position(of) {
+            // Gray, which the ramp does not contain: not known must not look like little.
             None => UNKNOWN,
+            // One value alone is neither the least nor the largest.
             Some(_) if hi <= lo => ramp(0.5),
             Some(value) => ramp(((value - lo) / (hi - lo)) as f32),
         }

@@ -57,6 +57,7 @@ pub const OUTSIDE: f32 = 0.35;
 /// ```
 pub fn combine(first: &mut RgbImage, second: &RgbImage, area: Area, how: Combination) {
     let (width, height) = (first.width, first.height);
+    // A chunk of width 0 would panic, and an empty picture has no pixel to sample.
     if width == 0 || second.data.is_empty() {
         return;
     }
@@ -92,6 +93,7 @@ fn combined(
 /// centres, the border repeated.
 fn bilinear(image: &RgbImage, share: [f32; 2]) -> [f32; 3] {
     let axis = |share: f32, n: usize| {
+        // Half a pixel off, because centres and not corners hold the values.
         let at = share * n as f32 - 0.5;
         let below = at.floor();
         let index = |i: f32| (i.max(0.0) as usize).min(n - 1);

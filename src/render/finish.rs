@@ -7,7 +7,7 @@
 //! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
 //! ([`crate::model::splat::exposure`]).
 
-use super::options::RenderOptions;
+use super::options::{Exposing, RenderOptions};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Finishing;
 
@@ -37,6 +37,8 @@ impl Finish {
     /// `min(1/closing, 1/A)`, so that coverage ends at 1.
     #[inline(always)]
     pub fn apply(&self, [r, g, b, coverage]: [f32; 4]) -> [f32; 4] {
+        // The second bound holds coverage at 1; where nothing covers it is infinite and the first
+        // one counts.
         let factor = (1.0 / self.closing).min(1.0 / coverage);
         let [red, green, blue] = self.exposure;
         [r * factor * red, g * factor * green, b * factor * blue, coverage * factor]

@@ -181,6 +181,8 @@ impl SplatStyle {
     /// `rendering.md`, Conventions, applied.
     pub fn scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
+        // Whitening divides by the scales: a flat splat would give 0/0 in the f32 of the inner
+        // loop.
         scales.max(DVec3::splat(SCALE_FLOOR * scales.max_element().max(1.0)))
     }
 }

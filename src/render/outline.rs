@@ -33,6 +33,7 @@ pub fn outline(
     let mean = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
     let p = rotation.transpose_mul_vec3(mean) / scale;
     let depth = 1.0 - radius * radius / p.length_squared();
+    // The camera is inside the ellipsoid, or in its centre: there is no tangent cone.
     if depth.is_nan() || depth <= 0.0 {
         return Vec::new();
     }
@@ -43,6 +44,7 @@ pub fn outline(
         let point = axes * ((centre + (u * cos + v * sin) * size) * scale);
         method.lens().project(&camera.intrinsics, point)
     };
+    // One corner more than there are, so that the last piece closes the rim.
     let corners: Vec<Option<DVec2>> = (0..=N_CORNERS).map(corner).collect();
     corners.windows(2).filter_map(|pair| Some([pair[0]?, pair[1]?])).collect()
 }
@@ -52,7 +54,7 @@ mod tests {
     use super::*;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
-    use crate::render::cpu::renderer::CpuRenderer;
+    use crate::render::cpu::CpuRenderer;
     use crate::render::options::{Antialias, ExactOptions, Lens, RenderOptions, Response};
 
     fn camera() -> Camera {

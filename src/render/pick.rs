@@ -43,11 +43,13 @@ pub fn pick(
         .filter_map(|(index, splat)| Some((index, eye.sees(splat)?)))
         .map(|(index, (depth, alpha))| Layer { index, depth, alpha })
         .collect();
+    // Ties by position in the list: the renderers sort stably.
     layers.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
     let mut transmittance = 1.0;
     let mut best: Option<Pick> = None;
     for Layer { index, alpha, .. } in layers {
         let left = transmittance * (1.0 - alpha);
+        // Stops before this splat, as the renderers do: what they do not blend cannot be picked.
         if left < TRANSMITTANCE_STOP {
             break;
         }
@@ -101,6 +103,7 @@ impl Eye {
         if is_cut || !splat.is_drawable() {
             return None;
         }
+        // Subtracted before anything is rotated: far from the origin the difference would be lost.
         let mean = DVec3::from_array(splat.mean.map(f64::from)) - self.centre;
         let m = self.camera_from_world * mean;
         let near_depth = match self.method.lens() {
@@ -169,6 +172,7 @@ impl Eye {
         };
         let p = axes.transpose_mul_vec3(m) / widened;
         let g = axes.transpose_mul_vec3(self.ray) / widened;
+        // Behind the camera the largest response on the ray is at the camera itself.
         let is_ahead = exact.response == Response::Line || g.dot(p) >= 0.0;
         let distance2 = if is_ahead {
             g.cross(p).length_squared() / g.length_squared()
@@ -183,7 +187,7 @@ impl Eye {
 mod tests {
     use super::*;
     use crate::math::pose::Pose;
-    use crate::render::cpu::renderer::CpuRenderer;
+    use crate::render::cpu::CpuRenderer;
 
     fn camera() -> Camera {
         Camera { intrinsics: Intrinsics::from_horizontal_fov(64, 48, 1.0), pose: Pose::IDENTITY }

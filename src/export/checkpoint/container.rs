@@ -146,6 +146,7 @@ impl<'a> Container<'a> {
         if header.major != VERSION.0 {
             return Err(Defect::Version { major: header.major, minor: header.minor });
         }
+        // Compared before the table is looked for: it sizes the table.
         let n = header.n_sections as usize;
         if n > MAX_SECTIONS {
             let expected = format!("at most {MAX_SECTIONS} sections");
@@ -155,6 +156,7 @@ impl<'a> Container<'a> {
         let Some(crc) = bytes.get(table_end..table_end + CRC_BYTES) else {
             return Err(Defect::Truncated { expected: (table_end + CRC_BYTES) as u64, found });
         };
+        // From here on the table's numbers are what was written, not damage.
         if crc32fast::hash(&bytes[..table_end]).to_le_bytes() != crc {
             return Err(Defect::Checksum { place: "header".into() });
         }
@@ -178,6 +180,7 @@ impl<'a> Container<'a> {
             if !tag::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
                 return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
             }
+            // The second of two would never be read, whatever it holds.
             if sections.iter().any(|(other, _): &(Entry, &[u8])| other.tag == entry.tag) {
                 return Err(Defect::malformed(tag_text(entry.tag), "one such section", "two"));
             }
@@ -211,6 +214,7 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     if !entry.offset.is_multiple_of(ALIGNMENT) {
         return refuse(&format!("an offset divisible by {ALIGNMENT}"), entry.offset.to_string());
     }
+    // Sections that overlap could be read as two things at once.
     if range.start < end {
         return refuse(&format!("an offset of {end} or more"), entry.offset.to_string());
     }

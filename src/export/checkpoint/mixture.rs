@@ -97,6 +97,7 @@ fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2]
 
 fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
     let (_, form) = sections.find(tag::COUNTS)?;
+    // Carries extend 64-bit sums; beside wider ones they mean nothing.
     if form != I64 && sections.has(tag::CARRY_IDS) {
         let expected = "I64 sums beside carries";
         return Err(wrong_type(tag::COUNTS, expected, form));

@@ -26,6 +26,7 @@ pub fn is_checkpoint(path: &Path) -> bool {
 /// the [`Defect`] says where.
 pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
     let bytes = read_file(path).map_err(|fault| {
+        // A missing checkpoint is not a missing model: the advice differs.
         let fault = match fault {
             Fault::Missing => Fault::NoCheckpoint,
             other => other,

@@ -72,6 +72,7 @@ impl<'a> Sections<'a> {
         count: Option<usize>,
     ) -> Result<Vec<[T; N]>, Defect> {
         let bytes = self.bytes::<T>(tag, count.map(|count| N * count))?;
+        // Rows are read as they lie; a torn one would shift all that follow.
         if !bytes.len().is_multiple_of(N * size_of::<T>()) {
             let expected = format!("whole rows of {N} elements");
             let found = (bytes.len() / size_of::<T>()).to_string();
@@ -91,6 +92,7 @@ impl<'a> Sections<'a> {
     /// Text of a JSON section.
     pub fn text(&self, tag: [u8; 4]) -> Result<String, Defect> {
         let (bytes, _) = self.find(tag)?;
+        // Settings are some kB; a parser fed gigabytes would take the machine with it.
         if bytes.len() > MAX_JSON_BYTES {
             let expected = format!("at most {MAX_JSON_BYTES} bytes");
             return Err(Defect::malformed(tag_text(tag), expected, bytes.len().to_string()));

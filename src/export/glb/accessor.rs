@@ -2,8 +2,7 @@
 //!
 //! Everything a file says about places is compared with the bytes that are there before anything is
 //! read or reserved: files come from anywhere. The types that an attribute may have are a table
-//! after the extension's text, because a wrong `normalized` changes every value and no viewer
-//! notices.
+//! after the extension's text, because a wrong `normalized` changes every value.
 
 use super::schema::{Accessor, Root};
 use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
@@ -105,6 +104,8 @@ impl<'a> Column<'a> {
     }
 
     fn component(&self, bytes: &[u8]) -> f64 {
+        // Largest positive value of the type, as glTF 2.0, 3.11 divides; −128 becomes −1 by the
+        // bound below.
         let (value, largest) = match (self.component, bytes) {
             (I8, &[a]) => (f64::from(a as i8), 127.0),
             (U8, &[a]) => (f64::from(a), 255.0),

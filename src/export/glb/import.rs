@@ -78,6 +78,7 @@ fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
             Fault::malformed(format!("mesh {index}"), "a mesh of that number", found)
         })?;
         for (i, primitive) in mesh.primitives.iter().enumerate() {
+            // Nodes share meshes, so a small file can ask for billions.
             if parts.len() == MAX_PARTS {
                 return Err(Fault::Unsupported {
                     feature: format!("more than {MAX_PARTS} primitives in the scene"),
@@ -146,6 +147,7 @@ impl<'a> Columns<'a> {
         };
         let above_0 = |name: &&str| name.starts_with(SH_PREFIX) && *name != SH_0;
         let names = part.primitive.attributes.0.iter().map(|(name, _)| name.as_str());
+        // Harmonics above degree 1 are noted, not refused: the splat is right but for its sheen.
         let n_read = shape.degree_1.as_ref().map_or(0, |columns| columns.len());
         let n_coefficients = 3 * (names.filter(above_0).count() - n_read);
         if n_coefficients > 0 {

@@ -47,6 +47,7 @@ fn document(
     folder: &Path,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
+    // Before the parser, whose own limit has a message that names neither file nor cause.
     check_nesting(json)?;
     let root: Root = serde_json::from_slice(json)
         .map_err(|e| Fault::malformed("JSON", "glTF 2.0", shorten_error(&e)))?;
@@ -54,6 +55,7 @@ fn document(
         let found = format!("\"{}\"", shorten(&root.asset.version));
         return Err(Fault::malformed("asset.version", "2.0", found));
     }
+    // An extension that a file requires changes what its data mean.
     let unknown = |name: &&String| !KNOWN_EXTENSIONS.contains(&name.as_str());
     if let Some(name) = root.extensions_required.iter().find(unknown) {
         return Err(Fault::Unsupported {

@@ -105,6 +105,7 @@ impl GlbLayout {
         let json = serde_json::to_string(&root)
             .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
         let bin_length = n as u64 * columns.iter().map(|c| c.row_bytes as u64).sum::<u64>();
+        // GLB counts in 32 bits; a wrapped length would be a broken file without an error.
         let needed = container::file_size(json.len(), bin_length);
         if needed > u64::from(u32::MAX) {
             return Err(Fault::TooLargeForGlb { n_splats: n, needed });
@@ -161,6 +162,7 @@ fn root(
             component_type: column.component,
             count: n,
             kind: column.kind.to_owned(),
+            // The only integers written are colours, which glTF reads as shares.
             normalized: column.component != FLOAT,
             min: is_position.then_some(min),
             max: is_position.then_some(max),

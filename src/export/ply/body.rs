@@ -45,6 +45,7 @@ impl<'a> Body<'a> {
             Kind::List { length, item } => (length, item),
         };
         let n = self.value(length)?;
+        // Text may hold any number where a length should be.
         if n.is_nan() || n < 0.0 {
             return Err(format!("a list of length {n}"));
         }
@@ -65,6 +66,8 @@ impl<'a> Body<'a> {
         })?;
         // In text a value takes one character and the white space before it.
         let ascii = self.encoding == Encoding::Ascii;
+        // Even the shortest text has that many bytes a row, so a false count shows before memory is
+        // taken.
         let row = if ascii { 2 * element.properties.len() } else { row };
         self.checked_size(element, row)?;
         Ok(element.count as usize)

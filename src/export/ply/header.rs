@@ -120,6 +120,8 @@ impl PlyHeader {
                 Some("comment") => {
                     header.comments.push(line.text["comment".len()..].trim().to_owned());
                 }
+                // Old scanners write `obj_info`, editors leave empty lines; neither says anything
+                // of the rows.
                 Some("obj_info") | None => {}
                 Some("element") => header.elements.push(line.element()?),
                 Some("property") => match header.elements.last_mut() {

@@ -49,6 +49,7 @@ fn vertices(
     let columns = Columns { element };
     let mut notes = Vec::new();
     let layout = Layout::find(&columns, &mut notes)?;
+    // After the layout was found: a wrong kind of file is the better message.
     if n_rows > max_splats {
         return Err(Fault::TooMany { declared: element.count, cap: max_splats });
     }
@@ -59,6 +60,7 @@ fn vertices(
         let gaussian = layout.decode(&values, &mut rows);
         rows.push(gaussian);
     }
+    // By what its columns are, not by its name.
     let kind = if layout.shape.is_some() { ModelKind::Splats } else { ModelKind::PointCloud };
     rows.finish(kind, notes, comments)
 }

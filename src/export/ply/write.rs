@@ -101,6 +101,7 @@ pub(super) fn push_property(header: &mut String, kind: &str, name: &str) {
 
 pub(super) fn end_header(mut header: String) -> Result<String, Fault> {
     header.push_str("end_header\n");
+    // Comments are the caller's and of any length; a header too long opens nowhere.
     if header.len() < MAX_HEADER_BYTES {
         return Ok(header);
     }

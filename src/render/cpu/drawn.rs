@@ -35,12 +35,14 @@ impl ImageSplat {
             q_y: (unit * q_y) as f32,
             half_l: half_l.as_vec2().to_array(),
             w: (w / (unit * unit)) as f32,
+            // Held above what `exp2` can take: below it the bits are no number.
             cut: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
             opacity: self.opacity as f32,
             color,
             reach: self.reach as f32,
             rect: self.rect,
         };
+        // f32 overflows long before f64 does, so finiteness is asked of what the loop will read.
         let ConicRecord { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
         let key = self.key as f32;
         [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]

@@ -3,8 +3,8 @@
 
 use super::bounds;
 use super::conic::{Conic, Tangent};
-use super::drawn::Drawn;
-use super::record::Frame;
+use super::drawn::ImageSplat;
+use super::record::TangentFrame;
 use super::view::{CameraSplat, CpuView};
 use crate::math::camera::Intrinsics;
 use crate::render::options::ExactOptions;
@@ -44,6 +44,8 @@ pub(super) fn fisheye(
     let rect = bounds::fisheye(view, &placed, extent_squared, exact.response)?;
     let tangent = fisheye_tangent(&placed);
     let drawn = ImageSplat {
+        // A fisheye's offsets are direction cosines in the splat's frame: there is no centre in
+        // pixels.
         centre: DVec2::ZERO,
         conic: Conic::new(&placed, &tangent),
         reach: tangent.reach,

@@ -58,6 +58,7 @@ pub(super) fn prepare(
             frames: frames.next().unwrap_or(&mut []),
         })
         .collect();
+    // One chunk a task: rayon would join them, and chunks differ much in what is visible.
     tasks.into_par_iter().zip(counts.par_iter_mut()).with_max_len(1).for_each(
         |(mut chunk, count)| {
             *count = chunk.fill(view);
@@ -89,6 +90,7 @@ impl Chunk<'_> {
     fn fill(&mut self, view: &CpuView) -> ChunkCount {
         let mut count = ChunkCount::default();
         for (i, splat) in self.splats.iter().enumerate() {
+            // Empty slots of the model, not broken splats: they are not counted.
             if splat.opacity <= 0.0 {
                 continue;
             }

@@ -1,10 +1,10 @@
 //! The projected renderer's records: `rendering.md`, Projected renderer.
 
 use super::conic::Conic;
-use super::drawn::Drawn;
+use super::drawn::ImageSplat;
 use super::exact::pinhole_tangent;
 use super::record::{Gradient, Rect};
-use super::shade::Shade;
+use super::shade::ColorGradient;
 use super::view::{CameraSplat, CpuView};
 use crate::render::constants::{LOW_PASS_PX2, TILE};
 use crate::render::options::Support;
@@ -54,6 +54,8 @@ impl Covariance2 {
     /// `J S Jᵀ + 0.3·I` through the image `W = J R Q diag(s)` of the scaled axes.
     fn new(view: &CpuView, placed: &CameraSplat, tangent: DVec2) -> Self {
         let (k, z) = (&view.intrinsics, placed.m.z);
+        // Only the Jacobian's point is clamped, not the centre: far outside, the linearisation
+        // would blow splats up (`rendering.md`, Projected renderer).
         let clamped = tangent.max(view.tangent_lo).min(view.tangent_hi);
         let row_x = DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z);
         let row_y = DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z);
@@ -92,6 +94,7 @@ impl Covariance2 {
         let radius = (3.0 * largest.sqrt()).ceil();
         let tile = TILE as f64;
         let index = centre - 0.5;
+        // Truncation, not floor, because that is what the reference's casts do.
         let lo = ((index - radius) / tile).trunc() * tile;
         let hi = ((index + radius + tile - 1.0) / tile).trunc() * tile;
         view.clip(lo, hi)

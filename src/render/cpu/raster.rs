@@ -68,9 +68,12 @@ impl DrawRow<'_> {
         let Self { sheet, canvas, top, list } = self;
         canvas.clear(top, &sheet);
         for batch in list.chunks(BATCH) {
+            // Batches are nearest first: once every tile is full, no later splat shows.
             if canvas.tiles.iter().all(Tile::is_finished) {
                 break;
             }
+            // Copied side by side first: tiles of the row read each record several times
+            // (`rendering.md`, CPU renderer).
             canvas.batch.gather(sheet.records, batch);
             let records = &canvas.batch;
             canvas.by_tile.fill(canvas.tiles.len(), 0..batch.len() as u32, |i| {
@@ -78,6 +81,7 @@ impl DrawRow<'_> {
             });
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let list = canvas.by_tile.get(index);
+                // Two loops rather than a branch per splat: plain scenes pay nothing for gradients.
                 if sheet.records.gradients.is_empty() {
                     tile.blend_all::<V, FORM, false>(list, records, min_front);
                 } else {
@@ -121,6 +125,7 @@ impl RowCanvas {
             for row in 0..color.len() / width {
                 for column in 0..TILE.min(width - left) {
                     let [t, r, g, b, z] = planes.map(|plane| plane[row * TILE + column]);
+                    // The sign of a transmittance only says that the pixel is finished.
                     let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
                     let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
                     let t = 1.0 - covered;
@@ -130,7 +135,10 @@ impl RowCanvas {
                         (b + t * sheet.background[2]).clamp(0.0, 1.0),
                     ];
                     coverage[pixel] = covered;
+                    // By the coverage before cracks are filled: that is what the weights sum to.
                     depth[pixel] = if open > 0.0 { z / open } else { 0.0 };
+                    // The sums hold the parameter of the ray `(x, y, 1)`; depth is reported as a
+                    // distance along it.
                     if per_z {
                         depth[pixel] *= k.ray(left + column, top + row).length() as f32;
                     }

@@ -1,6 +1,6 @@
 //! The CPU renderer as its callers see it: one image from splats, a camera and options.
 //!
-//! Buffers stay between images, because at 10⁵ splats reserving them costs more than sorting. Lists
+//! Buffers stay between images, because a view is drawn again and again at about one size. Lists
 //! are kept per row of tiles and not per tile: with splats that cover the whole image, lists per
 //! tile grew long (`rendering.md`, Tried and dropped).
 
@@ -9,7 +9,7 @@ use super::raster::{DrawRow, RowCanvas, Sheet};
 use super::record::{DepthEntry, Records};
 use super::rows::RowLists;
 use super::sort::{DepthSorter, Keyed};
-use super::view::View;
+use super::view::CpuView;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
@@ -81,7 +81,7 @@ impl CpuRenderer {
     /// use glam::DVec3;
     /// use vbgs_studio::math::{camera::{Camera, Intrinsics}, pose::Pose};
     /// use vbgs_studio::model::splat::splats::Splat;
-    /// use vbgs_studio::render::{Method, RenderOptions, cpu::CpuRenderer};
+    /// use vbgs_studio::render::{RenderMethod, RenderOptions, cpu::CpuRenderer};
     ///
     /// let camera = Camera {
     ///     intrinsics: Intrinsics::from_horizontal_fov(65, 65, 0.8),
@@ -94,7 +94,7 @@ impl CpuRenderer {
     ///     scale: [0.1; 3],
     ///     rotation: [1.0, 0.0, 0.0, 0.0],
     /// };
-    /// for method in [Method::PROJECTED, Method::EXACT] {
+    /// for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
     ///     let options = RenderOptions::evaluation(method, [1.0; 3]);
     ///     let image = CpuRenderer::new().render(&[red], &camera, &options);
     ///     assert!((image.coverage.at(32, 32) - 0.8).abs() < 1e-6);
@@ -129,6 +129,7 @@ impl CpuRenderer {
             depth: Image::filled(width, height, 0.0),
             n_invalid: 0,
         };
+        // Chunks of no pixels would panic, and there is nothing to draw.
         if width == 0 || height == 0 {
             return image;
         }
@@ -185,6 +186,7 @@ impl CpuRenderer {
             .zip(image.coverage.data.par_chunks_mut(pixels_per_row))
             .zip(image.depth.data.par_chunks_mut(pixels_per_row))
             .enumerate()
+            // One row a task: rows differ much in how many splats they hold.
             .with_max_len(1)
             .for_each(|(row, (((canvas, color), coverage), depth))| {
                 let (top, list) = (row * TILE, rows.get(row));

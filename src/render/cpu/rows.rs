@@ -1,7 +1,7 @@
 //! Visible records by row of tiles, the rows shared out among the threads.
 
 use super::buckets::Buckets;
-use super::record::Listing;
+use super::record::DepthEntry;
 use super::sort::Keyed;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -18,10 +18,12 @@ impl RowLists {
     /// Lists the sorted records. Every thread goes through all of them and keeps those of its rows,
     /// which costs less than putting partial lists together.
     pub(super) fn fill(&mut self, n_rows: usize, sorted: &[Keyed], listings: &[DepthEntry]) {
+        // At least 1, since it divides below.
         self.rows_each = n_rows.div_ceil(rayon::current_num_threads()).max(1);
         self.parts.resize_with(n_rows.div_ceil(self.rows_each), Buckets::default);
         let rows_each = self.rows_each;
         self.parts.par_iter_mut().enumerate().for_each(|(part, lists)| {
+            // The last part may be short.
             let own = part * rows_each..((part + 1) * rows_each).min(n_rows);
             let records = sorted.iter().map(|keyed| keyed.record);
             lists.fill(own.len(), records, |i| within(&own, listings[i as usize].tile_rows()));

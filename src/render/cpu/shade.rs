@@ -57,6 +57,7 @@ fn directed(
     let d = view.world_from_camera * placed.m.normalize();
     std::array::from_fn(|channel| {
         let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
+        // Clamped here and not by the fit: the direction may be one that no camera had.
         (f64::from(splat.color[channel]) + w.dot(d)).clamp(0.0, 1.0) as f32
     })
 }
@@ -72,6 +73,7 @@ fn normal(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
         2
     };
     let axis = placed.axes.col(shortest);
+    // An axis has two ends; the one that faces the camera is the side that is seen.
     let towards = if axis.dot(placed.m) > 0.0 { -axis } else { axis };
     let n = view.world_from_camera * towards;
     (0.5 + 0.5 * n).as_vec3().to_array()

@@ -129,6 +129,7 @@ impl Tile {
         min_front: f32,
     ) {
         for &index in list {
+            // Asked per splat and not per batch: behind a wall the rest of a long list is free.
             if self.is_finished() {
                 break;
             }
@@ -193,6 +194,8 @@ impl Tile {
         let t = V::load(&self.transmittance[group]);
         let visible = V::splat(splat.cut).mask_at_most(response.exponent);
         let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(t));
+        // Most groups of a splat's rectangle lie outside its ellipse: the exponential is the dear
+        // part.
         if hit.signs() == 0 {
             return false;
         }
@@ -203,6 +206,8 @@ impl Tile {
         let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
         // Lanes that were not hit are not stopped either.
         let stopped = hit.signs() & !open.signs() & 0xFF;
+        // Rare, so the common case does not select. The sign of a stopped pixel's transmittance
+        // turns, its size stays: coverage still needs it.
         if stopped != 0 {
             let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
             weight = weight.and(goes_on);
@@ -296,6 +301,7 @@ fn respond<V: Vector>(
     let [l_x, l_y] = splat.half_l;
     let front = share + (V::splat(l_x) * x + V::splat(l_y) * y);
     let front = front.max(V::splat(min_front));
+    // Opposite to the centre front and numerator are both 0.
     let numerator = numerator.max(V::splat(MIN_NUMERATOR));
     let across = V::splat(splat.w) * numerator;
     let inverse = V::splat(1.0) / (front * front + across);
@@ -314,6 +320,7 @@ fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Respo
     let across = at.tau * (V::splat(x) * at.offset[0] + V::splat(y) * at.offset[1]);
     let change = V::splat(gradient.along[channel]) * at.beyond + across;
     let limit = GRADIENT_LIMIT as f32;
+    // Beyond the points that taught it a gradient extrapolates; the limit is the model's.
     let change = change.max(V::splat(-limit)).min(V::splat(limit));
     (V::splat(color) + change).max(V::splat(0.0))
 }

@@ -69,7 +69,10 @@ impl CpuView {
             Lens::Fisheye => m.length(),
         };
         let opacity = f64::from(splat.opacity);
+        // What the viewer hides and what the alpha cut would skip in every pixel is not even
+        // projected.
         let faint = opacity < ALPHA_CUT || splat.opacity < self.look.opacity_cut;
+        // In f32, as the GPU compares: a splat on the plane must not differ between them.
         if depth as f32 <= self.near || faint {
             return None;
         }
@@ -128,6 +131,8 @@ impl CameraSplat {
             Antialias::Reference => REFERENCE_VARIANCE,
         };
         let widened = (self.scale * self.scale + variance).map(f64::sqrt);
+        // Only the reference fades a splat by the volume it gained; see `rendering.md`,
+        // Antialiasing.
         if exact.antialias == Antialias::Reference {
             self.opacity *= (self.scale / widened).element_product();
         }

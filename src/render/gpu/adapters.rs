@@ -129,6 +129,7 @@ pub fn choose(
     let is_named =
         |a: &AdapterFacts, name: &str| a.to_string().to_lowercase().contains(&name.to_lowercase());
     let found = match choice {
+        // wgpu knows which adapter can show the window's surface; we do not.
         AdapterChoice::Auto => return Ok(None),
         AdapterChoice::Software => {
             adapters.iter().position(|a| a.device_type == wgpu::DeviceType::Cpu)

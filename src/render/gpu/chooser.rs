@@ -5,7 +5,7 @@
 //! the choice made anew when the load has changed much, since it is the load that tips the balance
 //! (`rendering.md`, GPU renderer).
 
-use super::path::Path;
+use super::path::DrawPath;
 
 /// Measurements of a path before it is judged. The first ones are of buffers that still grow and of
 /// clocks that still rise.
@@ -87,6 +87,7 @@ impl Chooser {
     /// A measurement of an image, possibly of one a few frames ago.
     pub(super) fn measured(&mut self, path: DrawPath, total: f64) {
         let State::Trying { path: tried, milliseconds, quads } = &mut self.state else { return };
+        // Results arrive frames late, so the first ones may still be of the other path.
         if path != *tried {
             return;
         }
@@ -95,6 +96,7 @@ impl Chooser {
             return;
         }
         let kept = &mut milliseconds[N_IGNORED..];
+        // The median: another program's frame in between must not decide.
         kept.sort_by(f64::total_cmp);
         let median = kept[kept.len() / 2];
         self.state = match *quads {

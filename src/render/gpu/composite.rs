@@ -78,6 +78,7 @@ impl Compositor {
     ) {
         let uniforms = uniforms(background, image.finish(), second);
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
+        // A binding cannot be empty: without a second picture the first stands in, unread.
         let second_view = second.map_or(image.view(), |second| second.view);
         self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("composite"),
@@ -139,6 +140,7 @@ fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderP
         label: Some("composite"),
         source: wgpu::ShaderSource::Wgsl(shader::COMPOSITE.into()),
     });
+    // Values are sRGB-encoded already; such a target would encode them twice.
     let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("composite"),

@@ -74,7 +74,9 @@ impl GpuFaults {
 
     fn record(&self, kind: FaultKind, message: String) {
         let mut log = self.lock();
+        // Before the bound on messages: a full log must still notice the loss.
         log.is_lost |= kind == FaultKind::DeviceLost;
+        // A fault in every frame would fill log and window with one sentence.
         if let Some(known) = log.faults.iter_mut().find(|f| f.kind == kind && f.message == message)
         {
             known.n_seen += 1;

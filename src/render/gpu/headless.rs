@@ -79,6 +79,7 @@ impl HeadlessGpu {
     pub fn wait(&self) -> Result<(), HeadlessError> {
         let failed =
             |reason: String| HeadlessError::Failed { adapter: self.caps.adapter.clone(), reason };
+        // A lost or hung device never answers; a bench must end with a message.
         let patiently = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
         self.device.poll(patiently).map_err(|e| failed(e.to_string()))?;
         match self.faults.take().into_iter().next() {
@@ -108,6 +109,7 @@ fn fastest(adapters: &[AdapterFacts]) -> Option<usize> {
         wgpu::DeviceType::Other => Some(3),
         wgpu::DeviceType::Cpu => None,
     };
+    // OpenGL is the slower and less tested way: it must be asked for.
     let hardware = adapters.iter().enumerate().filter(|(_, a)| a.backend != wgpu::Backend::Gl);
     hardware
         .filter_map(|(i, adapter)| Some((rank(adapter)?, i)))

@@ -66,6 +66,7 @@ impl GpuSplat {
     /// The record of a splat. One that cannot be drawn (empty or not valid) becomes all
     /// zeros, so no shader meets a NaN.
     pub fn new(splat: &Splat) -> Self {
+        // Zero opacity and no flag: a shader drops it before any arithmetic.
         if !splat.is_drawable() {
             return bytemuck::Zeroable::zeroed();
         }
@@ -207,11 +208,14 @@ impl GpuView {
             right: axes.x_axis.as_vec3().to_array(),
             near: options.near.max(0.0) as f32,
             down: axes.y_axis.as_vec3().to_array(),
+            // WGSL may assume that there are no infinities.
             extent_cap: extent_cap.min(f32::MAX),
             forward: axes.z_axis.as_vec3().to_array(),
             scale: options.look.scale,
             centre: centre.as_vec3().to_array(),
             opacity_cut: options.look.opacity_cut,
+            // Two f32 together hold the camera's place to about f64: subtracted one after the other
+            // from a mean, far scenes keep their digits.
             centre_rest: (centre - centre.as_vec3().as_dvec3()).as_vec3().to_array(),
             renderer,
             focal: pair(k.fx, k.fy),

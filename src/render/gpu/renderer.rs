@@ -2,19 +2,18 @@
 //!
 //! Quads and tiles share the camera's uniforms and the image, so that a change of path is a change
 //! of what is recorded and of nothing else. The tile path is built only when it is first drawn
-//! with: its eleven pipelines and its buffers cost start-up time and memory that a software adapter
-//! never uses.
+//! with: a software adapter never needs its pipelines and buffers.
 
 use super::chooser::{Chooser, Load};
 use super::error::GpuError;
-use super::layout::View;
+use super::layout::GpuView;
 use super::path::{DrawPath, GpuTimes};
 use super::quads::QuadPath;
 use super::scene::{GpuScene, OrderOf};
 use super::target::SplatTarget;
 use super::timer::{GpuStage, StageTimer};
 use crate::math::camera::Camera;
-use crate::render::gpu::tiles::renderer::{TileFrame, TilePath};
+use crate::render::gpu::tiles::{TileFrame, TilePath};
 use crate::render::options::RenderOptions;
 
 /// Draws scenes into an image of its own; several renderers may share a scene.
@@ -43,6 +42,8 @@ impl SplatRenderer {
             tiles: None,
             chooser: match timer {
                 Some(_) if !is_software => Chooser::measuring(),
+                // Without timestamps nothing can be measured, and on a CPU adapter nothing is worth
+                // it.
                 _ => Chooser::fixed(DrawPath::Quads),
             },
             view: device.create_buffer(&wgpu::BufferDescriptor {
@@ -92,14 +93,17 @@ impl SplatRenderer {
         let path = self.choose(scene, (width, height));
         let extent_cap = match path {
             DrawPath::Quads => self.extent_cap,
+            // Tiles end early by themselves; a cap would only make images differ.
             DrawPath::Tiles => f32::INFINITY,
         };
         let view = GpuView::new(camera, options, extent_cap)?;
+        // A resized window asks every frame; a texture is made only when it changes.
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
         self.target.set_finish(scene.finish(camera, options));
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
+        // A minimised window: a pass of no pixels is refused.
         if self.target.is_empty() {
             return Ok(());
         }

@@ -1,7 +1,7 @@
 //! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
 //!
 //! Three passes of 11 bits cover a key of 32 and 2¹¹ counters fit L1; a pass whose keys all share a
-//! digit is skipped, which near scenes often allow. Keys of 16 bits were tried and swapped splats
+//! digit is skipped. Keys of 16 bits were tried and swapped splats
 //! visibly (`rendering.md`, Tried and dropped). Sorting runs on the CPU because quads need no other
 //! compute; the tile path sorts on the GPU (`super::tiles`).
 
@@ -39,6 +39,8 @@ pub fn back_to_front<'a>(
     let by_depth = options.method.renderer() == Renderer::Projected;
     let near_by_depth = options.method.lens() == Lens::Pinhole;
     scratch.entries.clear();
+    // From the last splat on: the sort is stable, and of equal depths the earlier one must be drawn
+    // later.
     scratch.entries.extend(splats.iter().enumerate().rev().filter_map(|(index, splat)| {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - centre;
         let depth = from_camera.dot(forward) as f32;
@@ -68,6 +70,7 @@ fn radix_sort(entries: &mut Vec<u64>, swap: &mut Vec<u64>) {
     }
     swap.resize(entries.len(), 0);
     for (pass, count) in counts.iter_mut().enumerate() {
+        // All keys share this digit: the pass would copy without moving.
         if count.contains(&entries.len()) {
             continue;
         }

@@ -117,6 +117,7 @@ impl StageTimer {
 
     /// The last measurement that came back and the path it is of, once.
     pub(super) fn take(&mut self) -> Option<(DrawPath, GpuTimes)> {
+        // The choice of path must count each measurement once.
         std::mem::take(&mut self.is_new).then_some(self.latest).flatten()
     }
 }
@@ -138,6 +139,7 @@ fn times(path: DrawPath, bytes: &[u8], milliseconds_per_tick: f64) -> Option<Gpu
     let mut out = GpuTimes { preprocess: None, sort: None, draw: 0.0 };
     for (&stage, bytes) in stages_of(path).iter().zip(bytes.chunks_exact(STAGE_BYTES as usize)) {
         let [begin, end]: [u64; 2] = bytemuck::pod_read_unaligned(bytes);
+        // A GPU that slept may run its clock backwards; no time is better than a huge one.
         let elapsed = end.checked_sub(begin)? as f64 * milliseconds_per_tick;
         match stage {
             GpuStage::Preprocess => out.preprocess = Some(elapsed),

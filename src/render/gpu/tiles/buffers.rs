@@ -49,7 +49,9 @@ impl SplatBuffers {
         capacity: usize,
         has_appearance: bool,
     ) -> Result<Self, GpuError> {
+        // A binding cannot be empty, and the first frame may have no splat.
         let n = capacity.max(1) as u64;
+        // A binding cannot be empty, so plain scenes bind one that nobody reads.
         let n_gradients = if has_appearance { n } else { 1 };
         let n_bytes =
             n * (4 * WORD + RECORD_BYTES + FOOTPRINT_BYTES) + n_gradients * GRADIENT_BYTES;

@@ -31,6 +31,7 @@ impl EntryDemand {
         let needed = std::mem::take(&mut self.needed);
         let wanted = capacity_for(needed, now, n_splats, most);
         if needed > 0 {
+            // One less than what was refused is the most that may still be had.
             let is_short = needed > most.min(self.refused - 1);
             self.shortage =
                 is_short.then_some(GpuError::TooManyEntries { needed, capacity: wanted.max(now) });
@@ -65,6 +66,8 @@ impl EntryDemand {
 /// Half as many again as were needed, never fewer than before.
 fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
     let guess = MIN_ENTRIES.max(PER_SPLAT * n_splats as u64);
+    // Half more than needed: coming closer raises the need frame by frame, and each growth rebuilds
+    // the plan.
     let grown = if needed > now { needed + needed / 2 } else { 0 };
     guess.max(grown).max(now).min(most)
 }

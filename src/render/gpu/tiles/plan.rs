@@ -1,7 +1,6 @@
 //! The kernels of the tile path and what each is bound to.
 //!
-//! Bind groups are made once for the buffers of a frame and reused while those stay: making them
-//! every frame would cost more on the CPU than recording the passes. Buffers of a sort alternate,
+//! Bind groups are made once for the buffers of a frame and reused while those stay: a frame then only records passes. Buffers of a sort alternate,
 //! so which of two holds the result follows from the number of passes and is bound here.
 
 use super::buffers::{EntryBuffers, SplatBuffers, slot, starts, tile_grid};
@@ -10,7 +9,7 @@ use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
-use crate::render::gpu::timer::Stage;
+use crate::render::gpu::timer::GpuStage;
 
 /// Workgroups of the pass over all entries that finds where tiles begin.
 const RANGE_GROUPS: u32 = 1024;
@@ -254,6 +253,7 @@ impl TilePlan {
                 self.offsets.dispatch(pass, Grid::row(1));
                 self.emit.dispatch(pass, by_splat);
                 self.by_tile.record(pass);
+                // A fixed number of groups: how many entries there are is known on the GPU only.
                 self.ranges.dispatch(pass, Grid::row(RANGE_GROUPS));
             }
             GpuStage::Draw => {

@@ -61,7 +61,9 @@ impl TilePath {
         let TileFrame { view, scene, image, timer } = frame;
         self.make_room(device, scene)?;
         let inputs = Inputs::new(view, scene, image);
+        // The window was resized or the scene grew: what was bound is gone.
         if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
+            // A plan binds buffers by identity: any that changed makes it stale.
             self.plan = None;
         }
         let Self { kernels, counts, splats, entries, .. } = self;
@@ -72,6 +74,8 @@ impl TilePath {
 
         let mut zeroed = [0; 4];
         zeroed[slot::N_SPLATS as usize] = scene.n_splats() as u32;
+        // Zeroed from here: kernels add to these counts, and only the number of splats is known
+        // beforehand.
         queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&zeroed));
         for stage in [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw] {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -110,6 +114,8 @@ impl TilePath {
                 self.plan = None;
                 Ok(())
             }
+            // The room of before still draws most of the image; only the very first failure is
+            // fatal.
             Err(error) if self.entries.capacity > 1 => {
                 tracing::warn!("{error}");
                 self.demand.refuse(capacity, error);

@@ -159,6 +159,7 @@ impl SortPlan {
 /// The fewest passes, their digits as narrow as that allows.
 fn digits(bits: u32, keys: Keys) -> Vec<Digit> {
     let n_passes = bits.div_ceil(DIGIT_BITS);
+    // Even digits rather than 8 and a rest: fewer values a digit are less to count.
     let width = bits.div_ceil(n_passes.max(1));
     (0..n_passes)
         .map(|i| {
