@@ -12,6 +12,8 @@ mod fuzz;
 mod golden;
 #[path = "datasets/layouts.rs"]
 mod layouts;
+#[path = "datasets/memory.rs"]
+mod memory;
 #[path = "datasets/real.rs"]
 mod real;
 #[path = "datasets/synthetic.rs"]

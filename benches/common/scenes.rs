@@ -101,6 +101,7 @@ pub fn doubled(mut frame: Frame) -> Frame {
         match &mut depth.codes {
             DepthCodes::Inverse8(codes) => *codes = double(codes),
             DepthCodes::Linear16 { codes, .. } => *codes = double(codes),
+            DepthCodes::Lengths(lengths) => *lengths = double(lengths),
         }
     }
     frame

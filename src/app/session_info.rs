@@ -2,7 +2,6 @@
 
 use super::panels::legend::number;
 use crate::dataset::Dataset;
-use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::pipeline::session::{Session, layout_name};
 use crate::pipeline::settings::method::Method;
@@ -97,5 +96,5 @@ fn calibration(surface: &SurfaceSettings, dataset: &Dataset) -> &'static str {
 
 /// Whether the cameras are corrected by what is known of such cameras and not of these.
 pub fn is_assumed(surface: &SurfaceSettings, dataset: &Dataset) -> bool {
-    surface.calibration.is_some() && surface.calibration == Calibration::known(dataset)
+    surface.calibration.is_some() && surface.calibration == dataset.known_calibration()
 }

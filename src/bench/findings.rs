@@ -1,4 +1,8 @@
 //! What every bench is asked, what can go wrong, and the forms its findings take.
+//!
+//! A bench hands over its rows once; table, JSON, CSV and notes are formed from them here, so that
+//! no two forms of one run can differ. The machine stands in each of them: a time means nothing
+//! without it.
 
 use crate::bench::plot::draw::PlotError;
 use crate::dataset::synthetic::ParamsError;
@@ -39,28 +43,28 @@ pub enum BenchError {
     /// The decoding thread did not start.
     #[error("{0}")]
     Spawn(#[from] SpawnError),
-    /// The synthetic scene.
+    /// The synthetic scene cannot be made as asked.
     #[error("{0}")]
     Scene(#[from] ParamsError),
-    /// A setting.
+    /// A setting is out of its range.
     #[error("{0}")]
     Config(#[from] ConfigError),
-    /// The candidate index.
+    /// The candidate index cannot be built.
     #[error("{0}")]
     Index(#[from] IndexError),
-    /// The views.
+    /// The held-out views cannot be measured.
     #[error("{0}")]
     Eval(#[from] EvalError),
-    /// The plot.
+    /// The plot cannot be drawn.
     #[error("{0}")]
     Plot(#[from] PlotError),
-    /// The table as CSV.
+    /// The rows cannot be written as CSV.
     #[error("writing the rows as CSV failed: {0}")]
     Csv(#[from] csv::Error),
-    /// The result as JSON.
+    /// The result cannot be written as JSON.
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),
-    /// The pool of threads.
+    /// A pool of so many threads does not start.
     #[error("starting {threads} threads failed: {reason}; close other programs and try again")]
     Threads {
         /// Threads asked for.
@@ -68,11 +72,11 @@ pub enum BenchError {
         /// What the system said.
         reason: String,
     },
-    /// The graphics adapter.
+    /// No graphics adapter answers, or it fails.
     #[cfg(feature = "gui")]
     #[error("{0}")]
     Gpu(#[from] HeadlessError),
-    /// The settings as RON.
+    /// The settings found cannot be written as RON.
     #[error("writing the settings as RON failed: {0}")]
     Ron(#[from] ron::Error),
     /// No combination of widths is good enough.
@@ -104,13 +108,13 @@ pub type Progress<'a> = &'a mut dyn FnMut(usize, usize);
 pub struct Bench {
     /// Stem of its files.
     pub name: &'static str,
-    /// For people: notes and the table.
+    /// The notes and the table, as printed.
     pub text: String,
-    /// For machines.
+    /// The result as written to the JSON file, with its version tag.
     pub json: serde_json::Value,
-    /// The rows.
+    /// The rows as comma-separated values under a header.
     pub csv: String,
-    /// The plot.
+    /// The rows drawn, as written to the PNG file.
     pub plot: RgbImage,
 }
 
@@ -152,6 +156,7 @@ impl<R: Serialize, S: Serialize> Findings<'_, R, S> {
         let place = format!("{}, {threads} threads, {cpu}, {simd}{adapter}", self.dataset);
         let said = [place, self.table].into_iter().chain(self.notes.iter().cloned());
         let text = said.collect::<Vec<_>>().join("\n");
+        // Table and JSON say the machine and the notes alike: a number without them means nothing.
         let report = BenchReport {
             format: BENCH_FORMAT,
             bench: self.name,

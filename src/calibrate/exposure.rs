@@ -1,4 +1,12 @@
 //! Exposure of every view: the gains that make components look alike in all of them.
+//!
+//! Ratios of exposure are differences of logarithms, so gains are a linear least-squares problem
+//! over all views that share components; the common factor, which nothing tells, is fixed by a
+//! mean of 0. Patches are weighed by what noise of a colour becomes in its logarithm, and very
+//! dark or clipped ones are left out: they say nothing of exposure.
+//!
+//! Gain with an offset beside it was tried for training on the Kinect and was worse than gain
+//! alone (`pipeline.md`, Exposure search).
 
 use crate::math::cholesky::Cholesky;
 
@@ -38,6 +46,7 @@ impl Patch {
     /// View, weight and logarithm of a channel's mean; the weight is that of a colour's noise seen
     /// through the logarithm.
     fn log(&self, channel: usize) -> Option<(usize, f64, f64)> {
+        // The mean first, then its logarithm: dark noise would drag a mean of logarithms down.
         let mean = self.sum[channel] / self.points;
         let is_usable = (DARKEST..BRIGHTEST).contains(&mean);
         is_usable.then(|| (self.view as usize, self.points * mean * mean, mean.ln()))
@@ -46,7 +55,7 @@ impl Patch {
 
 /// Gains and how sure they are.
 #[derive(Clone, Debug)]
-pub(super) struct Exposure {
+pub(super) struct FittedExposure {
     /// By view and channel; the product over the views is 1.
     pub gains: Vec<[f64; 3]>,
     /// Relative standard error of a view's gains, the largest of its channels; infinite where the
@@ -58,11 +67,12 @@ pub(super) struct Exposure {
 
 /// By least squares of logarithms over all pairs of views that share components. `patches` are
 /// sorted by component.
-pub(super) fn exposure(patches: &[Patch], views: usize) -> Exposure {
-    let mut found = Exposure { gains: vec![[1.0; 3]; views], errors: vec![0.0; views], fall: 0.0 };
+pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
+    let mut found =
+        FittedExposure { gains: vec![[1.0; 3]; views], errors: vec![0.0; views], fall: 0.0 };
     let (mut before, mut explained) = (0.0, 0.0);
     for channel in 0..3 {
-        let equations = Equations::of(patches, channel, views);
+        let equations = GainEquations::of(patches, channel, views);
         let (logs, errors) = equations.solve();
         before += equations.square;
         explained += equations.explained(&logs);
@@ -77,7 +87,7 @@ pub(super) fn exposure(patches: &[Patch], views: usize) -> Exposure {
 }
 
 /// Normal equations of the logarithms of one channel's gains.
-struct Equations {
+struct GainEquations {
     views: usize,
     matrix: Vec<f64>,
     right: Vec<f64>,
@@ -87,7 +97,7 @@ struct Equations {
     freedom: f64,
 }
 
-impl Equations {
+impl GainEquations {
     fn of(patches: &[Patch], channel: usize, views: usize) -> Self {
         let mut equations = Self {
             views,
@@ -137,6 +147,7 @@ impl Equations {
             Some(factor) => factor.solve(&self.right),
             None => vec![0.0; n],
         };
+        // What the gains leave is the noise that their errors are judged by.
         let rest = (self.square - self.explained(&logs)).max(0.0);
         let noise = rest / (self.freedom - n as f64).max(1.0);
         let error = |own: &f64| if *own > 0.0 { (noise / own).sqrt() } else { f64::INFINITY };

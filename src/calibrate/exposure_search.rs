@@ -1,9 +1,8 @@
 //! The search for every frame's exposure.
 
-use super::CalibrateError;
-use super::exposure::{Exposure, Patch, exposure};
+use super::exposure::{FittedExposure, Patch, exposure};
 use super::matches::thinned;
-use super::value::Value;
+use super::value::CalibratedValue;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::FrameGain;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
@@ -17,31 +16,31 @@ const GROWTH: f64 = 2.0;
 /// Frames decoded at once.
 const BATCH: usize = 8;
 /// Most frames; time grows with the cube of their number.
-const MOST_FRAMES: usize = 1000;
+pub(super) const MAX_FRAMES: usize = 1000;
 /// Largest relative standard error of gains that are written.
-const LARGEST_ERROR: f64 = 0.02;
+const MAX_ERROR: f64 = 0.02;
 /// Fall, relative, of what separates the views' colours that gains must bring.
-const LEAST_FALL: f64 = 0.1;
+const MIN_FALL: f64 = 0.1;
 
-/// The gains of a plan's frames, with the calibration in `settings`; nothing where they do not pay.
+/// The gains of a plan's frames, at most [`MAX_FRAMES`], with the calibration in `settings`; nothing where they do not pay.
 pub(super) fn search(
     dataset: &Dataset,
     plan: &Plan,
     settings: &SurfaceSettings,
     (h, step): (f64, usize),
     mut tick: impl FnMut(),
-) -> Result<(Vec<FrameGain>, Value), CalibrateError> {
+) -> (Vec<FrameGain>, CalibratedValue) {
     let found = plan.frames.len();
-    if found > MOST_FRAMES {
-        return Err(CalibrateError::TooManyExposures { most: MOST_FRAMES, found });
-    }
     let mut settings = settings.clone();
+    // Searched for in colours as they were taken: known gains are only compared with.
     let before = settings.calibration.iter_mut().flat_map(|c| std::mem::take(&mut c.exposure));
     let before: Vec<[f64; 3]> = before.map(|e| e.gain).collect();
     let mut partition = Partition::new(GROWTH * h);
     let mut patches: Vec<Patch> = Vec::new();
+    // Frames are decoded side by side, but assigned in order: births depend on it.
     for (batch, indices) in plan.frames.chunks(BATCH).enumerate() {
         let prepare = |preparer: &mut Preparer, &index: &usize| {
+            // A frame that cannot be read gets no gain and stops nothing.
             let frame = dataset.load(plan.split, index).ok()?;
             thinned(preparer, &frame, &settings, step).ok()
         };
@@ -53,10 +52,11 @@ pub(super) fn search(
             tick();
         }
     }
+    // Frames came in order; equations need the views of a component side by side.
     patches.sort_by_key(Patch::key);
     let exposure = exposure(&patches, found);
     let names = plan.frames.iter().map(|&i| dataset.splits[plan.split].frames[i].name.clone());
-    Ok(judge(&exposure, names.collect(), &before))
+    judge(&exposure, names.collect(), &before)
 }
 
 /// The mean colours of a view's components.
@@ -74,16 +74,20 @@ fn patches_of(partition: &mut Partition, points: &[SurfacePoint], view: u32) -> 
 }
 
 /// What is written, and what is said of it.
-fn judge(exposure: &Exposure, names: Vec<String>, before: &[[f64; 3]]) -> (Vec<FrameGain>, Value) {
-    let sure = |i: &usize| exposure.errors[*i] <= LARGEST_ERROR;
+fn judge(
+    exposure: &FittedExposure,
+    names: Vec<String>,
+    before: &[[f64; 3]],
+) -> (Vec<FrameGain>, CalibratedValue) {
+    let sure = |i: &usize| exposure.errors[*i] <= MAX_ERROR;
     let sure: Vec<usize> = (0..names.len()).filter(sure).collect();
     let gains: Vec<[f64; 3]> = sure.iter().map(|&i| exposure.gains[i]).collect();
     let error = sure.iter().map(|&i| exposure.errors[i]).sum::<f64>() / sure.len().max(1) as f64;
     let name = "spread of exposures, relative";
-    let mut value = Value::determined(name, spread(before), spread(&gains), error);
+    let mut value = CalibratedValue::determined(name, spread(before), spread(&gains), error);
     if sure.len() < 2 {
         value.keep("the frames share too few surfaces".to_owned());
-    } else if exposure.fall < LEAST_FALL {
+    } else if exposure.fall < MIN_FALL {
         let fall = 100.0 * exposure.fall;
         value.keep(format!("gains lower what separates the frames' colours by {fall:.1} % only"));
     }

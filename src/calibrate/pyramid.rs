@@ -9,7 +9,7 @@ const OPAQUE: u8 = 250;
 pub(super) struct Pyramid(Vec<Image<[u8; 4]>>);
 
 /// Colour, 0 to 1, and how it changes by column and row, per pixel of the whole image.
-pub(super) struct Look {
+pub(super) struct InterpolatedColor {
     pub color: [f64; 3],
     pub slope: [[f64; 2]; 3],
 }
@@ -28,7 +28,7 @@ impl Pyramid {
     /// Bilinear, at pixel coordinates of the whole image (centres at +½); `None` outside and where
     /// the image is not opaque.
     #[inline]
-    pub fn look(&self, level: usize, [u, v]: [f64; 2]) -> Option<Look> {
+    pub fn sample(&self, level: usize, [u, v]: [f64; 2]) -> Option<InterpolatedColor> {
         let Image { width, height, data } = &self.0[level];
         let shrink = 1.0 / (1u32 << level) as f64;
         let (x, y) = (u * shrink - 0.5, v * shrink - 0.5);
@@ -39,18 +39,19 @@ impl Pyramid {
         let (s, t) = (x - column as f64, y - row as f64);
         let at = row * width + column;
         let texels = [data[at], data[at + 1], data[at + width], data[at + width + 1]];
+        // A texel at a silhouette mixes in what lies behind, which belongs to no component.
         if texels.iter().any(|texel| texel[3] < OPAQUE) {
             return None;
         }
-        let mut look = Look { color: [0.0; 3], slope: [[0.0; 2]; 3] };
+        let mut sample = InterpolatedColor { color: [0.0; 3], slope: [[0.0; 2]; 3] };
         for i in 0..3 {
             let [a, b, c, d] = texels.map(|texel| f64::from(texel[i]) / 255.0);
             let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
-            look.color[i] = top + (bottom - top) * t;
+            sample.color[i] = top + (bottom - top) * t;
             let across = (b - a) + ((d - c) - (b - a)) * t;
-            look.slope[i] = [across * shrink, (bottom - top) * shrink];
+            sample.slope[i] = [across * shrink, (bottom - top) * shrink];
         }
-        Some(look)
+        Some(sample)
     }
 }
 
@@ -76,10 +77,12 @@ fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
 fn smoothed(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
     const TAPS: [(isize, u32); 3] = [(-1, 1), (0, 2), (1, 1)];
     let Image { width, height, .. } = *image;
+    // The rim repeats itself: an image keeps its size, and pixels their places.
     let near = |at: usize, step: isize, end: usize| at.saturating_add_signed(step).min(end - 1);
     let mut out = image.clone();
     for row in 0..height {
         for column in 0..width {
+            // Weights add up to 16: 8 rounds the mean to nearest.
             let (mut sum, mut alpha) = ([8; 3], u8::MAX);
             for (down, weight) in TAPS {
                 for (right, factor) in TAPS {
@@ -106,12 +109,15 @@ mod tests {
         let image = Image::from_vec(32, 24, (0..32 * 24).map(ramp).collect());
         let pyramid = Pyramid::new(image, 3);
         for level in 0..3 {
-            let look = pyramid.look(level, [15.3, 10.9]).unwrap();
+            let sample = pyramid.sample(level, [15.3, 10.9]).unwrap();
             // Averages of neighbours are rounded to bytes.
             let near = |a: f64, b: f64| (a * 255.0 - b).abs() < 1.0;
-            assert!(near(look.color[0], 2.0 * 14.8) && near(look.color[1], 4.0 * 10.4), "{level}");
-            assert!(near(look.slope[0][0], 2.0) && near(look.slope[1][1], 4.0), "{level}");
-            assert_eq!((look.slope[0][1], look.slope[2]), (0.0, [0.0; 2]));
+            assert!(
+                near(sample.color[0], 2.0 * 14.8) && near(sample.color[1], 4.0 * 10.4),
+                "{level}"
+            );
+            assert!(near(sample.slope[0][0], 2.0) && near(sample.slope[1][1], 4.0), "{level}");
+            assert_eq!((sample.slope[0][1], sample.slope[2]), (0.0, [0.0; 2]));
         }
     }
 
@@ -120,9 +126,9 @@ mod tests {
         let mut image = Image::filled(8, 8, [9, 9, 9, 255]);
         image.data[3 * 8 + 3][3] = 0;
         let pyramid = Pyramid::new(image, 1);
-        assert!(pyramid.look(0, [6.0, 6.0]).is_some());
+        assert!(pyramid.sample(0, [6.0, 6.0]).is_some());
         for at in [[0.4, 4.0], [4.0, 7.6], [3.6, 3.6], [4.6, 3.0], [f64::NAN, 4.0]] {
-            assert!(pyramid.look(0, at).is_none(), "{at:?}");
+            assert!(pyramid.sample(0, at).is_none(), "{at:?}");
         }
     }
 }

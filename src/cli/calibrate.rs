@@ -17,7 +17,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     let start = match start {
         Some(start) => start,
         None if args.from_scratch => Calibration::NONE,
-        None => Calibration::known(&dataset).unwrap_or_default(),
+        None => dataset.known_calibration().unwrap_or_default(),
     };
     let plan = CalibratePlan {
         split: args.split.clone(),

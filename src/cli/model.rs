@@ -4,7 +4,7 @@ use super::failure::Failure;
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
-use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
+use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::model::splat::appearance::SplatSet;
@@ -29,7 +29,7 @@ impl Model {
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
             Some(method) => method.any().color_camera(),
-            None => Calibration::known(dataset).and_then(|c| c.color_camera),
+            None => dataset.known_calibration().and_then(|c| c.color_camera),
         }
     }
 }

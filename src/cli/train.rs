@@ -9,7 +9,6 @@ use super::settings::{asked, method, selection};
 use super::{output, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
-use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
@@ -104,7 +103,7 @@ const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up 
 
 /// Whether colours come from what is known of the layout's cameras.
 fn takes_known_calibration(session: &Session) -> bool {
-    let known = Calibration::known(session.dataset());
+    let known = session.dataset().known_calibration();
     match &session.config().method {
         Method::Scene(run) => known.is_some() && run.surface.calibration == known,
         Method::Paper(_) => false,

@@ -1,7 +1,8 @@
 //! Image files to colour and depth arrays.
 
+use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
-use super::frame::{Depth, DepthCodes, DepthKind};
+use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 use std::io::Cursor;
@@ -14,6 +15,8 @@ pub(super) struct DepthEncoding {
     pub codes: CodeKind,
     pub kind: DepthKind,
     pub trusted: [f64; 2],
+    /// What measured it, which a layout knows and a file does not say.
+    pub sensor: Sensor,
 }
 
 /// Pixel format and the rule that makes lengths of it.
@@ -25,26 +28,28 @@ pub(super) enum CodeKind {
     Linear16(f64),
 }
 
-/// What a header says.
-pub(super) struct Header {
+/// What an image says before its pixels.
+pub(super) struct ImageHeader {
     pub width: u32,
     pub height: u32,
     pub bits_per_channel: u16,
 }
 
 /// Reads an image's header only.
-pub(super) fn header(path: &Path) -> Result<Header, FrameProblem> {
+pub(super) fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
     guarded(|| {
+        // The content decides, not the name: a JPEG called `.png` is read as what it is.
         let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
         let (width, height) = decoder.dimensions();
         let color = decoder.color_type();
         let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
-        Ok(Header { width, height, bits_per_channel })
+        Ok(ImageHeader { width, height, bits_per_channel })
     })
 }
 
 /// Decodes a colour image.
 pub(super) fn color(path: &Path) -> Result<Image<[u8; 4]>, FrameProblem> {
+    // Gray and RGB become opaque RGBA, so that nothing behind asks what the file held.
     let rgba = decode(path)?.into_rgba8();
     let (width, height) = (rgba.width() as usize, rgba.height() as usize);
     let data = rgba.as_raw().as_chunks::<4>().0.to_vec();
@@ -56,6 +61,7 @@ pub(super) fn depth(path: &Path, encoding: &DepthEncoding) -> Result<Depth, Fram
     let image = decode(path)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let found = format!("{:?}", image.color());
+    // Exporters write gray depth into every colour channel; the first stands for all.
     let codes = match (encoding.codes, image) {
         (CodeKind::Inverse8, DynamicImage::ImageLuma8(i)) => {
             DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
@@ -99,6 +105,7 @@ fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64)
 
 /// The default limits of the decoder bound what a header may make it allocate.
 fn decode(path: &Path) -> Result<DynamicImage, FrameProblem> {
+    // Read whole first: whether a JPEG ends is asked of its bytes before they are decoded.
     let bytes = std::fs::read(path)?;
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format()?;
     if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(&bytes) {

@@ -1,9 +1,20 @@
-//! Frames to coloured points: unprojection (`dataset.md`, Unprojection), validity, tile order
-//! (`dataset.md`, Tile order).
+//! Frames to coloured points for the published algorithm: unprojection (`dataset.md`, Unprojection), validity,
+//! tile order (`dataset.md`, Tile order).
+//!
+//! Two passes over the image. The first gives every pixel a status, row by row in vector code: a
+//! hole, kept, or why it is dropped. The second visits the kept ones in tiles of 8×8 pixels, made
+//! of quads of 4×4, and makes points: sums of the mixture are formed tile by tile, whatever thread
+//! takes a tile, so their bits depend on the tiles alone.
+//!
+//! Two rules of the published loader are options, not corrected in silence, because its figures
+//! depend on them: rays through pixel corners with a small-angle formula
+//! ([`CameraConvention::Paper`]), and no filter of flying pixels ([`EdgeFilter::Off`]). Rays are
+//! rotated and scaled in f64; only the point is rounded.
 
+use super::depth::{Depth, DepthCodes, DepthKind, decode_inverse8, decode_length, decode_linear16};
 use super::edges::{Padded, mixed_lengths, mixed_levels};
 use super::error::FrameError;
-use super::frame::{Depth, DepthCodes, DepthKind, Frame, decode_inverse8, decode_linear16};
+use super::frame::Frame;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::normalization::Normalization;
@@ -39,17 +50,17 @@ pub enum EdgeFilter {
 /// What became of the pixels of one frame; the fields add up to width × height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PointCounts {
-    /// Points made.
+    /// Pixels that became points.
     pub kept: usize,
-    /// No surface measured.
+    /// Pixels at which no surface was measured.
     pub holes: usize,
-    /// Partially transparent.
+    /// Measured pixels whose colour is partially transparent.
     pub dropped_alpha: usize,
-    /// Between two surfaces.
+    /// Measured pixels that mix two surfaces.
     pub dropped_edge: usize,
-    /// Outside the trusted depth.
+    /// Measured pixels outside the trusted depth.
     pub dropped_range: usize,
-    /// Not finite, or beyond [`MAX_COORDINATE`].
+    /// Measured pixels whose point is not finite or lies beyond [`MAX_COORDINATE`].
     pub dropped_far: usize,
 }
 
@@ -173,15 +184,15 @@ pub struct Unprojector {
     levels: Padded<u8>,
     lengths: Padded<f32>,
     mixed: Vec<u8>,
-    /// One [`Fate`] per pixel, rows and columns padded to whole tiles with holes.
-    fates: Vec<u8>,
+    /// One [`Status`] per pixel, rows and columns padded to whole tiles with holes.
+    statuses: Vec<u8>,
     columns: Vec<Slope>,
 }
 
-/// What becomes of a pixel.
+/// Whether a pixel becomes a point, or why it does not.
 #[derive(Clone, Copy)]
 #[repr(u8)]
-enum Fate {
+enum Status {
     Hole,
     Kept,
     Alpha,
@@ -219,17 +230,24 @@ impl Unprojector {
                 self.emit(frame, depth.kind, settings, out, |i| lengths[codes.data[i] as usize]);
             }
             DepthCodes::Linear16 { codes, unit } => {
-                self.judge_lengths(frame, depth, codes, *unit, settings.filter, &mut tally);
+                let length = |code: u16| decode_linear16(code, *unit);
+                self.judge_lengths(frame, depth, codes, length, settings.filter, &mut tally);
                 self.emit(frame, depth.kind, settings, out, |i| f64::from(codes.data[i]) * unit);
             }
+            DepthCodes::Lengths(lengths) => {
+                let filter = settings.filter;
+                self.judge_lengths(frame, depth, lengths, decode_length, filter, &mut tally);
+                self.emit(frame, depth.kind, settings, out, |i| f64::from(lengths.data[i]));
+            }
         }
-        let planned = tally[Fate::Kept as usize];
+        // Only the point itself tells that it is too far, after its status was decided.
+        let planned = tally[Status::Kept as usize];
         Ok(PointCounts {
             kept: out.len(),
-            holes: tally[Fate::Hole as usize],
-            dropped_alpha: tally[Fate::Alpha as usize],
-            dropped_edge: tally[Fate::Edge as usize],
-            dropped_range: tally[Fate::Range as usize],
+            holes: tally[Status::Hole as usize],
+            dropped_alpha: tally[Status::Alpha as usize],
+            dropped_edge: tally[Status::Edge as usize],
+            dropped_range: tally[Status::Range as usize],
             dropped_far: planned - out.len(),
         })
     }
@@ -242,19 +260,19 @@ impl Unprojector {
         filter: EdgeFilter,
         tally: &mut [usize; 5],
     ) {
-        let plain: [Fate; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
-            (0, _) => Fate::Hole,
-            (_, Some(length)) if depth.trusts(length) => Fate::Kept,
-            _ => Fate::Range,
+        let plain: [Status; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
+            (0, _) => Status::Hole,
+            (_, Some(length)) if depth.trusts(length) => Status::Kept,
+            _ => Status::Range,
         });
-        let Self { levels, mixed, fates, .. } = self;
+        let Self { levels, mixed, statuses, .. } = self;
         if filter == EdgeFilter::DropMixed {
             levels.fill(codes.width, &codes.data, |d| d);
         }
         judge_rows(
             frame,
             filter,
-            fates,
+            statuses,
             mixed,
             tally,
             |row, mixed| {
@@ -264,30 +282,30 @@ impl Unprojector {
         );
     }
 
-    fn judge_lengths(
+    /// `length` is that of a code, `None` at holes.
+    fn judge_lengths<C: Copy>(
         &mut self,
         frame: &Frame,
         depth: &Depth,
-        codes: &Image<u16>,
-        unit: f64,
+        codes: &Image<C>,
+        length: impl Fn(C) -> Option<f64>,
         filter: EdgeFilter,
         tally: &mut [usize; 5],
     ) {
         let focal = frame.camera.intrinsics.fx as f32;
-        let length = |d: u16| decode_linear16(d, unit).unwrap_or(0.0) as f32;
-        let Self { lengths, mixed, fates, .. } = self;
+        let Self { lengths, mixed, statuses, .. } = self;
         if filter == EdgeFilter::DropMixed {
-            lengths.fill(codes.width, &codes.data, length);
+            lengths.fill(codes.width, &codes.data, |code| length(code).unwrap_or(0.0) as f32);
         }
-        let plain = |i: usize| match decode_linear16(codes.data[i], unit) {
-            None => Fate::Hole,
-            Some(length) if depth.trusts(length) => Fate::Kept,
-            Some(_) => Fate::Range,
+        let plain = |i: usize| match length(codes.data[i]) {
+            None => Status::Hole,
+            Some(length) if depth.trusts(length) => Status::Kept,
+            Some(_) => Status::Range,
         };
         judge_rows(
             frame,
             filter,
-            fates,
+            statuses,
             mixed,
             tally,
             |row, mixed| {
@@ -311,6 +329,7 @@ impl Unprojector {
         self.columns.clear();
         self.columns.extend((0..width).map(|column| rule.column(column)));
         let normalization = &settings.normalization;
+        // The scale of every axis is taken into the rotation: world to model in one product.
         let per_unit = DVec3::ONE / DVec3::from_array(normalization.scale);
         let rotation = DMat3::from_diagonal(per_unit) * frame.camera.pose.rotation();
         let origin = normalization.normalize(frame.camera.pose.centre());
@@ -323,13 +342,14 @@ impl Unprojector {
                 for [dx, dy] in TILE_ROWS {
                     let (column, row) = (tile_column + dx, tile_row + dy);
                     let at = row * stride + column;
-                    let four = &self.fates[at..at + QUAD];
-                    if !four.contains(&(Fate::Kept as u8)) {
+                    let four = &self.statuses[at..at + QUAD];
+                    // Rows of four without a point are passed over before a ray is formed.
+                    if !four.contains(&(Status::Kept as u8)) {
                         continue;
                     }
                     let slope_y = rule.row(row);
-                    for (column, fate) in (column..).zip(four) {
-                        if *fate != Fate::Kept as u8 {
+                    for (column, status) in (column..).zip(four) {
+                        if *status != Status::Kept as u8 {
                             continue;
                         }
                         let i = row * width + column;
@@ -359,20 +379,20 @@ const TILE_ROWS: [[usize; 2]; 16] = {
     rows
 };
 
-/// Decides the fate of every pixel, row by row.
+/// Decides the status of every pixel, row by row.
 fn judge_rows(
     frame: &Frame,
     filter: EdgeFilter,
-    fates: &mut Vec<u8>,
+    statuses: &mut Vec<u8>,
     mixed: &mut Vec<u8>,
     tally: &mut [usize; 5],
     find_mixed: impl Fn(usize, &mut [u8]),
-    plain: impl Fn(usize) -> Fate,
+    plain: impl Fn(usize) -> Status,
 ) {
     let (width, height) = (frame.color.width, frame.color.height);
     let stride = width.next_multiple_of(TILE);
-    fates.clear();
-    fates.resize(stride * height.next_multiple_of(TILE), Fate::Hole as u8);
+    statuses.clear();
+    statuses.resize(stride * height.next_multiple_of(TILE), Status::Hole as u8);
     mixed.clear();
     mixed.resize(width, 0);
     for row in 0..height {
@@ -380,16 +400,17 @@ fn judge_rows(
             find_mixed(row, mixed);
         }
         let colors = &frame.color.data[row * width..(row + 1) * width];
-        let line = &mut fates[row * stride..row * stride + width];
-        for (column, fate) in line.iter_mut().enumerate() {
+        let line = &mut statuses[row * stride..row * stride + width];
+        for (column, status) in line.iter_mut().enumerate() {
+            // One status a pixel: transparency is asked before edges, since it often makes them.
             let judged = match (plain(row * width + column), filter) {
-                (Fate::Hole, _) => Fate::Hole,
+                (Status::Hole, _) => Status::Hole,
                 (other, EdgeFilter::Off) => other,
-                (_, EdgeFilter::DropMixed) if colors[column][3] != 255 => Fate::Alpha,
-                (_, EdgeFilter::DropMixed) if mixed[column] != 0 => Fate::Edge,
+                (_, EdgeFilter::DropMixed) if colors[column][3] != 255 => Status::Alpha,
+                (_, EdgeFilter::DropMixed) if mixed[column] != 0 => Status::Edge,
                 (other, EdgeFilter::DropMixed) => other,
             };
-            *fate = judged as u8;
+            *status = judged as u8;
             tally[judged as usize] += 1;
         }
     }

@@ -14,7 +14,6 @@ use super::sweep::over_views;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::model::splat::appearance::SplatView;
@@ -87,7 +86,7 @@ pub fn measure<'a>(
     progress: impl FnMut(usize),
 ) -> Option<CrackReport> {
     let splats = splats.into();
-    let sensor = Sensor::of(dataset);
+    let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
         let frame = loaded.ok()?;
         let surfaces = Surfaces::of(&frame, sensor)?;
@@ -167,6 +166,7 @@ impl Cracks {
 mod tests {
     use super::*;
     use crate::dataset::frame::{Depth, DepthCodes, DepthKind};
+    use crate::dataset::surface::Sensor;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::model::splat::splats::Splat;

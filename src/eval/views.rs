@@ -98,7 +98,7 @@ pub fn evaluate<'a>(
     progress: impl FnMut(usize),
 ) -> Result<(EvalReport, Vec<ViewReport>), EvalError> {
     let splats = splats.into();
-    let sensor = Sensor::of(dataset);
+    let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
         let frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
         let camera = options.photo_camera(&frame);

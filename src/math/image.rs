@@ -11,9 +11,9 @@
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image<T> {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// `width * height` values, rows from the top.
     pub data: Vec<T>,
@@ -51,6 +51,7 @@ impl<T> Image<T> {
 /// A channel in `[0, 1]` as a byte, rounded to nearest; values outside are clamped, NaN is 0.
 #[inline]
 pub fn unit_to_byte(value: f32) -> u8 {
+    // The cast itself clamps and takes NaN to 0.
     (value * 255.0 + 0.5) as u8
 }
 

@@ -50,6 +50,7 @@ impl Orbit {
     /// Unit vector from the target to the camera.
     pub fn outward(&self) -> DVec3 {
         let (right, ahead) = horizon(self.up);
+        // Clamped here, not where it is set: a drag over the pole and back returns to its start.
         let elevation = self.elevation.clamp(-FRAC_PI_2 + POLE_MARGIN, FRAC_PI_2 - POLE_MARGIN);
         let horizontal = right * self.azimuth.cos() + ahead * self.azimuth.sin();
         horizontal * elevation.cos() + self.up * elevation.sin()
@@ -78,6 +79,7 @@ pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
     let (sum, n) =
         poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));
     let mean = sum / n.max(1) as f64;
+    // Cameras all around something, or held anyhow: their mean says nothing.
     if mean.length() < 0.2 {
         return DVec3::Z;
     }

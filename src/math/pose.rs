@@ -1,4 +1,9 @@
 //! Rigid camera poses, checked once when they enter the program.
+//!
+//! A [`Pose`] is made of a rotation and a finite position only, so nothing behind it asks again.
+//! Files round their matrices: what is near a rotation is replaced by the nearest one. What is
+//! further off is refused, because scale or a mirror image is a mistake of convention, not of
+//! rounding.
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
@@ -58,6 +63,7 @@ impl Pose {
                 return Err(PoseError::NotFinite(values[row], row, column));
             }
         }
+        // Before the rotation: a transposed matrix has its translation here, and gets its own hint.
         let last_row = [columns[0][3], columns[1][3], columns[2][3], columns[3][3]];
         if (0..4).any(|i| (last_row[i] - if i == 3 { 1.0 } else { 0.0 }).abs() > 1e-6) {
             return Err(PoseError::LastRow(last_row));
@@ -66,6 +72,7 @@ impl Pose {
         let gram = rotation.transpose() * rotation - DMat3::IDENTITY;
         let deviation = gram.to_cols_array().iter().fold(0.0f64, |a, v| a.max(v.abs()));
         let determinant = rotation.determinant();
+        // A mirror image passes the first test; its determinant is −1.
         if deviation > ORTHONORMALITY_TOLERANCE || determinant <= 0.0 {
             return Err(PoseError::NotRigid { determinant, deviation });
         }
@@ -75,7 +82,8 @@ impl Pose {
         })
     }
 
-    /// The same for OpenGL/Blender axes: x right, y up, looking along −z.
+    /// Checks a camera-to-world matrix in OpenGL/Blender axes (x right, y up, looking along −z) and
+    /// re-orthonormalises its rotation.
     pub fn from_opengl(world_from_camera: DMat4) -> Result<Self, PoseError> {
         let flip = DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0));
         Self::from_opencv(world_from_camera * flip)

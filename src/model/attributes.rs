@@ -20,7 +20,7 @@ pub struct ComponentAttributes {
 }
 
 impl ComponentAttributes {
-    /// Of a posterior; a component without points has no attributes.
+    /// Attributes of a component by its posterior; one without points has none.
     pub fn new(
         posterior: &ComponentPosterior,
         normalization: &Normalization,

@@ -26,11 +26,11 @@ pub struct Points<R> {
     pub y: Vec<R>,
     /// Position, third axis.
     pub z: Vec<R>,
-    /// Red.
+    /// Red, normalised as a channel.
     pub r: Vec<R>,
-    /// Green.
+    /// Green, normalised as a channel.
     pub g: Vec<R>,
-    /// Blue.
+    /// Blue, normalised as a channel.
     pub b: Vec<R>,
     /// Tile `t` holds the points `tiles[t]..tiles[t + 1]`; ascending, starts at 0 and ends at
     /// [`Points::len`] once closed. Tiles hold 1 to 64 points.
@@ -38,7 +38,7 @@ pub struct Points<R> {
 }
 
 impl<R: Real> Points<R> {
-    /// No points.
+    /// No points and no tiles.
     pub fn new() -> Self {
         Self { tiles: vec![0], ..Self::default() }
     }
@@ -81,6 +81,7 @@ impl<R: Real> Points<R> {
         {
             column.clear();
         }
+        // An end without a beginning is no tile: the first bound is always there.
         self.tiles.clear();
         self.tiles.push(0);
     }
@@ -99,6 +100,7 @@ impl<R: Real> Points<R> {
     /// Ends the open tile; an empty one is not kept.
     pub fn close_tile(&mut self) {
         let end = self.len() as u32;
+        // An empty tile would be summed for nothing and count as one.
         if self.tiles.last() != Some(&end) {
             self.tiles.push(end);
         }
@@ -116,14 +118,14 @@ impl<R: Real> Points<R> {
         [self.r[i], self.g[i], self.b[i]]
     }
 
-    /// The same points in another precision.
+    /// Points and tiles rounded to another precision.
     pub fn cast<S: Real>(&self) -> Points<S> {
         let mut points = Points::new();
         self.cast_into(&mut points);
         points
     }
 
-    /// Replaces `points` by the same points in another precision.
+    /// Replaces `points` by these points rounded to another precision.
     pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
         let cast = |from: &[R], to: &mut Vec<S>| {
             to.clear();

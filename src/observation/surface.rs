@@ -10,13 +10,13 @@ use glam::DVec3;
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(16))]
 pub struct SurfacePoint {
-    /// Where it is.
+    /// Position relative to [`Observation::origin`], world units.
     pub position: [f32; 3],
-    /// Distance from the camera along the ray.
+    /// Distance from the camera along the ray, world units.
     pub range: f32,
     /// sRGB-encoded colour in `[0, 1]`.
     pub color: [f32; 3],
-    /// Half-width of the depth noise along the ray.
+    /// Half-width of the depth noise along the ray, world units.
     pub noise: f32,
     /// Unit normal of the surface, turned towards the camera.
     pub normal: [f32; 3],
@@ -26,6 +26,27 @@ pub struct SurfacePoint {
     pub direction: [f32; 3],
     /// Row-major index of the pixel.
     pub pixel: u32,
+}
+
+impl SurfacePoint {
+    /// Position in f64: relative to [`Observation::origin`], world units.
+    pub fn position_vector(&self) -> DVec3 {
+        vector(self.position)
+    }
+
+    /// Unit normal in f64, along the world's axes.
+    pub fn normal_vector(&self) -> DVec3 {
+        vector(self.normal)
+    }
+
+    /// Unit direction from the camera to the point in f64, along the world's axes.
+    pub fn direction_vector(&self) -> DVec3 {
+        vector(self.direction)
+    }
+}
+
+fn vector(v: [f32; 3]) -> DVec3 {
+    DVec3::from_array(v.map(f64::from))
 }
 
 /// How far measured and modelled depth may differ, world units.

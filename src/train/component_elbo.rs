@@ -26,8 +26,8 @@ impl ComponentElbo {
         Self { scoring, ownership: None }
     }
 
-    /// Sums the ELBO of the points of every frame to come by the component with the largest share in
-    /// each.
+    /// Sums the ELBO of the points of every frame to come by the component with the largest share
+    /// in each.
     pub fn start(&mut self) {
         self.ownership.get_or_insert_default();
     }
@@ -81,7 +81,8 @@ impl Ownership {
         for id in self.ids.drain(..) {
             self.rows[id as usize] = (0.0, 0);
         }
-        // A frame without new owners allocates nothing: there are never more of them than components.
+        // A frame without new owners allocates nothing: there are never more of them than
+        // components.
         self.ids.reserve(n_components);
         for (&owner, &q) in self.owners.iter().zip(q) {
             if owner == NOBODY {

@@ -2,7 +2,7 @@
 
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::dataset::surface::{PixelFate, Preparer, SurfaceCounts, SurfaceSettings};
+use crate::dataset::surface::{PixelStatus, Preparer, SurfaceCounts, SurfaceSettings};
 use crate::eval::choices::GroundTruth;
 use crate::eval::views::ground_truth;
 use crate::math::image::{RgbImage, unit_to_byte};
@@ -16,7 +16,7 @@ const OVERLAY: f32 = 0.7;
 
 /// Why a pixel made no point.
 struct Reason {
-    fate: PixelFate,
+    fate: PixelStatus,
     /// Told apart by people with red-green blindness too (Okabe and Ito 2008).
     color: [f32; 3],
     label: &'static str,
@@ -25,17 +25,21 @@ struct Reason {
 
 /// Every reason, in the order in which pixels are looked at.
 const REASONS: [Reason; 7] = [
-    reason(PixelFate::Hole, [0.25; 3], "no depth", |c| c.holes),
-    reason(PixelFate::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
-    reason(PixelFate::Range, [0.34, 0.71, 0.91], "outside the trusted depth", |c| c.dropped_range),
-    reason(PixelFate::Flying, [0.84, 0.37, 0.0], "explained by no plane", |c| c.dropped_flying),
-    reason(PixelFate::Slant, [0.0, 0.62, 0.45], "seen at a slant", |c| c.dropped_slant),
-    reason(PixelFate::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
-    reason(PixelFate::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| c.dropped_no_color),
+    reason(PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
+    reason(PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
+    reason(PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth", |c| {
+        c.dropped_range
+    }),
+    reason(PixelStatus::Flying, [0.84, 0.37, 0.0], "explained by no plane", |c| c.dropped_flying),
+    reason(PixelStatus::Slant, [0.0, 0.62, 0.45], "seen at a slant", |c| c.dropped_slant),
+    reason(PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
+    reason(PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| {
+        c.dropped_no_color
+    }),
 ];
 
 const fn reason(
-    fate: PixelFate,
+    fate: PixelStatus,
     color: [f32; 3],
     label: &'static str,
     count: fn(&SurfaceCounts) -> usize,
@@ -68,7 +72,7 @@ impl PixelStatusPainter {
     ) -> Result<(RgbImage, SurfaceCounts), FrameError> {
         let counts = self.preparer.prepare(frame, settings, &mut self.observation)?;
         let mut image = ground_truth(frame, GroundTruth::Composited, background);
-        for (pixel, &fate) in image.data.iter_mut().zip(&self.preparer.fates().data) {
+        for (pixel, &fate) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
             if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.fate == fate) {
                 *pixel = std::array::from_fn(|i| OVERLAY * color[i] + (1.0 - OVERLAY) * pixel[i]);
             }

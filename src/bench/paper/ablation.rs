@@ -1,5 +1,10 @@
 //! The paper's ablation: what each step from the dense E-step to forwarded reassignment costs and
 //! brings, on any dataset.
+//!
+//! Rows are timed in turns, since a shared machine drifts by more than neighbouring rows differ.
+//! Dense rows would take minutes a frame: they run on whole tiles, evenly spaced, and what grows
+//! with the points is scaled back. Their models saw fewer points, so their PSNR compares within
+//! those rows only; the table says so.
 
 use super::runs::{self, Runs, TimedConfiguration};
 use super::sample::{TrainingSample, count};
@@ -27,7 +32,7 @@ const DENSE_BATCH: Batch = Batch::Points(128);
 /// How much of the ablation is run.
 #[derive(Clone, Debug)]
 pub struct AblationPlan {
-    /// Components.
+    /// Components of every row, the paper's N.
     pub components: usize,
     /// Training frames at most.
     pub frames: usize,
@@ -86,9 +91,9 @@ pub struct AblationRow {
     pub ms_q3: f64,
     /// Candidate search, scaled like `ms`.
     pub candidates_ms: f64,
-    /// Scores and responsibilities.
+    /// Scores and responsibilities, scaled like `ms`.
     pub e_step_ms: f64,
-    /// Sums.
+    /// Sums per tile, scaled like `ms`.
     pub stats_ms: f64,
     /// Addition to the totals.
     pub update_ms: f64,
@@ -163,6 +168,8 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
         ..PaperOverrides::default()
     };
     let fused = PaperOverrides { statistics: Some(StatisticsForm::Fused), ..plain };
+    // The tree stays until the grid has a row of its own: what truncation brings must not be mixed
+    // with a faster index.
     let truncated = PaperOverrides {
         candidates: Some(PaperConfig::paper().candidates),
         index: Some(IndexKind::KdTree),
@@ -175,6 +182,8 @@ fn rows(plan: &AblationPlan) -> Result<Vec<AblationStep>, BenchError> {
     let mut rows = vec![
         ("dense E-step, statistics unfused, f64".to_owned(), plain, true),
         ("+ fused statistics".to_owned(), fused, true),
+        // On the thinned points once more: against the row above nothing but the candidates
+        // differs.
         ("+ truncated E-step, C = 4, same points".to_owned(), truncated.clone(), true),
     ];
     for &batch in &plan.batches {

@@ -1,5 +1,11 @@
-//! Distance of an engine to the f64 dense oracle: both start from the same means and see the same
+//! Distance of an engine to the f64 dense oracle, which starts from equal means and sees equal
 //! points.
+//!
+//! Reassignment is off in both: it draws points by their ELBO, where one rounding moves another
+//! component and errors of arithmetic could no longer be told from other draws. Quantiles weigh a
+//! component by its evidence, since the covariance of a component with one point is all prior and
+//! its relative error says nothing. Means are compared relative to their size, but never to less
+//! than the standard deviation of their component.
 
 use crate::bench::findings::BenchError;
 use crate::math::normalization::Normalization;
@@ -26,9 +32,9 @@ pub struct DenseOracle<'a> {
 
 /// What an engine says after some frames.
 struct Seen {
-    /// Of the last frame's points.
+    /// ELBO of every point of the last frame, nats.
     elbo: Vec<f64>,
-    /// Of the last frame's points.
+    /// Responsibilities of every point of the last frame, zeros left out.
     responsibilities: Vec<Shares>,
     posteriors: Vec<ComponentPosterior>,
 }
@@ -38,13 +44,13 @@ struct Seen {
 pub struct Errors {
     /// Largest difference of a point's ELBO, nats.
     pub elbo_max: f64,
-    /// Mean of the same.
+    /// Mean difference of a point's ELBO, nats.
     pub elbo_mean: f64,
     /// Mean over the points of the total variation between the responsibilities.
     pub variation_mean: f64,
-    /// Largest of the same.
+    /// Largest total variation of a point's responsibilities.
     pub variation_max: f64,
-    /// Of the posteriors.
+    /// Relative errors of the posteriors.
     pub posterior: PosteriorErrors,
 }
 
@@ -53,11 +59,11 @@ pub struct Errors {
 pub struct PosteriorErrors {
     /// 99 % quantile of `|m − m*| / max(|m*|, sd)`.
     pub mean_p99: f64,
-    /// Largest of the same.
+    /// Largest relative error of a posterior mean.
     pub mean_max: f64,
     /// 99 % quantile of `‖Σ − Σ*‖ / ‖Σ*‖`, Frobenius.
     pub covariance_p99: f64,
-    /// Largest of the same.
+    /// Largest relative error of a posterior covariance, Frobenius.
     pub covariance_max: f64,
 }
 
@@ -167,6 +173,7 @@ pub fn posterior_errors(
 }
 
 fn mean_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f64 {
+    // A mean near the origin has no size of its own to compare with.
     let size = truth.mean_space.length().max(truth.expected_covariance().trace().sqrt());
     number_or_infinity((found.mean_space - truth.mean_space).length() / size)
 }

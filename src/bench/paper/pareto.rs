@@ -1,5 +1,10 @@
 //! Speed against error: one setting at a time is moved away from a base, and each stop is timed,
 //! rendered and compared with the f64 dense oracle.
+//!
+//! One setting at a time: the full grid would be thousands of runs. Dense reassignment is left to
+//! the ablation, since it costs a dense pass a frame. Oracle and engine start from the means that
+//! the timed run ended with: of fresh random means few ever receive a point, so they would compare
+//! little.
 
 use super::ablation::batch_name;
 use super::oracle::{DenseOracle, Errors};
@@ -25,17 +30,17 @@ use std::sync::Arc;
 pub struct ParetoPlan {
     /// The base that every sweep departs from.
     pub base: PaperOverrides,
-    /// Components.
+    /// Numbers of components that are tried.
     pub components: Vec<usize>,
-    /// Candidates per point.
+    /// Candidates per point that are tried.
     pub candidates: Vec<usize>,
-    /// Points at once.
+    /// Points at once that are tried.
     pub batches: Vec<Batch>,
-    /// Precisions by name.
+    /// Named precisions that are tried.
     pub precisions: Vec<Precision>,
     /// Threads; those above the machine's are left out.
     pub threads: Vec<usize>,
-    /// Reassignment policies.
+    /// Reassignment policies that are tried.
     pub policies: Vec<ReassignPolicy>,
     /// Training frames at most.
     pub frames: usize,
@@ -111,6 +116,7 @@ impl ParetoPlan {
             let change = PaperOverrides { precision: Some(precision), ..none() };
             add("precision", named(&precision), change, all_threads)?;
         }
+        // All threads is the base itself.
         for &threads in self.threads.iter().filter(|&&t| t < all_threads) {
             add(
                 "threads",
@@ -161,9 +167,9 @@ impl SweepPoint {
 pub struct ParetoRow {
     /// Setting that was moved.
     pub sweep: String,
-    /// Where to.
+    /// The setting and the value it was moved to.
     pub setting: String,
-    /// Components.
+    /// Number of components N.
     pub components: usize,
     /// Candidates per point.
     pub candidates: Candidates,
@@ -171,9 +177,9 @@ pub struct ParetoRow {
     pub batch: Batch,
     /// Precision by name.
     pub precision: Precision,
-    /// Reassignment.
+    /// Policy by which unused components move.
     pub reassign: ReassignPolicy,
-    /// Threads.
+    /// Threads of the pool it ran on.
     pub threads: usize,
     /// Median milliseconds per frame.
     pub ms: f64,
@@ -181,33 +187,33 @@ pub struct ParetoRow {
     pub ms_q1: f64,
     /// Third quartile over the runs.
     pub ms_q3: f64,
-    /// Candidate search.
+    /// Median milliseconds per frame of the candidate search.
     pub candidates_ms: f64,
-    /// Scores and responsibilities.
+    /// Median milliseconds per frame of scores and responsibilities.
     pub e_step_ms: f64,
-    /// Sums.
+    /// Median milliseconds per frame of sums per tile.
     pub stats_ms: f64,
-    /// Addition to the totals.
+    /// Median milliseconds per frame of the addition to the totals.
     pub update_ms: f64,
-    /// Choosing and moving components.
+    /// Median milliseconds per frame of choosing and moving components.
     pub reassign_ms: f64,
     /// Mean PSNR of the held-out views, dB.
     pub psnr: f64,
     /// Largest difference of a point's ELBO to the oracle's, nats.
     pub elbo_diff_max: f64,
-    /// Mean of the same.
+    /// Mean difference of a point's ELBO to the oracle's, nats.
     pub elbo_diff_mean: f64,
     /// Mean total variation of the responsibilities.
     pub total_variation_mean: f64,
-    /// Largest of the same.
+    /// Largest total variation of a point's responsibilities.
     pub total_variation_max: f64,
     /// Relative error of posterior means, 99 % of the evidence below.
     pub mean_error_p99: f64,
-    /// Largest of the same.
+    /// Largest relative error of a posterior mean.
     pub mean_error_max: f64,
     /// Relative error of posterior covariances, 99 % of the evidence below.
     pub covariance_error_p99: f64,
-    /// Largest of the same.
+    /// Largest relative error of a posterior covariance.
     pub covariance_error_max: f64,
     /// Whether no other stop with all threads is both faster and of higher PSNR.
     pub on_front: bool,
@@ -229,6 +235,7 @@ pub fn run(
     let stops = plan.stops()?;
     let variants: Vec<TimedConfiguration> =
         stops.iter().map(|stop| stop.variant(&sample)).collect();
+    // One step more for each stop: its views and the oracle.
     let steps = (plan.repeats.max(1) + 1) * stops.len();
     let mut done = 0;
     let mut step = || {
@@ -323,6 +330,7 @@ fn mark_front(rows: &mut [ParetoRow]) {
         let beaten = |&(threads, ms, psnr): &(usize, f64, f64)| {
             threads == most && ms < row.ms && psnr > row.psnr
         };
+        // Runs on fewer threads show what threads bring; nobody would choose them.
         row.on_front = row.threads == most && !all.iter().any(beaten);
     }
 }

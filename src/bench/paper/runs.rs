@@ -56,6 +56,8 @@ pub fn in_turns(
     let mut found: Vec<Option<Runs>> = variants.iter().map(|_| None).collect();
     for _ in 0..repeats.max(1) {
         for (variant, slot) in variants.iter().zip(&mut found) {
+            // The model of the turn before is dropped first: at most one of each variant is in
+            // memory.
             let mut runs = slot.take().map_or_else(Vec::new, |earlier| earlier.runs);
             let (engine, ms) = with_threads(variant.threads, || run(variant))??;
             runs.push(ms);

@@ -35,6 +35,8 @@ impl TrainingSample {
         n_views: usize,
     ) -> Result<Self, BenchError> {
         // The session knows which frames are for training, and how they are unprojected.
+        // The session is asked for its plan alone: a model of the paper's size would be made for
+        // nothing.
         let small = PaperOverrides { components: Some(1), ..PaperOverrides::default() };
         let config = PaperConfig::paper().with(&small)?;
         let session = Session::new(dataset.clone(), config.clone(), Selection::everything())?;

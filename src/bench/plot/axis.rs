@@ -1,4 +1,7 @@
 //! Axes of plots: which values they span and where their ticks are.
+//!
+//! Ticks are multiples of 1, 2 or 5 times a power of ten. The far end of an axis can be held free
+//! for a legend, which then never covers a mark.
 
 use crate::eval::spread::Spread;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
@@ -29,7 +32,7 @@ impl Axis {
         }
     }
 
-    /// Its names, where it has any.
+    /// Names from the top down; none unless the axis is one of names.
     pub fn names(&self) -> &[String] {
         match self {
             Self::Names(names) => names,
@@ -83,6 +86,7 @@ fn span(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
 
 fn linear(values: impl Iterator<Item = f64>) -> ([f64; 2], Vec<f64>) {
     let [lo, hi] = span(values).unwrap_or([0.0, 1.0]);
+    // One value, or equal ones, still need an axis of some length.
     let margin = MARGIN * (hi - lo).max(1e-3 * hi.abs()).max(1e-12);
     let [lo, hi] = [lo - margin, hi + margin];
     let rough = (hi - lo) / MAX_TICKS;
@@ -98,6 +102,7 @@ fn logarithmic(values: impl Iterator<Item = f64>) -> ([f64; 2], Vec<f64>) {
     let margin = MARGIN * (hi - lo).max(0.5);
     let [lo, hi] = [lo - margin, hi + margin];
     let decades = hi - lo;
+    // Few decades leave room for ticks within them.
     let within: &[f64] = if decades < 2.5 { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let every = (decades / MAX_TICKS).ceil().max(1.0) as usize;
     let powers = (lo.floor() as i32..=hi.ceil() as i32).step_by(every);

@@ -1,5 +1,8 @@
 //! PNG plots of benches: panels side by side, linear, logarithmic or named axes, error bars, and a
 //! font of our own, since a bare machine has none.
+//!
+//! Panels share no axes: a bench shows two quantities side by side. A panel whose axis has names
+//! gets the room that its longest name takes; the others share what is left.
 
 use super::axis::{Axis, Ticked};
 use super::labels;
@@ -67,7 +70,7 @@ pub struct Series {
 /// One pair of axes with its series.
 #[derive(Clone, Debug)]
 pub struct Panel {
-    /// Above it.
+    /// Text above the panel.
     pub title: String,
     /// The axis to the right.
     pub x: Axis,

@@ -77,6 +77,7 @@ impl TimedGpu {
             total = ms_since(started);
         }
         method.is_warm = true;
+        // A frame whose lists did not fit is not whole, and its time no time of a frame.
         match method.renderer.shortage() {
             Some(shortage) => Err(shortage.clone().into()),
             None => Ok(total),
@@ -101,6 +102,7 @@ impl TimedPainter for TimedGpu {
         // Two scenes need not fit at once.
         self.scene = GpuScene::new(device, queue, &[])?;
         self.scene = GpuScene::new(device, queue, splats)?;
+        // Lists grow again with every scene.
         (self.projected.is_warm, self.exact.is_warm) = (false, false);
         Ok(self.gpu.wait()?)
     }

@@ -1,4 +1,9 @@
 //! Frame time by stage against splats and resolution, by both renderers, on the CPU and on a GPU.
+//!
+//! Painters take turns frame by frame, from the same sides of the scene, so that whatever else the
+//! machine does slows all of them alike. The first round warms up and does not count: buffers grow
+//! and clocks rise in it. A painter that cannot draw a scene, for want of memory say, keeps its
+//! rows, with the reason instead of a time.
 
 #[cfg(feature = "gui")]
 mod gpu;
@@ -90,6 +95,7 @@ impl<'a> Turns<'a> {
                 let painter = &mut self.painters[target.painter];
                 match painter.frame(self.splats, &camera, &options) {
                     Ok(ms) if round > 0 => target.times.push(ms),
+                    // The round that warms up.
                     Ok(_) => {}
                     Err(error) => target.failure = Some(error.to_string()),
                 }

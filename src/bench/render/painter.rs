@@ -60,7 +60,7 @@ pub enum TimedPaintError {
 
 /// Draws frames of one scene after the other.
 pub trait TimedPainter {
-    /// How.
+    /// How its frames come about.
     fn path(&self) -> FramePath;
 
     /// The adapter that draws, if one does.
@@ -96,6 +96,7 @@ impl TimedPainter for TimedCpu {
 
     fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
         let needed = BYTES_PER_SPLAT * splats.len() as u64;
+        // Asked beforehand: running out of memory would take the rows that were timed along.
         match machine::available_bytes() {
             Some(available) if available < needed => Err(TimedPaintError::Memory {
                 needed_mb: needed.div_ceil(1_000_000),
@@ -121,7 +122,7 @@ impl TimedPainter for TimedCpu {
     }
 }
 
-/// Milliseconds.
+/// Milliseconds since an instant.
 pub fn ms_since(started: Instant) -> f64 {
     started.elapsed().as_secs_f64() * 1e3
 }

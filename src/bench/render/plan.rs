@@ -80,6 +80,7 @@ impl RenderPlan {
             let choice = self.adapter.as_deref().map_or(AdapterChoice::Auto, AdapterChoice::parse);
             match TimedGpu::all(&choice) {
                 Ok(paths) => painters.extend(paths.into_iter().map(|p| Box::new(p) as _)),
+                // One that was asked for must be there; as one of all it may be missing.
                 Err(error) if self.device == BenchDevice::All && self.adapter.is_none() => {
                     notes.push(format!("CPU only: {error}"));
                 }

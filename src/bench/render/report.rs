@@ -1,4 +1,7 @@
 //! Rows of frame times as a table, notes, ratios and panels.
+//!
+//! Ratios of the two renderers are formed within one scene, size and path only: across them they
+//! would compare the scenes. A stage that a path cannot tell apart is a dash, never a zero.
 
 use super::painter::{FramePath, STAGES};
 use super::plan::{RENDERERS, RenderPlan};
@@ -33,7 +36,7 @@ pub struct Ratio {
 }
 
 impl RenderSummary {
-    /// Of pairs of rows that differ in the renderer only.
+    /// Ratios of the pairs of rows that differ in the renderer only.
     pub fn of(rows: &[RenderRow]) -> Self {
         let of = |renderer| rows.iter().filter(move |row: &&RenderRow| row.renderer == renderer);
         let place = |row: &RenderRow| (row.path, row.splats, row.width, row.height);
@@ -84,6 +87,7 @@ pub fn notes(plan: &RenderPlan, rows: &[RenderRow], summary: &RenderSummary) -> 
             Some(format!("skipped, {} with {} splats: {why}", row.path, row.splats))
         })
         .collect();
+    // Both renderers are skipped for one reason.
     reasons.dedup();
     notes.extend(reasons);
     notes

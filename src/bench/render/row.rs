@@ -10,7 +10,7 @@ use serde::Serialize;
 pub struct RenderRow {
     /// How the frames came about.
     pub path: FramePath,
-    /// Renderer.
+    /// Whether splats are projected or integrated exactly.
     pub renderer: Renderer,
     /// Splats of the scene.
     pub splats: usize,
@@ -18,21 +18,22 @@ pub struct RenderRow {
     pub width: u32,
     /// Rows of the image.
     pub height: u32,
-    /// Timed frames.
+    /// Number of timed frames; 0 where it could not be drawn.
     pub frames: usize,
     /// Median milliseconds per frame; `None` where it could not be drawn.
     pub ms: Option<f64>,
-    /// First quartile.
+    /// First quartile over the frames, milliseconds.
     pub ms_q1: Option<f64>,
-    /// Third quartile.
+    /// Third quartile over the frames, milliseconds.
     pub ms_q3: Option<f64>,
-    /// Splats to records of the image; stages that cannot be told apart are `None`.
+    /// Milliseconds from splats to records of the image; stages that cannot be told apart are
+    /// `None`.
     pub prepare_ms: Option<f64>,
-    /// Their order.
+    /// Milliseconds of ordering the splats by depth.
     pub sort_ms: Option<f64>,
-    /// Lists of tiles.
+    /// Milliseconds of listing the splats of every tile.
     pub bin_ms: Option<f64>,
-    /// Pixels.
+    /// Milliseconds of drawing the pixels.
     pub draw_ms: Option<f64>,
     /// Why it could not be drawn.
     pub skipped: Option<String>,

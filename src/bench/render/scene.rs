@@ -1,4 +1,8 @@
 //! Scenes of any number of splats that cover the image alike.
+//!
+//! Sizes shrink as numbers grow, so that the image stays as covered: cost then follows the number
+//! of splats, not how much they overlap. Shapes and opacities of the synthetic scene are those of a
+//! trained one.
 
 use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::splats::Splat;
@@ -75,6 +79,7 @@ fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     let mut copy = |i: usize| {
         let original = &splats[(i as f64 / share) as usize];
         let scale = original.scale.map(|s| s * shrink);
+        // Fewer than the model has: some of its own, wider, with nothing to lie within.
         if n <= splats.len() {
             return Splat { scale, ..*original };
         }

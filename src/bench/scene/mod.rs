@@ -1,5 +1,11 @@
 //! What every part of the scene preset brings (`pipeline.md`, Accuracy bench), on any dataset, and
 //! how many components buy which quality.
+//!
+//! The first two tables bracket every part: added one by one, a part is measured without those that
+//! come after it; left out of the whole, with all of them. Parts that help only beside others show
+//! in the difference. Orders of the frames are part of the measurement, since births and refinement
+//! depend on them: the spread over three orders is what a difference must exceed. All rows are
+//! judged by one camera, whatever they were trained with.
 
 mod report;
 mod row;
@@ -67,7 +73,7 @@ struct AccuracyRuns {
     plan: Plan,
     /// Split and positions of the held-out views.
     views: (usize, Vec<usize>),
-    /// The same of those that show cracks.
+    /// Split and positions of the views that show cracks, where there are any.
     crack_views: Option<(usize, Vec<usize>)>,
     options: EvalOptions,
 }

@@ -13,7 +13,7 @@ use serde::Serialize;
 /// One row of a table; qualities are means over views, then over the orders of frames.
 #[derive(Clone, Debug, Serialize)]
 pub struct AccuracyRow {
-    /// Which table.
+    /// Table that the row stands in.
     pub table: Table,
     /// What was changed.
     pub configuration: String,
@@ -39,18 +39,18 @@ pub struct AccuracyRow {
     pub psnr_high: f64,
     /// PSNR over covered pixels, dB.
     pub psnr_covered: Option<f64>,
-    /// The same with colours aligned view by view.
+    /// PSNR over covered pixels with colours aligned view by view, dB.
     pub psnr_aligned_covered: Option<f64>,
     /// Share of covered pixels.
     pub coverage: f64,
-    /// SSIM.
+    /// Mean structural similarity of the whole frame, −1 to 1.
     pub ssim: f64,
     /// SSIM with colours aligned view by view.
     pub ssim_aligned: Option<f64>,
     /// Share of interior pixels with transmittance > 0.1 at the distance of training; this and the
     /// next three in the first order.
     pub cracks_01: Option<f64>,
-    /// The same with transmittance > 0.3.
+    /// Share of interior pixels with transmittance > 0.3.
     pub cracks_03: Option<f64>,
     /// As `cracks_01`, at half the distance.
     pub cracks_half_01: Option<f64>,
@@ -63,9 +63,9 @@ pub struct AccuracyRow {
 pub struct AccuracySummary {
     /// The preset's settings on this dataset.
     pub base: SceneRun,
-    /// Training frames.
+    /// Number of training frames.
     pub frames: usize,
-    /// Held-out views.
+    /// Number of held-out views.
     pub views: usize,
     /// Orders of the frames.
     pub orders: usize,
@@ -82,7 +82,7 @@ pub struct Measured {
 }
 
 impl AccuracyRow {
-    /// Of a configuration trained in every order of the frames.
+    /// The row of a configuration trained in every order of the frames.
     pub fn of(variant: &SceneVariant, orders: &[Measured]) -> Self {
         let mean = |value: &dyn Fn(&Measured) -> f64| {
             mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0

@@ -1,5 +1,8 @@
-//! Many configurations trained on the same frames: a frame is decoded and prepared once for all that
-//! prepare it alike, and sums are formed once for all that differ only in how they are drawn.
+//! Many configurations trained on the same frames: a frame is decoded and prepared once for all
+//! that prepare it alike, and sums are formed once for all that differ only in how they are drawn.
+//!
+//! Dozens of rows share every decoded and prepared frame; without that, three orders of two hundred
+//! frames would not be affordable.
 
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
@@ -17,7 +20,7 @@ use std::sync::Arc;
 pub struct Trained {
     /// What is drawn.
     pub splats: SplatSet,
-    /// Components born.
+    /// Number of components, drawn or not.
     pub born: usize,
     /// Bytes of the model.
     pub model_bytes: usize,
@@ -78,6 +81,7 @@ fn train_alike(
     let surface = &first.surface;
     let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
+        // Runs that differ in drawing alone share their sums.
         if !courses.iter().any(|course| course.has_sums_of(run)) {
             let engine = engine::begin(&run.engine, surface.origin);
             courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
@@ -104,6 +108,7 @@ fn train_alike(
     }
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
+        // Rules of drawing leave sums alone, so one model is drawn by each of them.
         course.engine.set_splat_rule(run.engine.native);
         Some(Trained {
             splats: course.engine.splats(),

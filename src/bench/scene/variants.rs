@@ -1,5 +1,9 @@
-//! The configurations of the tables: parts of the scene preset switched on one after the other, left
-//! out one at a time, and the structural scale moved under every birth rule.
+//! The configurations of the tables: parts of the scene preset switched on one after the other,
+//! left out one at a time, and the structural scale moved under every birth rule.
+//!
+//! A part is a change that does without it, applied to the preset; a row whose change alters
+//! nothing on a dataset is left out. Constants of the changes are those of the recipe's own
+//! ablation (`scene.md`, What each part brings), so that rows can be held against it.
 
 use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
@@ -29,11 +33,11 @@ pub enum Table {
 /// A configuration by its name in a table.
 #[derive(Clone, Debug)]
 pub struct SceneVariant {
-    /// Where it stands.
+    /// Table that it stands in.
     pub table: Table,
     /// What it changes.
     pub name: String,
-    /// Its settings.
+    /// Every setting of its run.
     pub run: SceneRun,
 }
 
@@ -129,6 +133,7 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     }];
     for (i, (name, _)) in PARTS.iter().enumerate() {
         let run = with(&PARTS[i + 1..]);
+        // A part that changes nothing on this dataset would repeat the row above.
         if rows.last().is_none_or(|row| row.run != run) {
             rows.push(SceneVariant { table: Table::Cumulative, name: format!("+ {name}"), run });
         }

@@ -1,31 +1,39 @@
 //! NeRF-synthetic: `transforms_SPLIT.json` with one field of view, RGBA images, depth beside them
 //! as `STEM_depth_NNNN.png`.
 //!
-//! 8-bit depth holds `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings); 16-bit
-//! depth is along the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per
-//! step. Training range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the
-//! file has it, else the `[−1, 1]³` that NeRF-synthetic scenes are made for.
+//! 8-bit depth holds `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings); 16-bit depth is along
+//! the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. Training
+//! range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it,
+//! else the `[−1, 1]³` that NeRF-synthetic scenes are made for.
+//!
+//! The layout has no version, and what is in use differs: `file_path` with or without extension,
+//! matrices of three or four rows, focal lengths in place of the angle. What can be meant in one
+//! way only is accepted; what could be meant in two (an angle in degrees, 16-bit depth without
+//! its scale) is refused, with the value to write.
 
-use super::candidate::{Candidate, Candidates};
-use super::{Format, Parsed, check_intrinsics, is_sane_field_of_view};
+use super::format::{DatasetFormat, ParsedFolder};
+use super::listed::{ListedFrame, ListedSplit};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::depth::DepthKind;
+use crate::dataset::entry::Split;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, Listing, relative_path};
-use crate::dataset::frame::DepthKind;
+use crate::dataset::folder::{Folder, FolderListing, relative_path};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, is_sane_field_of_view};
 use crate::dataset::matrix::{describe, from_json};
-use crate::dataset::range::PositionRange;
-use crate::dataset::{Layout, LoadOptions, Split};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::position_range::PositionRange;
+use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
-pub(super) const FORMAT: Format = Format {
-    layout: Layout::Blender,
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
     recognise,
     parse,
+    known_calibration: |_| None,
 };
 
 const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -34,6 +42,7 @@ const LIST_PREFIX: &str = "transforms";
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists = frame_lists(folder);
+    // Named only where it was found, so that another layout may be tried without a message.
     (!lists.is_empty()).then(|| format!("{} with `frames` and their poses", lists.join(", ")))
 }
 
@@ -54,8 +63,8 @@ fn has_frames(folder: &Folder, name: &str) -> bool {
     })
 }
 
-fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError> {
-    let mut parsed = Parsed::default();
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut parsed = ParsedFolder::default();
     for name in frame_lists(folder) {
         let list = FrameList::read(folder, name)?;
         let split = list.split(folder, options, &mut parsed)?;
@@ -133,31 +142,36 @@ impl FrameList {
         &self,
         folder: &Folder,
         options: &LoadOptions,
-        parsed: &mut Parsed,
+        parsed: &mut ParsedFolder,
     ) -> Result<Option<Split>, DatasetError> {
-        let candidates = self.candidates(folder, parsed)?;
-        let Some(size) = candidates.color_header() else {
-            candidates.skip_unreadable(parsed);
+        let listed = self.listed(folder, parsed)?;
+        let Some(size) = listed.color_header() else {
+            listed.skip_unreadable(parsed);
             return Ok(None);
         };
         let intrinsics = self.intrinsics(size.width, size.height)?;
-        let bits = candidates.depth_header().map_or(8, |header| header.bits_per_channel);
+        // Where no depth image can be read any encoding will do: each frame fails by itself.
+        let bits = listed.depth_header().map_or(8, |header| header.bits_per_channel);
         let encoding = self.depth_encoding(bits, options)?;
-        Ok(Some(candidates.into_split(intrinsics, encoding, parsed)))
+        Ok(Some(listed.into_split(intrinsics, encoding, parsed)))
     }
 
-    fn candidates(&self, folder: &Folder, parsed: &mut Parsed) -> Result<Candidates, DatasetError> {
+    fn listed(
+        &self,
+        folder: &Folder,
+        parsed: &mut ParsedFolder,
+    ) -> Result<ListedSplit, DatasetError> {
         let mut images = ImageFolders { folder, listed: BTreeMap::new() };
         let mut frames = Vec::new();
         for (i, frame) in self.frames()?.iter().enumerate() {
             let named = frame.get("file_path").and_then(Value::as_str);
             let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
-            match candidate(frame, &name, &mut images) {
-                Ok(candidate) => frames.push(candidate),
+            match listed_frame(frame, &name, &mut images) {
+                Ok(frame) => frames.push(frame),
                 Err(problem) => parsed.skip(&self.split, &name, self.file.clone(), problem),
             }
         }
-        Ok(Candidates { split: self.split.clone(), frames })
+        Ok(ListedSplit { name: self.split.clone(), frames })
     }
 
     /// Intrinsics (`dataset.md`, Frames of reference): focal length from the field of view, centred
@@ -181,7 +195,9 @@ impl FrameList {
         k.fy = self.number("fl_y")?.unwrap_or(k.fy);
         k.cx = self.number("cx")?.unwrap_or(k.cx);
         k.cy = self.number("cy")?.unwrap_or(k.cy);
-        check_intrinsics(&self.file, &k)?;
+        check(&k).map_err(|IntrinsicsDefect { expected, found, hint }| {
+            self.wrong(&expected, found, hint)
+        })?;
         Ok(k)
     }
 
@@ -190,6 +206,7 @@ impl FrameList {
         if is_sane_field_of_view(degrees) {
             return Ok(());
         }
+        // Up to 180 it may well be an angle in degrees.
         let hint = if radians > 3.0 && radians < 180.0 {
             format!("is this in degrees? then write {:.6}", radians.to_radians())
         } else {
@@ -204,13 +221,13 @@ impl FrameList {
         bits: u16,
         options: &LoadOptions,
     ) -> Result<DepthEncoding, DatasetError> {
-        let codes = if bits == 16 {
+        let (codes, sensor) = if bits == 16 {
             let stated = match self.number("integer_depth_scale")? {
                 Some(scale) => Some(scale),
                 None => self.number("depth_scale")?,
             };
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
-                Some(unit) => CodeKind::Linear16(unit),
+                Some(unit) => (CodeKind::Linear16(unit), Sensor::Exact { noise: 0.0 }),
                 None => {
                     return Err(self.wrong(
                         "a positive `integer_depth_scale` (world units per step) for 16-bit depth",
@@ -220,10 +237,10 @@ impl FrameList {
                 }
             }
         } else {
-            CodeKind::Inverse8
+            (CodeKind::Inverse8, Sensor::Inverse8Ray)
         };
         let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
-        Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted })
+        Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, sensor })
     }
 
     fn range(&self) -> Result<Option<PositionRange>, DatasetError> {
@@ -239,24 +256,24 @@ impl FrameList {
     }
 }
 
-fn candidate(
+fn listed_frame(
     frame: &Value,
     name: &str,
     images: &mut ImageFolders,
-) -> Result<Candidate, FrameProblem> {
+) -> Result<ListedFrame, FrameProblem> {
     let Some(file_path) = frame.get("file_path").and_then(Value::as_str) else {
         let expected = "a `file_path` in each entry of `frames`";
         return Err(FrameProblem::Entry { expected, found: describe(frame) });
     };
     let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
     let (color, depth) = images.find(file_path)?;
-    Ok(Candidate { name: name.to_owned(), pose, color, depth })
+    Ok(ListedFrame { name: name.to_owned(), pose, color, depth })
 }
 
 /// Image folders, each listed once however many frames lie in it.
 struct ImageFolders<'a> {
     folder: &'a Folder,
-    listed: BTreeMap<PathBuf, (Listing, HashMap<String, String>)>,
+    listed: BTreeMap<PathBuf, (FolderListing, HashMap<String, String>)>,
 }
 
 impl ImageFolders<'_> {
@@ -272,6 +289,7 @@ impl ImageFolders<'_> {
             return Err(FrameProblem::MissingColor(format!("`{file_path}`")));
         };
         let missing = || FrameProblem::MissingColor(format!("{file_path}.png (or .jpg)"));
+        // A folder of thousands of frames is listed once, not once for every frame.
         if !self.listed.contains_key(parent) {
             let listing = self.folder.list(parent).map_err(|problem| match problem {
                 FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
@@ -298,7 +316,7 @@ impl ImageFolders<'_> {
 }
 
 /// `STEM_depth_DIGITS.png` by stem; the lowest number wins.
-fn depth_files(listing: &Listing) -> HashMap<String, String> {
+fn depth_files(listing: &FolderListing) -> HashMap<String, String> {
     let mut by_stem = HashMap::new();
     for name in listing.files() {
         let parts = name.strip_suffix(".png").and_then(|n| n.rsplit_once("_depth_"));
@@ -306,6 +324,7 @@ fn depth_files(listing: &Listing) -> HashMap<String, String> {
             && !number.is_empty()
             && number.bytes().all(|b| b.is_ascii_digit())
         {
+            // Names come in ascending order: the lowest number is there first.
             by_stem.entry(stem.to_owned()).or_insert_with(|| name.to_owned());
         }
     }

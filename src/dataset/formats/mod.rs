@@ -1,100 +1,66 @@
-//! The table of layouts: how each is recognised and read. A new layout is one file and one row.
+//! The registry of layouts. A new layout is one file in this folder, its `mod` line and one row of
+//! the table below: recognition, metadata, poses, depth encoding, sensor and what is known of its
+//! cameras all stand in that file, and nothing else in the crate names a layout to learn of them.
 
 mod blender;
-mod candidate;
-pub mod seven_scenes;
+mod format;
+mod listed;
+mod seven_scenes;
 
-use super::error::{DatasetError, FrameError, FrameProblem};
+use super::calibration::Calibration;
+use super::error::DatasetError;
 use super::folder::Folder;
-use super::range::PositionRange;
-use super::{Layout, LoadOptions, Split, Warning};
+use super::options::LoadOptions;
 use crate::math::camera::Intrinsics;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use format::{DatasetFormat, ParsedFolder};
 
-/// One layout.
-pub(super) struct Format {
-    pub layout: Layout,
-    /// What it is recognised by, for messages.
-    pub looks_for: &'static str,
-    /// What was found, if this is the layout. Must not fail on anything it does not know.
-    pub recognise: fn(&Folder) -> Option<String>,
-    /// Reads metadata and poses.
-    pub parse: fn(&Folder, &LoadOptions) -> Result<Parsed, DatasetError>,
+/// Makes both the variants of [`Layout`] and the table of their formats from one list of rows, so
+/// that neither can lack what the other has.
+macro_rules! layouts {
+    ($($(#[$doc:meta])* $name:ident: $format:path,)*) => {
+        /// Layout of a dataset's files.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+        #[serde(rename_all = "kebab-case")]
+        pub enum Layout {
+            $($(#[$doc])* $name,)*
+            /// Frames made on demand; no files.
+            Synthetic,
+        }
+
+        /// In order of trial.
+        const FORMATS: &[(Layout, DatasetFormat)] = &[$((Layout::$name, $format),)*];
+    };
 }
 
-/// What a layout's files say.
-#[derive(Default)]
-pub(super) struct Parsed {
-    /// May be empty; the caller drops such splits.
-    pub splits: Vec<Split>,
-    pub warnings: Vec<Warning>,
-    pub notes: Vec<String>,
-    pub known_range: Option<PositionRange>,
+layouts! {
+    /// `transforms*.json` with one field of view, images beside it (NeRF-synthetic).
+    Blender: blender::FORMAT,
+    /// `frame-NNNNNN.{color,depth,pose}.*` (7-Scenes).
+    SevenScenes: seven_scenes::FORMAT,
 }
 
-/// In order of trial.
-const FORMATS: [Format; 2] = [blender::FORMAT, seven_scenes::FORMAT];
-
-/// Recognises the layout and reads it.
+/// Recognises the layout and reads it; with the content that it was recognised by.
 pub(super) fn parse(
     folder: &Folder,
     options: &LoadOptions,
-) -> Result<(Layout, String, Parsed), DatasetError> {
-    for format in &FORMATS {
+) -> Result<(Layout, String, ParsedFolder), DatasetError> {
+    for (layout, format) in FORMATS {
         if let Some(why) = (format.recognise)(folder) {
-            return Ok((format.layout, why, (format.parse)(folder, options)?));
+            return Ok((*layout, why, (format.parse)(folder, options)?));
         }
     }
+    let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.looks_for).collect();
     Err(DatasetError::NotRecognised {
         path: folder.path.clone(),
-        expected: FORMATS.map(|f| f.looks_for).join("; "),
+        expected: expected.join("; "),
         found: folder.listing.summary(),
     })
 }
 
-impl Parsed {
-    /// Notes a frame that cannot be used.
-    pub fn skip(&mut self, split: &str, frame: &str, file: PathBuf, problem: FrameProblem) {
-        let error = Arc::new(FrameError { file, frame: frame.to_owned(), problem });
-        self.warnings.push(Warning { split: split.to_owned(), error });
+impl Layout {
+    /// What is known, without a calibration, of cameras whose depth has these intrinsics.
+    pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
+        let (_, format) = FORMATS.iter().find(|(layout, _)| *layout == self)?;
+        (format.known_calibration)(depth_camera)
     }
-}
-
-/// Whether a pinhole camera in a dataset can have this field of view: between 0.1 and 179 degrees.
-pub(super) fn is_sane_field_of_view(degrees: f64) -> bool {
-    degrees > 0.1 && degrees < 179.0
-}
-
-/// Refuses intrinsics that no camera has.
-pub(super) fn check_intrinsics(file: &Path, k: &Intrinsics) -> Result<(), DatasetError> {
-    let wrong = |expected: &str, found: String, hint: &str| {
-        Err(DatasetError::Metadata {
-            file: file.to_owned(),
-            expected: expected.to_owned(),
-            found,
-            hint: hint.to_owned(),
-        })
-    };
-    let fov_y = 2.0 * (0.5 * f64::from(k.height) / k.fy).atan();
-    for (axis, fov) in [("horizontal", k.fov_x()), ("vertical", fov_y)] {
-        let degrees = fov.to_degrees();
-        if !is_sane_field_of_view(degrees) {
-            let found = format!("{degrees:.4} degrees (focal lengths {} and {})", k.fx, k.fy);
-            return wrong(
-                &format!("a {axis} field of view between 0.1 and 179 degrees"),
-                found,
-                "correct the focal length, which is in pixels",
-            );
-        }
-    }
-    let inside = |c: f64, size: u32| c >= 0.0 && c <= f64::from(size);
-    if !(inside(k.cx, k.width) && inside(k.cy, k.height)) {
-        return wrong(
-            &format!("a principal point inside the {}x{} image", k.width, k.height),
-            format!("({}, {})", k.cx, k.cy),
-            "use the intrinsics that belong to images of this size",
-        );
-    }
-    Ok(())
 }

@@ -1,26 +1,34 @@
-//! 7-Scenes: `STEM.color.{png,jpg}`, `STEM.depth.png` (16-bit, millimetres along the optical axis,
-//! 0 and 65535 are holes) and `STEM.pose.txt` (camera-to-world, OpenCV axes).
+//! 7-Scenes: `STEM.color.{png,jpg}`, `STEM.depth.png` (16-bit, millimetres along the optical
+//! axis, 0 and 65535 are holes) and `STEM.pose.txt` (camera-to-world, OpenCV axes).
 //!
-//! Frames lie in sequence folders listed by `TrainSplit.txt` and `TestSplit.txt`, or in one folder
-//! per split, or in the root itself. Intrinsics come from `camera-intrinsics.txt` (3×3) or are the
-//! published default of the dataset.
+//! Frames lie in sequence folders listed by `TrainSplit.txt` and `TestSplit.txt`, or in one
+//! folder per split, or in the root itself. Intrinsics come from `camera-intrinsics.txt` (3×3) or
+//! are the published default of the dataset.
+//!
+//! The published recordings are not registered: colour was taken by another camera beside the
+//! depth camera. The layout cannot say so, hence the note at opening and the known calibration,
+//! which is given where the depth intrinsics are the published ones and withheld elsewhere.
 
-use super::candidate::{Candidate, Candidates};
-use super::{Format, Parsed, check_intrinsics};
+use super::format::{DatasetFormat, ParsedFolder};
+use super::listed::{ListedFrame, ListedSplit};
+use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::depth::DepthKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, Listing, read_small_text};
-use crate::dataset::frame::DepthKind;
-use crate::dataset::{Layout, LoadOptions, matrix};
+use crate::dataset::folder::{Folder, FolderListing, read_small_text};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check};
+use crate::dataset::matrix;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
-pub(super) const FORMAT: Format = Format {
-    layout: Layout::SevenScenes,
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "7-Scenes: `*.color.*`, `*.depth.png` and `*.pose.txt` files in the folder or one below",
     recognise,
     parse,
+    known_calibration,
 };
 
 const POSE_SUFFIX: &str = ".pose.txt";
@@ -28,14 +36,21 @@ const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
 const DEPTH_SUFFIX: &str = ".depth.png";
 const SPLIT_SUFFIX: &str = "Split.txt";
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
-/// Millimetres.
+/// Metres per code where the user gives no other scale: the layout stores millimetres.
 const DEPTH_UNIT: f64 = 0.001;
 /// Metres; outside, the sensor's depth is not used for training (`dataset.md`, Depth encodings).
 const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 /// The dataset's published intrinsics, for images of 640×480 only.
-pub(in crate::dataset) const DEFAULT_INTRINSICS: Intrinsics =
+const DEFAULT_INTRINSICS: Intrinsics =
     Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 };
+
+/// Depth of the published Kinect comes with colour images that are not registered to it.
+fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
+    let is_kinect = *depth_camera == DEFAULT_INTRINSICS;
+    is_kinect
+        .then_some(Calibration { color_camera: Some(ColorCamera::KINECT), ..Calibration::NONE })
+}
 
 fn recognise(folder: &Folder) -> Option<String> {
     let n_root = folder.listing.files().filter(|n| color_stem(n).is_some()).count();
@@ -65,18 +80,19 @@ fn split_files(folder: &Folder) -> Vec<&str> {
     folder.listing.files().filter(is_split).collect()
 }
 
-fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError> {
-    let mut parsed = Parsed::default();
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut parsed = ParsedFolder::default();
     let mut splits = Vec::new();
     for (split, folders) in split_folders(folder, &mut parsed)? {
-        let mut candidates = Candidates { split, frames: Vec::new() };
+        let mut listed = ListedSplit { name: split, frames: Vec::new() };
         for frames_in in &folders {
-            collect(folder, frames_in, &mut candidates, &mut parsed);
+            collect(folder, frames_in, &mut listed, &mut parsed);
         }
-        splits.push(candidates);
+        splits.push(listed);
     }
-    let Some(size) = splits.iter().find_map(Candidates::color_header) else {
-        splits.into_iter().for_each(|candidates| candidates.skip_unreadable(&mut parsed));
+    // One camera took all splits, so the first readable image of any tells its size.
+    let Some(size) = splits.iter().find_map(ListedSplit::color_header) else {
+        splits.into_iter().for_each(|listed| listed.skip_unreadable(&mut parsed));
         return Ok(parsed);
     };
     let intrinsics = intrinsics(folder, (size.width, size.height), &mut parsed.notes)?;
@@ -84,9 +100,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError>
         codes: CodeKind::Linear16(options.depth_scale.unwrap_or(DEPTH_UNIT)),
         kind: DepthKind::Z,
         trusted: options.depth_range.unwrap_or(TRUSTED_DEPTH),
+        sensor: Sensor::Kinect,
     };
-    for candidates in splits {
-        let split = candidates.into_split(intrinsics, encoding, &mut parsed);
+    for listed in splits {
+        let split = listed.into_split(intrinsics, encoding, &mut parsed);
         parsed.splits.push(split);
     }
     Ok(parsed)
@@ -95,7 +112,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<Parsed, DatasetError>
 /// Name of each split and the folders its frames lie in.
 fn split_folders(
     folder: &Folder,
-    parsed: &mut Parsed,
+    parsed: &mut ParsedFolder,
 ) -> Result<Vec<(String, Vec<String>)>, DatasetError> {
     if folder.listing.files().any(|n| color_stem(n).is_some()) {
         return Ok(vec![("all".to_owned(), vec![String::new()])]);
@@ -104,6 +121,7 @@ fn split_folders(
         folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
     let lists = split_files(folder);
     if lists.is_empty() {
+        // Sequences are parts of one recording; only a list makes splits of them.
         if with_frames.iter().all(|name| sequence_number(name).is_some()) {
             return Ok(vec![("all".to_owned(), with_frames)]);
         }
@@ -144,29 +162,29 @@ fn sequence_folder(listed: &str) -> String {
     sequence_number(listed).map_or_else(|| listed.to_owned(), |n| format!("seq-{n:02}"))
 }
 
-fn collect(folder: &Folder, frames_in: &str, candidates: &mut Candidates, parsed: &mut Parsed) {
+fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &mut ParsedFolder) {
     let relative = Path::new(frames_in);
-    let Candidates { split, frames } = candidates;
+    let ListedSplit { name: split, frames } = listed;
     let listing = match folder.list(relative) {
         Ok(listing) => listing,
         Err(problem) => return parsed.skip(split, frames_in, folder.path.join(relative), problem),
     };
     for color in listing.files() {
         let Some(stem) = color_stem(color) else { continue };
-        match candidate(folder, relative, &listing, color, stem) {
-            Ok(candidate) => frames.push(candidate),
+        match listed_frame(folder, relative, &listing, color, stem) {
+            Ok(frame) => frames.push(frame),
             Err((file, problem)) => parsed.skip(split, stem, file, problem),
         }
     }
 }
 
-fn candidate(
+fn listed_frame(
     folder: &Folder,
     relative: &Path,
-    listing: &Listing,
+    listing: &FolderListing,
     color: &str,
     stem: &str,
-) -> Result<Candidate, (PathBuf, FrameProblem)> {
+) -> Result<ListedFrame, (PathBuf, FrameProblem)> {
     let pose_name = format!("{stem}{POSE_SUFFIX}");
     let pose_file = folder.path.join(relative).join(&pose_name);
     let pose = read_pose(folder, relative, listing, &pose_name).map_err(|p| (pose_file, p))?;
@@ -178,13 +196,13 @@ fn candidate(
         false => Err(FrameProblem::MissingDepth(depth_name)),
     };
     let name = relative.join(stem).display().to_string();
-    Ok(Candidate { name, pose, color, depth })
+    Ok(ListedFrame { name, pose, color, depth })
 }
 
 fn read_pose(
     folder: &Folder,
     relative: &Path,
-    listing: &Listing,
+    listing: &FolderListing,
     name: &str,
 ) -> Result<Pose, FrameProblem> {
     if !listing.has_file(name) {
@@ -237,6 +255,6 @@ fn intrinsics(
         return Err(wrong(expected(), format!("{m:?}"), "undistort to a pinhole without skew"));
     }
     let k = Intrinsics { width, height, fx, fy, cx, cy };
-    check_intrinsics(&file, &k)?;
+    check(&k).map_err(|IntrinsicsDefect { expected, found, hint }| wrong(expected, found, hint))?;
     Ok(k)
 }

@@ -2,9 +2,10 @@
 //! from the text (`dataset.md`, Plane fit). It shares no arithmetic with the fast path.
 
 use super::occluders::CELL;
+use super::recipe::{LENGTHS, MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS, TILE};
 use super::sensor::{Profile, Thresholds};
 use super::settings::SurfaceSettings;
-use super::{LENGTHS, MIN_INLIERS, MIN_SHARE, PixelFate, RADIUS, ROUNDS, TILE};
+use super::status::PixelStatus;
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::{DepthKind, Frame};
@@ -25,13 +26,13 @@ const WINDOW: f64 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
 pub fn prepare(
     frame: &Frame,
     settings: &SurfaceSettings,
-) -> Result<(Observation, Image<PixelFate>), FrameError> {
+) -> Result<(Observation, Image<PixelStatus>), FrameError> {
     let depth = frame.depth_to_use()?;
     let camera = frame.camera;
     let profile = settings.profile(depth, &camera.intrinsics);
     let calibration = settings.calibration();
     let (width, height) = depth.size();
-    let mut fates = Image::filled(width, height, PixelFate::Hole);
+    let mut statuses = Image::filled(width, height, PixelStatus::Hole);
     let mut ranges = Image::filled(width, height, f32::NAN);
     let mut z = Image::filled(width, height, f64::NAN);
     for row in 0..height {
@@ -45,11 +46,11 @@ pub fn prepare(
             let length =
                 value * calibration.depth_scale + profile.offset + calibration.depth_offset;
             if alpha != 255 {
-                fates.data[i] = PixelFate::Alpha;
+                statuses.data[i] = PixelStatus::Alpha;
             } else if !depth.trusts(value) || length <= 0.0 {
-                fates.data[i] = PixelFate::Range;
+                statuses.data[i] = PixelStatus::Range;
             } else if !LENGTHS.contains(&length) {
-                fates.data[i] = PixelFate::Far;
+                statuses.data[i] = PixelStatus::Far;
             } else {
                 let per_z = camera.intrinsics.ray(column, row).length();
                 z.data[i] = match depth.kind {
@@ -66,17 +67,17 @@ pub fn prepare(
         if !z.at(column, row).is_nan() {
             let surface = Surface::at(&z, &camera.intrinsics, &profile, [column, row]);
             let point = point(frame, settings, &profile, &painter, surface);
-            fates.data[row * width + column] = match point {
+            statuses.data[row * width + column] = match point {
                 Ok(point) => {
                     points.push(point);
-                    PixelFate::Kept
+                    PixelStatus::Kept
                 }
-                Err(fate) => fate,
+                Err(status) => status,
             };
         }
     }
     let tolerance = profile.tolerance;
-    Ok((Observation { origin: settings.origin, camera, points, ranges, tolerance }, fates))
+    Ok((Observation { origin: settings.origin, camera, points, ranges, tolerance }, statuses))
 }
 
 /// Pixels as an observation orders them.
@@ -201,7 +202,7 @@ fn point(
     profile: &Profile,
     painter: &Painter<'_>,
     surface: Surface,
-) -> Result<SurfacePoint, PixelFate> {
+) -> Result<SurfacePoint, PixelStatus> {
     let k = &frame.camera.intrinsics;
     let [column, row] = surface.pixel;
     let ray = k.ray(column, row);
@@ -210,18 +211,18 @@ fn point(
     let (z, normal) = match surface.plane {
         Some(plane) if settings.plane_fit => (1.0 / plane[0], surface.normal(k, plane)),
         Some(plane) => (surface.z, surface.normal(k, plane)),
-        None if settings.flying_pixels => return Err(PixelFate::Flying),
+        None if settings.flying_pixels => return Err(PixelStatus::Flying),
         None => (surface.z, -direction),
     };
     if settings.cosine && -normal.dot(direction) <= profile.thresholds.cosine {
-        return Err(PixelFate::Slant);
+        return Err(PixelStatus::Slant);
     }
     let pose = &frame.camera.pose;
     let position = (pose.transform_point(ray * z) - settings.origin).as_vec3();
     if !position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
-        return Err(PixelFate::Far);
+        return Err(PixelStatus::Far);
     }
-    let color = painter.color(surface.pixel, ray * z).ok_or(PixelFate::NoColor)?;
+    let color = painter.color(surface.pixel, ray * z).ok_or(PixelStatus::NoColor)?;
     Ok(SurfacePoint {
         position: position.to_array(),
         range: (z * per_z) as f32,

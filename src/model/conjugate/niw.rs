@@ -55,7 +55,7 @@ impl Niw {
         Ok(Self { mean, kappa, scale, nu, ln_det_scale })
     }
 
-    /// `ln |U|`.
+    /// `ln |U|` of the Wishart scale `U`, found once when the law was made.
     pub fn ln_det_scale(&self) -> f64 {
         self.ln_det_scale
     }

@@ -1,4 +1,9 @@
 //! Posterior of a component in the cancellation-free form (`model.md`, Posterior), and its splat.
+//!
+//! The textbook form `U⁻¹ = U₀⁻¹ + Σ s sᵀ − κ m mᵀ` subtracts numbers of the size of squared
+//! coordinates to leave a prior of 4e-15; centred sums never form them. Nothing of the posterior
+//! feeds back into training (`model.md`, Three models): it is found on demand, for what is drawn,
+//! stored or shown.
 
 use super::prior::Hyper;
 use super::statistics::Moments;
@@ -26,7 +31,7 @@ use serde::{Deserialize, Serialize};
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ComponentPosterior {
-    /// `N_k`.
+    /// `N_k`, the sum of responsibilities of the points received.
     pub count: f64,
     /// Dirichlet concentration `α_k = α_0 + N_k`.
     pub alpha: f64,
@@ -36,11 +41,11 @@ pub struct ComponentPosterior {
     pub nu_space: f64,
     /// Colour `κ`; the colour `U` and `ν` stay at the prior.
     pub kappa_color: f64,
-    /// Spatial mean.
+    /// Mean `m` of the position, normalised coordinates.
     pub mean_space: DVec3,
-    /// Inverse Wishart scale `U⁻¹`.
+    /// Inverse `U⁻¹` of the spatial Wishart scale, normalised coordinates².
     pub inverse_scale: Sym3,
-    /// Colour mean.
+    /// Mean `m` of the colour, normalised.
     pub mean_color: DVec3,
 }
 
@@ -70,6 +75,7 @@ impl ComponentPosterior {
             nu_space: hyper.nu0 + n,
             kappa_color,
             mean_space,
+            // f32 sums of few points can leave less than the prior: see `definite`.
             inverse_scale: definite(inverse_scale, 1.0 / hyper.u0_space),
             mean_color: moments.color / kappa_color,
         }
@@ -77,6 +83,8 @@ impl ComponentPosterior {
 
     /// `E[Σ^s] = U⁻¹ / (ν − D − 1)`.
     pub fn expected_covariance(&self) -> Sym3 {
+        // The mean of an inverse Wishart law in D = 3: ν − D − 1, which the prior's ν = 5 keeps
+        // positive.
         self.inverse_scale.scaled(1.0 / (self.nu_space - 4.0))
     }
 
@@ -97,8 +105,8 @@ impl ComponentPosterior {
 const RESOLUTION: f64 = 16.0 * f64::EPSILON;
 
 /// The matrix itself where it is positive definite. `U⁻¹` is the prior's plus terms that are not
-/// negative, but the rounding of f32 sums outweighs the prior where a component has few points; then
-/// eigenvalues below the prior's are raised to it.
+/// negative, but the rounding of f32 sums outweighs the prior where a component has few points;
+/// then eigenvalues below the prior's are raised to it.
 fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
     if inverse_scale.cholesky().is_some() {
         return inverse_scale;

@@ -55,8 +55,8 @@ impl Hyper {
         }
     }
 
-    /// Those of a scene of structural scale `h` (world units), for sums in world units about the
-    /// seeds. The prior of the covariance is two points of standard deviation 0.3 h
+    /// Hyper-parameters of a scene of structural scale `h` (world units), for sums in world units
+    /// about the seeds. The prior of the covariance is two points of standard deviation 0.3 h
     /// (`model.md`, Scene splat rule). How many components there will be is not known, so each
     /// counts as one before it has points.
     pub fn scene(h: f64) -> Self {

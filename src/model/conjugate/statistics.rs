@@ -11,7 +11,7 @@ pub const N_SUMS: usize = 13;
 /// Sums of one component over one tile of points, not yet rounded to the form of the totals.
 #[derive(Clone, Copy, Debug)]
 pub struct TileRecord<R> {
-    /// Component.
+    /// Number of the component.
     pub id: u32,
     /// Position of the tile in its frame.
     pub tile: u32,

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// Why totals cannot be added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AddError {
-    /// Floating-point sums.
+    /// Sums in floating point, which round with every addition.
     #[error("totals that are rounded depend on the order of frames and cannot be added exactly")]
     Inexact,
     /// Different forms, lengths or origins.
@@ -17,7 +17,7 @@ pub enum AddError {
     /// A sum left the range of its form.
     #[error("a sum of component {component} exceeds the range of its form")]
     Overflow {
-        /// Whose.
+        /// Number of the component whose sum it is.
         component: usize,
     },
 }
@@ -62,6 +62,7 @@ fn add_fixed64(
     b: &[[i64; N_SUMS]],
     carries_b: &[Carry],
 ) -> Result<Totals, AddError> {
+    // Wider than what is stored: limbs of both cannot overflow before their sum is checked.
     let mut limbs: BTreeMap<u32, [i64; N_SUMS]> = BTreeMap::new();
     for carry in carries_a.iter().chain(carries_b) {
         let sums = limbs.entry(carry.id).or_default();

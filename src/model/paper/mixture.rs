@@ -7,9 +7,9 @@ use crate::model::conjugate::prior::Hyper;
 /// Means and weights of the initial model, normalised coordinates.
 #[derive(Clone, Debug)]
 pub struct InitialModel<R> {
-    /// Spatial means, one row per component.
+    /// Spatial means, one row per component, normalised.
     pub space: Vec<[R; 3]>,
-    /// Colour means.
+    /// Colour means, one row per component, normalised.
     pub color: Vec<[R; 3]>,
     /// `w_k = 2 E[ln π_k] / E_s`: the weight in units of squared distance.
     pub weight: Vec<R>,

@@ -3,5 +3,7 @@
 
 pub mod merging;
 pub mod mixture;
+mod shard;
 pub mod state;
+mod total_scalar;
 pub mod totals;

@@ -17,18 +17,18 @@ pub struct ModelState {
 /// Initial means in the precision the E-step reads them in.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitialMeans {
-    /// Single precision.
+    /// Means that mixed and f32 runs keep.
     F32 {
-        /// Positions.
+        /// Spatial means, one row per component.
         space: Vec<[f32; 3]>,
-        /// Colours.
+        /// Colour means, one row per component.
         color: Vec<[f32; 3]>,
     },
-    /// Double precision.
+    /// Means that f64 runs keep.
     F64 {
-        /// Positions.
+        /// Spatial means, one row per component.
         space: Vec<[f64; 3]>,
-        /// Colours.
+        /// Colour means, one row per component.
         color: Vec<[f64; 3]>,
     },
 }
@@ -61,7 +61,7 @@ pub enum Totals {
     },
     /// 128-bit fixed point.
     Fixed128(Vec<[i128; N_SUMS]>),
-    /// Single precision.
+    /// Sums in f32, which depend on the order of frames.
     F32(Vec<[f32; N_SUMS]>),
 }
 
@@ -84,7 +84,7 @@ impl Totals {
 /// High limbs of a component: a sum is `limb · 2⁶⁴ + row` quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Carry {
-    /// Component.
+    /// Number of the component.
     pub id: u32,
     /// One limb per sum.
     pub limbs: [i32; N_SUMS],

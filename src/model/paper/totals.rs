@@ -1,37 +1,25 @@
 //! Totals of all components over everything seen so far.
 //!
 //! Fixed-point totals make the sum exact and associative: any frame order, thread count or sharding
-//! gives the same bits as long as the initial model is the same. Components are split into shards
-//! by id, so that threads can add without sharing a row.
+//! gives equal bits as long as the initial model is the same. Components are split into shards by
+//! id, so that threads can add without sharing a row; a row begins a cache line, with the stamp of
+//! the frame in front, where it is read together with the first sums.
+//!
+//! Tried and dropped (`train.md`, Tried and dropped): private accumulators in every thread (1.2 to
+//! 1.9 ms a frame before they are merged, where records and their addition take 0.9 to 1.4),
+//! sorting the points by component (1.6 to 1.9 ms), and floating-point sums without an order, which
+//! give other bits in every run.
 
+use super::shard::{TotalShard, row_bytes};
 use super::state::{Carry, Totals};
-use crate::math::fixed::{Split, from_fixed, round_small, to_fixed, to_quanta};
+use super::total_scalar::TotalScalar;
 use crate::math::real::Real;
 use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 
 /// Most shards; a power of two.
 const MAX_SHARDS: usize = 64;
-
-/// Records whose rows are fetched together.
-const ROWS_AHEAD: usize = 16;
-
-/// Fraction bits of every sum in 64-bit totals (`train.md`, Fixed point): counts and colours reach
-/// 1.3e8 before they carry, second moments resolve a standard deviation of 6e-8.
-const FRACTION_BITS: [u32; N_SUMS] = [36, 40, 40, 40, 48, 48, 48, 48, 48, 48, 36, 36, 36];
-
-/// Quanta per unit.
-const SCALES: [f64; N_SUMS] = {
-    let mut scales = [0.0; N_SUMS];
-    let mut i = 0;
-    while i < N_SUMS {
-        scales[i] = (1u64 << FRACTION_BITS[i]) as f64;
-        i += 1;
-    }
-    scales
-};
 
 /// How totals over all frames are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -57,9 +45,9 @@ pub struct Statistics {
 }
 
 enum Form {
-    F32(Vec<Shard<f32>>),
-    Fixed64(Vec<Shard<i64>>),
-    Fixed128(Vec<Shard<i128>>),
+    F32(Vec<TotalShard<f32>>),
+    Fixed64(Vec<TotalShard<i64>>),
+    Fixed128(Vec<TotalShard<i128>>),
 }
 
 macro_rules! any_form {
@@ -72,115 +60,8 @@ macro_rules! any_form {
     };
 }
 
-/// Rows of consecutive components.
-struct Shard<T: Total> {
-    rows: Vec<Row<T>>,
-    carries: BTreeMap<u32, [i32; N_SUMS]>,
-    /// Bit `i` of word `j` is set if row `64 j + i` has received something.
-    used: Vec<u64>,
-    n_used: usize,
-    /// Ids whose rows the current frame has changed, each once.
-    touched: Vec<u32>,
-    /// Memory for records that must be put in order.
-    sorted: Vec<TileRecord<f64>>,
-}
-
-/// Two cache lines in 64-bit form.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct Row<T> {
-    /// The frame that changed it last.
-    frame: u32,
-    sums: [T; N_SUMS],
-}
-
-/// A number that totals are kept in.
-trait Total: Copy + Default + PartialOrd + Send + Sync {
-    /// Whether sums depend on the order of their terms.
-    const ORDERED: bool;
-    /// Adds `terms` to `sums`; what has to be added to their high limbs, if anything.
-    fn add(sums: &mut [Self; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]>;
-    /// Whether a count rounds to nothing.
-    fn vanishes(count: f64) -> bool;
-    /// The value of sum number `index` with its high limb.
-    fn value(self, high: i32, index: usize) -> f64;
-}
-
-impl Total for f32 {
-    const ORDERED: bool = true;
-
-    fn add(sums: &mut [f32; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
-        sums.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term as f32);
-        None
-    }
-
-    fn vanishes(count: f64) -> bool {
-        count as f32 <= 0.0
-    }
-
-    fn value(self, _: i32, _: usize) -> f64 {
-        self.into()
-    }
-}
-
-impl Total for i64 {
-    const ORDERED: bool = false;
-
-    #[inline(always)]
-    fn add(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
-        let (mut added, mut is_plain) = ([0; N_SUMS], true);
-        for i in 0..N_SUMS {
-            let (quanta, is_small) = round_small(terms[i] * SCALES[i]);
-            added[i] = sums[i].wrapping_add(quanta);
-            // Overflow gives a sign that neither term has.
-            is_plain &= is_small & ((sums[i] ^ added[i]) & (quanta ^ added[i]) >= 0);
-        }
-        if is_plain {
-            *sums = added;
-            return None;
-        }
-        Some(add_with_carry(sums, terms)).filter(|limbs| *limbs != [0; N_SUMS])
-    }
-
-    #[inline(always)]
-    fn vanishes(count: f64) -> bool {
-        to_quanta(count, FRACTION_BITS[0]) == Split { high: 0, low: 0 }
-    }
-
-    fn value(self, high: i32, index: usize) -> f64 {
-        Split { high, low: self }.value(FRACTION_BITS[index])
-    }
-}
-
-#[cold]
-fn add_with_carry(sums: &mut [i64; N_SUMS], terms: &[f64; N_SUMS]) -> [i32; N_SUMS] {
-    std::array::from_fn(|i| {
-        let sum = Split { high: 0, low: sums[i] }.plus(to_quanta(terms[i], FRACTION_BITS[i]));
-        sums[i] = sum.low;
-        sum.high
-    })
-}
-
-impl Total for i128 {
-    const ORDERED: bool = false;
-
-    fn add(sums: &mut [i128; N_SUMS], terms: &[f64; N_SUMS]) -> Option<[i32; N_SUMS]> {
-        let terms = terms.iter().map(|&term| to_fixed(term));
-        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum = sum.saturating_add(term));
-        None
-    }
-
-    fn vanishes(count: f64) -> bool {
-        to_fixed(count) <= 0
-    }
-
-    fn value(self, _: i32, _: usize) -> f64 {
-        from_fixed(self)
-    }
-}
-
 impl Statistics {
-    /// Nothing seen.
+    /// Totals of components that have received nothing, in the form asked for.
     pub fn new(components: usize, width: UpdateWidth) -> Self {
         let form = match width {
             UpdateWidth::F32 => Form::F32(empty_shards(components)),
@@ -246,10 +127,7 @@ impl Statistics {
 
     /// Bytes of one component.
     pub fn row_bytes(&self) -> usize {
-        fn bytes<T: Total>(_: &[Shard<T>]) -> usize {
-            size_of::<Row<T>>()
-        }
-        any_form!(&self.form, shards => bytes(shards))
+        any_form!(&self.form, shards => row_bytes(shards))
     }
 
     /// Number of shards.
@@ -263,19 +141,21 @@ impl Statistics {
     }
 
     /// Adds one frame's records. `of_shard(s, add)` hands those of shard `s` to `add`, slice by
-    /// slice in any order; a tile's record of a component comes once. Records whose count rounds to nothing are
-    /// left out whole.
+    /// slice in any order; a tile's record of a component comes once. Records whose count rounds to
+    /// nothing are left out whole.
     pub fn add_frame<R: Real>(
         &mut self,
         of_shard: impl Fn(usize, &mut dyn FnMut(&[TileRecord<R>])) + Sync,
     ) {
+        // The stamp would wrap, and rows of the first frames pass for touched.
         if self.frame == u32::MAX {
-            any_form!(&mut self.form, shards => shards.iter_mut().for_each(Shard::forget_frames));
+            any_form!(&mut self.form, shards => shards.iter_mut().for_each(TotalShard::forget_frames));
             self.frame = 0;
         }
         self.frame += 1;
         let (frame, bits) = (self.frame, self.shard_bits);
         any_form!(&mut self.form, shards => {
+            // Shards differ much in their records, so each is handed out by itself.
             shards.par_iter_mut().with_max_len(1).enumerate().for_each(|(s, shard)| {
                 shard.add_frame(frame, s << bits, |add| of_shard(s, add));
             });
@@ -313,20 +193,22 @@ impl Statistics {
 }
 
 fn shard_bits(components: usize) -> u32 {
+    // At least one word of the bit set of used rows.
     components.div_ceil(MAX_SHARDS).next_power_of_two().max(64).trailing_zeros()
 }
 
-fn empty_shards<T: Total>(components: usize) -> Vec<Shard<T>> {
+fn empty_shards<T: TotalScalar>(components: usize) -> Vec<TotalShard<T>> {
     let len = 1 << shard_bits(components);
-    (0..components).step_by(len).map(|first| Shard::new(len.min(components - first))).collect()
+    (0..components).step_by(len).map(|first| TotalShard::new(len.min(components - first))).collect()
 }
 
-fn filled_shards<T: Total>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec<Shard<T>> {
+fn filled_shards<T: TotalScalar>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec<TotalShard<T>> {
     let bits = shard_bits(rows.len());
     let mut shards = empty_shards(rows.len());
     for (id, &sums) in rows.iter().enumerate() {
         let (shard, place) = (&mut shards[id >> bits], id & ((1 << bits) - 1));
         shard.rows[place].sums = sums;
+        // A count whose low bits are zero by chance is marked with its carry below.
         if sums[0] != T::default() {
             shard.mark_used(place);
         }
@@ -339,103 +221,8 @@ fn filled_shards<T: Total>(rows: &[[T; N_SUMS]], carries: &[Carry]) -> Vec<Shard
     shards
 }
 
-fn rows<T: Total>(shards: &[Shard<T>]) -> Vec<[T; N_SUMS]> {
+fn rows<T: TotalScalar>(shards: &[TotalShard<T>]) -> Vec<[T; N_SUMS]> {
     shards.iter().flat_map(|s| s.rows.iter().map(|row| row.sums)).collect()
-}
-
-impl<T: Total> Shard<T> {
-    fn new(len: usize) -> Self {
-        Self {
-            rows: vec![Row { frame: 0, sums: [T::default(); N_SUMS] }; len],
-            carries: BTreeMap::new(),
-            used: vec![0; len.div_ceil(64)],
-            n_used: 0,
-            touched: Vec::with_capacity(len),
-            sorted: Vec::new(),
-        }
-    }
-
-    fn forget_frames(&mut self) {
-        self.rows.iter_mut().for_each(|row| row.frame = 0);
-    }
-
-    fn add_frame<R: Real>(
-        &mut self,
-        frame: u32,
-        first: usize,
-        records: impl FnOnce(&mut dyn FnMut(&[TileRecord<R>])),
-    ) {
-        self.touched.clear();
-        if !T::ORDERED {
-            return records(&mut |records| self.add_all(frame, first, records));
-        }
-        let mut sorted = std::mem::take(&mut self.sorted);
-        sorted.clear();
-        records(&mut |records| {
-            let widened = |r: &TileRecord<R>| TileRecord {
-                id: r.id,
-                tile: r.tile,
-                sums: r.sums.map(R::to_f64),
-            };
-            sorted.extend(records.iter().map(widened));
-        });
-        sorted.sort_unstable_by_key(|record| (record.id, record.tile));
-        self.add_all(frame, first, &sorted);
-        self.sorted = sorted;
-    }
-
-    /// Rows are far from the processor, so those of some records are fetched before any is added to.
-    #[inline(always)]
-    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
-        for records in records.chunks(ROWS_AHEAD) {
-            for record in records {
-                self.touch(frame, record.id as usize - first, record);
-            }
-            for record in records {
-                self.add(record.id as usize - first, record);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
-        let row = &mut self.rows[place];
-        std::hint::black_box(row.sums[N_SUMS - 1]);
-        let is_new = row.frame != frame;
-        if is_new && !T::vanishes(record.sums[0].to_f64()) {
-            row.frame = frame;
-            self.touched.push(record.id);
-            self.mark_used(place);
-        }
-    }
-
-    #[inline(always)]
-    fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
-        let sums = record.sums.map(R::to_f64);
-        if T::vanishes(sums[0]) {
-            return;
-        }
-        if let Some(limbs) = T::add(&mut self.rows[place].sums, &sums) {
-            let carry = self.carries.entry(record.id).or_insert([0; N_SUMS]);
-            carry.iter_mut().zip(limbs).for_each(|(c, l)| *c = c.saturating_add(l));
-        }
-    }
-
-    fn mark_used(&mut self, place: usize) {
-        let (word, bit) = (&mut self.used[place / 64], 1 << (place % 64));
-        self.n_used += usize::from(*word & bit == 0);
-        *word |= bit;
-    }
-
-    fn moments(&self, component: usize, shard_bits: u32) -> Moments {
-        let row = &self.rows[component & ((1 << shard_bits) - 1)];
-        let none = [0; N_SUMS];
-        let limbs = match self.carries.is_empty() {
-            true => &none,
-            false => self.carries.get(&(component as u32)).unwrap_or(&none),
-        };
-        Moments::from_sums(std::array::from_fn(|i| row.sums[i].value(limbs[i], i)))
-    }
 }
 
 #[cfg(test)]

@@ -2,8 +2,8 @@
 //!
 //! Files are refused whose sums are none, so whatever changes sums otherwise than by adding points
 //! has to keep to the same bounds. Moving sums to another seed is the one such thing: it subtracts
-//! numbers that rounding has already moved, and what is left of a second moment that was nearly 0 may
-//! be a quantum below it.
+//! numbers that rounding has already moved, and what is left of a second moment that was nearly 0
+//! may be a quantum below it.
 
 use super::state::QUANTUM;
 use super::sums::N_SUMS;
@@ -27,8 +27,8 @@ pub const F32: Slack = Slack { relative: 1.0, per_point: 0.0 };
 /// Sums in f64 of terms made in f64.
 pub const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
 
-/// The first mixed moment that is larger than its axes' second moments allow, and what they allow in
-/// place of it. The last second moment of view directions is what is left of their count.
+/// The first mixed moment that is larger than its axes' second moments allow, and what they allow
+/// in place of it. The last second moment of view directions is what is left of their count.
 pub fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<(usize, f64)> {
     let [xx, yy, zz] = [row[4], row[7], row[9]];
     let [view_xx, view_yy] = [row[28], row[31]];

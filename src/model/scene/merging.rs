@@ -1,5 +1,9 @@
-//! Adding scenes whose components stand on one lattice and that saw different frames: exact, so that
-//! any merge tree gives the same bits.
+//! Adding scenes whose components stand on one lattice and that saw different frames: exact, so
+//! that any merge tree gives equal bits.
+//!
+//! Only lattices can be added: seeds that are born where points fall depend on the frames before,
+//! and two runs have no component in common. Sums are whole quanta and stay below 2⁵³ of them, so
+//! f64 adds them without rounding whatever the order.
 
 use super::state::{
     MAX_SUM, QUANTUM, SceneState, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow, seed_order,
@@ -11,8 +15,9 @@ use crate::model::paper::merging::AddError;
 /// [`seed_order`], as scenes are whose components do not depend on the order of frames.
 ///
 /// # Errors
-/// [`AddError::Unlike`] for scenes about different origins or with merged components, [`AddError::Inexact`] unless both keep
-/// integer sums, [`AddError::Overflow`] beyond what a wide row holds.
+/// [`AddError::Unlike`] for scenes about different origins or with merged components,
+/// [`AddError::Inexact`] unless both keep integer sums, [`AddError::Overflow`] beyond what a wide
+/// row holds.
 pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     if a.origin != b.origin || [a, b].iter().any(|scene| depends_on_order(scene)) {
         return Err(AddError::Unlike);
@@ -24,6 +29,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         terms.map(term).collect::<Vec<_>>()
     };
     let mut terms = [terms(0, a), terms(1, b)].concat();
+    // Equal seeds become neighbours, and the result is in the order that lattices are stored in.
     terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
     let mut scene = SceneState {
         origin: a.origin,
@@ -44,6 +50,8 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         if total.iter().any(|sum| sum.abs() > MAX_SUM) {
             return Err(AddError::Overflow { component });
         }
+        // The form follows from the count alone, so equal sums are stored alike whatever tree added
+        // them.
         if total[0] >= f64::from(WIDE_POINTS) {
             rows.push([0; N_SUMS]);
             wide.push(WideRow { id: component as u32, sums: total });
@@ -72,9 +80,9 @@ fn depends_on_order(scene: &SceneState) -> bool {
 struct Term {
     seed: [f32; 3],
     visibility: VisibilityCounts,
-    /// Which scene.
+    /// Which of the two scenes it is of.
     which: usize,
-    /// Its number there.
+    /// Number of the component in that scene.
     id: usize,
 }
 

@@ -30,6 +30,7 @@ impl DensityOpacity {
     /// Few frames are not doubted as much: nothing else tells of the surfaces they show.
     pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
         let rho = count / (expected + self.doubt * early(frames));
+        // `exp_m1` keeps the digits of small densities.
         let opacity = self.tau * -(-rho / self.rho0).exp_m1();
         if opacity > self.least { opacity } else { 0.0 }
     }

@@ -54,6 +54,7 @@ impl SplatRule {
     /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
+        // The first frames cannot bring many points to any component, and must show something.
         let least_points = (self.least_points * early(context.frames)).max(1.0);
         if sums.count < least_points || opacity == 0.0 {
             return Default::default();
@@ -66,10 +67,13 @@ impl SplatRule {
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
-            appearance.gradient = rows(sums.gradient(self.gradient_ridge * context.h * context.h));
+            appearance.gradient =
+                rows(sums.gradient(covariance, self.gradient_ridge * context.h * context.h));
         }
         if self.directional {
             let weights = self.directional(sums);
+            // The constant term of the regression; renderers add the part that is linear in the
+            // direction.
             color -= weights * (sums.view / sums.count);
             appearance.directional = rows(weights);
         }
@@ -87,6 +91,8 @@ impl SplatRule {
     fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
         let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
         covariance
+            // As if so many points of an isotropic Gaussian had been seen: few points of a plane
+            // have a covariance of rank two or less.
             .scaled(count)
             .add_scaled(self.prior_points, prior)
             .scaled(1.0 / (count + self.prior_points))

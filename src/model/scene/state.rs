@@ -8,8 +8,8 @@ use std::cmp::Ordering;
 /// What integer sums count: exact in f64 as long as a sum is below [`MAX_SUM`].
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
-/// From so many points on, a component's sums are in a wide row. With as many more terms within ±7.84
-/// (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
+/// From so many points on, a component's sums are in a wide row. With as many more terms within
+/// ±7.84 (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
 pub const WIDE_POINTS: u32 = 1 << 12;
 
 /// Largest sum of a wide row: 2⁵³ quanta.
@@ -23,7 +23,8 @@ pub struct SceneState {
     pub origin: [f64; 3],
     /// Seeds, world units, in the order they were born in.
     pub seeds: Vec<[f32; 3]>,
-    /// By seed its component, where seeds share components; `None` while seed `k` is component `k`'s.
+    /// By seed its component, where seeds share components; `None` while seed `k` is component
+    /// `k`'s.
     pub components: Option<Vec<u32>>,
     /// Sums over everything seen, about the seeds.
     pub sums: StoredSums,
@@ -38,8 +39,8 @@ pub fn seed_order(a: &[f32; 3], b: &[f32; 3]) -> Ordering {
     a.partial_cmp(b).unwrap_or(Ordering::Equal)
 }
 
-/// In how many frames a component was seen or seen through, and the returns expected of it there: what
-/// opacity is found from. Every count stops at its largest value.
+/// In how many frames a component was seen or seen through, and the returns expected of it there:
+/// what opacity is found from. Every count stops at its largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct VisibilityCounts {
@@ -52,7 +53,7 @@ pub struct VisibilityCounts {
 }
 
 impl VisibilityCounts {
-    /// Both together.
+    /// Counts of both together, each stopped at its largest value.
     pub fn plus(self, other: Self) -> Self {
         Self {
             expected: self.expected.saturating_add(other.expected),
@@ -72,17 +73,17 @@ pub enum StoredSums {
         /// Rows of components with [`WIDE_POINTS`] points or more, by ascending id.
         wide: Vec<WideRow>,
     },
-    /// Single precision.
+    /// Sums in f32, which depend on the order of points.
     F32(Vec<[f32; N_SUMS]>),
-    /// Double precision.
+    /// Sums in f64: the oracle.
     F64(Vec<[f64; N_SUMS]>),
 }
 
 /// Sums of one component, whole multiples of [`QUANTUM`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideRow {
-    /// The component.
+    /// Number of the component.
     pub id: u32,
-    /// Its sums.
+    /// Sums of the component in the order of [`N_SUMS`].
     pub sums: [f64; N_SUMS],
 }

@@ -1,5 +1,8 @@
 //! What a scene's splats carry beyond position, shape and one colour (`rendering.md`, Native
 //! appearance).
+//!
+//! Appearance lies beside the splats, not in them: plain splats, which files of other programs
+//! hold, take no memory for it.
 
 use super::exposure::ExposureLog;
 use super::splats::Splat;
@@ -44,12 +47,12 @@ impl<'a> SplatView<'a> {
         fits.then_some(Self { splats, appearance, finishing: &PLAIN })
     }
 
-    /// The splats.
+    /// The splats in their order; slots of opacity 0 are empty.
     pub fn splats(&self) -> &'a [Splat] {
         self.splats
     }
 
-    /// Their appearance: one each, or none at all.
+    /// Appearance of the splats: one each, or none at all if all are plain.
     pub fn appearance(&self) -> &'a [Appearance] {
         self.appearance
     }
@@ -60,8 +63,8 @@ impl<'a> SplatView<'a> {
     }
 }
 
-/// Splats together with their appearance. Dereferences to the splats; of plain ones there is nothing
-/// else.
+/// Splats together with their appearance. Dereferences to the splats; of plain ones there is
+/// nothing else.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatSet {
     splats: Vec<Splat>,
@@ -81,7 +84,7 @@ pub struct Finishing {
 
 static PLAIN: Finishing = Finishing { closing: 1.0, exposures: None };
 
-/// That of plain splats.
+/// Pixels of plain splats stay as they are.
 impl Default for Finishing {
     fn default() -> Self {
         PLAIN.clone()
@@ -95,7 +98,7 @@ impl SplatSet {
         Self { splats, appearance, ..Self::default() }
     }
 
-    /// The same with other finished pixels.
+    /// These splats with another finishing of pixels.
     pub fn finished(self, finishing: Finishing) -> Self {
         Self { finishing, ..self }
     }

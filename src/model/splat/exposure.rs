@@ -1,5 +1,5 @@
-//! How the frames that a scene was learnt from were exposed, so that a view can be drawn as bright as
-//! a camera there would have taken it.
+//! How the frames that a scene was learnt from were exposed, so that a view can be drawn as bright
+//! as a camera there would have taken it.
 
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
@@ -7,10 +7,10 @@ use glam::DVec3;
 
 /// Angle between view directions, radians, at which a frame counts for less by `exp(−½)`.
 const ANGLE: f64 = 0.1;
-/// The same of a distance between cameras, structural scales.
+/// Distance between cameras, structural scales, at which a frame counts for less by `exp(−½)`.
 const DISTANCE: f64 = 4.0;
 
-/// One frame.
+/// How one frame was exposed, and from where it was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameExposure {
@@ -23,7 +23,7 @@ pub struct FrameExposure {
 }
 
 impl FrameExposure {
-    /// Of a frame taken from `pose`.
+    /// A frame taken from `pose`, whose channels `gain` brought to the scene's exposure.
     pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
         let (centre, forward) = (pose.centre().to_array(), pose.forward().to_array());
         Self { centre, forward, gain: gain.map(f64::from) }
@@ -52,12 +52,12 @@ impl FrameExposure {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExposureLog {
     frames: Vec<FrameExposure>,
-    /// World units.
+    /// Distance between cameras at which a frame counts for less by `exp(−½)`, world units.
     reach: f64,
 }
 
 impl ExposureLog {
-    /// Of a scene with structural scale `h`, world units.
+    /// Frames of a scene with structural scale `h`, world units.
     pub fn new(frames: Vec<FrameExposure>, h: f64) -> Self {
         Self { frames, reach: DISTANCE * h }
     }
@@ -70,6 +70,8 @@ impl ExposureLog {
         let nearest = self.frames.iter().map(away).fold(f64::INFINITY, f64::min);
         let (mut total, mut logs) = (0.0, DVec3::ZERO);
         for frame in &self.frames {
+            // Relative to the nearest frame: far from all of them every weight alone would
+            // underflow.
             let weight = (0.5 * (nearest - away(frame))).exp();
             total += weight;
             logs -= weight * DVec3::from_array(frame.gain).map(f64::ln);

@@ -1,4 +1,8 @@
 //! The renderable view of a mixture: what every renderer, export and viewport reads.
+//!
+//! Splats are f32 in world units, as a GPU takes them. Two forms turn a covariance into scales and
+//! a rotation: the eigen-decomposition, and what the reference exporter does, which is no rotation
+//! unless the covariance is diagonal; it is kept so that the reference's figures can be reproduced.
 
 use crate::math::sym3::{Sym3, rotation_quaternion};
 use glam::{DMat3, DQuat, DVec3};
@@ -40,8 +44,8 @@ pub enum CovarianceForm {
     LegacyCholesky,
 }
 
-/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it still
-/// fit an f32.
+/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it
+/// still fit an f32.
 pub const MAX_LENGTH: f32 = 1e9;
 /// How far the square of a rotation's norm may be from 1: rows of half floats pass.
 const UNIT_TOLERANCE: f32 = 4e-3;
@@ -128,6 +132,8 @@ fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
         let eigen = covariance.eigen();
         eigen.vectors * DMat3::from_diagonal(eigen.values.max(DVec3::ZERO).map(f64::sqrt))
     });
+    // As the reference does, though the rows of a Cholesky factor are no rotation: its figures
+    // depend on it.
     let rows = l.transpose();
     let scale = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
     let unit =
@@ -217,6 +223,7 @@ pub fn framing(splats: &[Splat]) -> Option<Framing> {
         let n = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
         Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
     };
+    // Medians and quantiles: a few strays far out must not move or shrink the view.
     let axis = |i: usize| quantile(centres.iter().map(|c| c[i]).collect(), 0.5);
     let centre = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
     let radius = quantile(centres.iter().map(|c| c.distance(centre)).collect(), FRAMED_SHARE)?;

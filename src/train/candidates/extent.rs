@@ -1,5 +1,5 @@
-//! How far from a group of points their nearest means can be: bounds by the triangle inequality, with
-//! margins for rounding, which cost candidates, never correctness.
+//! How far from a group of points their nearest means can be: bounds by the triangle inequality,
+//! with margins for rounding, which cost candidates, never correctness.
 
 use super::columns::Columns;
 use super::kernel::{bounding_box, reach2};
@@ -20,7 +20,7 @@ pub(super) const MAX_RADIUS: f32 = 1e18;
 pub(super) struct Extent {
     /// Lower corner of the box around the points.
     pub lo: [f32; 3],
-    /// Upper corner.
+    /// Upper corner of the box around the points.
     pub hi: [f32; 3],
     /// Middle of the box.
     pub centre: [f32; 3],
@@ -31,7 +31,7 @@ pub(super) struct Extent {
 }
 
 impl Extent {
-    /// Of the points `range`.
+    /// Extent of the entries `range` of `points`.
     #[inline(always)]
     pub fn of<V: Vector>(points: &Columns, range: Range<usize>) -> Self {
         let [lo, hi] = bounding_box::<V>(points, range.clone());
@@ -43,11 +43,13 @@ impl Extent {
     }
 
     /// Longest edge of the box.
+    #[inline]
     pub fn length(&self) -> f32 {
         (0..3).fold(0f32, |length, axis| length.max(self.hi[axis] - self.lo[axis]))
     }
 
     /// Whether bounds mean anything: coordinates are finite and their squares do not overflow.
+    #[inline]
     pub fn is_finite(&self) -> bool {
         self.reach.is_finite() && self.slack.is_finite()
     }

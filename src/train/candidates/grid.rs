@@ -1,4 +1,11 @@
 //! A uniform grid over the initial spatial means (`train.md`, Grid of means).
+//!
+//! Cells are filled by a counting sort, stable by id, so that a row of cells is one span of memory
+//! and ties fall to the lower id. Bounds are quantiles of a sample: one stray mean must not stretch
+//! the cells over empty space; what lies outside is kept in border cells, which extend to infinity.
+//! One mean per cell: half as many or twice as many change the search by less than 7 %. Merging the
+//! few means that reassignment moves into the old order is estimated to save 0.3 ms at most, so the
+//! grid is rebuilt whole.
 
 use super::columns::Columns;
 use super::error::IndexError;
@@ -173,19 +180,24 @@ impl Shape {
         let n = means.len().clamp(1, MAX_CELLS) as f64;
         let [a, b, c] = longest_first;
         let mut cell = (a * b * c / n).cbrt();
+        // A cloud thinner than a cell has no volume to share out: cells are squares of its face, or
+        // pieces of its length.
         if !(c >= cell && cell > 0.0) {
             cell = (a * b / n).sqrt();
         }
         if !(b >= cell && cell > 0.0) {
             cell = a / n;
         }
+        // All means in one place: any cell will do.
         if cell == 0.0 {
             cell = 1.0;
         }
         let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);
+        // Short axes are rounded up to a layer each, which may exceed one cell per mean by far.
         while dims(cell).iter().fold(1usize, |all, &d| all.saturating_mul(d)) > MAX_CELLS {
             cell *= 1.1;
         }
+        // The inverse of a denormal cell is beyond f32.
         let per_unit = (1.0 / cell).min(f64::from(f32::MAX)) as f32;
         Self { lo: lo.map(|v| v as f32), cell: cell as f32, per_unit, dims: dims(cell) }
     }

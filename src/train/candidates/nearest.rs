@@ -1,4 +1,9 @@
 //! Ids of the nearest means of every point of a tile, in either arithmetic.
+//!
+//! Up to eight neighbours the kernel's sorted keys are the answer for nearly all points. Beyond,
+//! and where rounding hides an order, points are ranked one by one. The wide form takes lists that
+//! are right for rounded means and ranks them by f64 distances: margins of the lists cover the
+//! rounding.
 
 use super::columns::Columns;
 use super::grid::MeanGrid;
@@ -32,8 +37,8 @@ pub fn nearest_in_tile(
     }
 }
 
-/// The same with squared distances in f64 between `points` and `means`, both of precision `R`; the
-/// grid is over the means rounded to f32.
+/// As [`nearest_in_tile`], with squared distances in f64 between `points` and `means`, both of
+/// precision `R`; the grid is over the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
     grid: &MeanGrid,
     search: &mut CandidateSearch,
@@ -95,6 +100,7 @@ impl VisitChunk for NarrowVisitor<'_> {
         if !lists.shorten::<V>(points, chunk.clone(), self.rank) {
             return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
         }
+        // One key more than neighbours: it tells whether the last one has an equal.
         match self.rank {
             1 => self.visit_near::<V, 2>(lists, points, chunk),
             2 => self.visit_near::<V, 3>(lists, points, chunk),
@@ -184,6 +190,7 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let is_short = lists.shorten::<V>(points, chunk.clone(), self.rank);
+        // Where bounds mean nothing the near list was not filled.
         let among = if is_short { Among::Near } else { Among::Raw };
         for i in chunk {
             let place = points.tag[i] as usize;

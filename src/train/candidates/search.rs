@@ -1,8 +1,9 @@
 //! Exact nearest means of all points of a tile at once (`train.md`, Candidate search).
 //!
 //! What the means near a tile have in common is found once: a list of all that can be among the
-//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from the
-//! triangle inequality and carry margins for rounding, which cost candidates, never correctness.
+//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from
+//! the triangle inequality and carry margins for rounding, which cost candidates, never
+//! correctness.
 
 use super::columns::Columns;
 use super::extent::{Extent, MAX_RADIUS};
@@ -64,6 +65,8 @@ impl CandidateSearch {
                 group.start
             };
             if group.start < middle && middle < group.end {
+                // The first half is taken next: groups follow each other in space, where the last
+                // distance is a good guess.
                 self.pending.push(middle..group.end);
                 self.pending.push(group.start..middle);
             } else {
@@ -85,6 +88,7 @@ impl CandidateSearch {
             return grid.gather_all(lists.raw_mut());
         }
         let mut radius = extent.reach_of(NEAREST_GUESS * *nearest);
+        // The first group, or one after distances that overflowed.
         if !(radius > 0.0 && radius < MAX_RADIUS) {
             radius = grid.cell();
         }
@@ -93,6 +97,7 @@ impl CandidateSearch {
             if lists.raw().len >= rank {
                 break;
             }
+            // Doubling alone would creep where a group lies far from all means.
             radius = (2.0 * radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
         }
         *nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();

@@ -5,6 +5,11 @@
 //! lower bound on the second distance proves for nearly all points; only the others are ranked and
 //! scored against all C. Sums run over the points of a tile in their order and are handed on as one
 //! record per component and tile, so they depend on nothing but the tile and the means.
+//!
+//! Stages are fused because a tile of at most 64 points and its lists fit the first-level cache,
+//! while candidates and responsibilities of a whole frame do not. There is no fused multiply-add
+//! and no order that depends on lanes, or instruction sets would disagree and shards could not be
+//! merged.
 
 use super::slots::Slots;
 use crate::math::simd::{Kernel, Vector};
@@ -109,6 +114,8 @@ impl Kernel for FusedTiles<'_> {
         let points = inputs.points;
         let first_point = points.tiles[tiles.start] as usize;
         for tile in tiles.clone() {
+            // Reading the clock costs as much as scoring a point, so one tile stands for all of a
+            // task.
             clock.begin_tile(tile == tiles.start);
             let range = points.tile(tile);
             tile_memory.begin(inputs.grid.len(), range.len());
@@ -192,6 +199,8 @@ fn emit(
     records: &mut [Vec<TileRecord<f32>>],
 ) {
     for (component, &sums) in memory.components.iter().zip(sums) {
+        // Slots are given to every component that was looked at; most of those that lost receive
+        // nothing.
         if sums[0] > 0.0 {
             let record = TileRecord { id: component.id, tile: tile as u32, sums };
             records[component.id as usize >> shard_bits].push(record);
@@ -307,9 +316,12 @@ impl<'a> Assign<'a> {
             _ => (lists.covering(space, reach2), reach2),
         };
         let found = lists.rank::<V>(among, space, ids, rank, within2);
+        // Taken out, since `slot` needs the rest of the memory meanwhile; put back at the end.
         let mut candidates = std::mem::take(&mut self.memory.candidates);
         candidates.clear();
         candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));
+        // By component, not by distance: sums, and who wins among equals, then do not depend on how
+        // the index lists them.
         candidates.sort_unstable();
         let mut scores = std::mem::take(&mut self.memory.scores);
         scores.clear();
@@ -328,6 +340,7 @@ impl<'a> Assign<'a> {
             self.memory.owners[place] = SHARED | self.memory.shared.len() as u32;
             self.memory.shared.push(first..self.memory.shares.len() as u32);
         } else {
+            // A point that is no number has candidates, but must reach no sum.
             self.q[place] = f64::NAN;
         }
         (self.memory.candidates, self.memory.scores) = (candidates, scores);

@@ -42,6 +42,7 @@ impl Index {
 
     /// Builds the index again after means have moved. On error it is as it was.
     pub fn rebuild<R: PaperScalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
+        // Either may fail: nothing is replaced before both are built.
         let tree = self.tree.as_ref().map(|_| tree(&model.space)).transpose()?;
         self.rebuild_grid(model)?;
         self.tree = tree;

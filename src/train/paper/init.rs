@@ -49,6 +49,7 @@ impl InitialDraw {
             return Self::random(components, seed);
         }
         let mut rng = Rng::new(seed, Purpose::Init, 0);
+        // As the reference starts: no point is without a mean where there are enough components.
         let in_order = if components >= points.len() { points.len() } else { 0 };
         let row = |i: usize| {
             let (s, c) = (points.position(i), points.color(i));

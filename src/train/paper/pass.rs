@@ -1,7 +1,12 @@
 //! One parallel pass over a frame's points: search, E-step and per-tile sums.
 //!
 //! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
-//! fixed-point totals they end in, are the same for any number of threads.
+//! fixed-point totals they end in, do not depend on the number of threads. Three ways lead through
+//! a pass: fused (f32, all stages of a tile at once), plain (any precision, tile by tile) and
+//! materialised (stage by stage over a batch, as the reference does it; slower, kept to measure by
+//! how much).
+//!
+//! Buffers belong to threads, not to tasks: a warm pass allocates nothing.
 
 use super::config::{Batch, Candidates, Operations, PaperConfig, StatisticsForm, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
@@ -33,7 +38,7 @@ pub enum Output {
 
 /// The fixed inputs of a pass.
 pub struct PassInputs<'a, R: PaperScalar> {
-    /// Initial model.
+    /// Initial model that points are scored against.
     pub model: &'a InitialModel<R>,
     /// Index over its spatial means.
     pub index: &'a Index,
@@ -41,7 +46,7 @@ pub struct PassInputs<'a, R: PaperScalar> {
     pub scoring: &'a Scoring,
     /// Components each point is compared with.
     pub candidates: Candidates,
-    /// How it is done.
+    /// Settings that say which path is taken.
     pub config: &'a PaperConfig,
     /// The totals the sums are for.
     pub statistics: &'a Statistics,
@@ -89,6 +94,7 @@ impl Worker {
         narrow.clear();
         narrow.reserve(room(narrow.capacity(), seen[0]));
         wide.clear();
+        // Most runs never sum in f64: no memory for it then.
         wide.reserve(if seen[1] == 0 { 0 } else { room(wide.capacity(), seen[1]) });
     }
 }
@@ -109,8 +115,8 @@ struct Columns<'a> {
 impl Pass {
     /// Runs over all points. `q` receives the effective distance of every point (see
     /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
-    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points left
-    /// out.
+    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points
+    /// left out.
     pub fn run<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<R>,
@@ -204,6 +210,7 @@ impl Pass {
             let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
             for_each_tile(inputs.points, tiles, 0, columns, |tile, columns| {
                 let range = inputs.points.tile(tile);
+                // Stages are long on this path, so the clock may be read for every tile.
                 clock.begin_tile(true);
                 inputs.find(plain, range.clone(), ids);
                 clock.lap(Lap::Candidates);
@@ -229,6 +236,7 @@ impl Pass {
         columns: Columns,
     ) {
         let per_point = inputs.per_point();
+        // Taken out of `self`, whose workers the stages borrow beside them.
         let mut ids = std::mem::take(&mut self.ids);
         let mut responsibilities = std::mem::take(&mut self.responsibilities);
         ids.resize(columns.q.len() * per_point, 0);
@@ -294,6 +302,7 @@ impl Pass {
     /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
     /// takes which tiles changes from frame to frame.
     fn begin(&mut self, statistics: &Statistics) {
+        // Never fewer than before: a smaller pool for a while must not throw memory away.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
             let fused = FusedMemory::new(statistics.len());
@@ -309,6 +318,8 @@ impl Pass {
     }
 
     fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
+        // Every thread takes the memory of its own number, so the lock never waits: it is how safe
+        // code says that threads do not share it.
         let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
         self.workers[thread].write().unwrap_or_else(PoisonError::into_inner)
     }
@@ -349,6 +360,7 @@ fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let is_fused = inputs.config.statistics == StatisticsForm::Fused;
     match inputs.candidates {
         Candidates::Nearest(n) if is_narrow && is_fused && inputs.index.tree().is_none() => {
+            // Fewer components than candidates is legal: all of them are candidates then.
             Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
         }
         _ => None,
@@ -374,6 +386,7 @@ fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> u
     let Batch::Points(n) = batch else { return points.n_tiles() };
     let end = points.tiles[tile] as usize + n;
     let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
+    // One tile at least, or a batch of fewer points than a tile has would never end.
     tiles_before.clamp(tile + 1, points.n_tiles())
 }
 
@@ -388,6 +401,7 @@ fn for_each_task<R: PaperScalar>(
     if tiles.len() <= TILES_PER_TASK {
         return task(tiles, columns);
     }
+    // Halves are rounded to whole tasks, so that only the last one may be small.
     let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
     let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
     let (left, right) = columns.split(n_points, per_point);

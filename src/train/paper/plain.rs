@@ -1,6 +1,10 @@
 //! The plain path: candidates, scores, responsibilities and sums one after the other, each in the
 //! precision asked for. It serves the oracle, dense E-steps, the KD-tree and materialised
 //! responsibilities.
+//!
+//! Every stage is a function over one tile with its own width, so that `precision-search` can
+//! narrow one operation at a time. Nothing here is tuned: what it says is what faster paths are
+//! held to.
 
 use super::config::{Candidates, Operations, Width};
 use super::index::Index;
@@ -69,6 +73,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         }
         let (grid, search) = (index.grid(), &mut memory.search);
         match R::narrow_points(points) {
+            // Only points and means that are stored in f32 can be compared in f32 as they are.
             Some(points) if self.operations.distance == Width::F32 => {
                 let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
                 nearest_in_tile(Isa::best(), grid, search, tile, n, ids);
@@ -108,6 +113,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
             };
             if !q.is_finite() {
                 *q = f64::NAN;
+                // Shares of nothing, not NaN: a NaN would spoil the sums of every candidate.
                 scores.fill(0.0);
             }
         }
@@ -166,6 +172,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         for (i, (ids, responsibilities)) in self.points.tile(tile).zip(of_points) {
             let (space, color) = (self.points.position(i).map(of), self.points.color(i).map(of));
             for (&id, &r) in ids.iter().zip(responsibilities).filter(|(_, r)| **r > 0.0) {
+                // Zero shares are filtered above: they would make records that say nothing.
                 let slot = slots.find(id);
                 if slot == sums.len() {
                     ids_by_slot.push(id);

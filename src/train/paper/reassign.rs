@@ -1,4 +1,10 @@
 //! Moving unused components onto badly explained points (`train.md`, Reassignment).
+//!
+//! The worst points are found by a histogram over the leading bits of their scores and one
+//! selection within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
+//! the reference does, has the law of an exponential race: every point gets a time from its own
+//! random number, and the first ones win. The race has no rounds, runs on all threads and gives
+//! equal points for any number of them.
 
 use super::config::{PaperConfig, ReassignPolicy};
 use crate::math::rng::Rng;
@@ -9,8 +15,8 @@ const PART: usize = 1 << 10;
 
 /// Parts of a frame that are looked through at once.
 const PARTS: usize = 8;
-/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of the
-/// mantissa tell bins apart.
+/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of
+/// the mantissa tell bins apart.
 const BIN_SHIFT: u32 = 50;
 const N_BINS: usize = 1 << (64 - BIN_SHIFT);
 
@@ -85,6 +91,8 @@ impl DestinationChooser {
             self.draw(q, quota.moves, stream);
             self.points.extend(self.draws.iter().map(|&(_, point)| point));
         }
+        // In the order of points: neighbours then get neighbouring components, which lie close in
+        // memory.
         self.points.sort_unstable();
         &self.points
     }
@@ -99,6 +107,7 @@ impl DestinationChooser {
         let Self { parts, lowest, .. } = self;
         let size = q.len().div_ceil(PARTS).max(1);
         let mut last_bin = N_BINS - 1;
+        // Where all points may be chosen no bin has to be found.
         if n < q.len() {
             parts.par_iter_mut().enumerate().for_each(|(i, part)| part.count(part_of(q, i, size)));
             let mut found = 0;
@@ -114,14 +123,15 @@ impl DestinationChooser {
         lowest.clear();
         parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
         if n < lowest.len() {
+            // The last bin brings more than asked for: only its points have to be told apart, here.
             lowest.select_nth_unstable(n);
             lowest.truncate(n);
         }
     }
 
-    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law of
-    /// drawing one after the other with probabilities `p_i` of what is left (`train.md`, Sampling
-    /// without replacement). Those of probability zero come last, in uniform order.
+    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
+    /// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
+    /// Sampling without replacement). Those of probability zero come last, in uniform order.
     fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
         let of = |point: u32| q[point as usize];
@@ -131,6 +141,7 @@ impl DestinationChooser {
         pairs.for_each(|(draw, &(_, point))| {
             let uniform = stream.uniform_at(point.into());
             let gap = of(point) - best;
+            // The logarithm of `libm` has equal bits on every machine; the platform's need not.
             let time = -libm::log(uniform) / gap;
             let last = 1 << 63;
             // A time is not negative, so its bits are in its order.
@@ -152,6 +163,7 @@ impl Part {
         self.histogram.clear();
         self.histogram.resize(N_BINS, 0);
         for &q in q.iter().filter(|q| !q.is_nan()) {
+            // Reversed, so that the largest distances come first.
             self.histogram[(!ordered(q) >> BIN_SHIFT) as usize] += 1;
         }
     }

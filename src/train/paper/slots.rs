@@ -13,6 +13,7 @@ impl Slots {
     /// Forgets all keys; those to come are below `bound`.
     #[inline(always)]
     pub fn begin(&mut self, bound: usize) {
+        // The stamp would wrap, and slots of the first tiles pass for this one's.
         if self.seen.len() < bound || self.tile == u32::MAX {
             self.seen.clear();
             self.seen.resize(bound, (0, 0));

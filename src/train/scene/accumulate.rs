@@ -1,4 +1,8 @@
 //! Adds a frame's points to the sums of their components.
+//!
+//! Threads take runs of consecutive components and gather the points of each: no two threads write
+//! one row, so there are neither atomics nor copies to merge, and rows are added to in the order of
+//! the points.
 
 use super::component_sums::{ComponentSums, SumRow, SumScalar, Visibility};
 use super::config::VisibilityRule;
@@ -14,7 +18,7 @@ const PARTS: usize = 16;
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]
 pub struct Matched<'a> {
-    /// The points.
+    /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
     /// Component of each; values beyond the last component mean none.
     pub owners: &'a [u32],
@@ -36,6 +40,7 @@ impl Matched<'_> {
                 + real(shift) * real(point.direction[axis]);
             clamp(offset * per_h, MAX_OFFSET)
         });
+        // A gain above 1 must not lift a colour beyond what terms are bounded by.
         let color = [0, 1, 2].map(|i| real((point.color[i] * self.gain[i]).min(1.0)));
         terms(offset, color, point.normal, point.direction)
     }
@@ -51,6 +56,7 @@ pub fn accumulate<W: SumScalar>(
     rule: VisibilityRule,
     touched: &mut Vec<u32>,
 ) {
+    // Threads finish in any order: results are sorted by their first component afterwards.
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
     component_sums.for_each_part(PARTS, |first, rows, _| {
         let part = Isa::best().run(Part { first, rows, seed_positions, frame, h, rule });
@@ -63,6 +69,7 @@ pub fn accumulate<W: SumScalar>(
     touched.clear();
     for (_, Received { ids, wide }) in parts {
         touched.extend(ids);
+        // Wide rows are shared, so they are added to when all threads are done.
         wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
     }
 }
@@ -96,6 +103,8 @@ impl<W: SumScalar> Kernel for Part<'_, W> {
         let mut order: Vec<u64> = Vec::new();
         for (i, &owner) in frame.owners.iter().enumerate() {
             if mine.contains(&(owner as usize)) {
+                // Component above point: one sort groups by component and keeps points in their
+                // order.
                 order.push(u64::from(owner) << 32 | i as u64);
             }
         }
@@ -105,6 +114,7 @@ impl<W: SumScalar> Kernel for Part<'_, W> {
             let id = (run[0] >> 32) as usize;
             let (row, seed) = (&mut rows[id - first], seed_positions.of(id));
             let points = run.iter().map(|key| *key as u32 as usize);
+            // A wall right before the camera can put a whole frame into one component.
             if run.len() as f64 > W::FULL {
                 let terms = points.clone().map(|i| frame.terms(i, seed, h));
                 received.wide.push((id as u32, wide_sums::<W>(terms)));

@@ -1,4 +1,4 @@
-//! FrameBirths: points that no component is near become seeds, in the order of the points.
+//! Births: points that no component is near become seeds, in the order of the points.
 
 use super::components::Components;
 use super::config::BirthRule;
@@ -26,8 +26,8 @@ pub struct Limits {
     pub seeds: usize,
 }
 
-/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within the structural
-/// scale, or one of their own within the limits.
+/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within the
+/// structural scale, or one of their own within the limits.
 pub fn give_birth(
     rule: BirthRule,
     h: f32,
@@ -37,6 +37,7 @@ pub fn give_birth(
     owners: &mut [u32],
     limits: Limits,
 ) -> FrameBirths {
+    // One point after the other, on one thread: every birth decides who is born after it.
     let mut births = FrameBirths::default();
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
         let place = seed_of(rule, h, point.position);

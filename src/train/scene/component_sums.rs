@@ -1,4 +1,10 @@
 //! The sums of all components, and in how many frames each was seen or seen through.
+//!
+//! Rows are integers of 2⁻¹⁵ in 32 bits: half the memory of f64, and a sum that is exact in any
+//! order of points, frames and threads. A row that could overflow spills into a wide row of f64
+//! whole quanta, which is exact below 2⁵³ of them; 2 % of the components of the Kinect room need
+//! one. Sums in f32 and f64 exist to show that nothing is lost: all three draw the same picture
+//! within 0.0001 dB.
 
 use crate::math::real::Real;
 use crate::model::scene::bounds::{self, Slack, restrain};
@@ -19,7 +25,7 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     fn of(term: Self::Term) -> Self;
     /// A sum, rounded likewise.
     fn of_sum(sum: f64) -> Self;
-    /// The sum.
+    /// Sum of both; integers wrap.
     fn plus(self, other: Self) -> Self;
     /// The value of a sum.
     fn value(self) -> f64;
@@ -29,7 +35,7 @@ pub trait SumScalar: Copy + Default + Send + Sync + 'static {
     fn restored(sums: StoredSums) -> Option<(Vec<[Self; N_SUMS]>, Vec<WideRow>)>;
 }
 
-/// Integer sums are the same in any order. Terms within ±4 take 18 bits.
+/// Integer sums do not depend on the order of terms. Terms within ±4 take 18 bits.
 impl SumScalar for i32 {
     type Term = f32;
     const FULL: f64 = WIDE_POINTS as f64;
@@ -135,9 +141,9 @@ impl<W: SumScalar> Default for SumRow<W> {
 /// What one frame says of a component's visibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Visibility {
-    /// It was where the frame measured a surface.
+    /// The frame measured a surface where the component is.
     Hit,
-    /// The frame measured something farther.
+    /// The frame measured something farther through the component.
     Miss,
 }
 
@@ -180,6 +186,7 @@ impl<'a> WideRows<'a> {
 
     #[inline(always)]
     fn reader<W: SumScalar>(self, id: usize, row: &'a SumRow<W>) -> impl Fn(usize) -> f64 + 'a {
+        // Most scenes have no wide rows, and this is asked for every component and frame.
         let wide = if self.0.is_empty() { None } else { self.0.get(&(id as u32)) };
         move |i| row.sums[i].value() + wide.map_or(0.0, |wide| wide[i])
     }
@@ -242,8 +249,8 @@ impl<W: SumScalar> ComponentSums<W> {
         (sum(0), [sum(10), sum(11), sum(12)])
     }
 
-    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal sums
-    /// are stored alike, whatever the order they were added in.
+    /// Sums and visibility counts as checkpoints hold them, of the components in `order`. Equal
+    /// sums are stored alike, whatever the order they were added in.
     pub fn state(&self, order: &[u32]) -> (StoredSums, Vec<VisibilityCounts>) {
         let (mut rows, mut wide, mut visibility) = (Vec::new(), Vec::new(), Vec::new());
         for (&id, at) in order.iter().zip(0u32..) {
@@ -341,7 +348,6 @@ fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::merge::moved;
     use super::*;
     use crate::math::rng::{Purpose, Rng};
     use crate::math::sym3::Sym3;
@@ -375,8 +381,8 @@ mod tests {
                 DVec3::from_array([0; 3].map(|_| step(rng.range(-1.0, 1.0))))
             };
             let seeds = [DVec3::ZERO; 6].map(|_| vector(|x| x));
-            // Points on a line through the first seed, along an axis or in a plane of two: about that
-            // seed some of their moments are nothing but rounding.
+            // Points on a line through the first seed, along an axis or in a plane of two: about
+            // that seed some of their moments are nothing but rounding.
             let direction = vector(f64::round);
             for (id, seed) in seeds.iter().enumerate() {
                 for _ in 0..1 + id % 3 {
@@ -388,7 +394,7 @@ mod tests {
             }
             for (id, seed) in seeds.iter().enumerate().skip(1) {
                 let own = SceneSums::new(&component_sums.sums(id), 1.0);
-                let moved = moved(&own, *seed - seeds[0]).to_array();
+                let moved = own.moved(*seed - seeds[0]).to_array();
                 let rounded = moved.map(|sum| W::of_sum(sum).value());
                 let mut plain = component_sums.sums(0);
                 plain.iter_mut().zip(rounded).for_each(|(sum, other)| *sum += other);

@@ -16,6 +16,8 @@ pub mod trainer;
 
 mod accumulate;
 mod align;
+#[cfg(test)]
+mod align_tests;
 mod assign;
 mod births;
 mod component_sums;

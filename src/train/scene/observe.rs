@@ -18,9 +18,9 @@ struct Viewer<'a> {
     h: f64,
 }
 
-/// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where it
-/// measured something farther; what is hidden or unknown does not count. `camera` is the frame's,
-/// where it really stood.
+/// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where
+/// it measured something farther; what is hidden or unknown does not count. `camera` is the
+/// frame's, where it really stood.
 pub fn observe<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     seed_positions: SeedPositions<'_>,
@@ -38,6 +38,7 @@ pub fn observe<W: SumScalar>(
     component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
             let (n, sum, normal) = wide.plane(id, row);
+            // A free row, or a component that has received nothing yet.
             if n == 0.0 {
                 continue;
             }
@@ -75,6 +76,7 @@ impl Viewer<'_> {
         } else {
             return None; // hidden, or unknown
         };
+        // Normals that cancel out face nowhere: no return is expected of them.
         let facing =
             (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
         Some((visibility, facing * self.h * self.h * k.fx * k.fy / (range * range)))

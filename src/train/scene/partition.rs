@@ -46,7 +46,7 @@ impl Partition {
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 
-    /// Components born.
+    /// Number of components born so far.
     pub fn components(&self) -> usize {
         self.components.used()
     }

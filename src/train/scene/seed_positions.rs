@@ -6,9 +6,9 @@ use super::grid::SeedGrid;
 /// The seeds with the components they belong to.
 #[derive(Clone, Copy)]
 pub struct SeedPositions<'a> {
-    /// The seeds.
+    /// Seeds by place.
     pub grid: &'a SeedGrid,
-    /// Their components.
+    /// Component of every seed.
     pub components: &'a Components,
 }
 

@@ -13,20 +13,20 @@ use serde::Serialize;
 pub struct PrecisionCombination {
     /// Name of the precision; `custom` for all but the named ones.
     pub precision: Precision,
-    /// Widths.
+    /// Width of every operation of the hot loop.
     pub operations: Operations,
     /// Median milliseconds per frame.
     pub ms: f64,
     /// First and third quartile over the runs.
     pub ms_quartiles: [f64; 2],
-    /// Distance to the oracle.
+    /// Distance of the posteriors to those of the f64 oracle.
     pub error: PosteriorErrors,
     /// Whether the distance is within the bound.
     pub within_bound: bool,
 }
 
 impl PrecisionCombination {
-    /// Of the timed runs of a configuration, its posteriors held against the oracle's.
+    /// Times of the runs of a configuration, and its posteriors held against the oracle's.
     pub fn new(
         config: &PaperConfig,
         runs: &Runs,
@@ -81,8 +81,8 @@ pub fn posteriors(engine: &dyn PaperLearner) -> Vec<ComponentPosterior> {
     (0..engine.components()).map(|k| engine.posterior(k)).collect()
 }
 
-/// Of all combinations within the bound that cannot be told from the fastest one, the spreads of
-/// their runs overlapping, that of least error; the widest of equals. `None` if none keeps the
+/// The combination of least error among those within the bound that cannot be told from the fastest
+/// one, the spreads of their runs overlapping; the widest of equals. `None` if none keeps the
 /// bound.
 pub fn choose(combinations: &[PrecisionCombination]) -> Option<PrecisionCombination> {
     let within = || combinations.iter().filter(|c| c.within_bound);

@@ -67,6 +67,7 @@ const NAMED: [Precision; 3] = [Precision::F64, Precision::Mixed, Precision::F32]
 fn settled_draw(plan: &SearchPlan, sample: &TrainingSample) -> Result<InitialDraw, BenchError> {
     let change = PaperOverrides {
         reassign: Some(ReassignPolicy::Forwarded),
+        // Five times the preset's share: a dozen frames must be enough to settle the means.
         reassign_fraction: Some(0.25),
         ..PaperOverrides::default()
     };

@@ -7,7 +7,7 @@ use crate::train::setting::ConfigError;
 /// What is searched, and how thoroughly.
 #[derive(Clone, Debug)]
 pub struct SearchPlan {
-    /// Components.
+    /// Components of every combination, the paper's N.
     pub components: usize,
     /// Sampled frames at most.
     pub frames: usize,
@@ -40,8 +40,8 @@ impl SearchPlan {
         })
     }
 
-    /// The settings that every combination shares, with a change of its own; nothing is reassigned, so
-    /// that all of them learn about the same means.
+    /// The settings that every combination shares, with a change of its own; nothing is reassigned,
+    /// so that all of them learn about the same means.
     pub fn config(&self, change: PaperOverrides) -> Result<PaperConfig, ConfigError> {
         let base = PaperOverrides {
             components: Some(self.components),

@@ -1,4 +1,8 @@
-//! What follows from the timed combinations, for people, for machines and for `train --preset paper --config`.
+//! What follows from the timed combinations: the tables, the JSON and the settings that `train
+//! --preset paper --config` takes.
+//!
+//! A width is judged twice: alone, with all others f64, for its error, and in the fastest
+//! combination that has it for its time.
 
 use super::combination::{PrecisionCombination, choose};
 use super::plan::SearchPlan;
@@ -12,9 +16,9 @@ use serde::Serialize;
 
 /// The result, ready to be printed and written.
 pub struct PrecisionSearch {
-    /// For people.
+    /// The tables and notes, as printed.
     pub text: String,
-    /// For machines.
+    /// The result as written to the JSON file, with its version tag.
     pub json: serde_json::Value,
     /// Settings that `train --preset paper --config` takes.
     pub ron: String,
@@ -25,15 +29,15 @@ pub struct PrecisionSearch {
 /// What a narrower width of one operation is worth.
 #[derive(Clone, Debug, Serialize)]
 pub struct OperationRow {
-    /// Operation.
+    /// Name of the operation.
     pub operation: &'static str,
-    /// Its width.
+    /// Width that the row is about.
     pub width: &'static str,
     /// Error with this width alone narrower than f64.
     pub error_alone: f64,
     /// Fastest combination within the bound that has it; `None` if none is.
     pub best_ms: Option<f64>,
-    /// What follows.
+    /// Whether the width is worth its error.
     pub verdict: Verdict,
 }
 

@@ -58,6 +58,7 @@ fn time_stop(
 ) -> Result<Vec<ScalingRow>, BenchError> {
     let frame = thin(&room.frame, stop.points);
     let times = with_threads(stop.threads, || -> Result<_, BenchError> {
+        // Made inside the pool: an engine keeps memory for each of its threads.
         let mut engines = Vec::new();
         for (means, path) in LINES {
             let config = config(path, stop.components, plan.options.seed)?;

@@ -6,9 +6,9 @@ use crate::bench::findings::BenchOptions;
 /// Which sizes are timed.
 #[derive(Clone, Debug)]
 pub struct ScalingPlan {
-    /// Points of a frame.
+    /// Points of a frame that are timed.
     pub points: Vec<usize>,
-    /// Components.
+    /// Numbers of components that are timed.
     pub components: Vec<usize>,
     /// Threads; those above the machine's are left out.
     pub threads: Vec<usize>,
@@ -49,6 +49,7 @@ impl ScalingPlan {
     pub fn stops(&self) -> Vec<ScalingPoint> {
         let all = rayon::current_num_threads();
         let mut threads: Vec<usize> = self.threads.iter().copied().filter(|&t| t < all).collect();
+        // More threads than the machine has would time its scheduler.
         threads.push(all);
         let at = |sweep, points, components, threads| ScalingPoint {
             sweep,
@@ -66,11 +67,11 @@ impl ScalingPlan {
 
 /// One size of a sweep.
 pub struct ScalingPoint {
-    /// What grows.
+    /// Size that is swept.
     pub sweep: Sweep,
     /// Points of the frame.
     pub points: usize,
-    /// Components.
+    /// Number of components N.
     pub components: usize,
     /// Threads of the pool.
     pub threads: usize,

@@ -1,4 +1,7 @@
 //! What follows from the rows: exponents and speed-ups, the table, the notes and the plot.
+//!
+//! Exponents are slopes of straight lines through logarithms: over two decades a cost of `a + b·n`
+//! bends away from a power law, but the slope still tells linear from quadratic.
 
 use super::plan::ScalingPlan;
 use super::row::{EnginePath, LINES, MeanPlacement, ScalingRow, Sweep};
@@ -11,7 +14,7 @@ use serde::Serialize;
 /// The power law through the medians of one line.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fit {
-    /// What grows.
+    /// Size that is swept.
     pub sweep: Sweep,
     /// Where the means lie.
     pub means: MeanPlacement,

@@ -13,7 +13,7 @@ use crate::train::paper::init::InitialDraw;
 
 /// A frame to train on, and points of other frames for means on surfaces.
 pub struct RoomFrames {
-    /// The frame.
+    /// Points that are trained on, model coordinates.
     pub frame: Points<f32>,
     others: Points<f32>,
 }

@@ -3,15 +3,15 @@
 use crate::eval::spread::Spread;
 use serde::Serialize;
 
-/// What grows.
+/// The size that is swept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sweep {
     /// Points of a frame.
     Points,
-    /// Components.
+    /// Number of components N.
     Components,
-    /// Threads.
+    /// Threads of the pool.
     Threads,
 }
 
@@ -50,9 +50,9 @@ pub struct ScalingRow {
     pub sweep: Sweep,
     /// Points of the frame.
     pub points: usize,
-    /// Components.
+    /// Number of components N.
     pub components: usize,
-    /// Threads.
+    /// Threads of the pool.
     pub threads: usize,
     /// Where the means lie.
     pub means: MeanPlacement,
@@ -60,24 +60,24 @@ pub struct ScalingRow {
     pub path: EnginePath,
     /// Median milliseconds per frame.
     pub ms: f64,
-    /// First quartile.
+    /// First quartile over the frames, milliseconds.
     pub ms_q1: f64,
-    /// Third quartile.
+    /// Third quartile over the frames, milliseconds.
     pub ms_q3: f64,
-    /// Candidate search.
+    /// Median milliseconds of the candidate search.
     pub candidates_ms: f64,
-    /// Scores and responsibilities.
+    /// Median milliseconds of scores and responsibilities.
     pub e_step_ms: f64,
-    /// Sums.
+    /// Median milliseconds of sums per tile.
     pub stats_ms: f64,
-    /// Addition to the totals.
+    /// Median milliseconds of the addition to the totals.
     pub update_ms: f64,
-    /// Times that the plain path takes longer, in the same run.
+    /// Median of the plain path, timed in turns with this one, over this one.
     pub plain_over_this: f64,
 }
 
 impl ScalingRow {
-    /// What grows from row to row.
+    /// Place on the axis of the sweep: the size that is swept.
     pub fn position(&self) -> f64 {
         let size = match self.sweep {
             Sweep::Points => self.points,

@@ -1,4 +1,7 @@
 //! Data and models that are hard on arithmetic.
+//!
+//! Each case is named after the one thing that is hard about it, so that a failure names its cause.
+//! Sizes are small: the exact reference works in fractions, whose digits grow with every sum.
 
 use crate::math::normalization::Normalization;
 use crate::math::rng::{Purpose, Rng};
@@ -25,7 +28,7 @@ pub struct Case {
 /// Frames whose statistics are accumulated in the drift case.
 const DRIFT_FRAMES: u32 = 100_000;
 
-/// All cases.
+/// Every hard case; `seed` names its random numbers.
 pub fn all(seed: u64) -> Vec<Case> {
     let mut cases = degenerate_data(seed);
     cases.extend(scales_and_shifts(seed));

@@ -1,6 +1,10 @@
 //! Hard cases for arithmetic, each against exact sums: how far means, covariances and
 //! responsibilities are off, whether covariances stay positive definite, whether anything but a
 //! number comes out.
+//!
+//! Engines read f32 points and means, so the exact reference is given those, rounded likewise: what
+//! remains is the error of the arithmetic, not of its input. Errors are largest ones, not means:
+//! one broken component is a hole that no average shows.
 
 mod cases;
 mod exact;
@@ -40,9 +44,9 @@ pub struct StabilityRow {
     pub points: usize,
     /// Points that are no finite numbers and must not count.
     pub points_broken: usize,
-    /// Frames learnt.
+    /// Times the frame was learnt.
     pub frames: u32,
-    /// Components.
+    /// Components of the model, used or not.
     pub components: usize,
     /// Components with statistics.
     pub used: usize,
@@ -185,6 +189,7 @@ impl<'a> Truth<'a> {
 
     fn splat_error(&self, engine: &dyn PaperLearner) -> f64 {
         let normalization = &self.case.normalization;
+        // The scale is the standard deviation of a uniform law, half its range over √3.
         let half_width = normalization.scale[0] * 3f64.sqrt();
         let splats = engine.splats();
         let used =

@@ -17,12 +17,12 @@ use serde::{Deserialize, Serialize};
 /// a file; settings that an older file lacks are the paper's.
 ///
 /// ```
-/// use vbgs_studio::train::paper::config::{Overrides, TrainConfig};
+/// use vbgs_studio::train::paper::config::{PaperOverrides, PaperConfig};
 ///
-/// let few = Overrides { components: Some(5000), ..Overrides::default() };
-/// assert_eq!(TrainConfig::paper().with(&few)?.components, 5000);
-/// let none = Overrides { components: Some(0), ..Overrides::default() };
-/// let error = TrainConfig::paper().with(&none).err().ok_or("accepted")?;
+/// let few = PaperOverrides { components: Some(5000), ..PaperOverrides::default() };
+/// assert_eq!(PaperConfig::paper().with(&few)?.components, 5000);
+/// let none = PaperOverrides { components: Some(0), ..PaperOverrides::default() };
+/// let error = PaperConfig::paper().with(&none).err().ok_or("accepted")?;
 /// assert_eq!(error.setting, "--components");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

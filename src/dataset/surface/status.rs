@@ -1,13 +1,13 @@
-//! What became of the pixels of a frame.
+//! The status of every pixel of a frame: a point, or why it is none.
 
-/// What became of a pixel.
+/// Whether a pixel became a point, or why it did not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
-pub enum PixelFate {
+pub enum PixelStatus {
     /// No surface measured.
     #[default]
     Hole,
-    /// A point.
+    /// The pixel became a point.
     Kept,
     /// Partially transparent: colour and depth mix what lies behind each other.
     Alpha,
@@ -15,7 +15,7 @@ pub enum PixelFate {
     Range,
     /// No plane explains it: too few neighbours agree, they scatter, or it lies off their plane.
     Flying,
-    /// Its surface is seen at a slant.
+    /// The surface is seen at a slant: its normal is too far from the direction to the camera.
     Slant,
     /// Not finite, or too far from the origin for f32.
     Far,
@@ -23,24 +23,24 @@ pub enum PixelFate {
     NoColor,
 }
 
-/// Pixels of one frame by fate; the fields add up to width × height.
+/// Pixels of one frame by status; the fields add up to width × height.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SurfaceCounts {
-    /// Points made.
+    /// Pixels that became points.
     pub kept: usize,
-    /// See [`PixelFate::Hole`].
+    /// Pixels of [`PixelStatus::Hole`].
     pub holes: usize,
-    /// See [`PixelFate::Alpha`].
+    /// Pixels of [`PixelStatus::Alpha`].
     pub dropped_alpha: usize,
-    /// See [`PixelFate::Range`].
+    /// Pixels of [`PixelStatus::Range`].
     pub dropped_range: usize,
-    /// See [`PixelFate::Flying`].
+    /// Pixels of [`PixelStatus::Flying`].
     pub dropped_flying: usize,
-    /// See [`PixelFate::Slant`].
+    /// Pixels of [`PixelStatus::Slant`].
     pub dropped_slant: usize,
-    /// See [`PixelFate::Far`].
+    /// Pixels of [`PixelStatus::Far`].
     pub dropped_far: usize,
-    /// See [`PixelFate::NoColor`].
+    /// Pixels of [`PixelStatus::NoColor`].
     pub dropped_no_color: usize,
 }
 
@@ -62,21 +62,22 @@ impl std::fmt::Display for SurfaceCounts {
 
 impl SurfaceCounts {
     /// Counts the pixels of a frame.
-    pub fn of(fates: &[PixelFate]) -> Self {
-        // A pass for each fate, in sums of bytes: that is vector code, a histogram is not.
-        let of = |fate: PixelFate| {
-            let count = |run: &[PixelFate]| run.iter().map(|f| u8::from(*f == fate)).sum::<u8>();
-            fates.chunks(usize::from(u8::MAX)).map(|run| usize::from(count(run))).sum()
+    pub fn of(statuses: &[PixelStatus]) -> Self {
+        // A pass for each status, in sums of bytes: that is vector code, a histogram is not.
+        let of = |status: PixelStatus| {
+            let count =
+                |run: &[PixelStatus]| run.iter().map(|f| u8::from(*f == status)).sum::<u8>();
+            statuses.chunks(usize::from(u8::MAX)).map(|run| usize::from(count(run))).sum()
         };
         Self {
-            kept: of(PixelFate::Kept),
-            holes: of(PixelFate::Hole),
-            dropped_alpha: of(PixelFate::Alpha),
-            dropped_range: of(PixelFate::Range),
-            dropped_flying: of(PixelFate::Flying),
-            dropped_slant: of(PixelFate::Slant),
-            dropped_far: of(PixelFate::Far),
-            dropped_no_color: of(PixelFate::NoColor),
+            kept: of(PixelStatus::Kept),
+            holes: of(PixelStatus::Hole),
+            dropped_alpha: of(PixelStatus::Alpha),
+            dropped_range: of(PixelStatus::Range),
+            dropped_flying: of(PixelStatus::Flying),
+            dropped_slant: of(PixelStatus::Slant),
+            dropped_far: of(PixelStatus::Far),
+            dropped_no_color: of(PixelStatus::NoColor),
         }
     }
 

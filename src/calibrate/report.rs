@@ -1,7 +1,46 @@
-//! The result for people.
+//! The result, as data and for people.
 
-use super::{Calibrated, Value};
+use super::value::CalibratedValue;
+use crate::dataset::calibration::Calibration;
 use crate::eval::table;
+use serde::Serialize;
+
+/// How well the views agree under a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Agreement {
+    /// Mean variance of colour inside components that several views see, channels in `[0, 1]`
+    /// added up.
+    pub color_variance: f64,
+    /// Number of components born: surfaces that come apart bear more.
+    pub births: usize,
+    /// Number of components that several views see.
+    pub components: usize,
+}
+
+/// The result of a calibration: values before and after, and the calibration to save.
+#[derive(Clone, Debug, Serialize)]
+pub struct Calibrated {
+    /// Name of the dataset.
+    pub dataset: String,
+    /// Name of the split.
+    pub split: String,
+    /// Frames looked at.
+    pub frames: usize,
+    /// Under the calibration that the search began with.
+    pub before: Agreement,
+    /// Under the one that is found.
+    pub after: Agreement,
+    /// Every number that was searched for.
+    pub values: Vec<CalibratedValue>,
+    /// What there is to say beside them.
+    pub notes: Vec<String>,
+    /// What is found; what the data does not determine is as it was.
+    pub calibration: Calibration,
+    /// Whether it differs from the one before.
+    pub changed: bool,
+    /// Frames that could not be read, with the reason.
+    pub skipped: Vec<String>,
+}
 
 impl Calibrated {
     /// How well the views agree before and after, every value, and what else there is to say.
@@ -33,7 +72,7 @@ impl Calibrated {
 
 const UNCHANGED: &str = "nothing was changed: the file holds the calibration as it was";
 
-fn row(value: &Value) -> [String; 6] {
+fn row(value: &CalibratedValue) -> [String; 6] {
     let verdict = if value.determined { "determined" } else { "not determined by this data" };
     let reason = value.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
     let [before, after, best, error] =

@@ -1,29 +1,11 @@
-//! Writes the synthetic scene as a dataset folder, in the layouts that the loaders read.
+//! Folders, texts and images on disk, and what can go wrong with them.
 
-use super::{ParamsError, Plan, SyntheticParams, write_blender, write_seven_scenes};
+use crate::dataset::synthetic::params::ParamsError;
 use crate::math::image::Image;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-
-/// Folder layout to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SyntheticLayout {
-    /// NeRF-synthetic, with depth along the ray.
-    Blender(DepthBits),
-    /// 7-Scenes: millimetres along the optical axis.
-    SevenScenes,
-}
-
-/// How the Blender layout stores depth.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DepthBits {
-    /// `8·(1 − d/255)` in RGBA, steps of 31 mm, as the classic export.
-    Eight,
-    /// Gray steps of `integer_depth_scale` = 0.25 mm.
-    Sixteen,
-}
 
 /// Why a dataset cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -47,38 +29,11 @@ pub enum WriteError {
     /// An image that cannot be encoded.
     #[error("{}: expected to write an image, found: {source}; check free space", path.display())]
     Image {
-        /// The file.
+        /// The image file that was to be written.
         path: PathBuf,
         /// What the encoder said.
         source: image::ImageError,
     },
-}
-
-/// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every
-/// split. `on_frame` hears how many frames of how many are written.
-pub fn write(
-    params: &SyntheticParams,
-    out: &Path,
-    layout: SyntheticLayout,
-    on_frame: &mut dyn FnMut(usize, usize),
-) -> Result<(), WriteError> {
-    let plan = Plan::new(params)?;
-    create_folder(out)?;
-    let mut entries =
-        std::fs::read_dir(out).map_err(|source| WriteError::Io { path: out.to_owned(), source })?;
-    if entries.next().is_some() {
-        return Err(WriteError::NotEmpty(out.to_owned()));
-    }
-    let total = plan.splits.iter().map(|split| split.poses.len()).sum();
-    let mut done = 0;
-    let mut count = || {
-        done += 1;
-        on_frame(done, total);
-    };
-    match layout {
-        SyntheticLayout::Blender(bits) => write_blender::write(&plan, out, bits, &mut count),
-        SyntheticLayout::SevenScenes => write_seven_scenes::write(&plan, out, &mut count),
-    }
 }
 
 pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {
@@ -89,13 +44,13 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
     std::fs::write(path, text).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
-/// RGBA PNG.
+/// Writes an 8-bit RGBA PNG, straight alpha.
 pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
     let size = (image.width, image.height);
     write_png(path, image.data.as_flattened(), size, ExtendedColorType::Rgba8)
 }
 
-/// 16-bit gray PNG.
+/// Writes a 16-bit gray PNG.
 pub(super) fn write_gray16(path: &Path, image: &Image<u16>) -> Result<(), WriteError> {
     let bytes = bytemuck::cast_slice(&image.data);
     write_png(path, bytes, (image.width, image.height), ExtendedColorType::L16)

@@ -1,17 +1,29 @@
 //! The synthetic scene in the NeRF-synthetic layout.
 
-use super::write::{DepthBits, WriteError, create_folder, write_gray16, write_rgba, write_text};
-use super::{DEPTH_UNIT, FIELD_OF_VIEW, Plan, PlannedSplit, View, quantise, room};
-use crate::dataset::frame::INVERSE8_RANGE;
+use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
+use crate::dataset::depth::INVERSE8_RANGE;
+use crate::dataset::synthetic::plan::{PlannedSplit, ViewPlan};
+use crate::dataset::synthetic::room;
+use crate::dataset::synthetic::scene::{DEPTH_UNIT, FIELD_OF_VIEW, quantise};
+use crate::dataset::synthetic::view::SyntheticView;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::pose::Pose;
 use serde_json::json;
 use std::path::Path;
 
+/// How the Blender layout stores depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthBits {
+    /// `8·(1 − d/255)` in RGBA, steps of 31 mm, as the classic export.
+    Eight,
+    /// Gray steps of `integer_depth_scale` = 0.25 mm.
+    Sixteen,
+}
+
 /// One `transforms_SPLIT.json` and one folder of images per split.
 pub(super) fn write(
-    plan: &Plan,
+    plan: &ViewPlan,
     out: &Path,
     bits: DepthBits,
     on_frame: &mut dyn FnMut(),
@@ -20,7 +32,7 @@ pub(super) fn write(
     for split in &plan.splits {
         create_folder(&out.join(split.name))?;
         for i in 0..split.poses.len() {
-            let View { color, depth_z } = plan.view(split, i);
+            let SyntheticView { color, depth_z } = plan.view(split, i);
             let stem = out.join(split.name).join(format!("r_{i}"));
             write_rgba(&stem.with_extension("png"), &color)?;
             let depth_file = stem.with_file_name(format!("r_{i}_depth_0001.png"));

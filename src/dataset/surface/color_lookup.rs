@@ -2,14 +2,15 @@
 
 use super::occluders::Occluders;
 use super::planes::Planes;
-use crate::dataset::calibration::{Calibration, ColorCamera};
+use super::projection::Projection;
+use crate::dataset::calibration::Calibration;
 use crate::dataset::frame::Frame;
 use crate::math::image::Image;
 use crate::observation::surface::DepthTolerance;
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 /// Colours of one frame's points.
-pub(super) struct Painter<'a> {
+pub(super) struct ColorLookup<'a> {
     image: &'a Image<[u8; 4]>,
     beside: Option<Beside<'a>>,
     /// Of every byte.
@@ -24,15 +25,7 @@ struct Beside<'a> {
     margin: [f32; 2],
 }
 
-/// A colour camera in f32.
-pub(super) struct Projection {
-    turn: Mat3,
-    offset: Vec3,
-    focal: Vec2,
-    principal: Vec2,
-}
-
-impl<'a> Painter<'a> {
+impl<'a> ColorLookup<'a> {
     /// `occluders` are filled with the frame if its colours are not registered.
     pub fn new(
         frame: &'a Frame,
@@ -48,6 +41,7 @@ impl<'a> Painter<'a> {
             occluders.fill(planes, [image.width, image.height], &camera);
             Beside { camera, occluders, margin: tolerance.margin }
         });
+        // A table instead of up to twelve divisions a point.
         let channel = std::array::from_fn(|byte| byte as f32 / 255.0);
         Self { image, beside, channel, gain }
     }
@@ -66,6 +60,7 @@ impl<'a> Painter<'a> {
                 self.bilinear(camera.project(point)?)?
             }
         };
+        // Clamped as a camera clips; a colour above 1 would be none.
         Some((color * self.gain).min(Vec3::ONE).to_array())
     }
 
@@ -80,40 +75,19 @@ impl<'a> Painter<'a> {
         let Image { width, height, .. } = self.image;
         let corner = at - 0.5;
         let last = Vec2::new(*width as f32 - 1.0, *height as f32 - 1.0);
+        // Negated, so that NaN is outside.
         if !(corner.cmpge(Vec2::ZERO).all() && corner.cmple(last).all()) {
             return None;
         }
         let (x, y) = (corner.x as usize, corner.y as usize);
         let t = corner - Vec2::new(x as f32, y as f32);
+        // At the last column and row the neighbour weighs nothing, but must exist.
         let right = usize::from(x + 1 < *width);
         let below = if y + 1 < *height { *width } else { 0 };
         let i = y * width + x;
         let above = mix(self.texel(i), self.texel(i + right), t.x);
         let under = mix(self.texel(i + below), self.texel(i + below + right), t.x);
         Some(mix(above, under, t.y))
-    }
-}
-
-impl Projection {
-    fn new(camera: &ColorCamera) -> Self {
-        Self {
-            turn: camera.color_from_depth().as_mat3(),
-            offset: Vec3::from_array(camera.offset.map(|v| v as f32)),
-            focal: Vec2::from_array(camera.focal.map(|v| v as f32)),
-            principal: Vec2::from_array(camera.principal.map(|v| v as f32)),
-        }
-    }
-
-    /// A point of the depth camera's frame in the colour camera's.
-    #[inline(always)]
-    pub fn turned(&self, point: Vec3) -> Vec3 {
-        self.turn * (point - self.offset)
-    }
-
-    /// Pixel coordinates of a point of the colour camera's frame; `None` behind the camera.
-    #[inline(always)]
-    pub fn project(&self, point: Vec3) -> Option<Vec2> {
-        (point.z > 0.0).then(|| self.focal * point.truncate() / point.z + self.principal)
     }
 }
 
