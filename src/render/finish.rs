@@ -2,7 +2,8 @@
 //!
 //! Neighbouring splats never cover a surface whole: light comes through where their rims meet. Wider
 //! splats close such cracks and blur what they show. Instead a pixel counts as covered in full from a
-//! coverage below 1 on, the scene's `closing` (1 fills no crack); below that coverage and colour rise in proportion.
+//! coverage below 1 on, the scene's `closing` (1 fills no crack); below that coverage and colour rise
+//! in proportion.
 //!
 //! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
 //! ([`crate::model::splat::exposure`]).
@@ -24,7 +25,7 @@ impl Finish {
     /// Pixels as they are.
     pub const NONE: Self = Self { closing: 1.0, exposure: [1.0; 3] };
 
-    /// Of one view of a scene.
+    /// What the pixels of one view of a scene become: its crack filling, and its exposure there.
     pub fn new(finishing: &Finishing, camera: &Camera, options: &RenderOptions) -> Self {
         let exposure = match (options.exposing, &finishing.exposures) {
             (Exposing::Recorded, Some(log)) => log.at(&camera.pose),
