@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 use std::path::Path;
 use vbgs_studio::render::gpu::layout::{
-    Composite, GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, View, shader,
+    Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
 };
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
@@ -111,7 +111,7 @@ fn shared_structs_agree_with_rust() {
         rust_layout!("SparseSplat", SparseSplat, splat, index),
         rust_layout!(
             "View",
-            View,
+            GpuView,
             right,
             near,
             down,
@@ -156,7 +156,7 @@ fn shared_structs_agree_with_rust() {
     }
     assert_eq!(size_of::<GpuSplat>(), 64, "`rendering.md`, Splat record");
     assert_eq!(size_of::<GpuAppearance>(), 80, "`rendering.md`, Splat record");
-    assert!(size_of::<View>() <= 256, "`rendering.md`, Splat record");
+    assert!(size_of::<GpuView>() <= 256, "`rendering.md`, Splat record");
 }
 
 /// Files of the tile path that others are built on.

@@ -8,14 +8,14 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::finish::Exposing;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
 use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 pub struct Gpu {
     pub adapter: wgpu::Adapter,
@@ -101,8 +101,8 @@ impl Gpu {
 pub const PLAIN: RenderOptions = RenderOptions {
     background: [0.0; 3],
     near: 0.2,
-    method: Method::PROJECTED,
-    look: vbgs_studio::render::Look::PLAIN,
+    method: RenderMethod::PROJECTED,
+    look: vbgs_studio::render::SplatStyle::PLAIN,
     exposing: Exposing::Neutral,
 };
 

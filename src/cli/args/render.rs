@@ -4,8 +4,8 @@ use super::parse::{choice, parse_color, parse_count, parse_size};
 use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::Lens;
-use vbgs_studio::render::finish::Exposing;
 
 #[derive(Args)]
 pub struct RenderArgs {

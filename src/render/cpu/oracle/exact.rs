@@ -6,7 +6,8 @@ use super::shade::Shade;
 use super::splat::Placed;
 use crate::math::camera::Intrinsics;
 use crate::render::{
-    ALPHA_CAP, Antialias, Exact as Settings, FOOTPRINT_PX2, Lens, REFERENCE_VARIANCE, Response,
+    ALPHA_CAP, Antialias, ExactOptions as Settings, FOOTPRINT_PX2, Lens, REFERENCE_VARIANCE,
+    Response,
 };
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;

@@ -14,7 +14,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::model::splat::appearance::SplatView;
 use crate::render::finish::Finish;
-use crate::render::{ALPHA_CUT, Lens, Method, RenderOptions, TRANSMITTANCE_STOP};
+use crate::render::{ALPHA_CUT, Lens, RenderMethod, RenderOptions, TRANSMITTANCE_STOP};
 use exact::Exact;
 use glam::{DVec2, DVec3};
 use projected::Projected;
@@ -73,11 +73,11 @@ impl Oracle {
             alpha_cut: ALPHA_CUT,
             transmittance_stop: TRANSMITTANCE_STOP,
             splats: match options.method {
-                Method::Projected(support) => {
+                RenderMethod::Projected(support) => {
                     let splats = placed.filter_map(|splat| Projected::new(&splat, k, support));
                     Sorted::Projected(nearest_first(splats, |splat| splat.depth))
                 }
-                Method::Exact(settings) => {
+                RenderMethod::Exact(settings) => {
                     let splats = placed.map(|splat| Exact::new(&splat, k, settings));
                     Sorted::Exact(settings.lens, nearest_first(splats, |splat| splat.distance))
                 }
