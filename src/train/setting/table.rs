@@ -214,8 +214,8 @@ macro_rules! settings {
             }
         )+
     ) => {
-        $(#[$meta])*
         #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+        $(#[$meta])*
         #[serde(default, deny_unknown_fields)]
         pub struct $layer {
             $(
