@@ -36,7 +36,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let range = from_samples(&mut axes);
     match (range, failure) {
         (Some(range), _) => Ok(range),
-        (None, Some(last)) => Err(RangeError::Frames { n_sampled, last }),
+        (None, Some(last)) => Err(RangeError::Frames { n_sampled, last: Box::new(last) }),
         (None, None) => Err(RangeError::NoPoints),
     }
 }
@@ -53,7 +53,7 @@ pub enum RangeError {
         n_sampled: usize,
         /// The last one's problem.
         #[source]
-        last: FrameError,
+        last: Box<FrameError>,
     },
     /// The frames load but hold no spread-out trusted depth.
     #[error(

@@ -1,6 +1,6 @@
 //! The seam between presets on the side of a run: what ties a preset's settings, the preparation of
 //! frames and the learner together by type, so that no learner is ever handed the other preset's
-//! material. [`start`](super::start) is the one place that asks which preset a run follows; whoever
+//! material. `pipeline/start.rs` is the one place that asks which preset a run follows; whoever
 //! needs less than the types asks [`AnyPreset`].
 
 use super::error::SessionError;

@@ -109,8 +109,8 @@ mod tests {
 
     #[test]
     fn a_frame_replaces_the_one_before() {
-        let mut ownership = Ownership::default();
-        ownership.owners = vec![2, 0, NOBODY, 2];
+        let owners = vec![2, 0, NOBODY, 2];
+        let mut ownership = Ownership { owners, ..Ownership::default() };
         ownership.count(&[1.0, 5.0, f64::NAN, 2.0], 4);
         assert_eq!((ownership.of(2), ownership.of(0)), (Some((1.5, 2)), Some((5.0, 1))));
         assert_eq!((ownership.of(1), &ownership.ids[..]), (None, &[2, 0][..]));

@@ -45,7 +45,7 @@ impl RenderRow {
         Some(Spread { median: self.ms?, quartiles: [self.ms_q1?, self.ms_q3?] })
     }
 
-    /// Medians of the stages, milliseconds, in the order of [`STAGES`].
+    /// Medians of the stages, milliseconds, in the order of `STAGES`.
     pub fn stages(&self) -> [Option<f64>; STAGES.len()] {
         [self.prepare_ms, self.sort_ms, self.bin_ms, self.draw_ms]
     }

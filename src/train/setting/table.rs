@@ -1,6 +1,6 @@
 //! The table of a preset's settings: every option is declared once.
 //!
-//! [`settings!`] makes of one declaration the struct of what a user asks for (read from RON files,
+//! `settings!` makes of one declaration the struct of what a user asks for (read from RON files,
 //! layered by [`SettingLayer::or`]), and a constant table whose rows know how to read a value from
 //! the command line, put it into a run's settings, check its range and compare it with a stored
 //! run's. Everything that speaks of settings walks that table: the arguments and their help, the

@@ -13,7 +13,7 @@ pub struct SearchPlan {
     pub frames: usize,
     /// Runs of every combination.
     pub repeats: usize,
-    /// Largest [`PosteriorErrors::p99`] that is accepted.
+    /// Largest [`p99`](crate::bench::paper::oracle::PosteriorErrors::p99) that is accepted.
     pub bound: f64,
     /// What was asked for.
     pub options: BenchOptions,
