@@ -1,7 +1,7 @@
 //! Rust source as words and punctuation, without comments, strings and character literals.
 
 /// A word or a piece of punctuation (`::` is one piece).
-#[derive(Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Token<'a> {
     /// Line, from 1.
     pub line: usize,
@@ -22,6 +22,45 @@ pub fn tokens(source: &str) -> Vec<Token<'_>> {
         rest = after;
     }
     found
+}
+
+/// What is compiled outside of tests: items under `#[cfg(test)]` are left out.
+pub fn shipped(tokens: Vec<Token<'_>>) -> Vec<Token<'_>> {
+    const TEST: [&str; 7] = ["#", "[", "cfg", "(", "test", ")", "]"];
+    let mut kept = Vec::with_capacity(tokens.len());
+    let mut at = 0;
+    while at < tokens.len() {
+        if TEST.iter().enumerate().all(|(i, part)| text(&tokens, at + i) == *part) {
+            at = end_of_item(&tokens, at + TEST.len());
+        } else {
+            kept.push(tokens[at].clone());
+            at += 1;
+        }
+    }
+    kept
+}
+
+/// Past the item that starts at `at`: its `;` or the brace that closes it.
+fn end_of_item(tokens: &[Token<'_>], mut at: usize) -> usize {
+    let mut depth = 0usize;
+    while at < tokens.len() {
+        let word = tokens[at].text;
+        at += 1;
+        match word {
+            "{" | "(" | "[" => depth += 1,
+            "}" | ")" | "]" => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth == 0 && [";", "}"].contains(&word) {
+            break;
+        }
+    }
+    at
+}
+
+/// The text of a token, nothing past the end.
+pub fn text<'a>(tokens: &[Token<'a>], at: usize) -> &'a str {
+    tokens.get(at).map_or("", |t| t.text)
 }
 
 /// Length in bytes of what the source starts with, and whether it is a token.
@@ -126,4 +165,18 @@ fn only_code_is_left() {
         assert_eq!(texts(source), expected, "{source}");
     }
     assert_eq!(tokens("a\n\"x\ny\"\n b")[1], Token { line: 4, text: "b" });
+}
+
+#[test]
+fn tests_are_not_shipped() {
+    let cases = [
+        ("a #[cfg(test)] mod t { b { c } } d", "a d"),
+        ("a #[cfg(test)] mod t; d", "a d"),
+        ("a #[cfg(test)] #[test] fn f([x]: T) -> [u8; 3] { b } d", "a d"),
+        ("#[cfg(feature)] a", "# [ cfg ( feature ) ] a"),
+    ];
+    for (source, expected) in cases {
+        let left: Vec<&str> = shipped(tokens(source)).into_iter().map(|t| t.text).collect();
+        assert_eq!(left.join(" "), expected, "{source}");
+    }
 }
