@@ -16,14 +16,15 @@ mod plan;
 pub mod sort;
 
 use super::GpuError;
+use super::constants::slot;
 use super::scene::GpuScene;
 use super::target::SplatTarget;
 use super::timer::{Stage, StageTimer};
-use buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, most_entries, slot, tile_grid};
+use buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, most_entries, tile_grid};
 use capacity::EntryDemand;
 use plan::{Inputs, Kernels, Plan};
 
-/// WGSL of each module.
+/// WGSL of each module; [`super::constants`] come in front.
 pub mod shader {
     /// `tiles/sort.wgsl`.
     pub const SORT: &str = concat!(
@@ -58,9 +59,7 @@ pub mod shader {
     );
 }
 
-/// Lanes of a workgroup; `GROUP` in `tiles/stages.wgsl`.
-const GROUP: u32 = 256;
-/// Pixels a side of a tile; `TILE` there.
+/// Pixels a side of a tile.
 const TILE_PIXELS: u32 = crate::render::TILE as u32;
 
 /// One image.

@@ -1,9 +1,10 @@
 //! The kernels of the tile path and what each is bound to.
 
-use super::buffers::{EntryBuffers, SplatBuffers, slot, starts, tile_grid};
-use super::kernel::{Bound, Grid, Kernel, module};
+use super::buffers::{EntryBuffers, SplatBuffers, starts, tile_grid};
+use super::kernel::{Bound, Grid, Kernel};
 use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
+use crate::render::gpu::constants::{module, slot};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
 use crate::render::gpu::timer::Stage;

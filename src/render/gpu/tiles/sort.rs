@@ -1,10 +1,9 @@
 //! Stable radix sort of u32 keys with u32 values on the GPU; `sort.wgsl` says how.
 
-use super::kernel::{Bound, Grid, Kernel, module, storage};
+use super::kernel::{Bound, Grid, Kernel, storage};
 use super::shader;
+use crate::render::gpu::constants::{N_STRIPS, module};
 
-/// Workgroups of the passes over all keys; `N_STRIPS` in `sort.wgsl`.
-const N_STRIPS: u32 = 1024;
 /// Most bits of one digit: a lane of a workgroup for each value.
 const DIGIT_BITS: u32 = 8;
 

@@ -1,20 +1,29 @@
 //! Every WGSL file is valid, and its structs lie in memory as Rust's do.
-#![cfg(feature = "gui")]
-#![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 use std::path::Path;
+use vbgs_studio::model::appearance::GRADIENT_LIMIT;
+use vbgs_studio::render::compare::OUTSIDE;
+use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
     Composite, GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, View, shader,
 };
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
+use vbgs_studio::render::{
+    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, REFERENCE_VARIANCE,
+    SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+};
 use wgpu::naga::back::PipelineConstants;
 use wgpu::naga::back::pipeline_constants::process_overrides;
-use wgpu::naga::{Module, TypeInner, back::spv, front::wgsl, proc::Layouter, valid};
+use wgpu::naga::{
+    Expression, Handle, Literal, Module, TypeInner, back::spv, front::wgsl, proc::Layouter, valid,
+};
 
-fn validated(name: &str, source: &str) -> Module {
+/// The module of a shader behind the constants it shares with Rust.
+fn validated(name: &str, shader: &str) -> Module {
+    let source = &with_constants(shader);
     let module =
         wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
     // No optional capability: what passes here runs on every backend.
@@ -66,19 +75,46 @@ fn every_file_is_valid_and_used() {
     assert_eq!(n_files, used.len());
 }
 
+/// The constants in front of every shader are Rust's to the last bit.
 #[test]
-fn the_ramp_has_the_numbers_of_rust() {
-    let paint = read("paint.wgsl");
-    let rows: Vec<[f32; 3]> = paint
-        .split("    vec3<f32>(")
-        .skip(1)
-        .take(RAMP.len())
-        .map(|row| {
-            let numbers = row.split(')').next().unwrap().split(", ");
-            numbers.map(|v| v.parse().unwrap()).collect::<Vec<f32>>().try_into().unwrap()
-        })
+fn shared_constants_keep_their_bits() {
+    let module = validated("constants", "");
+    let found: BTreeMap<&str, Vec<u32>> = module
+        .constants
+        .iter()
+        .map(|(_, constant)| (constant.name.as_deref().unwrap(), words(&module, constant.init)))
         .collect();
-    assert_eq!(rows, RAMP);
+    let bits = |value: f64| vec![(value as f32).to_bits()];
+    for (name, expected) in [
+        ("ALPHA_CAP", bits(ALPHA_CAP)),
+        ("ALPHA_CUT", bits(ALPHA_CUT)),
+        ("TRANSMITTANCE_STOP", bits(TRANSMITTANCE_STOP)),
+        ("LOW_PASS", bits(LOW_PASS_PX2)),
+        ("FOOTPRINT", bits(FOOTPRINT_PX2)),
+        ("REFERENCE_VARIANCE", bits(REFERENCE_VARIANCE)),
+        ("SCALE_FLOOR", bits(SCALE_FLOOR)),
+        ("GRADIENT_LIMIT", bits(GRADIENT_LIMIT)),
+        ("OUTSIDE", vec![OUTSIDE.to_bits()]),
+        ("RAMP", RAMP.as_flattened().iter().map(|v| v.to_bits()).collect()),
+        ("TILE", vec![TILE as u32]),
+        ("ANTIALIAS_REFERENCE", vec![Antialias::Reference as u32]),
+        ("LENS_FISHEYE", vec![Lens::Fisheye as u32]),
+        ("PAINT_NORMAL", vec![PAINT_NORMAL]),
+    ] {
+        assert_eq!(found[name], expected, "{name}");
+    }
+}
+
+/// The numbers that a constant is made of, as bits.
+fn words(module: &Module, expression: Handle<Expression>) -> Vec<u32> {
+    match &module.global_expressions[expression] {
+        Expression::Literal(Literal::U32(value)) => vec![*value],
+        Expression::Literal(Literal::F32(value)) => vec![value.to_bits()],
+        Expression::Compose { components, .. } => {
+            components.iter().flat_map(|&part| words(module, part)).collect()
+        }
+        other => panic!("{other:?} is no number"),
+    }
 }
 
 /// Size and field offsets of every struct in the shared file, by naga's rules.
