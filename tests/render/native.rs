@@ -2,6 +2,7 @@
 //! renderer by the oracle.
 
 use crate::agreement;
+use crate::common::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
 use crate::common::ray::GaussianOnRay;
 use crate::common::scenes::{
     METHODS, NATIVE_SCENES, Scene, camera, camera_of, exact, options, random_appearance,
@@ -13,7 +14,6 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::appearance::{Appearance, Finishing, SplatSet, SplatView};
 use vbgs_studio::model::scene::exposure::{Exposure, ExposureLog};
 use vbgs_studio::model::splats::Splat;
-use vbgs_studio::render::cpu::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
 use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 

@@ -2,7 +2,6 @@
 //! depth, pixels that no plane explains are dropped, the others take its depth and normal.
 
 pub mod fates;
-pub mod oracle;
 pub mod sensor;
 pub mod settings;
 

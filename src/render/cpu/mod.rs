@@ -9,7 +9,6 @@ mod buckets;
 mod conic;
 mod exact;
 mod lanes;
-pub mod oracle;
 mod prepare;
 mod projected;
 mod raster;
