@@ -27,5 +27,5 @@ gate cargo test --release
 gate cargo test --release -- --ignored
 # What machines without AVX2 run passes the same tests.
 gate env VBGS_SIMD=portable cargo test --release --lib --test render
-gate env VBGS_SIMD=portable cargo test --release --test engine inference variants
+gate env VBGS_SIMD=portable cargo test --release --test engine -- inference variants
 printf '\n=== every gate passed in %d s\n' "$SECONDS"

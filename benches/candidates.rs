@@ -1,8 +1,8 @@
 //! Time of the candidate search and of building its index, against `kiddo`.
 //!
-//! `cargo bench --bench candidates` prints the table of `engine.md` section 4 and what its switches
-//! are set by; `-- quick` leaves out `kiddo`, `-- K C` runs other sizes. Lego is read from
-//! `../shared/data/lego400`, if that is there, and doubled to 800 pixels.
+//! `cargo bench --bench candidates` prints the times of the search (`train.md`, Candidate search)
+//! and what its switches are set by; `-- quick` leaves out `kiddo`, `-- K C` runs other sizes. Lego
+//! is read from `../shared/data/lego400`, if that is there, and doubled to 800 pixels.
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
@@ -16,9 +16,9 @@ use rayon::prelude::*;
 use scenes::{draws, lego, smooth, together};
 use std::hint::black_box;
 use std::num::NonZero;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::simd::Isa;
-use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::candidates::{CandidateSearch, MeanGrid, nearest_in_tile};
 
 type Mean = [f32; 3];
 
@@ -92,7 +92,7 @@ fn search_row(name: &str, kind: &str, frame: &Points<f32>, means: &[Mean], n: us
 fn build_row(kind: &str, means: &[Mean]) {
     let grid = [1, 2].map(|threads| {
         pool(threads).install(|| {
-            let mut index = Grid::new(means).expect("finite means");
+            let mut index = MeanGrid::new(means).expect("finite means");
             median_ms(REPETITIONS, || index.rebuild(means).expect("finite means"))
         })
     });
@@ -108,8 +108,8 @@ fn build_row(kind: &str, means: &[Mean]) {
 }
 
 fn grid_ms(points: &Points<f32>, means: &[Mean], n: NonZero<usize>, threads: usize) -> f64 {
-    let index = Grid::new(means).expect("finite means");
-    let mut tasks = tasks(points, |_| (Search::default(), Vec::new()));
+    let index = MeanGrid::new(means).expect("finite means");
+    let mut tasks = tasks(points, |_| (CandidateSearch::default(), Vec::new()));
     pool(threads).install(|| {
         median_ms(REPETITIONS, || {
             tasks.par_iter_mut().with_max_len(1).for_each(|(tiles, (scratch, ids))| {

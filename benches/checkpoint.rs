@@ -8,13 +8,12 @@ mod common;
 
 use common::times_ms;
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, to_bytes, write};
-use vbgs_studio::math::observation::SurfacePoint;
-use vbgs_studio::math::points::Normalization;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums};
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};
+use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums, VisibilityCounts};
 use vbgs_studio::model::scene::sums as scene;
-use vbgs_studio::model::state::{Means, ModelState, Totals};
 
 /// Files per row of the table.
 const REPETITIONS: usize = 15;
@@ -31,7 +30,7 @@ fn main() {
     let rows: Vec<[f64; 13]> = (0..n).map(|_| row(&mut rng)).collect();
     let means = || {
         let points = rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32));
-        Means::F32 { space: points.clone().collect(), color: points.collect() }
+        InitialMeans::F32 { space: points.clone().collect(), color: points.collect() }
     };
     let fixed64 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(40)) as i64)).collect();
     let fixed128 = rows.iter().map(|row| row.map(|v| (v * 2f64.powi(80)) as i128)).collect();
@@ -44,17 +43,17 @@ fn main() {
     time("fixed64", n, mixture(Totals::Fixed64 { rows: fixed64, carries: Vec::new() }));
     time("fixed128", n, mixture(Totals::Fixed128(fixed128)));
     time("f32", n, mixture(Totals::F32(f32s)));
-    let point = SurfacePoint { direction: [0.6, 0.0, 0.8], ..SurfacePoint::default() };
+    let direction = [0.6, 0.0, 0.8];
     let quanta = |sums: [f32; scene::N_SUMS]| sums.map(|sum| (f64::from(sum) / QUANTUM) as i32);
     let scene = SceneState {
         origin: [0.0; 3],
         seeds: rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32)).collect(),
         components: None,
         sums: StoredSums::Mixed {
-            rows: vec![quanta(scene::terms(&point, [0.1; 3], [0.5; 3])); n],
+            rows: vec![quanta(scene::terms([0.1; 3], [0.5; 3], [0.0; 3], direction)); n],
             wide: Vec::new(),
         },
-        looks: vec![Looks { expected: 640, seen: 1, missed: 0 }; n],
+        visibility: vec![VisibilityCounts { expected: 640, hits: 1, misses: 0 }; n],
         exposures: Vec::new(),
     };
     time("scene", n, StoredModel::Scene(scene));

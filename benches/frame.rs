@@ -1,8 +1,8 @@
 //! Time of one frame of training, by stage.
 //!
-//! `cargo bench --bench frame` prints the table of `engine.md` section 1 at N = 100,000 and C = 4 on
-//! about 190,000 points: frames of Lego (from `../shared/data/lego400`, if that is there, doubled to
-//! 800 pixels) and of a smooth surface. `VBGS_SIMD=portable` leaves AVX2 out.
+//! `cargo bench --bench frame` prints the stages of a frame (`train.md`, Speed) at N = 100,000 and
+//! C = 4 on about 190,000 points: frames of Lego (from `../shared/data/lego400`, if that is there,
+//! doubled to 800 pixels) and of a smooth surface. `VBGS_SIMD=portable` leaves AVX2 out.
 
 #![allow(clippy::print_stdout, clippy::expect_used)]
 
@@ -10,11 +10,12 @@
 mod scenes;
 
 use scenes::{draws, lego, smooth, together};
-use vbgs_studio::math::points::Points;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::simd::Isa;
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::engine::Engine;
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::timing::StageMs;
 
 /// Frames of a measurement.
@@ -44,10 +45,8 @@ fn main() {
                 one.train,
                 two.train,
                 one.train / two.train,
-                StageMs::NAMES
-                    .iter()
-                    .zip(two.stages())
-                    .map(|(name, ms)| format!("{name} {ms:.2} "))
+                two.stages()
+                    .map(|(stage, ms)| format!("{} {ms:.2} ", stage.key))
                     .collect::<String>()
             );
         }
@@ -61,25 +60,17 @@ fn medians(
     policy: ReassignPolicy,
     threads: usize,
 ) -> StageMs {
-    let overrides = Overrides { reassign: Some(policy), ..Overrides::default() };
-    let config = TrainConfig::paper().with(&overrides).expect("settings in range");
+    let overrides = PaperOverrides { reassign: Some(policy), ..PaperOverrides::default() };
+    let config = PaperConfig::paper().with(&overrides).expect("settings in range");
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     let times: Vec<StageMs> = pool.install(|| {
-        let mut engine = Engine::new(&config, draw).expect("finite means");
+        let mut engine =
+            engine::begin(&config, draw, Normalization::IDENTITY).expect("finite means");
         let frames = frames.iter().cycle().take(FRAMES);
-        frames.map(|frame| engine.train(frame).expect("finite means").ms).collect()
+        frames.map(|frame| engine.learn(frame).expect("finite means").ms).collect()
     });
-    let median = |of: &dyn Fn(&StageMs) -> f64| {
-        let mut values: Vec<f64> = times.iter().map(of).collect();
+    StageMs::combine(&times, |mut values| {
         values.sort_by(f64::total_cmp);
         values[values.len() / 2]
-    };
-    StageMs {
-        candidates: median(&|ms| ms.candidates),
-        e_step: median(&|ms| ms.e_step),
-        stats: median(&|ms| ms.stats),
-        update: median(&|ms| ms.update),
-        reassign: median(&|ms| ms.reassign),
-        train: median(&|ms| ms.train),
-    }
+    })
 }

@@ -13,18 +13,19 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group};
 use scenes::{draws, smooth};
 use std::hint::black_box;
 use std::num::NonZero;
-use vbgs_studio::math::points::Points;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::statistics::{N_SUMS, Record};
-use vbgs_studio::model::totals::{Statistics, UpdateWidth};
-use vbgs_studio::train::candidates::{Grid, Search, nearest_in_tile};
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::engine::Engine;
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::conjugate::statistics::{N_SUMS, TileRecord};
+use vbgs_studio::model::paper::totals::{Statistics, UpdateWidth};
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::candidates::{CandidateSearch, MeanGrid, nearest_in_tile};
 use vbgs_studio::train::estep::Scoring;
-use vbgs_studio::train::init::InitialDraw;
-use vbgs_studio::train::reassign::{Chooser, Quota};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::reassign::{DestinationChooser, Quota};
 
 const COMPONENTS: usize = 100_000;
 
@@ -43,9 +44,9 @@ fn search(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("search");
     group.throughput(Throughput::Elements(frame.len() as u64)).sample_size(20);
     for (start, draw) in starts(&other) {
-        let grid = Grid::new(&positions(&draw)).expect("finite means");
+        let grid = MeanGrid::new(&positions(&draw)).expect("finite means");
         for isa in [Some(Isa::PORTABLE), Isa::avx2()].into_iter().flatten() {
-            let (mut memory, mut ids) = (Search::default(), Vec::new());
+            let (mut memory, mut ids) = (CandidateSearch::default(), Vec::new());
             group.bench_function(BenchmarkId::new(start, isa.name()), |bencher| {
                 bencher.iter(|| {
                     for tile in 0..frame.n_tiles() {
@@ -69,11 +70,13 @@ fn frame(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame");
     group.throughput(Throughput::Elements(frame.len() as u64)).sample_size(20);
     for (start, draw) in starts(&other) {
-        let overrides = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
-        let config = TrainConfig::paper().with(&overrides).expect("settings in range");
-        let mut engine = Engine::new(&config, &draw).expect("finite means");
+        let overrides =
+            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
+        let config = PaperConfig::paper().with(&overrides).expect("settings in range");
+        let mut engine =
+            engine::begin(&config, &draw, Normalization::IDENTITY).expect("finite means");
         group.bench_function(start, |bencher| {
-            bencher.iter(|| engine.train(&frame).expect("finite means"));
+            bencher.iter(|| engine.learn(&frame).expect("finite means"));
         });
     }
 }
@@ -96,7 +99,7 @@ fn totals(criterion: &mut Criterion) {
         let mut sums = [0.0f32; N_SUMS];
         sums.fill_with(|| rng.normal() as f32);
         sums[0] = 1.0;
-        Record { id: rng.below(COMPONENTS) as u32, tile, sums }
+        TileRecord { id: rng.below(COMPONENTS) as u32, tile, sums }
     };
     let mut group = criterion.benchmark_group("totals");
     for width in [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128] {
@@ -119,7 +122,7 @@ fn choice(criterion: &mut Criterion) {
     let q: Vec<f64> = (0..193_600).map(|_| 1e-4 * rng.normal().powi(2)).collect();
     let stream = Rng::new(0, Purpose::Reassign, 1);
     let quota = Quota { moves: 5000, low_elbo: 20_000 };
-    let mut chooser = Chooser::default();
+    let mut chooser = DestinationChooser::default();
     criterion.bench_function("destinations", |bencher| {
         bencher.iter(|| black_box(chooser.destinations(&q, quota, &stream).len()));
     });
@@ -131,7 +134,7 @@ fn rebuild(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("rebuild");
     for (start, draw) in starts(&other) {
         let means = positions(&draw);
-        let mut grid = Grid::default();
+        let mut grid = MeanGrid::default();
         group.bench_function(start, |bencher| {
             bencher.iter(|| grid.rebuild(&means).expect("finite means"));
         });

@@ -19,8 +19,8 @@ use vbgs_studio::dataset::frame::Frame;
 use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
-use vbgs_studio::math::observation::Observation;
 use vbgs_studio::math::simd::Isa;
+use vbgs_studio::observation::surface::Observation;
 
 /// Repetitions of a measurement; the median is printed.
 const REPETITIONS: usize = 21;

@@ -14,7 +14,7 @@ use vbgs_studio::eval::ssim::{SsimPadding, ssim};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::{CpuRenderer, Stage};
 use vbgs_studio::render::{RenderOptions, Renderer};
 

@@ -2,7 +2,7 @@
 // every size and offset. Prepended to each of the other files; constants that Rust has too come in
 // front of it, from `src/render/gpu/constants.rs`.
 
-// One splat as `rendering.md` (d) stores it. A record that cannot be drawn is all zeros.
+// One splat as `rendering.md`, Splat record, stores it. A record that cannot be drawn is all zeros.
 struct Splat {
     mean: vec3<f32>,            // world units
     opacity: f32,
@@ -19,8 +19,8 @@ struct SparseSplat {
     index: u32,
 }
 
-// What a splat carries beyond position, shape and one colour (`rendering.md` (h)); 80 bytes. Rows are
-// channels: `gradient[3 * channel + axis]`.
+// What a splat carries beyond position, shape and one colour (`rendering.md`, Native appearance);
+// 80 bytes. Rows are channels: `gradient[3 * channel + axis]`.
 struct Appearance {
     gradient: array<f32, 9>,    // per world unit
     directional: array<f32, 9>, // times the unit direction from the camera to the mean

@@ -1,6 +1,6 @@
 // From a splat to what a pixel needs of it: one record for the projected renderer, the exact one and
-// the exact one through a fisheye (`rendering.md` (b), (c), (h)). Prepended, after `common.wgsl` and
-// `paint.wgsl`, to every file that draws.
+// the exact one through a fisheye (`rendering.md`, Rational conic). Prepended, after `common.wgsl`
+// and `paint.wgsl`, to every file that draws.
 //
 // The record is the rational conic of (c) in the splat's tangent frame. With the whitening
 // M = diag(1/s)(R·Q)ᵀ, a ray `ahead` to the mean (p = M·mean = span·g, g = M·ahead), two directions e
@@ -261,9 +261,10 @@ fn slack(size: vec2<f32>) -> vec2<f32> {
     return vec2<f32>(SLACK) + SLACK_SHARE * abs(size);
 }
 
-// Tight bounds of the ellipsoid of k standard deviations through a pinhole (`rendering.md` (c)). With
-// rows ρ of the scaled axes over z, v = ρ₀ − tan_x·ρ₂ and β = k²|ρ₂|², the table there becomes
-// (β − 1)e² − 2k²(v·ρ₂)e + k²|v|² = 0 in e = tan − tan_x; β < 1 is an ellipsoid wholly in front.
+// Tight bounds of the ellipsoid of k standard deviations through a pinhole (`rendering.md`, Tight
+// bounds). With rows ρ of the scaled axes over z, v = ρ₀ − tan_x·ρ₂ and β = k²|ρ₂|², the
+// quadratic there becomes (β − 1)e² − 2k²(v·ρ₂)e + k²|v|² = 0 in e = tan − tan_x; β < 1 is an ellipsoid
+// wholly in front.
 fn outline_of_ellipsoid(placed: Placed, centre: vec2<f32>, tangent: vec2<f32>, k: f32) -> Outline {
     let reach = k * placed.scale / placed.mean.z;
     let ahead = reach * placed.axes[2];

@@ -8,14 +8,17 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`math`] | geometry, images, points, random streams, fixed point |
-//! | [`model`] | laws, hyper-parameters, statistics, posterior, splats |
+//! | [`math`] | numbers and geometry: cameras, images, random streams, fixed point |
+//! | [`observation`] | what a frame says: points, or surfaces |
+//! | [`model`] | conjugate laws and posterior, the mixture of either preset, splats |
 //! | [`dataset`] | one file per layout, frames, unprojection, surface points, the synthetic scene |
-//! | [`train`] | candidates, E-step, statistics, reassignment: one frame at a time |
+//! | [`train`] | one frame at a time: [`train::paper`] as published, [`train::scene`] the default |
 //! | [`render`] | splats to pixels: CPU (`render::cpu`) and GPU (`render::gpu`, feature `gui`) |
 //! | [`export`] | PLY, GLB and checkpoints, written and read |
-//! | [`eval`] | PSNR, SSIM, depth error; the report's types |
-//! | [`pipeline`] | the one training loop: prefetch, train, publish; runs saved, continued, merged; cameras calibrated |
+//! | [`eval`] | PSNR, SSIM, depth error, cracks; the report's types; tables |
+//! | [`pipeline`] | the one training loop: settings, prefetch, train, publish; runs saved, continued, merged |
+//! | [`calibrate`] | what took a recording, found from the recording itself |
+//! | [`mod@bench`] | speed against error, as tables and plots |
 //! | `app` (feature `gui`) | the window |
 //! | `cli` (in the binary) | the command line |
 //!
@@ -28,6 +31,8 @@
 //! * The engine knows no window, and `app` and `cli` hold no algorithm.
 
 pub mod math;
+pub mod observation;
+
 pub mod model;
 
 pub mod dataset;
@@ -38,6 +43,9 @@ pub mod export;
 pub mod render;
 
 pub mod pipeline;
+
+pub mod bench;
+pub mod calibrate;
 
 #[cfg(feature = "gui")]
 pub mod app;

@@ -3,12 +3,15 @@
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::frame::{DepthCodes, Frame};
-use vbgs_studio::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+use vbgs_studio::dataset::unproject::{
+    CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
+};
 use vbgs_studio::dataset::{LoadOptions, open};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::points::{Normalization, Points};
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::init::InitialDraw;
 
 /// Pixels on a side of the smooth surface, a multiple of the tile's.
 const SMOOTH_SIDE: usize = 440;
@@ -98,6 +101,7 @@ pub fn doubled(mut frame: Frame) -> Frame {
         match &mut depth.codes {
             DepthCodes::Inverse8(codes) => *codes = double(codes),
             DepthCodes::Linear16 { codes, .. } => *codes = double(codes),
+            DepthCodes::Lengths(lengths) => *lengths = double(lengths),
         }
     }
     frame

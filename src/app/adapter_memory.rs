@@ -4,8 +4,8 @@
 use crate::render::gpu::adapters::AdapterChoice;
 use std::path::{Path, PathBuf};
 
-/// Name of the application's folder, the same as eframe's.
-const APP: &str = "vbgs-studio";
+/// Name of the application's folders, the same as eframe's.
+pub const APP: &str = "vbgs-studio";
 /// The file, a RON string.
 const FILE: &str = "adapter.ron";
 

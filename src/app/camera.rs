@@ -3,7 +3,7 @@
 use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
-use crate::model::splats::Framing;
+use crate::model::splat::splats::Framing;
 use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -25,7 +25,8 @@ pub struct ViewCamera {
 
 /// Range of the vertical field of view that is taken from a scene's own camera, radians.
 const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
-/// Largest field of view of a pinhole in either direction, radians (`rendering.md` (c)).
+/// Largest field of view of a pinhole in either direction, radians (`rendering.md`, Wide views and
+/// fisheye).
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
 /// Largest field of view by which the distance for the whole scene is chosen, radians.
 const MAX_FRAMING_FOV: f64 = 2.0;

@@ -88,12 +88,12 @@ impl ColorMode {
         }
     }
 
-    /// Why a scene cannot be shown in this mode, if so; `told` are the modes whose values the scene
+    /// Why a scene cannot be shown in this mode, if so; `available` are the modes whose values the scene
     /// brings with it.
-    pub fn why_not(self, told: &[ColorMode]) -> Option<&'static str> {
+    pub fn why_not(self, available: &[ColorMode]) -> Option<&'static str> {
         match self {
             ColorMode::Color | ColorMode::Depth | ColorMode::Normal => None,
-            _ if told.contains(&self) => None,
+            _ if available.contains(&self) => None,
             ColorMode::Evidence => Some("What is open does not tell each splat's evidence"),
             ColorMode::Uncertainty => Some("What is open does not tell each splat's uncertainty"),
             ColorMode::Elbo => Some("What is open does not tell how well points fit each splat"),
@@ -108,8 +108,8 @@ mod tests {
 
     #[test]
     fn only_what_a_scene_tells_can_be_shown() {
-        let offered = |told: &[ColorMode]| -> Vec<ColorMode> {
-            ColorMode::ALL.into_iter().filter(|mode| mode.why_not(told).is_none()).collect()
+        let offered = |available: &[ColorMode]| -> Vec<ColorMode> {
+            ColorMode::ALL.into_iter().filter(|mode| mode.why_not(available).is_none()).collect()
         };
         assert_eq!(offered(&[]), [ColorMode::Color, ColorMode::Depth, ColorMode::Normal]);
         assert_eq!(offered(&ColorMode::ALL), ColorMode::ALL);

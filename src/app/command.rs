@@ -6,7 +6,7 @@ use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 
 /// A request of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Command {
+pub enum UiCommand {
     /// Open a dataset or a model.
     Open,
     /// Load and train the built-in demo.
@@ -41,68 +41,68 @@ pub enum Command {
     Help,
 }
 
-impl Command {
+impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [Command; 16] = [
-        Command::Open,
-        Command::OpenDemo,
-        Command::Train,
-        Command::Pause,
-        Command::Step,
-        Command::Reset,
-        Command::Save,
-        Command::Export,
-        Command::FrameScene,
-        Command::Home,
-        Command::ToggleRenderer,
-        Command::PreviousCamera,
-        Command::NextCamera,
-        Command::ComparePhoto,
-        Command::Deselect,
-        Command::Help,
+    pub const ALL: [UiCommand; 16] = [
+        UiCommand::Open,
+        UiCommand::OpenDemo,
+        UiCommand::Train,
+        UiCommand::Pause,
+        UiCommand::Step,
+        UiCommand::Reset,
+        UiCommand::Save,
+        UiCommand::Export,
+        UiCommand::FrameScene,
+        UiCommand::Home,
+        UiCommand::ToggleRenderer,
+        UiCommand::PreviousCamera,
+        UiCommand::NextCamera,
+        UiCommand::ComparePhoto,
+        UiCommand::Deselect,
+        UiCommand::Help,
     ];
 
     /// Text on the button.
     pub fn label(self) -> &'static str {
         match self {
-            Command::Open => "Open…",
-            Command::OpenDemo => "Demo",
-            Command::Train => "Train",
-            Command::Pause => "Pause",
-            Command::Step => "Step",
-            Command::Reset => "Reset",
-            Command::Save => "Save…",
-            Command::Export => "Export…",
-            Command::FrameScene => "Frame scene",
-            Command::Home => "Home view",
-            Command::ToggleRenderer => "Projected/exact",
-            Command::PreviousCamera => "‹",
-            Command::NextCamera => "›",
-            Command::ComparePhoto => "Photograph",
-            Command::Deselect => "Deselect",
-            Command::Help => "Shortcuts",
+            UiCommand::Open => "Open…",
+            UiCommand::OpenDemo => "Demo",
+            UiCommand::Train => "Train",
+            UiCommand::Pause => "Pause",
+            UiCommand::Step => "Step",
+            UiCommand::Reset => "Reset",
+            UiCommand::Save => "Save…",
+            UiCommand::Export => "Export…",
+            UiCommand::FrameScene => "Frame scene",
+            UiCommand::Home => "Home view",
+            UiCommand::ToggleRenderer => "Projected/exact",
+            UiCommand::PreviousCamera => "‹",
+            UiCommand::NextCamera => "›",
+            UiCommand::ComparePhoto => "Photograph",
+            UiCommand::Deselect => "Deselect",
+            UiCommand::Help => "Shortcuts",
         }
     }
 
     /// One sentence on what it does.
     pub fn tooltip(self) -> &'static str {
         match self {
-            Command::Open => "Open a dataset folder, a checkpoint, a .ply or a .glb",
-            Command::OpenDemo => "Train the built-in synthetic scene",
-            Command::Train => "Train frame by frame until the frames end",
-            Command::Pause => "Stop after the current frame",
-            Command::Step => "Train exactly one frame",
-            Command::Reset => "Forget the scene and start over with what was opened",
-            Command::Save => "Write a checkpoint that training can go on from",
-            Command::Export => "Write the scene as .ply or .glb",
-            Command::FrameScene => "Move the camera so that the whole scene is seen",
-            Command::Home => "Go back to the view the scene was opened with",
-            Command::ToggleRenderer => "Switch between the projected and the exact renderer",
-            Command::PreviousCamera => "Stand where the dataset's camera before stood",
-            Command::NextCamera => "Stand where the dataset's next camera stood",
-            Command::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
-            Command::Deselect => "Select no splat any more; a click on a splat selects it",
-            Command::Help => "Show all keyboard and mouse shortcuts",
+            UiCommand::Open => "Open a dataset folder, a checkpoint, a .ply or a .glb",
+            UiCommand::OpenDemo => "Train the built-in synthetic scene",
+            UiCommand::Train => "Train frame by frame until the frames end",
+            UiCommand::Pause => "Stop after the current frame",
+            UiCommand::Step => "Train exactly one frame",
+            UiCommand::Reset => "Forget the scene and start over with what was opened",
+            UiCommand::Save => "Write a checkpoint that training can go on from",
+            UiCommand::Export => "Write the scene as .ply or .glb",
+            UiCommand::FrameScene => "Move the camera so that the whole scene is seen",
+            UiCommand::Home => "Go back to the view the scene was opened with",
+            UiCommand::ToggleRenderer => "Switch between the projected and the exact renderer",
+            UiCommand::PreviousCamera => "Stand where the dataset's camera before stood",
+            UiCommand::NextCamera => "Stand where the dataset's next camera stood",
+            UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
+            UiCommand::Deselect => "Select no splat any more; a click on a splat selects it",
+            UiCommand::Help => "Show all keyboard and mouse shortcuts",
         }
     }
 
@@ -115,22 +115,24 @@ impl Command {
             KeyboardShortcut::new(Modifiers::COMMAND, key)
         }
         match self {
-            Command::Open => const { &[control(Key::O)] },
-            Command::OpenDemo => &[],
+            UiCommand::Open => const { &[control(Key::O)] },
+            UiCommand::OpenDemo => &[],
             // One key toggles the two, of which one is legal at a time.
-            Command::Train | Command::Pause => const { &[plain(Key::Space)] },
-            Command::Step => const { &[plain(Key::Period)] },
-            Command::Reset => const { &[control(Key::R)] },
-            Command::Save => const { &[control(Key::S)] },
-            Command::Export => const { &[control(Key::E)] },
-            Command::FrameScene => const { &[plain(Key::F)] },
-            Command::Home => const { &[plain(Key::H)] },
-            Command::ToggleRenderer => const { &[plain(Key::Tab)] },
-            Command::PreviousCamera => const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] },
-            Command::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
-            Command::ComparePhoto => const { &[plain(Key::G)] },
-            Command::Deselect => const { &[plain(Key::Escape)] },
-            Command::Help => const { &[plain(Key::F1)] },
+            UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
+            UiCommand::Step => const { &[plain(Key::Period)] },
+            UiCommand::Reset => const { &[control(Key::R)] },
+            UiCommand::Save => const { &[control(Key::S)] },
+            UiCommand::Export => const { &[control(Key::E)] },
+            UiCommand::FrameScene => const { &[plain(Key::F)] },
+            UiCommand::Home => const { &[plain(Key::H)] },
+            UiCommand::ToggleRenderer => const { &[plain(Key::Tab)] },
+            UiCommand::PreviousCamera => {
+                const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] }
+            }
+            UiCommand::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
+            UiCommand::ComparePhoto => const { &[plain(Key::G)] },
+            UiCommand::Deselect => const { &[plain(Key::Escape)] },
+            UiCommand::Help => const { &[plain(Key::F1)] },
         }
     }
 
@@ -160,19 +162,20 @@ impl Command {
         use RunState::{Empty, Failed, Finished, Loading, Paused, Ready, Training};
         let dataset = source == Source::Dataset;
         match self {
-            Command::Open | Command::OpenDemo => state != Loading,
-            Command::Train => dataset && matches!(state, Ready | Paused),
-            Command::Pause => state == Training,
-            Command::Step => dataset && matches!(state, Ready | Paused),
-            Command::Reset | Command::Save => {
+            UiCommand::Open | UiCommand::OpenDemo => state != Loading,
+            UiCommand::Train => dataset && matches!(state, Ready | Paused),
+            UiCommand::Pause => state == Training,
+            UiCommand::Step => dataset && matches!(state, Ready | Paused),
+            UiCommand::Reset | UiCommand::Save => {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
-            Command::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
-            Command::FrameScene | Command::Home | Command::ToggleRenderer | Command::Deselect => {
-                source != Source::Nothing
-            }
-            Command::PreviousCamera | Command::NextCamera | Command::ComparePhoto => dataset,
-            Command::Help => true,
+            UiCommand::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
+            UiCommand::FrameScene
+            | UiCommand::Home
+            | UiCommand::ToggleRenderer
+            | UiCommand::Deselect => source != Source::Nothing,
+            UiCommand::PreviousCamera | UiCommand::NextCamera | UiCommand::ComparePhoto => dataset,
+            UiCommand::Help => true,
         }
     }
 }
@@ -185,16 +188,16 @@ mod tests {
     fn in_no_state_is_nothing_possible_and_space_is_never_ambiguous() {
         for state in RunState::ALL {
             for source in [Source::Nothing, Source::Dataset, Source::Model] {
-                assert!(Command::ALL.iter().any(|c| c.is_legal(state, source)));
-                let both = Command::Train.is_legal(state, source)
-                    && Command::Pause.is_legal(state, source);
+                assert!(UiCommand::ALL.iter().any(|c| c.is_legal(state, source)));
+                let both = UiCommand::Train.is_legal(state, source)
+                    && UiCommand::Pause.is_legal(state, source);
                 assert!(!both, "{state:?}");
             }
         }
-        assert!(!Command::Train.is_legal(RunState::Finished, Source::Dataset));
-        assert!(!Command::Reset.is_legal(RunState::Finished, Source::Model));
+        assert!(!UiCommand::Train.is_legal(RunState::Finished, Source::Dataset));
+        assert!(!UiCommand::Reset.is_legal(RunState::Finished, Source::Model));
         assert!(
-            Command::Export.is_legal(RunState::Failed, Source::Dataset),
+            UiCommand::Export.is_legal(RunState::Failed, Source::Dataset),
             "a trained scene stays usable"
         );
     }

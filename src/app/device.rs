@@ -5,8 +5,9 @@ use crate::render::gpu::adapters::AdapterFacts;
 use crate::render::gpu::faults::GpuFaults;
 use eframe::egui_wgpu::RenderState;
 
-/// The window's device, watched from the start.
-pub struct Device {
+/// The window's device, watched from the start; clones share it.
+#[derive(Clone)]
+pub struct WindowDevice {
     /// eframe's.
     pub state: RenderState,
     /// What went wrong after the fact.
@@ -17,7 +18,7 @@ pub struct Device {
     pub adapter: AdapterFacts,
 }
 
-impl Device {
+impl WindowDevice {
     /// Listens to eframe's device.
     pub fn new(state: &RenderState) -> Self {
         let (there, adapter) = viewport::adapters(state);

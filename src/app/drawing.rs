@@ -15,7 +15,7 @@ pub enum Drawer {
 
 /// Stages of a picture, in the order they happen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum DrawStage {
     /// The whole picture on the CPU.
     Picture,
     /// The order of the splats, found on a thread of the CPU.
@@ -28,19 +28,24 @@ pub enum Stage {
     Draw,
 }
 
-impl Stage {
+impl DrawStage {
     /// Every stage.
-    pub const ALL: [Stage; 5] =
-        [Stage::Picture, Stage::Order, Stage::Preprocess, Stage::Sort, Stage::Draw];
+    pub const ALL: [DrawStage; 5] = [
+        DrawStage::Picture,
+        DrawStage::Order,
+        DrawStage::Preprocess,
+        DrawStage::Sort,
+        DrawStage::Draw,
+    ];
 
     /// As the panel shows it.
     pub fn label(self) -> &'static str {
         match self {
-            Stage::Picture => "Picture (CPU)",
-            Stage::Order => "Order (CPU)",
-            Stage::Preprocess => "Preprocess (GPU)",
-            Stage::Sort => "Sort (GPU)",
-            Stage::Draw => "Draw (GPU)",
+            DrawStage::Picture => "Picture (CPU)",
+            DrawStage::Order => "Order (CPU)",
+            DrawStage::Preprocess => "Preprocess (GPU)",
+            DrawStage::Sort => "Sort (GPU)",
+            DrawStage::Draw => "Draw (GPU)",
         }
     }
 }
@@ -48,7 +53,7 @@ impl Stage {
 /// One picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DrawSample {
-    ms: [Option<f64>; Stage::ALL.len()],
+    ms: [Option<f64>; DrawStage::ALL.len()],
     /// Bytes of splats sent to the GPU for it.
     pub uploaded_bytes: u64,
 }
@@ -60,12 +65,12 @@ impl DrawSample {
     }
 
     /// Milliseconds of a stage, where it happened and could be measured.
-    pub fn ms(&self, stage: Stage) -> Option<f64> {
+    pub fn ms(&self, stage: DrawStage) -> Option<f64> {
         self.ms[stage as usize]
     }
 
     /// Notes what a stage took; two pictures side by side take what both take together.
-    pub fn add(&mut self, stage: Stage, ms: Option<f64>) {
+    pub fn add(&mut self, stage: DrawStage, ms: Option<f64>) {
         if let Some(ms) = ms {
             *self.ms[stage as usize].get_or_insert(0.0) += ms;
         }
@@ -110,10 +115,10 @@ mod tests {
     #[test]
     fn two_pictures_add_up_and_old_ones_are_forgotten() {
         let mut sample = DrawSample::new(0);
-        sample.add(Stage::Draw, Some(2.0));
-        sample.add(Stage::Draw, Some(3.0));
-        sample.add(Stage::Sort, None);
-        assert_eq!((sample.ms(Stage::Draw), sample.ms(Stage::Sort)), (Some(5.0), None));
+        sample.add(DrawStage::Draw, Some(2.0));
+        sample.add(DrawStage::Draw, Some(3.0));
+        sample.add(DrawStage::Sort, None);
+        assert_eq!((sample.ms(DrawStage::Draw), sample.ms(DrawStage::Sort)), (Some(5.0), None));
         let mut history = DrawHistory::new(Drawer::Gpu);
         for uploaded_bytes in 0..KEPT as u64 + 7 {
             history.push(DrawSample { uploaded_bytes, ..sample });

@@ -1,7 +1,8 @@
 //! Opening a subject: the demo, a dataset folder, a checkpoint or a model file.
 
 use super::color_mode::ColorMode;
-use super::facts::{is_assumed, session_facts};
+use super::file_proposal::FileProposal;
+use super::session_info::{is_assumed, session_info};
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::TrainSettings;
 use crate::dataset::error::DatasetError;
@@ -11,14 +12,15 @@ use crate::export::mapping::is_plain;
 use crate::export::{self, ExportError};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
-use crate::model::appearance::SplatSet;
-use crate::model::splats::{Framing, Splat, framing};
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::{Framing, Splat, framing};
 use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
-use crate::pipeline::method::Method;
+use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::Selection;
-use crate::pipeline::session::{Session, SessionError};
-use crate::train::config::Preset;
+use crate::pipeline::session::Session;
+use crate::pipeline::settings::method::Method;
+use crate::train::paper::config::Preset;
 use glam::DVec3;
 use std::path::Path;
 use std::sync::Arc;
@@ -32,13 +34,13 @@ pub enum Content {
 }
 
 /// Everything the window needs of a freshly opened subject.
-pub struct Result {
+pub struct OpenedSubject {
     /// What is open.
     pub content: Content,
     /// What to show first.
     pub splats: SplatSet,
-    /// Name, facts and first view.
-    pub facts: Opened,
+    /// Name, what is known of it and first view.
+    pub opened: Opened,
     /// What the user should know about it.
     pub notices: Vec<(NoticeKind, String)>,
 }
@@ -69,20 +71,21 @@ pub fn open(
     subject: &Subject,
     training: &TrainSettings,
     serial: u64,
-) -> std::result::Result<Result, OpenError> {
+) -> Result<OpenedSubject, OpenError> {
     match subject {
-        Subject::Demo => Ok(session(demo::session(training.asked())?, serial, true)),
+        Subject::Demo => Ok(session(demo::session(training.request())?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         Subject::Path(path) if path.is_file() => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
-            let opened = Session::new(dataset, training.asked(), Selection::everything())?;
-            Ok(session(opened, serial, false))
+            let opened = Session::new(dataset, training.request(), Selection::everything())?;
+            Ok(session(opened, serial, Some(path)))
         }
     }
 }
 
-fn session(session: Session, serial: u64, is_demo: bool) -> Result {
+/// A session of the demo, or of what lies at a path.
+fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
     let warnings = match dataset.warnings.len() {
@@ -101,14 +104,15 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
         Method::Scene(_) | Method::Paper(_) => None,
     };
     let notices = notes.chain(warnings).chain(assumed).collect();
-    let facts = Opened {
-        name: if is_demo { "Demo: synthetic room".to_owned() } else { dataset.name.clone() },
-        facts: session_facts(&session),
+    let opened = Opened {
+        name: path.map_or_else(|| "Demo: synthetic room".to_owned(), |_| dataset.name.clone()),
+        info: session_info(&session),
         home: home_of(&session),
+        files: FileProposal::beside(path),
         serial,
-        is_demo,
+        is_demo: path.is_none(),
         dataset: Some(dataset.clone()),
-        told_modes: &[
+        available_modes: &[
             ColorMode::Evidence,
             ColorMode::Uncertainty,
             ColorMode::Elbo,
@@ -121,7 +125,7 @@ fn session(session: Session, serial: u64, is_demo: bool) -> Result {
         0 => vec![Splat::default(); session.learner().components()].into(),
         _ => session.splats(),
     };
-    Result { splats, facts, notices, content: Content::Session(Box::new(session)) }
+    OpenedSubject { splats, opened, notices, content: Content::Session(Box::new(session)) }
 }
 
 /// The first training camera, turning about the middle of the scene's range.
@@ -140,12 +144,12 @@ fn home_of(session: &Session) -> HomeView {
 const MODEL_FOV: f64 = 1.0;
 
 /// The run where its dataset still is, else its scene to look at.
-fn checkpoint(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
+fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let run = SavedRun::read(path)?;
     let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
     match continued(&run) {
         Ok(continued) => {
-            let mut opened = session(continued, serial, false);
+            let mut opened = session(continued, serial, Some(path));
             opened.notices.extend(warning);
             Ok(opened)
         }
@@ -172,7 +176,7 @@ fn drawable(all: &SplatSet) -> SplatSet {
     drawn
 }
 
-fn continued(run: &SavedRun) -> std::result::Result<Session, OpenError> {
+fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     let dataset = match &run.meta.dataset {
         Some(folder) => Arc::new(dataset::open(folder, &run.config.load)?),
         None => demo::dataset()?,
@@ -180,7 +184,7 @@ fn continued(run: &SavedRun) -> std::result::Result<Session, OpenError> {
     Ok(run.clone().resume(dataset, &Asked::default(), false)?)
 }
 
-fn model(path: &Path, serial: u64) -> std::result::Result<Result, OpenError> {
+fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let model = export::read(path)?;
     let up = model.up().unwrap_or(DVec3::Z);
     let mut notices: Vec<_> =
@@ -201,7 +205,7 @@ fn view(
     bytes: u64,
     notices: Vec<(NoticeKind, String)>,
     serial: u64,
-) -> Result {
+) -> OpenedSubject {
     let framing = framing(&splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
     let orbit = Orbit {
         target: framing.centre,
@@ -213,20 +217,21 @@ fn view(
     let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let camera = Camera { intrinsics, pose: orbit.pose() };
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-    let facts = Opened {
+    let opened = Opened {
         name,
-        facts: vec![
+        info: vec![
             ("Model".to_owned(), path.display().to_string()),
             ("Splats".to_owned(), splats.len().to_string()),
             ("Size".to_owned(), format!("{:.1} MB", bytes as f64 * 1e-6)),
         ],
         home: HomeView { camera, up, target: framing.centre, radius: framing.radius },
+        files: FileProposal::beside(Some(path)),
         serial,
         is_demo: false,
         dataset: None,
-        told_modes: &[],
+        available_modes: &[],
         method: None,
         is_native: !is_plain(splats.view()),
     };
-    Result { splats: splats.clone(), facts, notices, content: Content::Model(splats) }
+    OpenedSubject { splats: splats.clone(), opened, notices, content: Content::Model(splats) }
 }

@@ -1,10 +1,10 @@
 //! The splats that the viewport shows: with the colours that were learned, or with colours that
 //! stand for what is known of them.
 
-use super::feed::{Delivery, SplatChange, apply};
-use crate::model::appearance::SplatSet;
-use crate::model::attributes::Attributes;
-use crate::model::splats::Splat;
+use super::splat_updates::{SplatChange, SplatUpdate, apply};
+use crate::model::attributes::ComponentAttributes;
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::Splat;
 use crate::render::attributes::{Attribute, Range};
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ pub struct Palette {
     /// What colours the splats, if it is not what was learned.
     attribute: Option<Attribute>,
     /// The rest is kept only while `attribute` is something: one for each splat.
-    attributes: Vec<Attributes>,
+    attributes: Vec<ComponentAttributes>,
     range: Option<Range>,
     /// Plain: what stands for a value varies neither over a splat nor with the view.
     shown: SplatSet,
@@ -23,15 +23,15 @@ pub struct Palette {
 
 impl Palette {
     /// Takes what the trainer sent; returns what painters are to change.
-    pub fn change(&mut self, delivery: Delivery) -> SplatChange {
-        let Delivery { change, attributes } = delivery;
+    pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
+        let SplatUpdate { change, attributes } = update;
         let changed = apply(Arc::make_mut(&mut self.learned), change.clone());
         if self.attribute.is_none() {
             return change;
         }
-        self.attributes.resize(self.learned.len(), Attributes::default());
+        self.attributes.resize(self.learned.len(), ComponentAttributes::default());
         match &changed {
-            None if attributes.is_empty() => self.attributes.fill(Attributes::default()),
+            None if attributes.is_empty() => self.attributes.fill(ComponentAttributes::default()),
             None => self.attributes = attributes,
             Some(ids) => {
                 for (&id, new) in ids.iter().zip(attributes) {
@@ -55,7 +55,7 @@ impl Palette {
         }
         self.attribute = attribute;
         if attribute.is_some() {
-            self.attributes.resize(self.learned.len(), Attributes::default());
+            self.attributes.resize(self.learned.len(), ComponentAttributes::default());
             self.moves_range();
             return Some(self.color_all());
         }
@@ -118,8 +118,8 @@ mod tests {
     use crate::render::attributes::UNKNOWN;
     use crate::render::paint::ramp;
 
-    fn born(frame: Option<u32>) -> Attributes {
-        Attributes { birth: frame, ..Attributes::default() }
+    fn born(frame: Option<u32>) -> ComponentAttributes {
+        ComponentAttributes { birth: frame, ..ComponentAttributes::default() }
     }
 
     fn all(n: usize) -> SplatChange {
@@ -136,7 +136,7 @@ mod tests {
         assert!(matches!(unknown, SplatChange::All(s) if s.iter().all(|s| s.color == UNKNOWN)));
         assert!(palette.choose(Some(Attribute::Birth)).is_none());
         let attributes = vec![born(Some(0)), born(None), born(Some(10))];
-        palette.change(Delivery { change: all(3), attributes });
+        palette.change(SplatUpdate { change: all(3), attributes });
         let colors: Vec<_> = palette.splats().iter().map(|s| s.color).collect();
         assert_eq!(colors, [ramp(0.0), UNKNOWN, ramp(1.0)]);
         palette.choose(None);
@@ -149,11 +149,11 @@ mod tests {
         palette.change(all(4).into());
         palette.choose(Some(Attribute::Birth));
         let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
-        palette.change(Delivery { change: all(4), attributes });
+        palette.change(SplatUpdate { change: all(4), attributes });
         let change = |palette: &mut Palette, id, frame| {
             let splats = vec![Splat::default()].into();
             let change = SplatChange::Some { ids: vec![id], splats };
-            palette.change(Delivery { change, attributes: vec![born(Some(frame))] })
+            palette.change(SplatUpdate { change, attributes: vec![born(Some(frame))] })
         };
         let within = change(&mut palette, 1, 5);
         assert!(matches!(&within, SplatChange::Some { ids, splats }

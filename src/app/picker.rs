@@ -2,7 +2,7 @@
 
 use super::worker::Waker;
 use crate::math::camera::Camera;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::pick::pick;
 use glam::DVec2;

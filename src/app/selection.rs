@@ -2,9 +2,9 @@
 
 use super::picker::Picker;
 use super::state::{Inspected, Snapshot};
-use super::viewer::shot::{Partner, Shot};
+use super::viewer::picture_request::{Partner, PictureRequest};
 use super::worker::Waker;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;
 use crate::render::outline::outline;
@@ -19,28 +19,28 @@ const LIGHT: Color32 = Color32::from_rgb(255, 90, 220);
 
 /// The open question of a click.
 #[derive(Default)]
-pub struct Selection(Picker);
+pub struct SplatSelection(Picker);
 
-impl Selection {
+impl SplatSelection {
     /// Asks for the splat under a click and draws the outline of the one that is selected.
     pub fn ui(
         &mut self,
         ui: &Ui,
         response: &Response,
-        shot: &Shot,
+        request: &PictureRequest,
         splats: &Arc<SplatSet>,
         snapshot: &Snapshot,
         waker: &Waker,
     ) -> std::io::Result<()> {
         if let Some(inspected) = &snapshot.inspected {
-            draw(inspected, ui, response.rect, shot);
+            draw(inspected, ui, response.rect, request);
         }
         match response.interact_pointer_pos().filter(|_| response.clicked()) {
             Some(at) => {
                 let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
                 let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
-                let options = options_at(shot, pixel);
-                self.0.ask(splats.clone(), shot.camera, pixel, options, waker.clone())
+                let options = options_at(request, pixel);
+                self.0.ask(splats.clone(), request.camera, pixel, options, waker.clone())
             }
             None => Ok(()),
         }
@@ -53,28 +53,29 @@ impl Selection {
 }
 
 /// How the picture is drawn at a place: a wipe has two sides.
-fn options_at(shot: &Shot, pixel: DVec2) -> RenderOptions {
-    let width = f64::from(shot.camera.intrinsics.width);
-    match &shot.second {
+fn options_at(request: &PictureRequest, pixel: DVec2) -> RenderOptions {
+    let width = f64::from(request.camera.intrinsics.width);
+    match &request.second {
         Some(second) => match (&second.partner, second.how) {
             (Partner::Splats(options), Combination::Wipe(divider))
                 if pixel.x >= f64::from(divider) * width =>
             {
                 *options
             }
-            _ => shot.options,
+            _ => request.options,
         },
-        None => shot.options,
+        None => request.options,
     }
 }
 
-fn draw(inspected: &Inspected, ui: &Ui, rect: Rect, shot: &Shot) {
+fn draw(inspected: &Inspected, ui: &Ui, rect: Rect, request: &PictureRequest) {
     let painter = ui.painter().with_clip_rect(rect);
     let per_pixel = 1.0 / ui.ctx().pixels_per_point();
     let point = |p: DVec2| Pos2::new(p.x as f32, p.y as f32) * per_pixel + rect.min.to_vec2();
-    let options = &shot.options;
+    let options = &request.options;
     for (radius, width) in RIMS {
-        let lines = outline(inspected.splat(), &shot.camera, options.method, &options.look, radius);
+        let lines =
+            outline(inspected.splat(), &request.camera, options.method, &options.look, radius);
         for line in lines {
             painter.line_segment(line.map(point), Stroke::new(width, LIGHT));
         }

@@ -1,14 +1,14 @@
 //! Painting without a real GPU: the CPU renderer on its own thread, its picture as a texture
-//! (`rendering.md` (d)).
+//! (`rendering.md`, Software adapters).
 
-use super::drawing::{DrawSample, Stage};
-use super::feed::SplatChange;
+use super::drawing::{DrawSample, DrawStage};
+use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
-use super::viewer::shot::{Partner, Shot};
+use super::viewer::picture_request::{Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::{RgbImage, unit_to_byte};
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::combine;
 use crate::render::cpu::CpuRenderer;
 use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
@@ -35,9 +35,9 @@ struct Picture {
 
 /// Painter of the viewport on machines without a real GPU.
 pub struct SoftwarePainter {
-    thread: ViewThread<(Shot, Effort), Picture>,
+    thread: ViewThread<(PictureRequest, Effort), Picture>,
     texture: Option<TextureHandle>,
-    asked: Option<(Shot, Effort)>,
+    asked: Option<(PictureRequest, Effort)>,
     asked_at: Instant,
     is_stale: bool,
     n_drawn: usize,
@@ -55,9 +55,9 @@ impl SoftwarePainter {
             .num_threads(1)
             .build()
             .map_err(std::io::Error::other)?;
-        let draw = move |splats: &SplatSet, (shot, effort): (Shot, Effort)| {
+        let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
             let started = Instant::now();
-            let mut render = || picture(&mut renderer, splats, &shot, effort);
+            let mut render = || picture(&mut renderer, splats, &request, effort);
             let picture = if effort == Effort::Shared { alone.install(render) } else { render() };
             Picture {
                 image: texels(&picture),
@@ -87,14 +87,14 @@ impl SoftwarePainter {
         &mut self,
         ui: &Ui,
         rect: eframe::egui::Rect,
-        shot: &Shot,
+        request: &PictureRequest,
         effort: Effort,
     ) -> Option<DrawSample> {
         let mut drawn = None;
         if let Some(picture) = self.thread.take() {
             self.n_drawn = picture.n_drawn;
             let sample = drawn.insert(DrawSample::new(0));
-            sample.add(Stage::Picture, Some(picture.ms));
+            sample.add(DrawStage::Picture, Some(picture.ms));
             match &mut self.texture {
                 Some(texture) => texture.set(picture.image, TextureOptions::LINEAR),
                 None => {
@@ -106,9 +106,9 @@ impl SoftwarePainter {
                 }
             }
         }
-        self.ask(ui, shot, effort);
+        self.ask(ui, request, effort);
         if let Some(texture) = &self.texture
-            && (self.n_drawn > 0 || shot.second.is_some())
+            && (self.n_drawn > 0 || request.second.is_some())
         {
             let uv = eframe::egui::Rect::from_min_max([0.0, 0.0].into(), [1.0, 1.0].into());
             ui.painter().image(texture.id(), rect, uv, Color32::WHITE);
@@ -121,8 +121,8 @@ impl SoftwarePainter {
         self.n_drawn
     }
 
-    fn ask(&mut self, ui: &Ui, shot: &Shot, effort: Effort) {
-        let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != shot);
+    fn ask(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
+        let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
         let refine = self.asked.as_ref().is_none_or(|(_, asked)| *asked != effort);
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which asks again
@@ -139,23 +139,28 @@ impl SoftwarePainter {
             Effort::Shared if !moved && has_picture => Announce::Quietly,
             _ => Announce::Wake,
         };
-        self.thread.ask((shot.clone(), effort), announce);
-        self.asked = Some((shot.clone(), effort));
+        self.thread.ask((request.clone(), effort), announce);
+        self.asked = Some((request.clone(), effort));
         self.asked_at = Instant::now();
         self.is_stale = false;
     }
 }
 
 /// One picture, or two combined.
-fn picture(renderer: &mut CpuRenderer, splats: &SplatSet, shot: &Shot, effort: Effort) -> RgbImage {
+fn picture(
+    renderer: &mut CpuRenderer,
+    splats: &SplatSet,
+    request: &PictureRequest,
+    effort: Effort,
+) -> RgbImage {
     let camera = match effort {
-        Effort::Full => shot.camera,
+        Effort::Full => request.camera,
         Effort::Shared | Effort::Moving => {
-            Camera { intrinsics: shot.camera.intrinsics.scaled(0.5), ..shot.camera }
+            Camera { intrinsics: request.camera.intrinsics.scaled(0.5), ..request.camera }
         }
     };
-    let mut first = renderer.render(splats, &camera, &shot.options).color;
-    if let Some(second) = &shot.second {
+    let mut first = renderer.render(splats, &camera, &request.options).color;
+    if let Some(second) = &request.second {
         match &second.partner {
             Partner::Splats(options) => {
                 let other = renderer.render(splats, &camera, options).color;

@@ -1,15 +1,16 @@
 //! The states of a run and the picture of it that panels draw from.
 
 use super::color_mode::ColorMode;
+use super::file_proposal::FileProposal;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
 use crate::pipeline::inspection::Inspection;
-use crate::pipeline::method::Method;
-use crate::pipeline::scene::SceneRun;
+use crate::pipeline::settings::method::Method;
+use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -100,9 +101,11 @@ pub struct Opened {
     /// Name shown in the title.
     pub name: String,
     /// Lines for the scene panel: label and value.
-    pub facts: Vec<(String, String)>,
+    pub info: Vec<(String, String)>,
     /// Where to look at first.
     pub home: HomeView,
+    /// Where its files are proposed to go, and under which name.
+    pub files: FileProposal,
     /// Increases with everything opened, so that the viewport notices.
     pub serial: u64,
     /// Whether it is the built-in demo, which can be made again at any time.
@@ -110,7 +113,7 @@ pub struct Opened {
     /// Its frames, for comparing with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
     /// Colour modes whose values come with its splats, beyond those that every splat has.
-    pub told_modes: &'static [ColorMode],
+    pub available_modes: &'static [ColorMode],
     /// How it is trained; `None` for a model.
     pub method: Option<Method>,
     /// Whether its splats are more than other programs draw, so that they are mapped on export.
@@ -128,7 +131,7 @@ impl Opened {
 
     /// The camera that took the photographs, where it is not the one that measured depth.
     pub fn color_camera(&self) -> Option<ColorCamera> {
-        self.method.as_ref()?.color_camera()
+        self.method.as_ref()?.any().color_camera()
     }
 }
 
@@ -201,10 +204,29 @@ pub struct Snapshot {
     pub model_bytes: usize,
     /// Frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
+    /// What became of the file that was to be written last.
+    pub latest_write: Option<WriteOutcome>,
     /// What is known of the selected splat, if one is selected.
     pub inspected: Option<Arc<Inspected>>,
     /// What the user should read, newest last.
     pub notices: Arc<Vec<Notice>>,
+}
+
+impl Snapshot {
+    /// Whether closing or opening something else would forget training. The demo can be made again
+    /// at any time, so it never counts.
+    pub fn has_training_to_lose(&self) -> bool {
+        self.unsaved_frames > 0 && self.opened.as_ref().is_some_and(|opened| !opened.is_demo)
+    }
+}
+
+/// What became of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WriteOutcome {
+    /// The number given with the order to write it.
+    pub number: u64,
+    /// Whether it is there now, whole.
+    pub is_written: bool,
 }
 
 /// Frames whose timings are kept for the latency panel.

@@ -1,10 +1,10 @@
 //! What the user chose about training; kept between sessions. It applies to what is opened or reset
 //! next.
 
-use super::kept;
-use crate::pipeline::method::Asked;
-use crate::pipeline::scene::SceneOverrides;
-use crate::train::config::{Preset, TrainConfig};
+use super::stored_text;
+use crate::pipeline::settings::method::Asked;
+use crate::pipeline::settings::scene::SceneOverrides;
+use crate::train::paper::config::{PaperConfig, Preset};
 use serde::{Deserialize, Serialize};
 
 /// How what is opened next is trained.
@@ -27,7 +27,7 @@ impl TrainSettings {
     /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
     /// the defaults, with a text that says so.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
-        kept::from_text("training", text)
+        stored_text::from_text("training", text)
     }
 
     /// For the next session.
@@ -36,9 +36,9 @@ impl TrainSettings {
     }
 
     /// What a session is asked for.
-    pub fn asked(&self) -> Asked {
+    pub fn request(&self) -> Asked {
         match self.preset {
-            Preset::Paper => TrainConfig::paper().into(),
+            Preset::Paper => PaperConfig::paper().into(),
             Preset::Scene => self.scene.clone().into(),
         }
     }
@@ -47,7 +47,7 @@ impl TrainSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::scene::{Budget, StructuralScale};
+    use crate::pipeline::settings::scene::{Budget, StructuralScale};
     use crate::train::scene::config::BirthRule;
 
     #[test]

@@ -1,7 +1,7 @@
 //! A run whose window is gone for good: it goes on to its end and is written to files.
 
 use super::state::{NoticeKind, RunState};
-use super::worker::{Order, Worker};
+use super::worker::{Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use std::fmt;
 use std::path::Path;
@@ -26,24 +26,27 @@ impl Unattended {
     }
 
     /// Waits until training ends and writes the checkpoint and the scene to a folder that exists.
-    /// Returns what the user should read of it, errors included.
+    /// Returns what the user should read of it, errors of the training meanwhile included.
     pub fn finish(self, folder: &Path) -> Vec<(NoticeKind, String)> {
-        while self.0.snapshot().state == RunState::Training {
+        let before = self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
+        while self.0.is_alive() && self.0.snapshot().state == RunState::Training {
             std::thread::sleep(LOOK);
         }
-        let last = || self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
-        let before = last();
-        self.0.send(Order::Save(folder.join("checkpoint.vbgs")));
-        self.0.send(Order::Export(folder.join("scene.ply"), Mapping::default()));
-        self.0.send(Order::Export(folder.join("scene.glb"), Mapping::default()));
-        let done = Order::Report(NoticeKind::Info, DONE.to_owned());
+        self.0.send(WorkerOrder::Save(0, folder.join("checkpoint.vbgs")));
+        self.0.send(WorkerOrder::Export(0, folder.join("scene.ply"), Mapping::default()));
+        self.0.send(WorkerOrder::Export(0, folder.join("scene.glb"), Mapping::default()));
+        let done = WorkerOrder::Report(NoticeKind::Info, DONE.to_owned());
         self.0.send(done);
-        while self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {
+        while self.0.is_alive() && self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {
             std::thread::sleep(LOOK);
         }
         let snapshot = self.0.snapshot();
         let fresh = snapshot.notices.iter().filter(|n| n.serial > before && n.text != DONE);
-        fresh.map(|n| (n.kind, n.text.clone())).collect()
+        let mut told: Vec<_> = fresh.map(|n| (n.kind, n.text.clone())).collect();
+        if let Some(crash) = self.0.crash().filter(|_| !self.0.is_alive()) {
+            told.push((NoticeKind::Error, crash.to_string()));
+        }
+        told
     }
 }
 
@@ -72,8 +75,8 @@ mod tests {
         let layout = SyntheticLayout::Blender(DepthBits::Sixteen);
         write(&params, &room, layout, &mut |_, _| {}).unwrap();
         let worker = Arc::new(Worker::start(Arc::new(|| {})).unwrap());
-        worker.send(Order::Open(Subject::Path(room)));
-        worker.send(Order::Train);
+        worker.send(WorkerOrder::Open(Subject::Path(room)));
+        worker.send(WorkerOrder::Train);
         while worker.snapshot().frames_done == 0 {
             std::thread::sleep(LOOK);
         }

@@ -1,21 +1,26 @@
 //! A thread beside the window that works on its own copy of the splats: it takes changes in order
 //! and always the latest request, so that the window waits for nothing.
+//!
+//! A panic of the thread is handed on to the window when it takes the answer. Kept here it would only
+//! be a picture that never changes again.
 
-use super::feed::{SplatChange, apply};
+use super::splat_updates::{SplatChange, apply};
 use super::worker::Waker;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 /// Handle of the thread; dropping it stops the thread after the current answer.
 pub struct ViewThread<Q, A> {
-    desk: Arc<Desk<Q, A>>,
+    requests: Arc<Requests<Q, A>>,
     thread: Option<JoinHandle<()>>,
 }
 
-struct Desk<Q, A> {
+struct Requests<Q, A> {
     inbox: Mutex<Inbox<Q, A>>,
-    bell: Condvar,
+    wake: Condvar,
 }
 
 /// Whether a finished answer wakes the window.
@@ -30,15 +35,21 @@ pub enum Announce {
 struct Inbox<Q, A> {
     changes: Vec<SplatChange>,
     request: Option<(Q, Announce)>,
-    answer: Option<A>,
+    answer: Option<Result<A, Box<dyn Any + Send>>>,
     is_working: bool,
     is_closed: bool,
 }
 
-impl<Q, A> Desk<Q, A> {
+impl<Q, A> Requests<Q, A> {
     fn lock(&self) -> MutexGuard<'_, Inbox<Q, A>> {
         // Every change of the inbox is complete before anything can panic.
         self.inbox.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn answer(&self, answer: Result<A, Box<dyn Any + Send>>) {
+        let mut inbox = self.lock();
+        inbox.answer = Some(answer);
+        inbox.is_working = false;
     }
 }
 
@@ -56,54 +67,61 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
             is_working: false,
             is_closed: false,
         };
-        let desk = Arc::new(Desk { inbox: Mutex::new(inbox), bell: Condvar::new() });
-        let own = desk.clone();
-        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+        let requests = Arc::new(Requests { inbox: Mutex::new(inbox), wake: Condvar::new() });
+        let (own, failed) = (requests.clone(), requests.clone());
+        let wake_after_panic = waker.clone();
+        let work = move || {
             let mut splats = SplatSet::default();
             while let Some((changes, request)) = next(&own) {
                 for change in changes {
                     apply(&mut splats, change);
                 }
                 let Some((request, announce)) = request else { continue };
-                let answer = work(&splats, request);
-                let mut inbox = own.lock();
-                inbox.answer = Some(answer);
-                inbox.is_working = false;
-                drop(inbox);
+                own.answer(Ok(work(&splats, request)));
                 if announce == Announce::Wake {
                     waker();
                 }
             }
+        };
+        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
+                failed.answer(Err(panic));
+                wake_after_panic();
+            }
         })?;
-        Ok(Self { desk, thread: Some(thread) })
+        Ok(Self { requests, thread: Some(thread) })
     }
 
     /// Hands changed splats over.
     pub fn change(&self, change: SplatChange) {
-        let mut inbox = self.desk.lock();
+        let mut inbox = self.requests.lock();
         if matches!(change, SplatChange::All(_)) {
             inbox.changes.clear();
         }
         inbox.changes.push(change);
         drop(inbox);
-        self.desk.bell.notify_one();
+        self.requests.wake.notify_one();
     }
 
     /// Asks for an answer; a request that still waits is replaced.
     pub fn ask(&self, request: Q, announce: Announce) {
-        self.desk.lock().request = Some((request, announce));
-        self.desk.bell.notify_one();
+        self.requests.lock().request = Some((request, announce));
+        self.requests.wake.notify_one();
     }
 
     /// Whether a request waits or is worked on.
     pub fn is_busy(&self) -> bool {
-        let inbox = self.desk.lock();
+        let inbox = self.requests.lock();
         inbox.is_working || inbox.request.is_some()
     }
 
     /// The newest answer, once.
+    ///
+    /// # Panics
+    /// Where the thread has panicked, by the same panic.
     pub fn take(&self) -> Option<A> {
-        self.desk.lock().answer.take()
+        let answer = self.requests.lock().answer.take();
+        answer.map(|answer| answer.unwrap_or_else(|panic| resume_unwind(panic)))
     }
 }
 
@@ -112,8 +130,8 @@ type Work<Q> = (Vec<SplatChange>, Option<(Q, Announce)>);
 
 /// Waits for changes or a request: changes are taken even while nobody asks, so that they do not
 /// pile up. `None` when the handle was dropped.
-fn next<Q, A>(desk: &Desk<Q, A>) -> Option<Work<Q>> {
-    let mut inbox = desk.lock();
+fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
+    let mut inbox = requests.lock();
     loop {
         if inbox.is_closed {
             return None;
@@ -123,14 +141,14 @@ fn next<Q, A>(desk: &Desk<Q, A>) -> Option<Work<Q>> {
             inbox.is_working = request.is_some();
             return Some((std::mem::take(&mut inbox.changes), request));
         }
-        inbox = desk.bell.wait(inbox).unwrap_or_else(PoisonError::into_inner);
+        inbox = requests.wake.wait(inbox).unwrap_or_else(PoisonError::into_inner);
     }
 }
 
 impl<Q, A> Drop for ViewThread<Q, A> {
     fn drop(&mut self) {
-        self.desk.lock().is_closed = true;
-        self.desk.bell.notify_one();
+        self.requests.lock().is_closed = true;
+        self.requests.wake.notify_one();
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -140,7 +158,7 @@ impl<Q, A> Drop for ViewThread<Q, A> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::splats::Splat;
+    use crate::model::splat::splats::Splat;
     use std::sync::mpsc::channel;
     use std::time::Duration;
 
@@ -161,6 +179,20 @@ mod tests {
     }
 
     #[test]
+    fn a_panic_reaches_whoever_takes_the_answer() {
+        let (woken, wakes) = channel();
+        let waker: Waker = Arc::new(move || {
+            let _ = woken.send(());
+        });
+        let work = |_: &SplatSet, (): ()| -> usize { panic!("no picture") };
+        let thread = ViewThread::start("test", waker, work).unwrap();
+        thread.ask((), Announce::Quietly);
+        wakes.recv_timeout(Duration::from_secs(10)).unwrap();
+        let panic = catch_unwind(AssertUnwindSafe(|| thread.take())).unwrap_err();
+        assert_eq!(panic.downcast_ref(), Some(&"no picture"));
+    }
+
+    #[test]
     fn changes_do_not_pile_up_while_nobody_asks() {
         let thread =
             ViewThread::start("test", Arc::new(|| {}), |splats: &SplatSet, (): ()| splats.len())
@@ -168,7 +200,7 @@ mod tests {
         let started = std::time::Instant::now();
         for n in 1..=3 {
             thread.change(SplatChange::All(vec![Splat::default(); n].into()));
-            while !thread.desk.lock().changes.is_empty() {
+            while !thread.requests.lock().changes.is_empty() {
                 assert!(started.elapsed() < Duration::from_secs(10), "never taken");
                 std::thread::yield_now();
             }

@@ -1,14 +1,14 @@
 //! Painting with a real GPU: hands eframe's device to `render::gpu` and draws its result inside the
 //! window's own pass. The only file of the window that knows wgpu.
 
-use super::drawing::{DrawSample, Drawer, Stage};
-use super::feed::SplatChange;
+use super::drawing::{DrawSample, DrawStage, Drawer};
+use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
-use super::viewer::shot::{Partner, Second as SecondPicture, Shot};
+use super::viewer::picture_request::{ComparedPicture, Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::finish::Finish;
 use crate::render::gpu::GpuError;
@@ -83,7 +83,7 @@ pub fn poll(state: &RenderState) {
 
 /// Why the GPU cannot draw the scene.
 #[derive(Debug, thiserror::Error)]
-pub enum PaintError {
+pub enum ViewPaintError {
     /// A call of ours failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -99,7 +99,7 @@ pub enum PaintError {
 const IDLE_ROOM: usize = 4;
 
 /// Painter of the viewport on a real GPU.
-pub struct GpuPainter {
+pub struct GpuViewPainter {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: GpuFaults,
@@ -112,16 +112,16 @@ pub struct GpuPainter {
     compositor: Arc<Mutex<Compositor>>,
     /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
     pending: Option<Vec<u32>>,
-    sorter: ViewThread<Asked, Sorted>,
+    sorter: ViewThread<SortRequest, Sorted>,
     /// What the newest order took to find.
     sort_ms: Option<f64>,
-    sorted_for: Option<Asked>,
+    sorted_for: Option<SortRequest>,
     is_stale: bool,
     n_drawn: usize,
 }
 
 /// A view, and how it is drawn: once, or twice for a comparison.
-type Asked = (Camera, RenderOptions, Option<RenderOptions>);
+type SortRequest = (Camera, RenderOptions, Option<RenderOptions>);
 
 struct Sorted {
     first: Vec<u32>,
@@ -129,14 +129,18 @@ struct Sorted {
     ms: f64,
 }
 
-impl GpuPainter {
+impl GpuViewPainter {
     /// Builds all GPU state on eframe's device.
-    pub fn new(state: &RenderState, faults: GpuFaults, waker: Waker) -> Result<Self, PaintError> {
+    pub fn new(
+        state: &RenderState,
+        faults: GpuFaults,
+        waker: Waker,
+    ) -> Result<Self, ViewPaintError> {
         let capabilities = capabilities(state);
         capabilities.check()?;
         let (device, queue) = (state.device.clone(), state.queue.clone());
         let mut scratch = SortScratch::default();
-        let sort = move |splats: &SplatSet, (camera, first, second): Asked| {
+        let sort = move |splats: &SplatSet, (camera, first, second): SortRequest| {
             let started = Instant::now();
             let mut order =
                 |options| back_to_front(splats, &camera, &options, &mut scratch).to_vec();
@@ -191,35 +195,35 @@ impl GpuPainter {
         &mut self,
         ui: &Ui,
         rect: Rect,
-        shot: &Shot,
+        request: &PictureRequest,
         splats: &SplatSet,
-    ) -> Result<DrawSample, PaintError> {
+    ) -> Result<DrawSample, ViewPaintError> {
         if let Some(fault) = self.faults.take().into_iter().next() {
-            return Err(PaintError::Fault(fault.message));
+            return Err(ViewPaintError::Fault(fault.message));
         }
         let mut sample = DrawSample::new(self.upload(splats)?);
-        self.sort(shot);
-        sample.add(Stage::Order, self.sort_ms);
-        self.draw(shot, &mut sample)?;
-        self.compose(shot)?;
+        self.sort(request);
+        sample.add(DrawStage::Order, self.sort_ms);
+        self.draw(request, &mut sample)?;
+        self.compose(request)?;
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         Ok(sample)
     }
 
-    fn draw(&mut self, shot: &Shot, sample: &mut DrawSample) -> Result<(), GpuError> {
+    fn draw(&mut self, request: &PictureRequest, sample: &mut DrawSample) -> Result<(), GpuError> {
         let Self { device, queue, scene, .. } = self;
         let mut encoder = device.create_command_encoder(&Default::default());
         let mut draw = |renderer: &mut SplatRenderer, options: &RenderOptions| {
-            renderer.render(device, queue, &mut encoder, scene, &shot.camera, options)?;
+            renderer.render(device, queue, &mut encoder, scene, &request.camera, options)?;
             let times = renderer.gpu_times();
-            sample.add(Stage::Preprocess, times.and_then(|times| times.preprocess));
-            sample.add(Stage::Sort, times.and_then(|times| times.sort));
-            sample.add(Stage::Draw, times.map(|times| times.draw));
+            sample.add(DrawStage::Preprocess, times.and_then(|times| times.preprocess));
+            sample.add(DrawStage::Sort, times.and_then(|times| times.sort));
+            sample.add(DrawStage::Draw, times.map(|times| times.draw));
             Ok(())
         };
-        draw(&mut self.renderer, &shot.options)?;
-        if let Some(SecondPicture { partner: Partner::Splats(options), .. }) = &shot.second {
+        draw(&mut self.renderer, &request.options)?;
+        if let Some(ComparedPicture { partner: Partner::Splats(options), .. }) = &request.second {
             if self.second.is_none() {
                 self.second = Some(SplatRenderer::new(device, queue, OrderOf::Second)?);
             }
@@ -231,14 +235,14 @@ impl GpuPainter {
         Ok(())
     }
 
-    fn compose(&mut self, shot: &Shot) -> Result<(), GpuError> {
-        if let Some(SecondPicture { partner: Partner::Photo(photo), .. }) = &shot.second
+    fn compose(&mut self, request: &PictureRequest) -> Result<(), GpuError> {
+        if let Some(ComparedPicture { partner: Partner::Photo(photo), .. }) = &request.second
             && self.photo.as_ref().is_none_or(|(shown, _)| !Arc::ptr_eq(shown, photo))
         {
             let texture = PhotoTexture::new(&self.device, &self.queue, photo)?;
             self.photo = Some((photo.clone(), texture));
         }
-        let second = shot.second.as_ref().and_then(|second| {
+        let second = request.second.as_ref().and_then(|second| {
             let (view, finish) = match second.partner {
                 Partner::Splats(_) => {
                     let target = self.second.as_ref()?.target();
@@ -249,7 +253,7 @@ impl GpuPainter {
             Some(Second { view, finish, area: second.area, how: second.how })
         });
         let image = self.renderer.target();
-        let background = shot.options.background;
+        let background = request.options.background;
         let mut compositor = self.compositor.lock().unwrap_or_else(PoisonError::into_inner);
         compositor.prepare_pair(&self.device, &self.queue, image, background, second);
         Ok(())
@@ -273,12 +277,12 @@ impl GpuPainter {
     }
 
     /// Takes a finished order and asks for the next one if the view or the splats changed.
-    fn sort(&mut self, shot: &Shot) {
-        let second = match &shot.second {
-            Some(SecondPicture { partner: Partner::Splats(options), .. }) => Some(*options),
+    fn sort(&mut self, request: &PictureRequest) {
+        let second = match &request.second {
+            Some(ComparedPicture { partner: Partner::Splats(options), .. }) => Some(*options),
             _ => None,
         };
-        let asked = (shot.camera, shot.options, second);
+        let asked = (request.camera, request.options, second);
         if let Some(sorted) = self.sorter.take() {
             self.sort_ms = Some(sorted.ms);
             let orders = [(OrderOf::First, Some(sorted.first)), (OrderOf::Second, sorted.second)];

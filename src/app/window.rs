@@ -1,45 +1,20 @@
 //! Windows come and go, the trainer stays: a lost device or another adapter ends a window, and the
 //! next one shows the same run.
 
+use super::exit::{Exit, Leave};
+use super::guard::guarded;
+use super::painting::Painting;
 use super::state::{NoticeKind, RunState, Subject};
-use super::studio::{Painting, Studio};
+use super::studio::Studio;
 use super::unattended::Unattended;
-use super::worker::{Order, Waker, Worker};
-use super::{WindowError, adapter_memory, viewport};
+use super::window_error::WindowError;
+use super::worker::{Waker, Worker, WorkerOrder};
+use super::{adapter_memory, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-
-/// Why a window ended.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub enum Leave {
-    /// The user closed it.
-    #[default]
-    Closed,
-    /// Its graphics device is gone.
-    DeviceLost,
-    /// The user chose another adapter.
-    Adapter(AdapterChoice),
-}
-
-/// Where a window leaves word why it ends.
-#[derive(Clone, Default)]
-pub struct Exit(Arc<Mutex<Leave>>);
-
-impl Exit {
-    /// Leaves word.
-    pub fn leave(&self, why: Leave) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = why;
-    }
-
-    /// The word left.
-    pub fn why(&self) -> Leave {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-}
 
 /// Losses in a row after which another adapter is tried.
 const MAX_LOSSES: usize = 3;
@@ -47,8 +22,8 @@ const MAX_LOSSES: usize = 3;
 const WELL_AFTER: Duration = Duration::from_secs(60);
 
 /// Opens windows until the user closes one. Adapters that fail are given up for wgpu's choice, that
-/// for the software adapter once there has been a window. Otherwise the last error, and whether there
-/// ever was a window.
+/// for the software adapter once there has been a window; a crash is final. Otherwise the last error,
+/// and whether there ever was a window.
 fn keep_open(
     mut adapter: AdapterChoice,
     mut open: impl FnMut(&AdapterChoice) -> Result<(Leave, Duration), WindowError>,
@@ -72,6 +47,7 @@ fn keep_open(
                 }
                 WindowError::DeviceLost(losses)
             }
+            Err(error @ WindowError::Crashed(_)) => return Err((error, ever_open)),
             Err(error) => error,
         };
         let next = match (&adapter, ever_open) {
@@ -105,16 +81,21 @@ pub fn run(
         return Err(WindowError::NoDisplay);
     }
     let host = Host::new(started).map_err(|e| WindowError::Window(e.to_string()))?;
-    let mut first: Vec<Order> = vec![Order::Open(subject)];
-    first.extend(calibration.map(Order::Calibrate));
+    let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
+    first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {
         let opened = Instant::now();
         let leave = host.open_window(&mut first, adapter)?;
         Ok((leave, opened.elapsed()))
     };
-    let tell = |kind, text| host.worker.send(Order::Report(kind, text));
+    let tell = |kind, text| host.worker.send(WorkerOrder::Report(kind, text));
     match keep_open(adapter, open, tell) {
-        Ok(()) => Ok(()),
+        // Training that crashed left its window open; the user has closed it by now.
+        Ok(()) => match host.worker.crash() {
+            None => Ok(()),
+            Some(crash) => Err(WindowError::Crashed(Box::new(crash))),
+        },
+        Err((error @ WindowError::Crashed(_), _)) => Err(error),
         Err((error, ever_open)) if ever_open && host.is_at_work() => {
             Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
         }
@@ -152,7 +133,7 @@ impl Host {
     /// Runs one window to its end; the `first` one takes the orders that the run begins with.
     fn open_window(
         &self,
-        first: &mut Vec<Order>,
+        first: &mut Vec<WorkerOrder>,
         adapter: &AdapterChoice,
     ) -> Result<Leave, WindowError> {
         let exit = Exit::default();
@@ -167,16 +148,12 @@ impl Host {
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
         let options = native_options(adapter);
-        // egui panics where a lost device gives it no memory to write to; that ends the window only.
-        let ended = catch_unwind(AssertUnwindSafe(|| {
-            eframe::run_native("vbgs-studio", options, Box::new(create))
-        }));
+        let ended = guarded(&self.worker, &exit, || {
+            Ok(eframe::run_native("vbgs-studio", options, Box::new(create))?)
+        });
         *self.context.lock().unwrap_or_else(PoisonError::into_inner) = None;
-        match ended {
-            Ok(result) => result?,
-            Err(_) => exit.leave(Leave::DeviceLost),
-        }
-        *first = vec![Order::Deliver];
+        ended?;
+        *first = vec![WorkerOrder::Deliver];
         Ok(exit.why())
     }
 }
@@ -190,7 +167,7 @@ fn tell_caveat(
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(text) = caveat.clone().filter(|_| *told != caveat) {
-        worker.send(Order::Report(NoticeKind::Info, text));
+        worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
     *told = caveat;
 }
@@ -217,6 +194,8 @@ fn has_display() -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::app::panic_report::PanicReport;
+    use crate::app::rescue::{Crash, CrashedThread, Rescue};
 
     /// Runs windows that end as listed; returns the adapters asked for and how it ended.
     fn windows(
@@ -258,6 +237,18 @@ mod tests {
             (asked, ended, told),
             (expected.iter().map(|s| s.to_string()).collect(), Err(true), 11)
         );
+    }
+
+    #[test]
+    fn a_crash_opens_no_window_again() {
+        let crash = Crash {
+            thread: CrashedThread::Window,
+            panic: PanicReport { message: "boom".into(), place: None },
+            rescue: Rescue::Nothing,
+        };
+        let crashed = Err(WindowError::Crashed(Box::new(crash)));
+        let (asked, ended, told) = windows("auto", vec![lost(1), crashed, closed()]);
+        assert_eq!((asked, ended, told), (vec!["auto".into(); 2], Err(true), 1));
     }
 
     #[test]

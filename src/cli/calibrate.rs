@@ -4,9 +4,10 @@ use super::args::CalibrateArgs;
 use super::failure::Failure;
 use super::train::announce;
 use super::{output, progress};
+use vbgs_studio::calibrate;
+use vbgs_studio::calibrate::CalibratePlan;
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::calibration::Calibration;
-use vbgs_studio::pipeline::calibrate::{self, CalibratePlan};
 
 /// Searches as asked.
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
@@ -16,7 +17,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     let start = match start {
         Some(start) => start,
         None if args.from_scratch => Calibration::NONE,
-        None => Calibration::known(&dataset).unwrap_or_default(),
+        None => dataset.known_calibration().unwrap_or_default(),
     };
     let plan = CalibratePlan {
         split: args.split.clone(),

@@ -38,7 +38,7 @@ struct CheckpointInfo {
 /// Reads all of it, and looks whether its dataset is still there.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
-    let learner = run.learner()?;
+    let learner = run.revive()?.learner;
     let (used, components) = (learner.used(), learner.components());
     let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();

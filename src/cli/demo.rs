@@ -6,7 +6,7 @@ use super::{output, train};
 use std::path::Path;
 use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::pipeline::demo;
-use vbgs_studio::pipeline::scene::SceneOverrides;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
 

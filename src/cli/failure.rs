@@ -1,10 +1,11 @@
 //! How a command ends when it does not end well.
 
+use super::wording;
 use std::process::ExitCode;
 use vbgs_studio::dataset::error::DatasetError;
-use vbgs_studio::dataset::synthetic::write::WriteError;
+use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
-use vbgs_studio::train::config::ConfigError;
+use vbgs_studio::train::setting::ConfigError;
 
 /// Why a command did not do its work.
 pub enum Failure {
@@ -26,7 +27,7 @@ impl Failure {
     pub fn report(self) -> ExitCode {
         match self {
             Self::Failed(error) => {
-                eprintln!("error: {}", message(&error));
+                eprintln!("error: {}", wording::error(&error));
                 ExitCode::FAILURE
             }
             Self::Usage(message) => {
@@ -41,26 +42,49 @@ impl Failure {
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let error = error.into();
-        if is_usage(&error) { Self::Usage(message(&error)) } else { Self::Failed(error) }
+        if is_usage(&error) { Self::Usage(wording::error(&error)) } else { Self::Failed(error) }
     }
 }
 
-/// Whether a setting is to blame, whatever the files hold.
+/// Whether a setting is to blame, whatever the files hold: anywhere in the chain of causes, since
+/// a session or a bench only passes on what its settings say.
 fn is_usage(error: &anyhow::Error) -> bool {
-    error.is::<ConfigError>()
-        || matches!(error.downcast_ref(), Some(DatasetError::Option { .. }))
-        || matches!(error.downcast_ref(), Some(WriteError::Params(_)))
-        || matches!(error.downcast_ref(), Some(RunError::Conflict { .. }))
+    error.chain().any(|cause| {
+        cause.is::<ConfigError>()
+            || cause.is::<ParamsError>()
+            || matches!(cause.downcast_ref(), Some(DatasetError::Option { .. }))
+            || matches!(cause.downcast_ref(), Some(RunError::Conflict { .. }))
+    })
 }
 
-/// An error with those of its causes that its own text does not already tell.
-fn message(error: &anyhow::Error) -> String {
-    let mut text = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        if !text.contains(&cause) {
-            text.push_str(": ");
-            text.push_str(&cause);
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vbgs_studio::bench::findings::BenchError;
+    use vbgs_studio::export::{ExportError, Fault};
+    use vbgs_studio::pipeline::demo::DemoError;
+    use vbgs_studio::pipeline::error::SessionError;
+    use vbgs_studio::pipeline::settings::scene::SceneError;
+
+    #[test]
+    fn a_wrong_setting_is_wrong_usage_however_deep_it_lies() {
+        let config = || ConfigError { setting: "budget", expected: "1".into(), found: "0".into() };
+        let scene = || SceneError::from(config());
+        let session = || SessionError::from(scene());
+        for failure in [
+            Failure::from(config()),
+            Failure::from(scene()),
+            Failure::from(session()),
+            Failure::from(DemoError::from(session())),
+            Failure::from(BenchError::from(session())),
+            Failure::from(RunError::from(session())),
+            Failure::from(anyhow::Error::new(session()).context("the first run")),
+        ] {
+            assert!(matches!(&failure, Failure::Usage(text) if text.contains("--budget: ")));
         }
+        let fault = ExportError { path: "a.ply".into(), fault: Fault::IsFolder };
+        assert!(matches!(Failure::from(fault), Failure::Failed(_)));
+        let noise = SceneError::BelowNoise { least: 1.0, found: 0.5, near: 1.0, far: 2.0 };
+        assert!(matches!(Failure::from(noise), Failure::Failed(_)), "the files are to blame too");
     }
-    text
 }

@@ -8,7 +8,7 @@ use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{self, Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::model::splats::bounds;
+use vbgs_studio::model::splat::splats::bounds;
 use vbgs_studio::pipeline::session::layout_name;
 
 #[derive(Serialize)]

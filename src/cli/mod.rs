@@ -22,6 +22,7 @@ mod synth;
 mod train;
 #[cfg(feature = "gui")]
 mod window;
+mod wording;
 
 use args::{Arguments, Command};
 use failure::Failure;

@@ -4,13 +4,13 @@ use super::failure::Failure;
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
-use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
+use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
-use vbgs_studio::model::appearance::SplatSet;
-use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::model::splat::appearance::SplatSet;
+use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
-use vbgs_studio::pipeline::method::Method;
+use vbgs_studio::pipeline::settings::method::Method;
 
 /// What commands need of a model, whatever file it came from.
 pub struct Model {
@@ -28,8 +28,8 @@ impl Model {
     /// model was trained with, else what is known of the layout.
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
         match &self.method {
-            Some(method) => method.color_camera(),
-            None => Calibration::known(dataset).and_then(|c| c.color_camera),
+            Some(method) => method.any().color_camera(),
+            None => dataset.known_calibration().and_then(|c| c.color_camera),
         }
     }
 }

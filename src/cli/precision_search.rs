@@ -6,7 +6,8 @@ use super::failure::Failure;
 use super::{output, progress};
 use clap::Args;
 use std::path::PathBuf;
-use vbgs_studio::pipeline::precision_search::{self, SearchPlan};
+use vbgs_studio::bench::paper::precision_search;
+use vbgs_studio::bench::paper::precision_search::SearchPlan;
 
 #[derive(Args)]
 pub struct PrecisionSearchArgs {

@@ -8,7 +8,7 @@ use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::views::{self, EvalOptions, GroundTruth};
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::{Method, RenderOptions};
 
 /// How splats are compared with photographs.

@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::orbit::Orbit;
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::{Framing, framing};
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::{Framing, framing};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Lens, Look, Method, Paint, RenderOptions};
 

@@ -7,13 +7,14 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::surface::Sensor;
-use vbgs_studio::model::splats::CovarianceForm;
+use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::Asked;
-use vbgs_studio::pipeline::method::Asked as Method;
 use vbgs_studio::pipeline::plan::Selection;
-use vbgs_studio::pipeline::scene::SceneOverrides;
-use vbgs_studio::train::config::{ConfigError, Overrides, Precision, Preset, TrainConfig};
-use vbgs_studio::train::scene::engine::SumForm;
+use vbgs_studio::pipeline::settings::method::Asked as Method;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, Preset};
+use vbgs_studio::train::scene::sum_form::SumForm;
+use vbgs_studio::train::setting::ConfigError;
 
 /// Frames and their order.
 pub fn selection(args: &TrainArgs) -> Selection {
@@ -55,7 +56,7 @@ pub fn method(args: &TrainArgs) -> Result<Method, Failure> {
     refuse_foreign(args, preset)?;
     let asked = asked(args, preset)?;
     Ok(match preset {
-        Preset::Paper => Method::Paper(TrainConfig::paper().with(&asked.paper)?),
+        Preset::Paper => Method::Paper(PaperConfig::paper().with(&asked.paper)?),
         Preset::Scene => Method::Scene(asked.scene),
     })
 }
@@ -101,8 +102,8 @@ fn refuse_foreign(args: &TrainArgs, preset: Preset) -> Result<(), Failure> {
 }
 
 /// Settings of the paper's preset from the command line.
-fn line(args: &TrainArgs) -> Overrides {
-    Overrides {
+fn line(args: &TrainArgs) -> PaperOverrides {
+    PaperOverrides {
         seed: args.seed,
         components: args.components,
         candidates: args.candidates,

@@ -6,17 +6,16 @@ use super::interrupt::Interrupt;
 use super::model::conversion_comments;
 use super::quality::{Comparison, SEEN_AFTER};
 use super::settings::{asked, method, selection};
-use super::{output, progress, quality};
+use super::{output, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
-use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::appearance::SplatSet;
+use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::method::{Asked as AskedMethod, Method};
 use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
 use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
@@ -76,10 +75,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
-    session.learner().warnings().iter().for_each(|warning| eprintln!("warning: {warning}"));
+    let warnings = session.learner().warnings();
+    warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
-    let color_camera = session.config().method.color_camera();
+    let color_camera = session.config().method.any().color_camera();
     let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
     let measured = match (&args.eval, &end) {
         (Some(split), Ok(true)) => measure(&session, split, &early, &comparison),
@@ -102,7 +102,7 @@ const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up 
 
 /// Whether colours come from what is known of the layout's cameras.
 fn takes_known_calibration(session: &Session) -> bool {
-    let known = Calibration::known(session.dataset());
+    let known = session.dataset().known_calibration();
     match &session.config().method {
         Method::Scene(run) => known.is_some() && run.surface.calibration == known,
         Method::Paper(_) => false,

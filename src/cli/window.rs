@@ -27,8 +27,15 @@ pub fn run(
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
-    match (app::run(subject, calibration, adapter, started), path) {
+    end(app::run(subject, calibration, adapter, started), path)
+}
+
+/// What follows from how the window on `path`, or on the demo, ended.
+fn end(ended: Result<(), WindowError>, path: Option<PathBuf>) -> Result<(), Failure> {
+    match (ended, path) {
         (Ok(()), _) => Ok(()),
+        // Training the demo headless would hide that the program is at fault.
+        (Err(error @ WindowError::Crashed(_)), _) => Err(Failure::failed(error)),
         (Err(WindowError::Gone(error, run)), _) => go_on(&error, run),
         (Err(error), None) => demo::run(&error.to_string()),
         (Err(error), Some(path)) => Err(Failure::failed(anyhow::anyhow!(
@@ -49,5 +56,47 @@ fn go_on(reason: &WindowError, run: Unattended) -> Result<(), Failure> {
             notices.iter().for_each(|(_, text)| output::line(text));
             Ok(())
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::ExitCode;
+    use vbgs_studio::app::panic_report::PanicReport;
+    use vbgs_studio::app::rescue::{Crash, CrashedThread, Rescue};
+
+    /// Exit codes cannot be compared, but printed.
+    fn status(ended: Result<(), WindowError>, path: Option<PathBuf>) -> String {
+        format!("{:?}", end(ended, path).map_or_else(Failure::report, |()| ExitCode::SUCCESS))
+    }
+
+    fn crash(thread: CrashedThread) -> Result<(), WindowError> {
+        let panic = PanicReport { message: "boom".into(), place: Some("a.rs:1:1".into()) };
+        Err(WindowError::Crashed(Box::new(Crash { thread, panic, rescue: Rescue::Nothing })))
+    }
+
+    #[test]
+    fn a_crash_ends_with_status_1_and_a_closed_window_with_0() {
+        for thread in [CrashedThread::Window, CrashedThread::Training] {
+            for path in [None, Some(PathBuf::from("room"))] {
+                assert_eq!(status(crash(thread), path), format!("{:?}", ExitCode::FAILURE));
+            }
+        }
+        assert_eq!(status(Ok(()), None), format!("{:?}", ExitCode::SUCCESS));
+        assert_ne!(format!("{:?}", ExitCode::SUCCESS), format!("{:?}", ExitCode::FAILURE));
+        let lost = Err(WindowError::DeviceLost(4));
+        assert_eq!(status(lost, Some("room".into())), format!("{:?}", ExitCode::FAILURE));
+    }
+
+    #[test]
+    fn the_message_of_a_crash_is_its_own() {
+        let Err(Failure::Failed(error)) = end(crash(CrashedThread::Window), None) else {
+            panic!("a failure");
+        };
+        assert_eq!(
+            error.to_string(),
+            "the window crashed: boom (a.rs:1:1); no training was unsaved"
+        );
     }
 }

@@ -1,14 +1,32 @@
 //! What the files of a recording do not say of its cameras: where the colour camera stands, how
 //! depth is biased, how bright each frame was exposed. A RON file that people may edit.
+//!
+//! Nothing of it is applied when frames are loaded: a frame is what its files say, and the
+//! surface stage corrects it (`surface::planes` depth, `surface::color_lookup` colour). So
+//! evaluation compares with photographs as they were taken, and a search for better numbers needs
+//! no second decoding.
+//!
+//! Depth is scaled before the offset is added, `ℓ' = scale·ℓ + offset`, along whatever the files
+//! measure. The colour camera is told in the depth camera's frame because the poses of a
+//! recording are those of the depth camera.
 
-use super::seven_scenes::DEFAULT_INTRINSICS;
-use super::{Dataset, Layout};
 use crate::math::camera::{Camera, Intrinsics};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Corrections of a dataset's cameras; [`Calibration::NONE`] changes nothing.
+///
+/// ```
+/// use vbgs_studio::dataset::calibration::Calibration;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("camera.ron");
+/// std::fs::write(&path, "(depth_offset: 0.004)")?;
+/// let calibration = Calibration::read(&path)?;
+/// assert_eq!((calibration.depth_offset, calibration.depth_scale), (0.004, 1.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
@@ -42,7 +60,7 @@ pub struct ColorCamera {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FrameGain {
-    /// Its name within the split.
+    /// Name of the frame within its split.
     pub frame: String,
     /// Factors of red, green and blue, positive; products are clamped to 1.
     pub gain: [f64; 3],
@@ -54,7 +72,7 @@ pub enum CalibrationError {
     /// The file cannot be read.
     #[error("{}: expected a calibration file, found: {source}; check the path and its permissions", path.display())]
     Read {
-        /// The file.
+        /// The calibration file, as it was asked for.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -62,7 +80,7 @@ pub enum CalibrationError {
     /// The file is no calibration.
     #[error("{}: expected a calibration (RON, such as (depth_offset: 0.004)), found: {source}; correct this place", path.display())]
     Parse {
-        /// The file.
+        /// The calibration file, as it was asked for.
         path: PathBuf,
         /// Where parsing stopped and why.
         source: Box<ron::error::SpannedError>,
@@ -72,12 +90,12 @@ pub enum CalibrationError {
     Value {
         /// Name of the field.
         setting: String,
-        /// Its legal values.
+        /// Legal values of the field, with their unit.
         expected: &'static str,
-        /// Its value.
+        /// The value that was read or given.
         found: String,
     },
-    /// It cannot be written as RON.
+    /// A calibration that cannot be written as RON.
     #[error(transparent)]
     Ron(#[from] ron::Error),
 }
@@ -86,14 +104,6 @@ impl Calibration {
     /// Registered colour, depth as decoded, exposures as they are.
     pub const NONE: Self =
         Self { color_camera: None, depth_offset: 0.0, depth_scale: 1.0, exposure: Vec::new() };
-
-    /// What is known of a dataset that comes without a calibration: the colour camera of a Kinect
-    /// where depth has the published Kinect's intrinsics. `None` where nothing is known.
-    pub fn known(dataset: &Dataset) -> Option<Self> {
-        let depth_camera = dataset.splits.first()?.frames.first()?.camera.intrinsics;
-        let is_kinect = dataset.layout == Layout::SevenScenes && depth_camera == DEFAULT_INTRINSICS;
-        is_kinect.then_some(Self { color_camera: Some(ColorCamera::KINECT), ..Self::NONE })
-    }
 
     /// Reads and checks a RON file.
     ///
@@ -166,8 +176,8 @@ fn options() -> ron::Options {
 }
 
 impl ColorCamera {
-    /// That of the Kinect of 7-Scenes, whose colour images are not registered: found by minimising
-    /// the variance of colour inside components (`accuracy.md` 7).
+    /// The colour camera of the Kinect of 7-Scenes, whose colour images are not registered: found by minimising
+    /// the variance of colour inside components (`dataset.md`, Colour camera).
     pub const KINECT: Self = Self {
         focal: [522.0, 522.0],
         principal: [320.0, 238.5],
@@ -175,7 +185,7 @@ impl ColorCamera {
         rotation: [0.0; 3],
     };
 
-    /// Itself, beside a depth camera whose images have the same size.
+    /// World pose and intrinsics where the depth camera is `depth`, for images of its size.
     pub fn beside(&self, depth: &Camera) -> Camera {
         let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
         let turn = DQuat::from_scaled_axis(DVec3::from_array(self.rotation));

@@ -1,10 +1,12 @@
 //! Image files to colour and depth arrays.
 
+use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
-use super::frame::{Depth, DepthCodes, DepthKind};
+use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use image::{DynamicImage, ImageDecoder, ImageReader};
 use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// How the depth files of a split are to be read.
@@ -13,6 +15,8 @@ pub(super) struct DepthEncoding {
     pub codes: CodeKind,
     pub kind: DepthKind,
     pub trusted: [f64; 2],
+    /// What measured it, which a layout knows and a file does not say.
+    pub sensor: Sensor,
 }
 
 /// Pixel format and the rule that makes lengths of it.
@@ -24,24 +28,28 @@ pub(super) enum CodeKind {
     Linear16(f64),
 }
 
-/// What a header says.
-pub(super) struct Header {
+/// What an image says before its pixels.
+pub(super) struct ImageHeader {
     pub width: u32,
     pub height: u32,
     pub bits_per_channel: u16,
 }
 
 /// Reads an image's header only.
-pub(super) fn header(path: &Path) -> Result<Header, FrameProblem> {
-    let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
-    let (width, height) = decoder.dimensions();
-    let color = decoder.color_type();
-    let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
-    Ok(Header { width, height, bits_per_channel })
+pub(super) fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
+    guarded(|| {
+        // The content decides, not the name: a JPEG called `.png` is read as what it is.
+        let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
+        let (width, height) = decoder.dimensions();
+        let color = decoder.color_type();
+        let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
+        Ok(ImageHeader { width, height, bits_per_channel })
+    })
 }
 
 /// Decodes a colour image.
 pub(super) fn color(path: &Path) -> Result<Image<[u8; 4]>, FrameProblem> {
+    // Gray and RGB become opaque RGBA, so that nothing behind asks what the file held.
     let rgba = decode(path)?.into_rgba8();
     let (width, height) = (rgba.width() as usize, rgba.height() as usize);
     let data = rgba.as_raw().as_chunks::<4>().0.to_vec();
@@ -53,6 +61,7 @@ pub(super) fn depth(path: &Path, encoding: &DepthEncoding) -> Result<Depth, Fram
     let image = decode(path)?;
     let (width, height) = (image.width() as usize, image.height() as usize);
     let found = format!("{:?}", image.color());
+    // Exporters write gray depth into every colour channel; the first stands for all.
     let codes = match (encoding.codes, image) {
         (CodeKind::Inverse8, DynamicImage::ImageLuma8(i)) => {
             DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
@@ -96,12 +105,20 @@ fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64)
 
 /// The default limits of the decoder bound what a header may make it allocate.
 fn decode(path: &Path) -> Result<DynamicImage, FrameProblem> {
+    // Read whole first: whether a JPEG ends is asked of its bytes before they are decoded.
     let bytes = std::fs::read(path)?;
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format()?;
     if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(&bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
-    Ok(reader.decode()?)
+    guarded(|| Ok(reader.decode()?))
+}
+
+/// Image decoders are other people's code, fed with whatever a folder holds: one that panics on a
+/// damaged file costs that frame, neither the scene being learnt nor the program. Nothing that the
+/// panic could have left half done is used afterwards.
+fn guarded<T>(read: impl FnOnce() -> Result<T, FrameProblem>) -> Result<T, FrameProblem> {
+    catch_unwind(AssertUnwindSafe(read)).unwrap_or(Err(FrameProblem::DecoderCrash))
 }
 
 /// Whether a JPEG's end-of-image marker follows its first scan. Inside a scan every 0xFF byte is
@@ -119,4 +136,18 @@ fn jpeg_ends(bytes: &[u8]) -> bool {
         };
     }
     false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_decoder_that_panics_is_an_error_of_the_file() {
+        let crash = guarded::<()>(|| panic!("a defect of the decoder"));
+        assert!(matches!(crash, Err(FrameProblem::DecoderCrash)), "{crash:?}");
+        assert!(matches!(guarded(|| Ok(7)), Ok(7)));
+        let error = guarded::<()>(|| Err(FrameProblem::TruncatedJpeg));
+        assert!(matches!(error, Err(FrameProblem::TruncatedJpeg)), "{error:?}");
+    }
 }

@@ -3,15 +3,15 @@
 //! diagonals; borders replicated) and drop the pixel if a pair jumps and the pixel lies well
 //! inside the jump.
 //!
-//! * 8-bit codes (`model.md` 13): a jump is ≥ 6 levels, well inside is `[min + 2, max − 2]`; code 0
+//! * 8-bit codes (`dataset.md`, Edge filter): a jump is ≥ 6 levels, well inside is `[min + 2, max − 2]`; code 0
 //!   (background) takes part like any other.
-//! * Metric depth: the same with the noise half-width `q` (`accuracy.md` 2) in place of a level,
+//! * Metric depth: that rule with the noise half-width `q` (`dataset.md`, Sensors) in place of a level,
 //!   which for 8-bit depth is one level: a jump is ≥ 6 q, well inside is `[min + 2 q, max − 2 q]`,
 //!   with `q` at the pixel's own depth. Small images see slanted surfaces jump from pixel to pixel,
 //!   so a jump must also exceed what a plane tilted by 80° shows across two pixels. Holes there are
 //!   missing measurements, so a pair with a hole says nothing.
 
-use super::frame::sensor_noise;
+use super::depth::sensor_noise;
 
 /// Smallest jump between opposite neighbours, in levels (or `q`).
 const JUMP: u8 = 6;
@@ -38,6 +38,7 @@ impl<T: Copy> Padded<T> {
         }
         let height = data.len() / width;
         self.values.reserve((height + 2) * self.stride);
+        // First and last row twice: at a border a pixel is its own neighbour and no edge.
         for row in (0..height).take(1).chain(0..height).chain((0..height).last()) {
             let source = &data[row * width..(row + 1) * width];
             self.values.push(convert(source[0]));
@@ -57,13 +58,15 @@ impl<T: Copy> Padded<T> {
 pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
     opposite_pairs(image, row, mixed, |a, d, b| {
         let (low, high) = (a.min(b), a.max(b));
+        // `&`, not `&&`: without branches a row is vector code.
         (high - low >= JUMP)
             & (d >= low.saturating_add(MARGIN))
             & (d <= high.saturating_sub(MARGIN))
     });
 }
 
-/// The same for lengths in world units, 0 at holes; `focal` in pixels.
+/// Writes 1 where a pixel of a row of lengths (world units, 0 at holes) is mixed, else 0; `focal` in
+/// pixels.
 pub(super) fn mixed_lengths(image: &Padded<f32>, row: usize, focal: f32, mixed: &mut [u8]) {
     let per_depth = STEEPEST_PLANE / focal;
     opposite_pairs(image, row, mixed, |a, d, b| {

@@ -1,8 +1,14 @@
 //! What can be wrong with a dataset, and with one frame of it. Every message names the file, what
 //! was expected, what was found and what to do.
+//!
+//! A defect of a frame is told apart from its place: [`FrameProblem`] is the defect, found by
+//! whoever decodes and who need not know the frame's name; [`FrameError`] adds file and frame
+//! where both are known. One bad frame never spoils the dataset, so only [`DatasetError`] ends an
+//! opening.
 
 use crate::math::pose::PoseError;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Why a dataset cannot be used at all.
 #[derive(Debug, thiserror::Error)]
@@ -12,7 +18,7 @@ pub enum DatasetError {
         "{}: expected a dataset folder, found nothing at this path; check the spelling", path.display()
     )]
     NotFound {
-        /// As given.
+        /// The path as it was given.
         path: PathBuf,
     },
     /// A file where a folder was needed.
@@ -20,7 +26,7 @@ pub enum DatasetError {
         "{}: expected a dataset folder, found a file; give the folder that holds it", path.display()
     )]
     NotAFolder {
-        /// As given.
+        /// The path as it was given.
         path: PathBuf,
     },
     /// A file or folder that exists but cannot be read.
@@ -36,7 +42,7 @@ pub enum DatasetError {
         "{}: expected a dataset in one of the known layouts ({expected}), found {found}; give the folder that directly holds these files", path.display()
     )]
     NotRecognised {
-        /// The folder.
+        /// The folder that was to be opened.
         path: PathBuf,
         /// The layouts and what each is recognised by.
         expected: String,
@@ -48,7 +54,7 @@ pub enum DatasetError {
         "{}: expected JSON, found: {source}; export the file again (JSON knows neither NaN nor infinity)", file.display()
     )]
     Json {
-        /// The file.
+        /// The metadata file inside the dataset.
         file: PathBuf,
         /// Where parsing stopped and why.
         source: serde_json::Error,
@@ -56,7 +62,7 @@ pub enum DatasetError {
     /// A metadata file whose content does not have the right form.
     #[error("{}: expected {expected}, found {found}; {hint}", file.display())]
     Metadata {
-        /// The file.
+        /// The metadata file inside the dataset.
         file: PathBuf,
         /// What belongs there.
         expected: String,
@@ -70,7 +76,7 @@ pub enum DatasetError {
         "{}: expected at least one usable frame, found none in {skipped} listed; the first problem: {first}", path.display()
     )]
     NoUsableFrame {
-        /// The dataset.
+        /// Folder of the dataset, or its name where it has no files.
         path: PathBuf,
         /// Frames that were refused.
         skipped: usize,
@@ -82,7 +88,7 @@ pub enum DatasetError {
         "{}: expected a split with depth images to train on, found only colour (splits: {splits}); add the depth images to one split", path.display()
     )]
     NoDepth {
-        /// The dataset.
+        /// Folder of the dataset, or its name where it has no files.
         path: PathBuf,
         /// Names of the splits.
         splits: String,
@@ -90,7 +96,7 @@ pub enum DatasetError {
     /// A split that the user named does not exist.
     #[error("{}: expected one of the splits {splits}, found the request `{asked}`; name one of them", path.display())]
     NoSuchSplit {
-        /// The dataset.
+        /// Folder of the dataset, or its name where it has no files.
         path: PathBuf,
         /// What was asked for.
         asked: String,
@@ -100,16 +106,16 @@ pub enum DatasetError {
     /// The depth scale or range that the user gave makes no sense.
     #[error("setting {setting}: expected {expected}, found {found}; correct it or leave it out")]
     Option {
-        /// Its name.
+        /// Name of the option that was overridden.
         setting: &'static str,
-        /// Its legal values.
+        /// Legal values of the option, with their unit.
         expected: &'static str,
-        /// Its value.
+        /// The value that was given.
         found: String,
     },
 }
 
-/// Why one frame cannot be used. At opening it becomes a [`super::Warning`], at loading an error.
+/// Why one frame cannot be used. At opening it becomes a [`Warning`], at loading an error.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: frame {frame}: {problem}", file.display())]
 pub struct FrameError {
@@ -120,6 +126,21 @@ pub struct FrameError {
     /// What is wrong.
     #[source]
     pub problem: FrameProblem,
+}
+
+/// A frame that was skipped at opening.
+#[derive(Clone, Debug)]
+pub struct Warning {
+    /// Split that lists the frame.
+    pub split: String,
+    /// The frame, the file and what is wrong with it.
+    pub error: Arc<FrameError>,
+}
+
+impl std::fmt::Display for Warning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} (split {})", self.error, self.split)
+    }
 }
 
 /// The defects a frame can have.
@@ -133,7 +154,7 @@ pub enum FrameProblem {
         "expected a depth image {0}, found none; the frame is skipped: restore its depth or remove the frame"
     )]
     MissingDepth(String),
-    /// No pose.
+    /// A frame without a pose file.
     #[error("expected a pose file {0}, found none; restore it or remove the frame")]
     MissingPose(String),
     /// A sequence that a split file lists.
@@ -152,6 +173,11 @@ pub enum FrameProblem {
         "expected a whole JPEG image, found no end-of-image marker: the file is truncated; copy or export it again"
     )]
     TruncatedJpeg,
+    /// A file on which the decoder panics.
+    #[error(
+        "expected a whole PNG or JPEG image, found one that crashes its decoder; copy or export the file again"
+    )]
+    DecoderCrash,
     /// A depth image of another pixel format.
     #[error("expected {expected} depth, found {found}; {hint}")]
     DepthFormat {
@@ -208,6 +234,40 @@ pub enum FrameProblem {
         "expected depth values, found only holes (0) in the whole image; the frame is skipped: export its depth again"
     )]
     NoDepthValues,
+    /// Intrinsics of a frame in memory that no camera has.
+    #[error("camera: expected {expected}, found {found}; {hint}")]
+    Intrinsics {
+        /// What a camera has.
+        expected: String,
+        /// What was given.
+        found: String,
+        /// What to do.
+        hint: &'static str,
+    },
+    /// A buffer in memory that does not hold the pixels of the camera's image.
+    #[error(
+        "expected {expected} {what} for the camera's {}x{} pixels, found {found}; hand over whole images without padding between rows", size.0, size.1
+    )]
+    BufferSize {
+        /// What the buffer holds.
+        what: &'static str,
+        /// Width and height of the camera's image, pixels.
+        size: (u32, u32),
+        /// Values that belong into it.
+        expected: usize,
+        /// Values that it holds.
+        found: usize,
+    },
+    /// A trusted interval of depth that holds no length.
+    #[error(
+        "trusted depth: expected 0 ≤ near < far in world units, found {near} to {far}; correct it"
+    )]
+    TrustedDepth {
+        /// Lower end of the interval, world units.
+        near: f64,
+        /// Upper end of the interval, world units.
+        far: f64,
+    },
     /// Points were asked of a frame without depth.
     #[error("expected a frame with depth, found colour only; choose a split with depth")]
     NoDepth,

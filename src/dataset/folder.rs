@@ -1,4 +1,8 @@
 //! Reading a dataset's folder without ever leaving it.
+//!
+//! A dataset may come from anywhere, and its frame lists name files. What they name is read only
+//! if it lies inside the folder: parents and absolute paths are refused by their text, links by
+//! where they lead. A folder is listed once and then asked by name.
 
 use super::error::{DatasetError, FrameProblem};
 use std::collections::BTreeMap;
@@ -14,11 +18,11 @@ pub(super) struct Folder {
     pub path: PathBuf,
     canonical: PathBuf,
     /// What the root holds.
-    pub listing: Listing,
+    pub listing: FolderListing,
 }
 
 /// What one folder holds, by name.
-pub(super) struct Listing {
+pub(super) struct FolderListing {
     entries: BTreeMap<String, EntryKind>,
 }
 
@@ -44,20 +48,20 @@ impl Folder {
         if !canonical.is_dir() {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
-        let listing = Listing::read(&canonical).map_err(read)?;
+        let listing = FolderListing::read(&canonical).map_err(read)?;
         Ok(Self { path: path.to_owned(), canonical, listing })
     }
 
     /// Lists a folder below the root.
-    pub fn list(&self, relative: &Path) -> Result<Listing, FrameProblem> {
-        Ok(Listing::read(&self.inside(relative)?)?)
+    pub fn list(&self, relative: &Path) -> Result<FolderListing, FrameProblem> {
+        Ok(FolderListing::read(&self.inside(relative)?)?)
     }
 
     /// The path of a listed file, checked if it is a link.
     pub fn file(
         &self,
         folder: &Path,
-        listing: &Listing,
+        listing: &FolderListing,
         name: &str,
     ) -> Result<PathBuf, FrameProblem> {
         let relative = folder.join(name);
@@ -87,7 +91,7 @@ impl Folder {
     }
 }
 
-impl Listing {
+impl FolderListing {
     fn read(folder: &Path) -> std::io::Result<Self> {
         let mut entries = BTreeMap::new();
         for entry in std::fs::read_dir(folder)? {

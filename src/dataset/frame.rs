@@ -1,14 +1,17 @@
 //! One frame in memory: camera, colour and depth, already checked.
+//!
+//! Whoever makes a frame checks it: [`FrameEntry::load`](super::FrameEntry::load) what files hold,
+//! [`Frame::from_memory`] what a program hands over. What reads a frame relies on that and looks
+//! for holes only.
+
+pub use super::depth::{Depth, DepthCodes, DepthKind};
 
 use super::error::{FrameError, FrameProblem};
+use super::intrinsics::{self, IntrinsicsDefect};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
-
-/// Distance of code 0 in the classic 8-bit export, world units: `ℓ = 8·(1 − d/255)`.
-pub const INVERSE8_RANGE: f64 = 8.0;
-
-/// Largest 16-bit code: a hole, as 0 is.
-pub const HOLE16: u16 = u16::MAX;
+use crate::math::pose::Pose;
+use glam::DMat4;
 
 /// A frame whose parts agree: colour and depth have the camera's size, the pose is rigid.
 #[derive(Clone, Debug)]
@@ -23,77 +26,97 @@ pub struct Frame {
     pub depth: Option<Depth>,
 }
 
-/// What a depth value measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DepthKind {
-    /// Distance from the camera's centre along the pixel's ray.
-    RayDistance,
-    /// Distance along the optical axis.
-    Z,
+/// Colour bytes of a frame that is already in memory: sRGB-encoded, rows from the top, without
+/// padding between rows.
+#[derive(Clone, Copy, Debug)]
+pub enum ColorBuffer<'a> {
+    /// Red, green and blue of every pixel; all pixels are opaque.
+    Rgb8(&'a [u8]),
+    /// Red, green, blue and straight alpha of every pixel; pixels that are not opaque make no points.
+    Rgba8(&'a [u8]),
 }
 
-/// Depth codes as stored, with the rule that makes lengths of them. Codes are kept because the
-/// edge filter of `model.md` 13 is defined on them.
-#[derive(Clone, Debug, PartialEq)]
-pub enum DepthCodes {
-    /// `8·(1 − d/255)` world units, `d = 0` is no surface.
-    Inverse8(Image<u8>),
-    /// `d · unit` world units, `d = 0` and `d = 65535` are holes.
-    Linear16 {
-        /// The stored values.
-        codes: Image<u16>,
-        /// World units per code step, positive.
-        unit: f64,
-    },
-}
-
-/// Depth image of one frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Depth {
-    /// The stored values.
-    pub codes: DepthCodes,
-    /// What they measure.
+/// Depth of a frame that is already in memory, registered to its intrinsics.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthBuffer<'a> {
+    /// Length of every pixel in world units (metres, if the poses are metric), rows from the top,
+    /// without padding. NaN, infinite, zero and negative lengths are holes.
+    pub lengths: &'a [f32],
+    /// Whether a length runs along the optical axis or along the pixel's ray.
     pub kind: DepthKind,
-    /// Open interval of lengths (of `kind`, world units) that training uses; values outside are
-    /// measured but unreliable.
+    /// Open interval of lengths that training uses; `[0.0, f64::INFINITY]` trusts all.
     pub trusted: [f64; 2],
 }
 
-impl Depth {
-    /// Width and height in pixels.
-    pub fn size(&self) -> (usize, usize) {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => (codes.width, codes.height),
-            DepthCodes::Linear16 { codes, .. } => (codes.width, codes.height),
-        }
-    }
-
-    /// Length at a pixel in world units, `None` at a hole; the trusted interval is not applied.
-    pub fn value_at(&self, column: usize, row: usize) -> Option<f64> {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => decode_inverse8(*codes.at(column, row)),
-            DepthCodes::Linear16 { codes, unit } => decode_linear16(*codes.at(column, row), *unit),
-        }
-    }
-
-    /// Whether a length lies in the trusted interval.
-    pub fn trusts(&self, value: f64) -> bool {
-        value > self.trusted[0] && value < self.trusted[1]
-    }
-
-    /// Whether there is no surface in the whole image.
-    pub(super) fn is_empty(&self) -> bool {
-        match &self.codes {
-            DepthCodes::Inverse8(codes) => codes.data.iter().all(|d| *d == 0),
-            DepthCodes::Linear16 { codes, .. } => {
-                codes.data.iter().all(|d| *d == 0 || *d == HOLE16)
-            }
-        }
-    }
-}
-
 impl Frame {
-    /// Its depth, where points are to be made of it.
+    /// A frame of what a program already holds: images in memory, a pinhole camera and its pose, a
+    /// camera-to-world matrix in OpenCV axes (x right, y down, z forward).
+    ///
+    /// # Errors
+    /// Intrinsics that no camera has; a matrix that is no rigid pose (NaN, scale, mirror image); a
+    /// buffer of another size than the camera's; depth that is a hole everywhere, or whose trusted
+    /// interval is empty.
+    ///
+    /// ```
+    /// use glam::DMat4;
+    /// use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
+    /// use vbgs_studio::math::camera::Intrinsics;
+    ///
+    /// let intrinsics = Intrinsics::from_horizontal_fov(4, 3, 1.0);
+    /// let color = ColorBuffer::Rgb8(&[128; 4 * 3 * 3]);
+    /// let mut lengths = [1.5f32; 4 * 3];
+    /// lengths[0] = f32::NAN;
+    /// let depth = |lengths| DepthBuffer {
+    ///     lengths,
+    ///     kind: DepthKind::Z,
+    ///     trusted: [0.3, 4.0],
+    /// };
+    ///
+    /// let pose = DMat4::from_rotation_y(0.1);
+    /// let frame = Frame::from_memory("0", intrinsics, pose, color, Some(depth(&lengths)))?;
+    /// let z = frame.depth_z().unwrap();
+    /// assert_eq!((z.data[0], z.data[1]), (0.0, 1.5), "NaN is a hole");
+    ///
+    /// let short = Some(depth(&lengths[..7]));
+    /// let error = Frame::from_memory("1", intrinsics, pose, color, short).unwrap_err();
+    /// assert!(error.to_string().contains("12 lengths"), "{error}");
+    /// # Ok::<(), vbgs_studio::dataset::error::FrameError>(())
+    /// ```
+    pub fn from_memory(
+        name: &str,
+        intrinsics: Intrinsics,
+        world_from_camera: DMat4,
+        color: ColorBuffer,
+        depth: Option<DepthBuffer>,
+    ) -> Result<Self, FrameError> {
+        Self::checked(name, intrinsics, world_from_camera, color, depth).map_err(|problem| {
+            FrameError { file: "memory".into(), frame: name.to_owned(), problem }
+        })
+    }
+
+    fn checked(
+        name: &str,
+        intrinsics: Intrinsics,
+        world_from_camera: DMat4,
+        color: ColorBuffer,
+        depth: Option<DepthBuffer>,
+    ) -> Result<Self, FrameProblem> {
+        // The camera first: buffers are measured against its size.
+        intrinsics::check(&intrinsics).map_err(|defect| {
+            let IntrinsicsDefect { expected, found, hint } = defect;
+            FrameProblem::Intrinsics { expected, found, hint }
+        })?;
+        let pose = Pose::from_opencv(world_from_camera)?;
+        let size = (intrinsics.width, intrinsics.height);
+        let color = color.image(size)?;
+        let depth = depth.map(|buffer| buffer.depth(size)).transpose()?;
+        Ok(Self { name: name.to_owned(), camera: Camera { intrinsics, pose }, color, depth })
+    }
+
+    /// The depth that points are to be made of.
+    ///
+    /// # Errors
+    /// [`FrameProblem::NoDepth`] of a frame with colour only.
     pub(super) fn depth_to_use(&self) -> Result<&Depth, FrameError> {
         self.depth.as_ref().ok_or_else(|| FrameError {
             file: self.name.clone().into(),
@@ -108,7 +131,8 @@ impl Frame {
         self.depth_as(DepthKind::Z)
     }
 
-    /// Depth measured as asked, whatever the file holds; otherwise as [`Self::depth_z`].
+    /// Depth in world units measured as asked, whatever the file holds; otherwise as
+    /// [`Self::depth_z`].
     pub fn depth_as(&self, kind: DepthKind) -> Option<Image<f32>> {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();
@@ -126,30 +150,54 @@ impl Frame {
     }
 }
 
+impl ColorBuffer<'_> {
+    fn image(&self, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
+        let pixels = match *self {
+            Self::Rgb8(bytes) => {
+                check_length("bytes of RGB colour", bytes.len(), size, 3)?;
+                bytes.as_chunks().0.iter().map(|&[r, g, b]| [r, g, b, u8::MAX]).collect()
+            }
+            Self::Rgba8(bytes) => {
+                check_length("bytes of RGBA colour", bytes.len(), size, 4)?;
+                bytes.as_chunks().0.to_vec()
+            }
+        };
+        Ok(Image::from_vec(size.0 as usize, size.1 as usize, pixels))
+    }
+}
+
+impl DepthBuffer<'_> {
+    fn depth(&self, size: (u32, u32)) -> Result<Depth, FrameProblem> {
+        check_length("lengths of depth", self.lengths.len(), size, 1)?;
+        let [near, far] = self.trusted;
+        if !(near >= 0.0 && near < far) {
+            return Err(FrameProblem::TrustedDepth { near, far });
+        }
+        let lengths = Image::from_vec(size.0 as usize, size.1 as usize, self.lengths.to_vec());
+        let codes = DepthCodes::Lengths(lengths);
+        let depth = Depth { codes, kind: self.kind, trusted: self.trusted };
+        depth.check(size)?;
+        Ok(depth)
+    }
+}
+
+fn check_length(
+    what: &'static str,
+    found: usize,
+    (width, height): (u32, u32),
+    per_pixel: usize,
+) -> Result<(), FrameProblem> {
+    let expected = width as usize * height as usize * per_pixel;
+    match found == expected {
+        true => Ok(()),
+        false => Err(FrameProblem::BufferSize { what, size: (width, height), expected, found }),
+    }
+}
+
 /// How much longer a length of `kind` is than the depth z at a pixel (1 for z itself).
 fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
     match kind {
         DepthKind::RayDistance => k.ray(column, row).length(),
         DepthKind::Z => 1.0,
     }
-}
-
-/// Length of an 8-bit code; code 255 is the camera's centre, which no surface can be at.
-pub(super) fn decode_inverse8(code: u8) -> Option<f64> {
-    (1..255).contains(&code).then(|| INVERSE8_RANGE * (1.0 - f64::from(code) / 255.0))
-}
-
-/// Length of a 16-bit code.
-pub(super) fn decode_linear16(code: u16, unit: f64) -> Option<f64> {
-    (code != 0 && code != HOLE16).then(|| f64::from(code) * unit)
-}
-
-/// Noise half-width of a metric depth camera up to 1 m, metres; beyond it grows with the square of
-/// the distance (`accuracy.md` 2, step 2).
-pub(super) const SENSOR_NOISE: f64 = 0.003;
-
-/// Noise half-width of a metric depth camera, metres.
-#[inline]
-pub(super) fn sensor_noise(value: f32) -> f32 {
-    SENSOR_NOISE as f32 * (value * value).max(1.0)
 }

@@ -1,19 +1,10 @@
-//! The range of positions that normalises a dataset (`model.md` 2).
+//! The range of positions that normalises a dataset (`dataset.md`, Position range).
 
-use super::Dataset;
 use super::error::FrameError;
-use super::points::{CameraConvention, camera_point};
-use crate::math::points::Normalization;
+use super::opened::Dataset;
+pub use super::position_range::PositionRange;
+use super::unproject::{CameraConvention, camera_point};
 use glam::DVec3;
-
-/// A box of world positions; points outside are legal.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PositionRange {
-    lo: DVec3,
-    hi: DVec3,
-    /// Where the range is from, for reports.
-    pub source: String,
-}
 
 /// Frames looked at, evenly spaced over the split.
 const MAX_FRAMES: usize = 12;
@@ -23,35 +14,6 @@ const STRIDE: usize = 8;
 const TAIL: f64 = 0.01;
 /// Added to the half-width.
 const MARGIN: f64 = 0.05;
-
-impl PositionRange {
-    /// `None` unless finite with `lo < hi` on every axis.
-    pub fn new(lo: DVec3, hi: DVec3, source: &str) -> Option<Self> {
-        let sound = lo.is_finite() && hi.is_finite() && lo.cmplt(hi).all();
-        sound.then(|| Self { lo, hi, source: source.to_owned() })
-    }
-
-    /// `[−1, 1]³`.
-    pub fn nerf_synthetic() -> Self {
-        let source = "the [-1, 1] cube of NeRF-synthetic scenes".to_owned();
-        Self { lo: DVec3::NEG_ONE, hi: DVec3::ONE, source }
-    }
-
-    /// Low corner.
-    pub fn lo(&self) -> DVec3 {
-        self.lo
-    }
-
-    /// High corner.
-    pub fn hi(&self) -> DVec3 {
-        self.hi
-    }
-
-    /// The normalisation it defines.
-    pub fn normalization(&self) -> Normalization {
-        Normalization::from_range(self.lo, self.hi)
-    }
-}
 
 /// The range of a split: what the layout defines, else from up to 12 evenly spaced frames: per axis
 /// the 1 % and 99 % quantiles of every eighth column and row of trusted depth, then a cube of the
@@ -66,6 +28,7 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
     for i in 0..n_sampled {
+        // A damaged frame must not keep a recording from training: others tell the range too.
         if let Err(error) = sample(dataset, split, i * frames / n_sampled, &mut axes) {
             failure = Some(error);
         }
@@ -86,7 +49,7 @@ pub enum RangeError {
         "expected at least one usable frame, found none among {n_sampled} sampled; the last one's problem: {last}"
     )]
     Frames {
-        /// Frames tried.
+        /// Number of frames that were tried.
         n_sampled: usize,
         /// The last one's problem.
         #[source]
@@ -129,9 +92,11 @@ fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
     for (axis, centre) in axes.iter_mut().zip(&mut centre) {
         let last = axis.len().checked_sub(1)?;
         axis.sort_unstable_by(f64::total_cmp);
+        // Quantiles, not extremes: a few wrong depths would otherwise set the box.
         let cut = (last as f64 * TAIL) as usize;
         let (low, high) = (axis[cut], axis[last - cut]);
         *centre = 0.5 * (low + high);
+        // One width for all axes: a Gaussian that is round in the world stays round.
         half_width = half_width.max(0.5 * (high - low));
     }
     let half = DVec3::splat(half_width * (1.0 + MARGIN));

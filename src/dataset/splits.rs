@@ -1,7 +1,8 @@
 //! Which split trains and which evaluates.
 
+use super::entry::Split;
 use super::error::DatasetError;
-use super::{Dataset, Split};
+use super::opened::Dataset;
 
 /// Without an evaluation split every so-many-th frame is held out of training.
 pub const HOLD_OUT_EVERY: usize = 8;
@@ -50,6 +51,7 @@ impl Dataset {
     /// `eval` or `test` if it is another split, else every eighth frame of the training split.
     pub fn evaluation(&self, training_split: usize) -> Evaluation {
         let trained = self.splits.get(training_split).map(|s| s.name.as_str());
+        // Depth is not asked for: photographs alone measure colour.
         let other = |name: &&str| self.find(|s| s.name == *name && trained != Some(name));
         if let Some(split) = EVALUATION_NAMES.iter().find_map(other) {
             let frames = (0..self.splits[split].frames.len()).collect();

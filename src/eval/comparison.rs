@@ -1,5 +1,5 @@
 //! One render against one photograph: as it is, over covered pixels, and after the colours were
-//! aligned (`accuracy.md` 7).
+//! aligned (`eval.md`, Covered and aligned).
 
 use super::metrics::{MetricError, decibels, same_size};
 use super::ssim::{SsimPadding, ssim};

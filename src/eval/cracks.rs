@@ -1,4 +1,4 @@
-//! Cracks: background that shows between splats inside a measured surface (`accuracy.md` 7, Cracks),
+//! Cracks: background that shows between splats inside a measured surface (`eval.md`, Cracks),
 //! at the distance of training and at half of it.
 //!
 //! Half the distance is a camera moved along its optical axis by half the median depth z of the
@@ -10,10 +10,9 @@ use super::sweep::over_views;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
 use glam::{DQuat, DVec3};
@@ -83,7 +82,7 @@ pub fn measure<'a>(
     progress: impl FnMut(usize),
 ) -> Option<CrackReport> {
     let splats = splats.into();
-    let sensor = Sensor::of(dataset);
+    let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
         let frame = loaded.ok()?;
         let surfaces = Surfaces::of(&frame, sensor)?;
@@ -160,9 +159,10 @@ impl Cracks {
 mod tests {
     use super::*;
     use crate::dataset::frame::{Depth, DepthCodes, DepthKind};
+    use crate::dataset::surface::Sensor;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
-    use crate::model::splats::Splat;
+    use crate::model::splat::splats::Splat;
     use crate::render::Method;
     use std::ops::Range;
 

@@ -1,12 +1,15 @@
 //! Quality of a model, and how runs report themselves.
+#![doc = include_str!("eval.md")]
 
 pub mod comparison;
 pub mod cracks;
 pub mod metrics;
 pub mod report;
 pub mod seen;
+pub mod spread;
 pub mod ssim;
 pub mod surfaces;
+pub mod table;
 pub mod views;
 
 mod reproject;

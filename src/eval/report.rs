@@ -94,8 +94,14 @@ pub struct FrameReport {
     pub components: usize,
     /// Components with statistics.
     pub used: usize,
-    /// Components that moved.
+    /// Components that came into being. Reports of scenes by version 0.1.0 call these reassigned.
+    #[serde(default)]
+    pub born: usize,
+    /// Unused components that moved to badly explained points.
     pub reassigned: usize,
+    /// Components that became part of others.
+    #[serde(default)]
+    pub merged: usize,
     /// Mean ELBO of the frame's points under the initial model, nats.
     pub elbo_mean: f64,
     /// Where the time went.

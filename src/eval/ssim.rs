@@ -1,4 +1,4 @@
-//! Structural similarity (`rendering.md` (f)) in f64.
+//! Structural similarity (`eval.md`, SSIM) in f64.
 
 use super::metrics::{MetricError, same_size};
 use crate::math::image::Image;

@@ -8,7 +8,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use rayon::prelude::*;
 
-/// Interior pixels have no edge in the square of this many pixels around them (`accuracy.md` 7,
+/// Interior pixels have no edge in the square of this many pixels around them (`eval.md`,
 /// Cracks).
 pub const EDGE_MARGIN: usize = 5;
 
@@ -28,7 +28,7 @@ pub struct Surfaces {
 impl Surfaces {
     /// What the frame's depth camera measured where it is trusted and nothing shines through
     /// (alpha 255); `None` in frames without depth. Depths are one surface within the sensor's
-    /// margin ([`DepthTolerance::margin`](crate::math::observation::DepthTolerance)).
+    /// margin ([`DepthTolerance::margin`](crate::observation::surface::DepthTolerance)).
     pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
         let depth = frame.depth.as_ref()?;
         let mut z = frame.depth_z()?;

@@ -1,4 +1,4 @@
-//! Rendering dataset views and scoring them against their photographs (`rendering.md` (f)).
+//! Rendering dataset views and scoring them against their photographs (`eval.md`, Protocols).
 
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics::{self, MetricError};
@@ -13,7 +13,7 @@ use crate::dataset::frame::{DepthKind, Frame};
 use crate::dataset::surface::Sensor;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{EVALUATION_NEAR, Method, RenderOptions, Renderer};
 use serde::{Deserialize, Serialize};
@@ -39,7 +39,7 @@ pub enum PartialCoverage {
     /// The background through them, as renderers draw it.
     Composited,
     /// The splats' colour alone, divided by its coverage, where that is at least
-    /// [`COVERED`]: what is left when cracks are filled (`accuracy.md` 7).
+    /// [`COVERED`]: what is left when cracks are filled (`eval.md`, Partial coverage).
     Divided,
 }
 
@@ -81,7 +81,7 @@ pub enum EvalError {
     },
     /// There is nothing to measure.
     #[error(
-        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another with --split"
+        "{dataset}: expected views to evaluate in the split `{split}`, found none; choose another split"
     )]
     NoViews {
         /// Name of the dataset.
@@ -116,7 +116,7 @@ pub fn evaluate<'a>(
     progress: impl FnMut(usize),
 ) -> Result<(EvalReport, Vec<ViewReport>), EvalError> {
     let splats = splats.into();
-    let sensor = Sensor::of(dataset);
+    let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
         let frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
         let camera = options.photo_camera(&frame);

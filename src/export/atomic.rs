@@ -1,15 +1,20 @@
-//! Files appear whole or not at all (`export.md`, "Atomic write").
+//! Files appear whole or not at all (`export.md`, Atomic writing).
 
 use super::error::{ExportError, Fault};
 use std::ffi::OsString;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
 /// Renames tried while another program holds the target open, and the wait between two of them.
 const RENAME_TRIES: usize = 5;
 const RENAME_WAIT: Duration = Duration::from_millis(200);
+/// Bytes gathered before they are handed to the system.
+const BUFFER_BYTES: usize = 1 << 16;
+
+/// Links followed from one name to the next before they count as a circle, as Linux counts.
+const MAX_LINKS: usize = 40;
 
 /// Writes `path` through `write` and returns the number of bytes.
 ///
@@ -17,27 +22,117 @@ const RENAME_WAIT: Duration = Duration::from_millis(200);
 /// target's name in one step. On any error the temporary is deleted and an older file of that name
 /// is untouched. The folder must exist: creating it is the caller's business.
 ///
+/// A symbolic link stays one: the file that it names is replaced, beside that file. Devices, FIFOs
+/// and whatever else is no file cannot be replaced by one without harm (`/dev/null`), so they are
+/// written to as they stand.
+///
 /// # Errors
 /// [`Fault::NoFolder`], [`Fault::IsFolder`], [`Fault::DiskFull`], or [`Fault::Io`] with the error
 /// of the system or of `write`.
+///
+/// ```
+/// use std::io::{Error, Write};
+/// use vbgs_studio::export::atomic::write_atomic;
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("notes.txt");
+/// assert_eq!(write_atomic(&path, |out| out.write_all(b"whole"))?, 5);
+/// assert!(write_atomic(&path, |_| Err(Error::other("interrupted"))).is_err());
+/// assert_eq!(std::fs::read(&path)?, b"whole");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write_atomic(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, ExportError> {
-    write_inner(path, write).map_err(|fault| fault.at(path))
+    let written = match Destination::of(path) {
+        Ok(Destination::File(file)) => replace(&file, write),
+        Ok(Destination::Stream) => write_through(path, write),
+        Err(fault) => Err(fault),
+    };
+    written.map_err(|fault| fault.at(path))
 }
 
-fn write_inner(
+/// Like [`write_atomic`]; an older file of that name stays as `<name>.bak`.
+///
+/// # Errors
+/// As [`write_atomic`]; the older file is untouched then, and so is its copy.
+pub fn write_keeping_old(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<u64, ExportError> {
+    back_up(path)?;
+    write_atomic(path, write)
+}
+
+/// What a name stands for.
+enum Destination {
+    /// A file that is there or will be, at the end of all links.
+    File(PathBuf),
+    /// A device, a FIFO, a socket.
+    Stream,
+}
+
+impl Destination {
+    fn of(path: &Path) -> Result<Self, Fault> {
+        match std::fs::metadata(path) {
+            Ok(found) if found.is_dir() => Err(Fault::IsFolder),
+            Ok(found) if !found.is_file() => Ok(Self::Stream),
+            Ok(_) if path.is_symlink() => match path.canonicalize() {
+                Ok(file) => Ok(Self::File(file)),
+                Err(source) => Err(Fault::Io { action: "follow this link", source }),
+            },
+            Err(e) if path.is_symlink() => end_of_links(path, e).map(Self::File),
+            // Whatever else is wrong with the name is said where it is used.
+            Ok(_) | Err(_) => Ok(Self::File(path.to_path_buf())),
+        }
+    }
+}
+
+/// The name that a link whose file is missing leads to.
+fn end_of_links(path: &Path, missing: io::Error) -> Result<PathBuf, Fault> {
+    let mut end = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match std::fs::read_link(&end) {
+            Ok(next) => end = end.parent().unwrap_or(Path::new("")).join(next),
+            Err(_) => return Ok(end),
+        }
+    }
+    Err(Fault::Io { action: "follow this link", source: missing })
+}
+
+/// Writes to what is there, without creating, emptying or replacing anything.
+fn write_through(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, Fault> {
-    let (Some(name), false) = (path.file_name(), path.is_dir()) else {
-        return Err(Fault::IsFolder);
-    };
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let stream = std::fs::OpenOptions::new()
+        .write(true)
+        .open(path)
+        .map_err(|source| Fault::Io { action: "open this for writing", source })?;
+    let mut out = Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, stream), written: 0 };
+    let filled = write(&mut out).and_then(|()| out.flush());
+    filled.map_err(failed("write", out.written))?;
+    Ok(out.written)
+}
+
+fn replace(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<u64, Fault> {
+    let (temporary, written) = fill_temporary(path, write)?;
+    rename(temporary, path).map_err(failed("put the finished file in place", written))?;
+    sync_folder(folder_of(path));
+    Ok(written)
+}
+
+/// A complete file on the disk in the folder of `path`, under a name of its own, and its length.
+fn fill_temporary(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(NamedTempFile, u64), Fault> {
+    let Some(name) = path.file_name() else { return Err(Fault::IsFolder) };
+    let folder = folder_of(path);
     if !folder.is_dir() {
         return Err(Fault::NoFolder { folder: folder.to_path_buf() });
     }
@@ -47,44 +142,80 @@ fn write_inner(
     let temporary = create_temporary(folder, &prefix)
         .map_err(|source| Fault::Io { action: "create a file in this folder", source })?;
 
-    let mut out = Counted { inner: BufWriter::with_capacity(1 << 16, temporary), written: 0 };
+    let mut out = Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, temporary), written: 0 };
     let filled = write(&mut out).and_then(|()| out.flush());
     let written = out.written;
-    let failed = |action| {
-        move |source: io::Error| match source.kind() {
-            io::ErrorKind::StorageFull => Fault::DiskFull { written },
-            _ => Fault::Io { action, source },
-        }
-    };
-    filled.map_err(failed("write"))?;
-    let temporary = out.inner.into_inner().map_err(|e| failed("write")(e.into_error()))?;
-    temporary.as_file().sync_all().map_err(failed("bring the data to the disk"))?;
-    rename(temporary, path).map_err(failed("put the finished file in place"))?;
-    sync_folder(folder);
-    Ok(written)
+    filled.map_err(failed("write", written))?;
+    let temporary = out.inner.into_inner().map_err(|e| failed("write", written)(e.into_error()))?;
+    temporary.as_file().sync_all().map_err(failed("bring the data to the disk", written))?;
+    Ok((temporary, written))
+}
+
+/// What to say of an error after `written` bytes.
+fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
+    move |source| match source.kind() {
+        io::ErrorKind::StorageFull => Fault::DiskFull { written },
+        _ => Fault::Io { action, source },
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
 }
 
 /// Keeps the file at `path`, if there is one, as `<name>.bak` too, so that writing `path` anew leaves
-/// the older content. At no moment is either name without a complete file.
+/// the older content. At no moment is either name without a complete file, and neither file is ever
+/// opened for writing: after a save that failed, both names are one file, and whoever writes to one
+/// empties the other. A link is followed first; the `.bak` lies beside the file it names.
 ///
 /// # Errors
-/// [`Fault::Io`] if the folder takes no second name or copy; both files are as they were then.
+/// [`Fault::Io`] or [`Fault::DiskFull`] if the folder takes no second name or copy; both files are as
+/// they were then.
 pub fn back_up(path: &Path) -> Result<(), ExportError> {
-    let Some(name) = path.file_name().filter(|_| path.is_file()) else { return Ok(()) };
-    let beside = |suffix: &str| {
-        let mut name = name.to_owned();
-        name.push(suffix);
-        path.with_file_name(name)
+    back_up_by(path, |file, second| std::fs::hard_link(file, second))
+}
+
+/// [`back_up`] by a way to give a file a second name, which some file systems do not have.
+fn back_up_by(
+    path: &Path,
+    link: impl FnOnce(&Path, &Path) -> io::Result<()>,
+) -> Result<(), ExportError> {
+    let file = match Destination::of(path) {
+        Ok(Destination::File(file)) if file.is_file() => file,
+        _ => return Ok(()),
     };
-    let second = beside(&format!(".{}.tmp", std::process::id()));
-    // Some file systems have no links.
-    let linked = std::fs::hard_link(path, &second)
-        .or_else(|_| std::fs::copy(path, &second).map(drop))
-        .and_then(|()| std::fs::rename(&second, beside(".bak")));
-    linked.map_err(|source| {
-        let _ = std::fs::remove_file(&second);
-        Fault::Io { action: "keep the older file as .bak", source }.at(path)
-    })
+    let kept = with_suffix(&file, ".bak");
+    let second = with_suffix(&file, &format!(".{}.tmp", std::process::id()));
+    // What a process of this number left behind here; its name only, the file may be the target.
+    let _ = std::fs::remove_file(&second);
+    let done = match link(&file, &second) {
+        Ok(()) => {
+            let renamed = std::fs::rename(&second, &kept);
+            // Renaming onto another name of the same file does nothing and leaves both.
+            let _ = std::fs::remove_file(&second);
+            renamed.map_err(|source| Fault::Io { action: KEEP_OLD, source })
+        }
+        Err(_) => copy_to(&file, &kept),
+    };
+    done.map_err(|fault| fault.at(path))
+}
+
+const KEEP_OLD: &str = "keep the older file as .bak";
+
+/// A copy under the name `kept`, complete or not at all.
+fn copy_to(file: &Path, kept: &Path) -> Result<(), Fault> {
+    let mut old =
+        std::fs::File::open(file).map_err(|source| Fault::Io { action: KEEP_OLD, source })?;
+    replace(kept, |out| io::copy(&mut old, out).map(drop)).map(drop)
+}
+
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
 }
 
 fn create_temporary(folder: &Path, prefix: &OsString) -> io::Result<NamedTempFile> {
@@ -141,5 +272,31 @@ impl<W: Write> Write for Counted<W> {
 
     fn flush(&mut self) -> io::Result<()> {
         self.inner.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// On a file system without links the copy never touches what is there, not even when the two
+    /// names are already one file.
+    #[test]
+    fn the_copy_where_there_are_no_links_is_a_file_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, kept) = (folder.path().join("a.vbgs"), folder.path().join("a.vbgs.bak"));
+        std::fs::write(&path, "old").unwrap();
+        std::fs::hard_link(&path, &kept).unwrap();
+        // What an interrupted back-up of this process would leave: a third name of the same file.
+        std::fs::hard_link(&path, with_suffix(&path, &format!(".{}.tmp", std::process::id())))
+            .unwrap();
+        for _ in 0..2 {
+            back_up_by(&path, |_, _| Err(io::ErrorKind::Unsupported.into())).unwrap();
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
+            assert_eq!(std::fs::read_to_string(&kept).unwrap(), "old");
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+        }
+        std::fs::write(&path, "new").unwrap();
+        assert_eq!(std::fs::read_to_string(&kept).unwrap(), "old", "two files");
     }
 }

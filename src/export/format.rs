@@ -8,15 +8,26 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// A file format for models.
+///
+/// ```
+/// use std::path::Path;
+/// use vbgs_studio::export::Format;
+///
+/// assert_eq!(Format::from_path(Path::new("scene.GLB"))?, Format::Glb);
+/// assert_eq!("point-cloud".parse::<Format>()?, Format::PointCloudPly);
+/// assert!(Format::from_path(Path::new("scene.obj")).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// Splats as PLY in the 3DGS layout (`export.md` 1): what splat viewers open.
+    /// Splats as PLY in the 3DGS layout (`export.md`, PLY of splats): what splat viewers open.
     Ply,
-    /// Centres as coloured points in PLY (`export.md` 2): for MeshLab, CloudCompare, Open3D.
+    /// Centres as coloured points in PLY (`export.md`, Point cloud): for MeshLab, CloudCompare,
+    /// Open3D.
     #[serde(rename = "point-cloud")]
     PointCloudPly,
-    /// Splats as GLB with `KHR_gaussian_splatting` (`export.md` 3).
+    /// Splats as GLB with `KHR_gaussian_splatting` (`export.md`, GLB).
     Glb,
 }
 

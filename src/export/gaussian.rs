@@ -1,13 +1,14 @@
 //! A splat on its way to or from a file: f64, floored, normalised, turned to other axes.
 
-use crate::model::appearance::{Appearance, SplatView};
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::{Appearance, SplatView};
+use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Smallest scale written, so that its logarithm is finite (`export.md` 0).
+/// Smallest scale written, so that its logarithm is finite (`export.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
-/// Opacities are kept this far from 0 and 1 where their logit is written (`export.md` 0).
+/// Opacities are kept this far from 0 and 1 where their logit is written (`export.md`, From splat
+/// to file).
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Quaternions shorter than this have no direction.
 const SHORTEST_QUATERNION: f64 = 1e-12;

@@ -2,8 +2,8 @@
 
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
-use crate::model::appearance::SplatSet;
-use crate::model::splats::{Splat, bounds};
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
 use std::fmt;
 

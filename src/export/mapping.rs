@@ -1,10 +1,11 @@
-//! Natively rendered splats as plain ones (`accuracy.md` 6). Plain files end at opacity 1 and hold no
-//! colour gradient; here a flat top becomes a wider splat, and a gradient several splats.
+//! Natively rendered splats as plain ones (`export.md`, Native splats as plain ones). Plain files
+//! end at opacity 1 and hold no colour gradient; here a flat top becomes a wider splat, and a
+//! gradient several splats.
 //!
 //! ```
 //! use vbgs_studio::export::mapping::{Mapping, Split, to_plain};
-//! use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
-//! use vbgs_studio::model::splats::Splat;
+//! use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
+//! use vbgs_studio::model::splat::splats::Splat;
 //!
 //! // A disc with a flat top, redder along its long axis.
 //! let splat =
@@ -22,7 +23,7 @@
 //! ```
 
 use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows};
-use crate::model::appearance::{GRADIENT_LIMIT, SplatSet, SplatView};
+use crate::model::splat::appearance::{GRADIENT_LIMIT, SplatSet, SplatView};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 

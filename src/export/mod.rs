@@ -1,11 +1,11 @@
 //! Models as files: PLY in the 3DGS layout, point-cloud PLY and GLB with `KHR_gaussian_splatting` for
 //! other programs, and the native [`checkpoint`]. The only place where file conventions (log scales,
 //! logits, quaternion order, axes, linear colour) are converted; everywhere else a splat is a
-//! [`crate::model::splats::Splat`].
+//! [`crate::model::splat::splats::Splat`].
 //!
 //! ```
 //! use vbgs_studio::export::{Format, ModelKind, WriteOptions, read, write};
-//! use vbgs_studio::model::splats::Splat;
+//! use vbgs_studio::model::splat::splats::Splat;
 //!
 //! let splat = Splat {
 //!     mean: [0.5, -1.25, 2.0],
@@ -27,6 +27,7 @@
 //! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
+#![doc = include_str!("export.md")]
 
 pub mod atomic;
 pub mod checkpoint;
@@ -44,7 +45,7 @@ pub use error::{ExportError, Fault};
 pub use format::{Axes, Format, WriteOptions};
 pub use imported::{Imported, ModelKind, Note};
 
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use gaussian::drawable;
 use std::io::{self, Read, Write};
 use std::path::Path;

@@ -34,10 +34,11 @@ impl Intrinsics {
         }
     }
 
-    /// Those of an equidistant fisheye, whose focal lengths are pixels per radian: square pixels and
+    /// Intrinsics of an equidistant fisheye, whose focal lengths are pixels per radian: square pixels and
     /// a centred principal point from the horizontal field of view (radians, up to 2π).
     pub fn fisheye(width: u32, height: u32, fov_x: f64) -> Self {
         let focal = width as f64 / fov_x;
+        // Any field of view: only size and principal point are taken from it.
         Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
     }
 
@@ -46,7 +47,7 @@ impl Intrinsics {
         2.0 * (0.5 * self.width as f64 / self.fx).atan()
     }
 
-    /// The same view in an image `factor` times as large (both sides rounded, at least 1 pixel).
+    /// Intrinsics of this view in an image `factor` times as large (both sides rounded, at least 1 pixel).
     pub fn scaled(&self, factor: f64) -> Self {
         let width = ((self.width as f64 * factor).round() as u32).max(1);
         let height = ((self.height as f64 * factor).round() as u32).max(1);
@@ -73,6 +74,17 @@ impl Intrinsics {
 }
 
 /// Intrinsics and pose.
+///
+/// ```
+/// use glam::{DVec2, DVec3};
+/// use vbgs_studio::math::camera::{Camera, Intrinsics};
+/// use vbgs_studio::math::pose::Pose;
+///
+/// let intrinsics = Intrinsics::from_horizontal_fov(640, 480, 1.0);
+/// let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+/// let (pixel, depth) = camera.project(DVec3::new(0.0, 0.0, 2.0));
+/// assert_eq!((pixel, depth), (DVec2::new(320.0, 240.0), 2.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// How camera space maps to pixels.

@@ -27,6 +27,7 @@ impl Cholesky {
                 let rest = lower[row * n + column] - known.sum::<f64>();
                 lower[row * n + column] = if row > column {
                     rest / lower[column * n + column]
+                // NaN fails this comparison: an undefined matrix has no factor either.
                 } else if rest > 0.0 {
                     rest.sqrt()
                 } else {

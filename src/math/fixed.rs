@@ -1,5 +1,9 @@
 //! Fixed-point accumulation: integer addition is associative, so totals do not depend on the
 //! order of frames, on the number of threads or on how a dataset was sharded.
+//!
+//! Two widths. [`to_fixed`] gives totals as `i128` with 80 fraction bits. [`Quanta`] hold a sum
+//! in an `i64` that almost always suffices, so that loops over it are vector code, and a carry
+//! for the rest.
 
 /// Fraction bits of a wide total: the quantum is 2⁻⁸⁰ = 8.3e-25, far below the smallest prior term
 /// (4e-15 for a million components), and the range is ±1.4e14.
@@ -7,6 +11,16 @@ pub const FRACTION_BITS: i32 = 80;
 
 /// Converts a finite `f64` to fixed point, rounding to nearest with ties away from zero.
 /// Values beyond ±2⁴⁶ saturate; NaN counts as zero (callers drop non-finite points first).
+///
+/// ```
+/// use vbgs_studio::math::fixed::{from_fixed, to_fixed};
+///
+/// let values = [1e9, 1e-7, -1e9, 0.3];
+/// let forwards: i128 = values.iter().map(|&v| to_fixed(v)).sum();
+/// let backwards: i128 = values.iter().rev().map(|&v| to_fixed(v)).sum();
+/// assert_eq!(forwards, backwards);
+/// assert!((from_fixed(forwards) - 0.300_000_1).abs() < 1e-15);
+/// ```
 #[inline]
 pub fn to_fixed(value: f64) -> i128 {
     let bits = value.to_bits();
@@ -38,7 +52,7 @@ pub fn from_fixed(total: i128) -> f64 {
 
 /// A number of quanta `high · 2⁶⁴ + low`. The pair is unique, so equal sums have equal bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Split {
+pub struct Quanta {
     /// What does not fit in 64 bits; 0 almost always.
     pub high: i32,
     /// The signed rest.
@@ -48,10 +62,10 @@ pub struct Split {
 /// Quanta of 2^−`bits` in a value, to nearest, ties to even. What exceeds 96 bits saturates; NaN
 /// counts as zero (callers drop non-finite points first).
 #[inline(always)]
-pub fn to_quanta(value: f64, bits: u32) -> Split {
+pub fn to_quanta(value: f64, bits: u32) -> Quanta {
     let scaled = value * (1u64 << bits) as f64;
     match round_small(scaled) {
-        (low, true) => Split { high: 0, low },
+        (low, true) => Quanta { high: 0, low },
         _ => to_many_quanta(scaled),
     }
 }
@@ -61,20 +75,22 @@ pub fn to_quanta(value: f64, bits: u32) -> Split {
 #[inline(always)]
 pub fn round_small(scaled: f64) -> (i64, bool) {
     /// Added to a small number, leaves its integer part in the low mantissa bits.
+    // At 1.5·2⁵² neighbouring numbers differ by 1, and the sign of a summand borrows no exponent.
     const SHIFTER: f64 = 1.5 * (1u64 << 52) as f64;
     let quanta = (scaled + SHIFTER).to_bits().wrapping_sub(SHIFTER.to_bits());
     (quanta as i64, scaled.abs() < (1u64 << 51) as f64)
 }
 
 #[cold]
-fn to_many_quanta(scaled: f64) -> Split {
+fn to_many_quanta(scaled: f64) -> Quanta {
+    // One step short of the range, so that the negative of every value has a place.
     const MOST: i128 = (i32::MAX as i128) << 64;
     let quanta = (scaled.round_ties_even() as i128).clamp(-MOST, MOST);
     let low = quanta as i64;
-    Split { high: ((quanta - i128::from(low)) >> 64) as i32, low }
+    Quanta { high: ((quanta - i128::from(low)) >> 64) as i32, low }
 }
 
-impl Split {
+impl Quanta {
     /// The sum; its high part saturates.
     #[inline(always)]
     pub fn plus(self, other: Self) -> Self {
@@ -122,7 +138,7 @@ mod tests {
     proptest! {
         #[test]
         fn split_sums_are_exact(values in prop::collection::vec(-4e9f64..4e9, 1..60), bits in 30u32..50) {
-            let mut sum = Split { high: 0, low: 0 };
+            let mut sum = Quanta { high: 0, low: 0 };
             let mut exact = 0i128;
             for value in values {
                 sum = sum.plus(to_quanta(value, bits));
@@ -136,12 +152,12 @@ mod tests {
     #[test]
     fn quanta_round_to_even_and_saturate() {
         for (value, quanta) in [(0.5, 0), (1.5, 2), (-2.5, -2), (0.75, 1), (f64::NAN, 0)] {
-            assert_eq!(to_quanta(value, 0), Split { high: 0, low: quanta }, "{value}");
+            assert_eq!(to_quanta(value, 0), Quanta { high: 0, low: quanta }, "{value}");
         }
-        assert_eq!(to_quanta(f64::INFINITY, 36), Split { high: i32::MAX, low: 0 });
-        assert_eq!(to_quanta(-1e300, 36), Split { high: -i32::MAX, low: 0 });
-        let most = Split { high: i32::MAX, low: i64::MAX };
-        assert_eq!(most.plus(Split { high: 0, low: 1 }), Split { high: i32::MAX, low: i64::MIN });
+        assert_eq!(to_quanta(f64::INFINITY, 36), Quanta { high: i32::MAX, low: 0 });
+        assert_eq!(to_quanta(-1e300, 36), Quanta { high: -i32::MAX, low: 0 });
+        let most = Quanta { high: i32::MAX, low: i64::MAX };
+        assert_eq!(most.plus(Quanta { high: 0, low: 1 }), Quanta { high: i32::MAX, low: i64::MIN });
     }
 
     #[test]

@@ -1,11 +1,19 @@
 //! A rectangle of values, row by row.
 
 /// Row-major image: pixel `(column, row)` is `data[row * width + column]`.
+///
+/// ```
+/// use vbgs_studio::math::image::Image;
+///
+/// let image = Image::from_vec(2, 1, vec![[0.0f32; 3], [1.0, 0.5, 0.0]]);
+/// assert_eq!(image.at(1, 0)[0], 1.0);
+/// assert_eq!(image.to_rgb8(), [0, 0, 0, 255, 128, 0]);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image<T> {
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// `width * height` values, rows from the top.
     pub data: Vec<T>,
@@ -43,6 +51,7 @@ impl<T> Image<T> {
 /// A channel in `[0, 1]` as a byte, rounded to nearest; values outside are clamped, NaN is 0.
 #[inline]
 pub fn unit_to_byte(value: f32) -> u8 {
+    // The cast itself clamps and takes NaN to 0.
     (value * 255.0 + 0.5) as u8
 }
 

@@ -8,6 +8,17 @@ use std::f64::consts::FRAC_PI_2;
 const POLE_MARGIN: f64 = 1e-3;
 
 /// Camera position in spherical coordinates around a target.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::orbit::Orbit;
+///
+/// let (target, up) = (DVec3::ZERO, DVec3::Z);
+/// let orbit = Orbit { target, up, azimuth: 0.3, elevation: 0.5, distance: 4.0 };
+/// let pose = orbit.pose();
+/// assert!((pose.centre().length() - 4.0).abs() < 1e-9);
+/// assert!((Orbit::from_pose(&pose, up, 4.0).azimuth - 0.3).abs() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     /// Point looked at, world units.
@@ -39,6 +50,7 @@ impl Orbit {
     /// Unit vector from the target to the camera.
     pub fn outward(&self) -> DVec3 {
         let (right, ahead) = horizon(self.up);
+        // Clamped here, not where it is set: a drag over the pole and back returns to its start.
         let elevation = self.elevation.clamp(-FRAC_PI_2 + POLE_MARGIN, FRAC_PI_2 - POLE_MARGIN);
         let horizontal = right * self.azimuth.cos() + ahead * self.azimuth.sin();
         horizontal * elevation.cos() + self.up * elevation.sin()
@@ -67,6 +79,7 @@ pub fn mean_up<'a>(poses: impl Iterator<Item = &'a Pose>) -> DVec3 {
     let (sum, n) =
         poses.fold((DVec3::ZERO, 0usize), |(sum, n), p| (sum - p.rotation().y_axis, n + 1));
     let mean = sum / n.max(1) as f64;
+    // Cameras all around something, or held anyhow: their mean says nothing.
     if mean.length() < 0.2 {
         return DVec3::Z;
     }

@@ -1,4 +1,9 @@
 //! Rigid camera poses, checked once when they enter the program.
+//!
+//! A [`Pose`] is made of a rotation and a finite position only, so nothing behind it asks again.
+//! Files round their matrices: what is near a rotation is replaced by the nearest one. What is
+//! further off is refused, because scale or a mirror image is a mistake of convention, not of
+//! rounding.
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 
@@ -28,6 +33,18 @@ pub enum PoseError {
 }
 
 /// Rigid transform `world_from_camera` in OpenCV axes: x right, y down, z forward.
+///
+/// ```
+/// use glam::{DMat4, DVec3};
+/// use vbgs_studio::math::pose::Pose;
+///
+/// let eye = DVec3::new(0.0, -2.0, 1.0);
+/// let pose = Pose::look_at(eye, DVec3::Z, DVec3::Z).ok_or("looks along up")?;
+/// // Two units ahead of the camera lies what it looks at.
+/// assert!((pose.transform_point(2.0 * DVec3::Z) - DVec3::Z).length() < 1e-12);
+/// assert!(Pose::from_opencv(DMat4::from_scale(DVec3::splat(2.0))).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     rotation: DMat3,
@@ -46,6 +63,7 @@ impl Pose {
                 return Err(PoseError::NotFinite(values[row], row, column));
             }
         }
+        // Before the rotation: a transposed matrix has its translation here, and gets its own hint.
         let last_row = [columns[0][3], columns[1][3], columns[2][3], columns[3][3]];
         if (0..4).any(|i| (last_row[i] - if i == 3 { 1.0 } else { 0.0 }).abs() > 1e-6) {
             return Err(PoseError::LastRow(last_row));
@@ -54,6 +72,7 @@ impl Pose {
         let gram = rotation.transpose() * rotation - DMat3::IDENTITY;
         let deviation = gram.to_cols_array().iter().fold(0.0f64, |a, v| a.max(v.abs()));
         let determinant = rotation.determinant();
+        // A mirror image passes the first test; its determinant is −1.
         if deviation > ORTHONORMALITY_TOLERANCE || determinant <= 0.0 {
             return Err(PoseError::NotRigid { determinant, deviation });
         }
@@ -63,7 +82,8 @@ impl Pose {
         })
     }
 
-    /// The same for OpenGL/Blender axes: x right, y up, looking along −z.
+    /// Checks a camera-to-world matrix in OpenGL/Blender axes (x right, y up, looking along −z) and
+    /// re-orthonormalises its rotation.
     pub fn from_opengl(world_from_camera: DMat4) -> Result<Self, PoseError> {
         let flip = DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0));
         Self::from_opencv(world_from_camera * flip)

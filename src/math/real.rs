@@ -21,19 +21,19 @@ pub trait Real:
     + AddAssign
     + Sum
 {
-    /// Zero.
+    /// The additive identity.
     const ZERO: Self;
-    /// One.
+    /// The multiplicative identity.
     const ONE: Self;
-    /// Positive infinity.
+    /// Positive infinity, above every number.
     const INFINITY: Self;
     /// Rounds to the nearest representable value.
     fn of(value: f64) -> Self;
     /// Widens (or keeps) the value.
     fn to_f64(self) -> f64;
-    /// Exponential function, the same bits on every platform.
+    /// Exponential function, equal bits on every platform.
     fn exp(self) -> Self;
-    /// Natural logarithm, the same bits on every platform.
+    /// Natural logarithm, equal bits on every platform.
     fn ln(self) -> Self;
     /// Neither infinite nor NaN.
     fn is_finite(self) -> bool;
@@ -75,5 +75,6 @@ macro_rules! impl_real {
     };
 }
 
+// `libm`, not `std`: what `std` calls differs in its last bits from system to system.
 impl_real!(f32, libm::expf, libm::logf);
 impl_real!(f64, libm::exp, libm::log);

@@ -17,6 +17,18 @@ pub enum Purpose {
 }
 
 /// A reproducible stream of random numbers.
+///
+/// ```
+/// use vbgs_studio::math::rng::{Purpose, Rng};
+///
+/// let shuffled = |seed| {
+///     let mut frames: Vec<u32> = (0..20).collect();
+///     Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
+///     frames
+/// };
+/// assert_eq!(shuffled(7), shuffled(7));
+/// assert_ne!(shuffled(7), shuffled(8));
+/// ```
 #[derive(Clone, Debug)]
 pub struct Rng {
     key: u64,
@@ -34,6 +46,7 @@ const GOLDEN_GAMMA: u64 = 0x9E37_79B9_7F4A_7C15;
 impl Rng {
     /// The stream of `seed` for `purpose`; `index` is a frame, component or pixel number.
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
+        // Mixed before they meet: neighbouring seeds and indices must not cancel out.
         let key = mix(seed.wrapping_add(GOLDEN_GAMMA))
             ^ mix((purpose as u64 + 1).wrapping_mul(0xD1B5_4A32_D192_ED03));
         Self { key: mix(key ^ mix(index.wrapping_mul(GOLDEN_GAMMA) ^ 0x5851_F42D)), counter: 0 }
@@ -53,6 +66,7 @@ impl Rng {
     /// Number `index` of a sequence of its own, uniform in `(0, 1]`; the stream stays where it is.
     #[inline]
     pub fn uniform_at(&self, index: u64) -> f64 {
+        // The complement of the key: another sequence than the stream counts through.
         let bits = mix(!self.key ^ mix(index.wrapping_mul(GOLDEN_GAMMA)));
         ((bits >> 11) + 1) as f64 * (1.0 / (1u64 << 53) as f64)
     }
@@ -64,6 +78,7 @@ impl Rng {
 
     /// Standard normal (Box-Muller).
     pub fn normal(&mut self) -> f64 {
+        // `uniform` may be 0, whose logarithm is infinite; 1 − it may not.
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }

@@ -7,6 +7,7 @@ pub fn digamma(mut x: f64) -> f64 {
         return f64::NAN;
     }
     let mut shift = 0.0;
+    // From 12 on the series below is right to rounding with seven terms.
     while x < 12.0 {
         shift -= 1.0 / x;
         x += 1.0;
@@ -38,6 +39,7 @@ pub fn mv_ln_gamma3(a: f64) -> f64 {
 /// `ln Σ exp(v)`, stable; negative infinity for an empty slice.
 pub fn log_sum_exp(values: &[f64]) -> f64 {
     let max = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    // All −∞, or an ∞ among them: subtracting it would give NaN.
     if !max.is_finite() {
         return max;
     }

@@ -1,11 +1,11 @@
 //! What is known of a component beside its splat.
 
-use super::posterior::ComponentPosterior;
-use crate::math::points::Normalization;
+use super::conjugate::posterior::ComponentPosterior;
+use crate::math::normalization::Normalization;
 
 /// What is known of a component beside its splat.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Attributes {
+pub struct ComponentAttributes {
     /// Points it has received, `N_k`; `None` for splats that no training stands behind.
     pub evidence: Option<f32>,
     /// Standard deviation of the mean's position, world units
@@ -19,8 +19,8 @@ pub struct Attributes {
     pub birth: Option<u32>,
 }
 
-impl Attributes {
-    /// Of a posterior; a component without points has no attributes.
+impl ComponentAttributes {
+    /// Attributes of a component by its posterior; one without points has none.
     pub fn new(
         posterior: &ComponentPosterior,
         normalization: &Normalization,
@@ -43,8 +43,8 @@ impl Attributes {
 mod tests {
     use super::*;
     use crate::math::sym3::Sym3;
-    use crate::model::prior::Hyper;
-    use crate::model::statistics::Moments;
+    use crate::model::conjugate::prior::Hyper;
+    use crate::model::conjugate::statistics::Moments;
     use glam::DVec3;
 
     /// Four points around the initial mean, a unit apart on the first axis: the expected covariance
@@ -58,13 +58,16 @@ mod tests {
         };
         let normalization = Normalization { offset: [0.0; 3], scale: [10.0, 2.0, 2.0] };
         let posterior = ComponentPosterior::new(&Hyper::paper(100, 100.0), DVec3::ZERO, &moments);
-        let of = Attributes::new(&posterior, &normalization, Some(-3.0), Some(7));
+        let of = ComponentAttributes::new(&posterior, &normalization, Some(-3.0), Some(7));
         let covariance = posterior.expected_covariance().to_array();
         let by_hand = (100.0 * covariance[0] + 4.0 * (covariance[3] + covariance[5])) / 4.001;
         assert!((f64::from(of.uncertainty.unwrap()) - by_hand.sqrt()).abs() < 1e-6);
         assert_eq!((of.evidence, of.elbo, of.birth), (Some(4.0), Some(-3.0), Some(7)));
         let unused =
             ComponentPosterior::new(&Hyper::paper(100, 100.0), DVec3::ZERO, &Moments::default());
-        assert_eq!(Attributes::new(&unused, &normalization, None, None), Attributes::default());
+        assert_eq!(
+            ComponentAttributes::new(&unused, &normalization, None, None),
+            ComponentAttributes::default()
+        );
     }
 }

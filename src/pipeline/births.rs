@@ -1,6 +1,6 @@
 //! When components came into use.
 
-use super::learner::Learner;
+use crate::train::learner::{Changed, Learner};
 
 /// No points yet.
 const UNBORN: u32 = u32::MAX;
@@ -13,21 +13,19 @@ pub(super) struct Births(Vec<u32>);
 
 impl Births {
     /// Of a model as it is when a session begins: what is in use came from elsewhere.
-    pub fn new(engine: &Learner) -> Self {
+    pub fn new(engine: &dyn Learner) -> Self {
         let is_used = |k| engine.used() > 0 && engine.posterior(k).count > 0.0;
         let birth = |k| if is_used(k) { UNKNOWN } else { UNBORN };
         Self((0..engine.components()).map(birth).collect())
     }
 
-    /// Notes the components that the frame at a position of the run has touched.
-    pub fn record(&mut self, touched: &[u32], position: usize) {
-        for &id in touched {
-            if id as usize >= self.0.len() {
-                self.0.resize(id as usize + 1, UNBORN);
-            }
-            let birth = &mut self.0[id as usize];
-            if *birth == UNBORN {
-                *birth = position as u32;
+    /// Notes what the frame at a position of the run has changed, of so many components.
+    pub fn record(&mut self, changed: Changed<'_>, components: usize, position: usize) {
+        self.0.resize(components.max(self.0.len()), UNBORN);
+        match changed {
+            Changed::All => self.0.iter_mut().for_each(|birth| note(birth, position)),
+            Changed::Listed(ids) => {
+                ids.iter().for_each(|&id| note(&mut self.0[id as usize], position));
             }
         }
     }
@@ -35,5 +33,11 @@ impl Births {
     /// Position of the frame; `None` if there was none, or none in this session.
     pub fn of(&self, component: usize) -> Option<u32> {
         self.0.get(component).copied().filter(|&birth| birth < UNKNOWN)
+    }
+}
+
+fn note(birth: &mut u32, position: usize) {
+    if *birth == UNBORN {
+        *birth = position as u32;
     }
 }

@@ -1,8 +1,9 @@
 //! The built-in demo: one definition for the window and for machines without a display.
 
-use super::method::Asked;
+use super::error::SessionError;
 use super::plan::Selection;
-use super::session::{Session, SessionError};
+use super::session::Session;
+use super::settings::method::Asked;
 use crate::dataset::Dataset;
 use crate::dataset::synthetic::{self, ParamsError};
 use std::sync::Arc;
@@ -11,10 +12,10 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     /// The scene's parameters.
-    #[error(transparent)]
+    #[error("{0}")]
     Scene(#[from] ParamsError),
     /// The session.
-    #[error(transparent)]
+    #[error("{0}")]
     Session(#[from] SessionError),
 }
 

@@ -1,12 +1,12 @@
 //! Everything known of one component, in world units.
 
 use super::session::Session;
-use crate::math::points::Normalization;
+use crate::math::normalization::Normalization;
 use crate::math::sym3::Sym3;
-use crate::model::appearance::Appearance;
-use crate::model::attributes::Attributes;
-use crate::model::posterior::ComponentPosterior;
-use crate::model::splats::{CovarianceForm, Splat, decompose};
+use crate::model::attributes::ComponentAttributes;
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DQuat, DVec3};
 
 /// A component of a session's model.
@@ -29,7 +29,7 @@ pub struct Inspection {
     /// Expected weight in the mixture, `α_k / Σ_j α_j`.
     pub weight: f64,
     /// Evidence, uncertainty, ELBO and birth.
-    pub attributes: Attributes,
+    pub attributes: ComponentAttributes,
     /// As renderers draw it; opacity 0 if they do not.
     pub splat: Splat,
     /// How its colour varies.
@@ -38,15 +38,15 @@ pub struct Inspection {
 
 impl Session {
     /// What colours components by something other than their colour, for the listed ones.
-    pub fn attributes_of(&self, ids: &[u32]) -> Vec<Attributes> {
+    pub fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
         ids.iter().map(|&id| self.attributes(id as usize)).collect()
     }
 
-    fn attributes(&self, component: usize) -> Attributes {
+    fn attributes(&self, component: usize) -> ComponentAttributes {
         let engine = self.learner();
-        let elbo = engine.component_elbo(component).map(|(mean, _)| mean);
+        let elbo = engine.component_elbo().of(component).map(|(mean, _)| mean);
         let posterior = engine.posterior(component);
-        Attributes::new(&posterior, self.normalization(), elbo, self.birth_of(component))
+        ComponentAttributes::new(&posterior, self.normalization(), elbo, self.birth_of(component))
     }
 
     /// Everything known of a component; `None` if there is none of that number.

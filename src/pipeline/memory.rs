@@ -1,14 +1,14 @@
 //! What a run will take of the machine's memory, before it is taken.
 
 use super::machine;
-use crate::math::observation::SurfacePoint;
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
-use crate::model::statistics::N_SUMS;
-use crate::train::config::{
-    Batch, Candidates, IndexKind, Precision, StatisticsForm, TrainConfig, UpdateWidth,
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
+use crate::observation::surface::SurfacePoint;
+use crate::train::paper::config::{
+    Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
 };
-use crate::train::scene::config::SceneConfig;
+use crate::train::scene::config::{COMPONENT_BYTES, SceneConfig};
 
 /// Bytes of a point in memory: six f32 coordinates.
 const POINT_BYTES: usize = 24;
@@ -31,8 +31,6 @@ const SLOT_BYTES: usize = 8;
 /// Entry of the KD-tree and the widened means it is built from.
 const TREE_BYTES: usize = 32 + 24;
 
-/// Sums, seed and its place in the index.
-const SCENE_COMPONENT_BYTES: usize = 204;
 /// Owner, shift and distance of a point.
 const SCENE_POINT_BYTES: usize = 16;
 
@@ -48,7 +46,7 @@ pub struct Estimate {
 /// A run that would not fit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "--components: expected at most {most}, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer components or close other programs"
+    "components: expected at most {most}, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer components or close other programs"
 )]
 pub struct MemoryError {
     /// Components that would fit.
@@ -63,7 +61,7 @@ pub struct MemoryError {
 
 impl Estimate {
     /// For frames of `pixels` on `threads` threads.
-    pub fn new(config: &TrainConfig, pixels: usize, threads: usize) -> Self {
+    pub fn new(config: &PaperConfig, pixels: usize, threads: usize) -> Self {
         let scalar = if config.precision == Precision::F64 { 8 } else { 4 };
         let total = match config.operations.update {
             UpdateWidth::F32 => size_of::<[f32; 16]>(),
@@ -102,7 +100,7 @@ impl Estimate {
 
     /// For a scene of as many components as its settings allow.
     pub fn of_scene(config: &SceneConfig, pixels: usize) -> Self {
-        let per_component = SCENE_COMPONENT_BYTES + size_of::<Splat>() + size_of::<Appearance>();
+        let per_component = COMPONENT_BYTES + size_of::<Splat>() + size_of::<Appearance>();
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels * (FRAMES_AT_ONCE * point + SCENE_POINT_BYTES + PIXEL_BYTES);
         Self {
@@ -141,22 +139,22 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::config::Overrides;
+    use crate::train::paper::config::PaperOverrides;
 
     #[test]
     fn what_does_not_fit_is_refused_with_what_would() {
-        let estimate = |overrides: Overrides| {
-            Estimate::new(&TrainConfig::paper().with(&overrides).unwrap(), 640_000, 2)
+        let estimate = |overrides: PaperOverrides| {
+            Estimate::new(&PaperConfig::paper().with(&overrides).unwrap(), 640_000, 2)
         };
-        let paper = estimate(Overrides::default());
+        let paper = estimate(PaperOverrides::default());
         assert!((50_000_000..300_000_000).contains(&paper.total()), "{paper:?}");
         assert_eq!(paper.check_against(100_000, paper.total()), Ok(()));
         let error = paper.check_against(100_000, paper.total() - 1).unwrap_err();
         assert_eq!((error.found, error.most), (100_000, 99_999));
-        let dense = estimate(Overrides {
+        let dense = estimate(PaperOverrides {
             candidates: Some(Candidates::Dense),
             statistics: Some(StatisticsForm::Unfused),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         });
         assert!(dense.total() > 500_000_000_000, "{dense:?}");
     }

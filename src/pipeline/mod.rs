@@ -1,20 +1,23 @@
 //! The one training loop. The window and the command line both drive [`session::Session`]: frames
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
+#![doc = include_str!("pipeline.md")]
 
-pub mod bench;
 mod births;
-pub mod calibrate;
 pub mod checkpoint;
 pub mod demo;
+pub mod error;
+mod frame_loop;
 pub mod inspection;
-pub mod learner;
 pub mod machine;
 pub mod memory;
-pub mod method;
+pub mod mismatch;
+mod past;
 pub mod plan;
-pub mod precision_search;
 pub mod prefetch;
-pub mod prepared;
+pub mod prepare;
+pub mod preset;
+mod presets;
 pub mod run;
-pub mod scene;
 pub mod session;
+pub mod settings;
+mod start;

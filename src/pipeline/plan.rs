@@ -83,6 +83,17 @@ impl Selection {
 }
 
 /// The frames a run goes through.
+///
+/// ```
+/// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+/// use vbgs_studio::pipeline::plan::{Plan, Selection};
+///
+/// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
+/// let room = synthetic::dataset(&small)?;
+/// let second = Selection { shard: Some("2/3".parse()?), ..Selection::everything() };
+/// assert_eq!(Plan::new(&room, &second, 0)?.frames, [1, 4]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
     /// Position of the split in the dataset.

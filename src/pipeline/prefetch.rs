@@ -1,17 +1,17 @@
 //! Decoding and unprojection of the frames to come: on their own thread through a bounded queue
 //! where a core is left for it, else some frames at once between trainings. On a machine whose cores
-//! all train, a decoding thread doubles the time of the trainings it runs beside (`engine.md` 10).
+//! all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
+//! Prefetch).
 
 use super::plan::Plan;
-use super::prepared::{Counts, Desk, Material, Preparation};
+use super::prepare::Prepare;
 use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::collections::VecDeque;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
 /// Prepared frames that may wait: one being trained, one ready, one in the making.
@@ -20,21 +20,21 @@ pub const QUEUE_LENGTH: usize = 2;
 const MAX_AT_ONCE: usize = 4;
 
 /// A frame ready to be trained on.
-pub struct Prepared {
+pub struct Prepared<O> {
     /// Position in the plan.
     pub position: usize,
     /// Name within the split.
     pub name: String,
-    /// Its points, or why it is skipped.
-    pub result: Result<PreparedFrame, String>,
+    /// What it holds, or why it is skipped.
+    pub result: Result<PreparedFrame<O>, String>,
 }
 
-/// What a frame holds for the model, and what it took to get it.
-pub struct PreparedFrame {
-    /// What the model learns from.
-    pub material: Material,
-    /// What became of the pixels.
-    pub counts: Counts,
+/// What a frame holds for a learner, and what it took to get it.
+pub struct PreparedFrame<O> {
+    /// What the learner learns from.
+    pub observation: O,
+    /// Measured pixels that made no point.
+    pub dropped: usize,
     /// Reading and decoding, milliseconds.
     pub load_ms: f64,
     /// Filtering, unprojecting and normalising, milliseconds.
@@ -42,13 +42,30 @@ pub struct PreparedFrame {
 }
 
 /// The frames to come. Dropping it ends its thread, if it has one.
-pub struct Prefetch(Source);
+pub struct Prefetch<P: Prepare>(Source<P>);
 
-enum Source {
+enum Source<P: Prepare> {
     /// A thread that runs ahead.
-    Ahead { frames: Receiver<Prepared>, recycle: Sender<Material> },
+    Ahead { frames: Receiver<Prepared<P::Observation>>, recycle: SyncSender<P::Observation> },
     /// Threads of the trainer, while it waits.
-    Between { frames: Frames, desks: Vec<Desk>, ready: VecDeque<Prepared> },
+    Between {
+        frames: Frames<P>,
+        workers: Vec<Worker<P>>,
+        ready: VecDeque<Prepared<P::Observation>>,
+    },
+}
+
+/// Prepares frames one after the other; keeps memory between them.
+struct Worker<P: Prepare> {
+    memory: P::Memory,
+    /// An observation whose memory the next frame may take.
+    recycled: Option<P::Observation>,
+}
+
+impl<P: Prepare> Default for Worker<P> {
+    fn default() -> Self {
+        Self { memory: P::Memory::default(), recycled: None }
+    }
 }
 
 /// The decoding thread could not be started.
@@ -56,14 +73,14 @@ enum Source {
 #[error("starting the decoding thread failed: {0}; close other programs and try again")]
 pub struct SpawnError(#[from] std::io::Error);
 
-impl Prefetch {
+impl<P: Prepare> Prefetch<P> {
     /// Prepares the frames of a plan, in order, from position `first`: ahead if this machine has a
     /// core that the current thread pool leaves free.
     pub fn start(
         dataset: Arc<Dataset>,
         plan: &Plan,
         first: usize,
-        preparation: Preparation,
+        preparation: P,
     ) -> Result<Self, SpawnError> {
         let threads = rayon::current_num_threads();
         let cores = thread::available_parallelism().map_or(1, usize::from);
@@ -71,33 +88,34 @@ impl Prefetch {
         if threads < cores { Self::ahead(frames) } else { Ok(Self::between(frames, threads)) }
     }
 
-    fn ahead(mut frames: Frames) -> Result<Self, SpawnError> {
+    fn ahead(mut frames: Frames<P>) -> Result<Self, SpawnError> {
         let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
-        let (recycle, recycled) = channel();
+        // No more goes back than there are frames in the making, ready and in training.
+        let (recycle, recycled) = sync_channel(QUEUE_LENGTH + 1);
         thread::Builder::new()
             .name("prefetch".into())
             .spawn(move || run_ahead(&mut frames, &sender, &recycled))?;
         Ok(Self(Source::Ahead { frames: receiver, recycle }))
     }
 
-    fn between(frames: Frames, threads: usize) -> Self {
-        let mut desks = Vec::new();
-        desks.resize_with(threads.clamp(1, MAX_AT_ONCE), Desk::default);
-        Self(Source::Between { frames, desks, ready: VecDeque::new() })
+    fn between(frames: Frames<P>, threads: usize) -> Self {
+        let mut workers = Vec::new();
+        workers.resize_with(threads.clamp(1, MAX_AT_ONCE), Worker::default);
+        Self(Source::Between { frames, workers, ready: VecDeque::new() })
     }
 
     /// The next frame, waiting for it; `None` after the last.
-    pub fn next_frame(&mut self) -> Option<Prepared> {
+    pub fn next_frame(&mut self) -> Option<Prepared<P::Observation>> {
         match &mut self.0 {
             Source::Ahead { frames, .. } => frames.recv().ok(),
-            Source::Between { frames, desks, ready } => {
+            Source::Between { frames, workers, ready } => {
                 if ready.is_empty() {
                     let first = frames.next;
-                    frames.next = frames.plan.frames.len().min(first + desks.len());
+                    frames.next = frames.plan.frames.len().min(first + workers.len());
                     let positions = (first..frames.next).into_par_iter();
                     let frames = &*frames;
                     let prepared =
-                        positions.zip(&mut *desks).map(|(at, desk)| frames.prepare(at, desk));
+                        positions.zip(&mut *workers).map(|(at, worker)| frames.prepare(at, worker));
                     ready.extend(prepared.collect::<Vec<_>>());
                 }
                 ready.pop_front()
@@ -106,63 +124,71 @@ impl Prefetch {
     }
 
     /// Gives a frame's memory back for another frame.
-    pub fn recycle(&mut self, material: Material) {
+    pub fn recycle(&mut self, observation: P::Observation) {
         match &mut self.0 {
-            // The thread may have ended already: then the memory is simply freed.
-            Source::Ahead { recycle, .. } => drop(recycle.send(material)),
-            Source::Between { desks, .. } => {
-                if let Some(desk) = desks.iter_mut().find(|desk| desk.memory.is_none()) {
-                    desk.memory = Some(material);
+            // The thread may have ended, or have memory enough: then this one is simply freed.
+            Source::Ahead { recycle, .. } => drop(recycle.try_send(observation)),
+            Source::Between { workers, .. } => {
+                if let Some(worker) = workers.iter_mut().find(|worker| worker.recycled.is_none()) {
+                    worker.recycled = Some(observation);
                 }
             }
         }
     }
 }
 
-fn run_ahead(frames: &mut Frames, sender: &SyncSender<Prepared>, recycled: &Receiver<Material>) {
-    let mut desk = Desk::default();
+fn run_ahead<P: Prepare>(
+    frames: &mut Frames<P>,
+    sender: &SyncSender<Prepared<P::Observation>>,
+    recycled: &Receiver<P::Observation>,
+) {
+    let mut worker = Worker::default();
     for position in frames.next..frames.plan.frames.len() {
-        desk.memory = recycled.try_recv().ok();
-        if sender.send(frames.prepare(position, &mut desk)).is_err() {
+        worker.recycled = recycled.try_recv().ok();
+        if sender.send(frames.prepare(position, &mut worker)).is_err() {
             return; // the handle was dropped
         }
     }
 }
 
 /// What is to be prepared.
-struct Frames {
+struct Frames<P> {
     dataset: Arc<Dataset>,
     plan: Plan,
     /// Position in the plan.
     next: usize,
-    preparation: Preparation,
+    preparation: P,
 }
 
-impl Frames {
-    fn prepare(&self, position: usize, desk: &mut Desk) -> Prepared {
+impl<P: Prepare> Frames<P> {
+    fn prepare(&self, position: usize, worker: &mut Worker<P>) -> Prepared<P::Observation> {
         let index = self.plan.frames[position];
         let name = self.dataset.splits[self.plan.split].frames[index].name.clone();
-        // A decoder that panics on a damaged file costs that frame, not the scene.
-        let result = catch_unwind(AssertUnwindSafe(|| self.frame(index, desk)));
-        let result = result.unwrap_or_else(|_| {
-            Err(format!("{name}: decoding this frame crashed; check or remove its files"))
-        });
+        let result = self.frame(index, worker);
         Prepared { position, name, result }
     }
 
-    fn frame(&self, index: usize, desk: &mut Desk) -> Result<PreparedFrame, String> {
+    fn frame(
+        &self,
+        index: usize,
+        worker: &mut Worker<P>,
+    ) -> Result<PreparedFrame<P::Observation>, String> {
         let message = |e: FrameError| e.to_string();
         let mut clock = Stopwatch::start();
         let frame = self.dataset.load(self.plan.split, index).map_err(message)?;
         let load_ms = clock.lap_ms();
-        let (material, counts) = desk.prepare(&frame, &self.preparation).map_err(message)?;
+        let mut observation = worker.recycled.take().unwrap_or_else(P::empty);
+        let counts = self
+            .preparation
+            .prepare(&frame, &mut worker.memory, &mut observation)
+            .map_err(message)?;
         let prepare_ms = clock.lap_ms();
-        if material.is_empty() {
+        if P::n_points(&observation) == 0 {
             return Err(format!(
                 "{}: expected pixels with usable depth, found none ({counts}); check the depth unit and range",
                 frame.name
             ));
         }
-        Ok(PreparedFrame { material, counts, load_ms, prepare_ms })
+        Ok(PreparedFrame { observation, dropped: P::dropped(&counts), load_ms, prepare_ms })
     }
 }

@@ -1,15 +1,10 @@
-//! The settings of a run, and the model they start from.
+//! The settings of a run.
 
-use super::method::Method;
-use super::plan::{Plan, Selection};
-use super::prepared::Preparation;
-use crate::dataset::error::DatasetError;
-use crate::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
+use super::plan::Selection;
+use super::settings::method::Method;
 use crate::dataset::range::PositionRange;
-use crate::dataset::{Dataset, Layout, LoadOptions};
-use crate::math::points::{Normalization, Points};
-use crate::train::config::{Init, Preset, TrainConfig};
-use crate::train::init::InitialDraw;
+use crate::dataset::unproject::{CameraConvention, EdgeFilter};
+use crate::dataset::{Dataset, LoadOptions};
 use serde::{Deserialize, Serialize};
 
 /// Every setting that shaped a run, for the report.
@@ -44,7 +39,7 @@ impl RunConfig {
     ) -> Self {
         Self {
             load: dataset.options,
-            camera_convention: camera_convention(method.preset(), dataset.layout),
+            camera_convention: method.any().camera_convention(dataset.layout),
             edge_filter: EdgeFilter::DropMixed,
             position_range: [range.lo().to_array(), range.hi().to_array()],
             position_range_source: range.source.clone(),
@@ -52,55 +47,8 @@ impl RunConfig {
             selection,
         }
     }
-
-    /// How frames become points.
-    pub fn preparation(&self, normalization: Normalization) -> Preparation {
-        match &self.method {
-            Method::Paper(_) => Preparation::Points(self.unprojection(normalization)),
-            Method::Scene(run) => Preparation::Surfaces(Box::new(run.surface.clone())),
-        }
+    /// The settings of the run over all shards.
+    pub fn whole(&self) -> Self {
+        Self { selection: self.selection.whole(), ..self.clone() }
     }
-
-    fn unprojection(&self, normalization: Normalization) -> UnprojectSettings {
-        UnprojectSettings {
-            convention: self.camera_convention,
-            filter: self.edge_filter,
-            normalization,
-        }
-    }
-}
-
-/// The published loader's rays are part of the `paper` preset, where that loader applies.
-fn camera_convention(preset: Preset, layout: Layout) -> CameraConvention {
-    match (preset, layout) {
-        (Preset::Paper, Layout::Blender) => CameraConvention::Paper,
-        (Preset::Paper, Layout::SevenScenes | Layout::Synthetic) | (Preset::Scene, _) => {
-            CameraConvention::Exact
-        }
-    }
-}
-
-/// Initial means. Where they come from data it is the first usable frame of all shards, so that
-/// these start alike.
-pub(super) fn initial_draw(
-    dataset: &Dataset,
-    config: &RunConfig,
-    train: &TrainConfig,
-    normalization: Normalization,
-) -> Result<InitialDraw, DatasetError> {
-    if train.init == Init::Random {
-        return Ok(InitialDraw::random(train.components, train.seed));
-    }
-    let plan = Plan::new(dataset, &config.selection.whole(), train.seed)?;
-    let settings = config.unprojection(normalization);
-    let mut points = Points::new();
-    for &index in &plan.frames {
-        let loaded = dataset.load(plan.split, index);
-        let counts =
-            loaded.and_then(|frame| Unprojector::new().unproject(&frame, &settings, &mut points));
-        if counts.is_ok() && !points.is_empty() {
-            break;
-        }
-    }
-    Ok(InitialDraw::from_points(&points, train.components, train.seed))
 }

@@ -1,67 +1,29 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
 use super::births::Births;
-use super::learner::{Learner, PaperLearner};
+use super::error::SessionError;
+use super::frame_loop::{FrameLoop, FrameStatus, SteppedFrame};
 use super::machine;
-use super::memory::{Estimate, MemoryError};
-use super::method::{Asked, Method};
+use super::memory::Estimate;
+use super::past::Past;
 use super::plan::{Order, Plan, Selection};
-use super::prefetch::{Prefetch, Prepared, PreparedFrame, SpawnError};
-use super::run::{RunConfig, initial_draw};
-use super::scene::{SceneError, SceneRun};
-use crate::dataset::error::DatasetError;
-use crate::dataset::range::{self, RangeError};
+use super::run::RunConfig;
+use super::settings::method::{Asked, Method};
+use super::settings::scene::SceneRun;
+use super::start::{Origin, frame_loop};
+use crate::dataset::range;
 use crate::dataset::{Dataset, Layout};
 use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
+use crate::math::normalization::Normalization;
 use crate::math::orbit::mean_up;
-use crate::math::points::Normalization;
-use crate::model::appearance::SplatSet;
-use crate::train::candidates::IndexError;
-use crate::train::engine::Engine;
-use crate::train::scene::engine::SceneEngine;
+use crate::model::splat::appearance::SplatSet;
+use crate::train::learner::Learner;
+use crate::train::outcome::FrameOutcome;
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Why a session cannot start or go on.
-#[derive(Debug, thiserror::Error)]
-pub enum SessionError {
-    /// The dataset does not hold what was asked for.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
-    /// The scene preset does not suit the dataset.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    /// The range of positions could not be found.
-    #[error(transparent)]
-    Range(#[from] RangeError),
-    /// The decoding thread did not start.
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    /// The machine has not enough memory.
-    #[error(transparent)]
-    Memory(#[from] MemoryError),
-    /// The candidate index could not be built.
-    #[error(transparent)]
-    Index(#[from] IndexError),
-    /// Settings or reports could not be written as JSON.
-    #[error("writing the run's settings as JSON failed: {0}; report this as a defect")]
-    Json(#[from] serde_json::Error),
-    /// Every frame was skipped.
-    #[error(
-        "{dataset}: expected at least one usable frame, found none ({skipped} skipped; the first: {first})"
-    )]
-    NoUsableFrame {
-        /// Name of the dataset.
-        dataset: String,
-        /// Frames skipped.
-        skipped: usize,
-        /// Message of the first one.
-        first: String,
-    },
-}
 
 /// What one step did.
 #[derive(Clone, Debug)]
@@ -74,29 +36,31 @@ pub enum Step {
     Finished,
 }
 
-/// What a run has behind it when a session begins.
-pub(super) struct Past {
-    /// Positions of the plan gone through.
-    pub visited: usize,
-    /// Points learnt.
-    pub points: u64,
-    /// Reports of the frames learnt, as far as they are known.
-    pub frames: Vec<FrameReport>,
-    /// Frames that could not be used.
-    pub skipped: Vec<SkippedFrame>,
-    /// Seconds spent.
-    pub wall_s: f64,
-}
-
 /// A dataset, a configuration and a model that grows frame by frame.
+///
+/// ```
+/// use std::sync::Arc;
+/// use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+/// use vbgs_studio::pipeline::plan::Selection;
+/// use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+/// use vbgs_studio::pipeline::session::{Session, Step};
+///
+/// let small = SyntheticParams { width: 32, height: 24, n_train: 6, n_eval: 1, ..SyntheticParams::demo() };
+/// let room = synthetic::dataset(&small)?;
+/// let selection = Selection { max_frames: Some(2), ..Selection::everything() };
+/// let mut session = Session::new(Arc::new(room), SceneOverrides::default(), selection)?;
+/// while !matches!(session.step()?, Step::Finished) {}
+/// assert_eq!((session.frames().len(), session.skipped().len()), (2, 0));
+/// assert!(session.splats().iter().any(|splat| splat.is_drawable()));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Session {
     dataset: Arc<Dataset>,
     config: RunConfig,
     plan: Plan,
     normalization: Normalization,
-    learner: Learner,
+    frames: Box<dyn FrameLoop>,
     births: Births,
-    prefetch: Prefetch,
     /// Everything up to the last step.
     past: Past,
     started: Instant,
@@ -127,23 +91,8 @@ impl Session {
         };
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
-        let (learner, normalization) = match &config.method {
-            Method::Paper(train) => {
-                let normalization = range.normalization();
-                let threads = rayon::current_num_threads();
-                Estimate::new(train, plan.pixels(&dataset), threads).check(train.components)?;
-                let draw = initial_draw(&dataset, &config, train, normalization)?;
-                let engine = Engine::new(train, &draw)?;
-                let paper = PaperLearner { engine, config: train.clone(), normalization };
-                (Learner::Paper(Box::new(paper)), normalization)
-            }
-            Method::Scene(run) => {
-                let engine = SceneEngine::new(&run.engine, run.surface.origin);
-                (Learner::Scene(engine), run.normalization())
-            }
-        };
         let past = Past::none(&dataset, plan.split);
-        Self::begin(dataset, config, plan, normalization, learner, past)
+        Self::begin(dataset, config, plan, &Origin::Fresh(&range), past)
     }
 
     /// Starts decoding behind what the run has behind it.
@@ -151,49 +100,53 @@ impl Session {
         dataset: Arc<Dataset>,
         config: RunConfig,
         plan: Plan,
-        normalization: Normalization,
-        learner: Learner,
+        origin: &Origin,
         past: Past,
     ) -> Result<Self, SessionError> {
-        let preparation = config.preparation(normalization);
-        let prefetch = Prefetch::start(dataset.clone(), &plan, past.visited, preparation)?;
+        let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
         let (started, wall_before_s) = (Instant::now(), past.wall_s);
-        let session = Self {
+        Ok(Self {
             dataset,
             config,
             plan,
             normalization,
-            births: Births::new(&learner),
-            learner,
-            prefetch,
+            births: Births::new(frames.learner()),
+            frames,
             past,
             started,
             wall_before_s,
-        };
-        Ok(session)
+        })
     }
 
-    /// Trains on the next frame, waiting for it to be decoded. On errors see [`crate::train::engine::Engine::train`].
+    /// Trains on the next frame, waiting for it to be decoded.
+    ///
+    /// # Errors
+    /// [`SessionError::Index`] as [`Learns::learn`](crate::train::learner::Learns::learn) says, and
+    /// [`SessionError::NoUsableFrame`] at the end.
     pub fn step(&mut self) -> Result<Step, SessionError> {
-        let Some(Prepared { position, name, result }) = self.prefetch.next_frame() else {
+        let Some(SteppedFrame { position, name, status }) = self.frames.step() else {
             return self.finish();
         };
         // Whatever becomes of it, no run that goes on from here may learn this frame again.
         self.past.visited = position + 1;
-        let step = match result {
-            Ok(prepared) => Step::Trained(self.learn(position, name, prepared)?),
-            Err(message) => {
+        let step = match status {
+            FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms } => {
+                let ms = FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms };
+                Step::Trained(self.learnt(position, name, &outcome, dropped, ms))
+            }
+            FrameStatus::Skipped(message) => {
                 let skipped = SkippedFrame { frame: name, message };
                 self.past.skipped.push(skipped.clone());
                 Step::Skipped(skipped)
             }
+            FrameStatus::Failed(error) => return Err(error.into()),
         };
         self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
         Ok(step)
     }
 
     fn finish(&self) -> Result<Step, SessionError> {
-        if self.learner.frames() > 0 {
+        if self.learner().frames() > 0 {
             return Ok(Step::Finished);
         }
         Err(SessionError::NoUsableFrame {
@@ -207,30 +160,32 @@ impl Session {
         })
     }
 
-    fn learn(
+    fn learnt(
         &mut self,
         position: usize,
         frame: String,
-        prepared: PreparedFrame,
-    ) -> Result<FrameReport, SessionError> {
-        let PreparedFrame { material, counts, load_ms, prepare_ms } = prepared;
-        let outcome = self.learner.train(&material)?;
-        self.prefetch.recycle(material);
-        self.births.record(self.learner.touched(), position);
+        outcome: &FrameOutcome,
+        points_dropped: usize,
+        ms: FrameMs,
+    ) -> FrameReport {
+        let learner = self.frames.learner();
+        self.births.record(learner.changed(), learner.components(), position);
         let report = FrameReport {
             index: position,
             frame,
             points: outcome.points,
-            points_dropped: counts.dropped(),
-            components: self.learner.components(),
-            used: self.learner.used(),
+            points_dropped,
+            components: learner.components(),
+            used: learner.used(),
+            born: outcome.born,
             reassigned: outcome.reassigned,
+            merged: outcome.merged,
             elbo_mean: outcome.elbo_mean,
-            ms: FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms },
+            ms,
         };
         self.past.points += outcome.points as u64;
         self.past.frames.push(report.clone());
-        Ok(report)
+        report
     }
 
     /// The dataset.
@@ -249,18 +204,18 @@ impl Session {
     }
 
     /// The model.
-    pub fn learner(&self) -> &Learner {
-        &self.learner
+    pub fn learner(&self) -> &dyn Learner {
+        self.frames.learner()
     }
 
     /// Sums the ELBO of the frames to come by component, for [`Self::attributes_of`].
     pub fn start_component_elbo(&mut self) {
-        self.learner.start_component_elbo();
+        self.frames.learner_mut().component_elbo_mut().start();
     }
 
     /// Ends what [`Self::start_component_elbo`] began.
     pub fn stop_component_elbo(&mut self) {
-        self.learner.stop_component_elbo();
+        self.frames.learner_mut().component_elbo_mut().stop();
     }
 
     /// Position in the run of the frame in which a component first received points, if that was in
@@ -286,11 +241,7 @@ impl Session {
 
     /// What the run takes of the machine's memory at most.
     pub fn memory(&self) -> Estimate {
-        let pixels = self.plan.pixels(&self.dataset);
-        match &self.config.method {
-            Method::Paper(train) => Estimate::new(train, pixels, rayon::current_num_threads()),
-            Method::Scene(run) => Estimate::of_scene(&run.engine, pixels),
-        }
+        self.config.method.any().memory(self.plan.pixels(&self.dataset))
     }
 
     /// Positions of the plan gone through, by learning a frame or by skipping it.
@@ -315,18 +266,18 @@ impl Session {
 
     /// Splats of all components, world units; slot `k` is component `k`, opacity 0 if not drawn.
     pub fn splats(&self) -> SplatSet {
-        self.learner.splats()
+        self.learner().splats()
     }
 
     /// The same in the order in which checkpoints hold the components: what files are made of, so
     /// that equal models give equal files.
     pub fn stored_splats(&self) -> SplatSet {
-        self.learner.stored_splats()
+        self.learner().stored_splats()
     }
 
     /// Splats of the listed components.
     pub fn splats_of(&self, ids: &[u32]) -> SplatSet {
-        self.learner.splats_of(ids)
+        self.learner().splats_of(ids)
     }
 
     /// Components that are drawn.
@@ -357,10 +308,10 @@ impl Session {
             frames: self.past.frames.clone(),
             skipped: self.past.skipped.clone(),
             summary: Summary {
-                components: self.learner.components(),
-                used: self.learner.used(),
+                components: self.learner().components(),
+                used: self.learner().used(),
                 drawn: self.drawn(),
-                model_bytes: self.learner.model_bytes(),
+                model_bytes: self.learner().model_bytes(),
                 peak_rss_bytes: machine::peak_rss_bytes(),
                 ..Summary::of_frames(&self.past.frames, self.past.wall_s)
             },
@@ -376,20 +327,5 @@ pub fn layout_name(layout: Layout) -> &'static str {
         Layout::Blender => "blender",
         Layout::SevenScenes => "seven-scenes",
         Layout::Synthetic => "synthetic",
-    }
-}
-
-impl Past {
-    /// Nothing but the frames that the dataset refused when it was opened.
-    pub fn none(dataset: &Dataset, split: usize) -> Self {
-        let name = &dataset.splits[split].name;
-        let refused = dataset.warnings.iter().filter(|w| w.split == *name);
-        Self {
-            visited: 0,
-            points: 0,
-            frames: Vec::new(),
-            skipped: refused.map(|w| SkippedFrame::from(&*w.error)).collect(),
-            wall_s: 0.0,
-        }
     }
 }

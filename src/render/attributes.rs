@@ -1,7 +1,7 @@
 //! Colours that show what is known of a component: a value, its place in a range, a colour.
 
 use super::paint::ramp;
-use crate::model::attributes::Attributes;
+use crate::model::attributes::ComponentAttributes;
 
 /// What splats can be coloured by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ const SLACK: f64 = 0.1;
 impl Attribute {
     /// The value on the axis that is coloured evenly, logarithms for evidence and uncertainty;
     /// `None` where it is not known.
-    fn position(self, of: &Attributes) -> Option<f64> {
+    fn position(self, of: &ComponentAttributes) -> Option<f64> {
         let value = match self {
             Self::Evidence => of.evidence,
             Self::Uncertainty => of.uncertainty,
@@ -71,7 +71,7 @@ pub struct Range {
 
 impl Range {
     /// The middle 96 % of the known values; `None` if none is known.
-    pub fn of(attribute: Attribute, values: &[Attributes]) -> Option<Self> {
+    pub fn of(attribute: Attribute, values: &[ComponentAttributes]) -> Option<Self> {
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
         let sample = values.iter().step_by(stride);
         let mut known: Vec<f64> = sample.filter_map(|v| attribute.position(v)).collect();
@@ -95,7 +95,7 @@ impl Range {
     }
 
     /// Colour of a component; [`UNKNOWN`] where the value is not known.
-    pub fn color(&self, of: &Attributes) -> [f32; 3] {
+    pub fn color(&self, of: &ComponentAttributes) -> [f32; 3] {
         let [lo, hi] = self.ends;
         match self.attribute.position(of) {
             None => UNKNOWN,
@@ -122,15 +122,16 @@ impl Range {
 mod tests {
     use super::*;
 
-    fn evidence(value: f32) -> Attributes {
-        Attributes { evidence: Some(value), ..Attributes::default() }
+    fn evidence(value: f32) -> ComponentAttributes {
+        ComponentAttributes { evidence: Some(value), ..ComponentAttributes::default() }
     }
 
     #[test]
     fn strays_do_not_stretch_the_range_and_evidence_is_logarithmic() {
-        let mut values: Vec<Attributes> = (0..1000).map(|i| evidence(1.0 + i as f32)).collect();
+        let mut values: Vec<ComponentAttributes> =
+            (0..1000).map(|i| evidence(1.0 + i as f32)).collect();
         values[3] = evidence(1e30);
-        values[5] = Attributes::default();
+        values[5] = ComponentAttributes::default();
         values[6] = evidence(f32::NAN);
         let range = Range::of(Attribute::Evidence, &values).unwrap();
         let [lo, hi] = range.ends();
@@ -138,18 +139,21 @@ mod tests {
         let middle = range.color(&evidence((lo * hi).sqrt() as f32));
         assert!(middle.iter().zip(ramp(0.5)).all(|(a, b)| (a - b).abs() < 1e-4));
         assert_eq!(range.color(&evidence(1e30)), ramp(1.0));
-        assert_eq!(range.color(&Attributes::default()), UNKNOWN);
+        assert_eq!(range.color(&ComponentAttributes::default()), UNKNOWN);
         assert_eq!(Range::of(Attribute::Birth, &values), None);
     }
 
     #[test]
     fn a_large_scene_is_sampled_and_one_value_has_the_middle_colour() {
-        let mut values = vec![Attributes::default(); 100_000];
-        values[77_777] = Attributes { birth: Some(3), ..Attributes::default() };
+        let mut values = vec![ComponentAttributes::default(); 100_000];
+        values[77_777] = ComponentAttributes { birth: Some(3), ..ComponentAttributes::default() };
         let range = Range::of(Attribute::Birth, &values).unwrap();
         assert_eq!((range.ends(), range.color(&values[77_777])), ([3.0; 2], ramp(0.5)));
-        let all: Vec<Attributes> = (0..100_000)
-            .map(|i| Attributes { elbo: Some(-(i as f32)), ..Attributes::default() })
+        let all: Vec<ComponentAttributes> = (0..100_000)
+            .map(|i| ComponentAttributes {
+                elbo: Some(-(i as f32)),
+                ..ComponentAttributes::default()
+            })
             .collect();
         let [lo, hi] = Range::of(Attribute::Elbo, &all).unwrap().ends();
         assert!((lo + 98_000.0).abs() < 500.0 && (hi + 2_000.0).abs() < 500.0, "{lo} {hi}");

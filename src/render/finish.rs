@@ -5,11 +5,11 @@
 //! coverage below 1 on, the scene's closing; below that coverage and colour rise in proportion.
 //!
 //! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
-//! ([`crate::model::scene::exposure`]).
+//! ([`crate::model::splat::exposure`]).
 
 use super::RenderOptions;
 use crate::math::camera::Camera;
-use crate::model::appearance::Finishing;
+use crate::model::splat::appearance::Finishing;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 

@@ -7,7 +7,8 @@ use std::f64::consts::PI;
 
 impl Lens {
     /// Direction in camera space of a continuous position in the image (pixels), with `z = 1` through
-    /// a pinhole and of unit length through a fisheye; `None` where the lens shows nothing (`rendering.md` (c), wide field of view and fisheye).
+    /// a pinhole and of unit length through a fisheye; `None` where the lens shows nothing
+    /// (`rendering.md`, Wide views and fisheye).
     pub fn ray(self, k: &Intrinsics, position: DVec2) -> Option<DVec3> {
         let offset = (position - DVec2::new(k.cx, k.cy)) / DVec2::new(k.fx, k.fy);
         match self {

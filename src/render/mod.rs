@@ -1,8 +1,9 @@
-//! Splats to pixels: what every renderer agrees on (`rendering.md` (a) to (c)).
+//! Splats to pixels: what every renderer agrees on (`rendering.md`, Conventions).
 //!
 //! Colours are sRGB-encoded and blended as encoded; alpha is premultiplied, so an image is
 //! `C + T·background` with transmittance `T` and coverage `A = 1 − T`. Camera axes are OpenCV's and
 //! pixel `(i, j)` has its centre at `(i + ½, j + ½)`.
+#![doc = include_str!("rendering.md")]
 
 pub mod attributes;
 pub mod compare;
@@ -22,38 +23,39 @@ pub use options::{
 };
 
 /// Near plane of the evaluation in world units: a splat whose centre has `z ≤ 0.2` is dropped, as
-/// in the reference renderer (`rendering.md` (a)).
+/// in the reference renderer (`rendering.md`, Conventions).
 pub const EVALUATION_NEAR: f64 = 0.2;
 
 /// Near plane of the viewport as a share of the scene's radius, where that is nearer than
-/// [`EVALUATION_NEAR`] (`rendering.md` (a)).
+/// [`EVALUATION_NEAR`] (`rendering.md`, Conventions).
 pub const VIEWPORT_NEAR_SHARE: f64 = 0.005;
 
-/// Variance in px² added to both axes of the projected covariance (`rendering.md` (b) 3).
+/// Variance in px² added to both axes of the projected covariance (`rendering.md`, Projected
+/// renderer).
 pub const LOW_PASS_PX2: f64 = 0.3;
 
 /// The Jacobian is frozen at this many half image widths (heights) beyond the edge of the image,
-/// in tangent space (`rendering.md` (b) 2).
+/// in tangent space (`rendering.md`, Projected renderer).
 pub const FRUSTUM_MARGIN: f64 = 0.3;
 
-/// Largest alpha of one splat in one pixel (`rendering.md` (b) 6).
+/// Largest alpha of one splat in one pixel (`rendering.md`, Projected renderer).
 pub const ALPHA_CAP: f64 = 0.99;
 
-/// Smaller alphas are skipped (`rendering.md` (b) 6).
+/// Smaller alphas are skipped (`rendering.md`, Projected renderer).
 pub const ALPHA_CUT: f64 = 1.0 / 255.0;
 
 /// A pixel is finished before the splat that would take its transmittance below this
-/// (`rendering.md` (b) 8).
+/// (`rendering.md`, Blending).
 pub const TRANSMITTANCE_STOP: f64 = 1e-4;
 
-/// Side of a tile in pixels (`rendering.md` (b)).
+/// Side of a tile in pixels (`rendering.md`, CPU renderer).
 pub const TILE: usize = 16;
 
-/// Scales are raised to this share of `max(1, largest scale)` (`rendering.md` (a)).
+/// Scales are raised to this share of `max(1, largest scale)` (`rendering.md`, Conventions).
 pub const SCALE_FLOOR: f64 = 1e-6;
 
-/// Variance in px² that the exact renderer's footprint stands for (`rendering.md` (c)).
+/// Variance in px² that the exact renderer's footprint stands for (`rendering.md`, Antialiasing).
 pub const FOOTPRINT_PX2: f64 = 0.3;
 
-/// Variance in world units² that the published exact renderer adds (`rendering.md` (c)).
+/// Variance in world units² that the published exact renderer adds (`rendering.md`, Antialiasing).
 pub const REFERENCE_VARIANCE: f64 = 1e-7;

@@ -2,7 +2,7 @@
 
 use super::finish::Exposing;
 use super::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
@@ -44,7 +44,7 @@ pub enum Response {
     Line,
 }
 
-/// What the exact renderer does about splats thinner than a pixel (`rendering.md` (c)).
+/// What the exact renderer does about splats thinner than a pixel (`rendering.md`, Antialiasing).
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
 )]
@@ -89,9 +89,9 @@ pub struct Exact {
 /// A renderer with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// `rendering.md` (b).
+    /// The covariance projected to the image (`rendering.md`, Projected renderer).
     Projected(Support),
-    /// `rendering.md` (c).
+    /// The response along each true ray (`rendering.md`, Exact renderer).
     Exact(Exact),
 }
 
@@ -161,7 +161,7 @@ impl Look {
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
 
     /// A splat's standard deviations as they are drawn, world units: the factor and the floor of
-    /// `rendering.md` (a) applied.
+    /// `rendering.md`, Conventions, applied.
     pub fn scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
         scales.max(DVec3::splat(SCALE_FLOOR * scales.max_element().max(1.0)))

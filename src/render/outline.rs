@@ -2,7 +2,7 @@
 
 use super::{Look, Method};
 use crate::math::camera::Camera;
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use std::f64::consts::TAU;
 

@@ -1,12 +1,12 @@
-//! Which splat a pixel shows: the one with the largest weight in the blend of `rendering.md` (b)
-//! and (c), for that one pixel, in f64.
+//! Which splat a pixel shows: the one with the largest weight in the blend (`rendering.md`,
+//! Picking) and (c), for that one pixel, in f64.
 
 use super::{
     ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens,
     Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, TRANSMITTANCE_STOP,
 };
 use crate::math::camera::{Camera, Intrinsics};
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -116,7 +116,7 @@ impl Eye {
         (alpha >= ALPHA_CUT).then_some((depth, alpha))
     }
 
-    /// Squared distance in the projected covariance, `rendering.md` (b) 2 to 6.
+    /// Squared distance in the projected covariance (`rendering.md`, Projected renderer).
     fn projected(&self, m: DVec3, axes: DMat3, scale: DVec3) -> Option<f64> {
         let k = &self.intrinsics;
         let focal = DVec2::new(k.fx, k.fy);
@@ -138,7 +138,7 @@ impl Eye {
         (det > 0.0 && distance2 >= 0.0).then_some(distance2)
     }
 
-    /// Opacity and squared distance of the ray, `rendering.md` (c).
+    /// Opacity and squared distance of the ray (`rendering.md`, Exact renderer).
     fn exact(
         &self,
         exact: Exact,

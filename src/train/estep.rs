@@ -1,10 +1,10 @@
-//! Scores and responsibilities of one point (`model.md` 6), in the distance form that f32 survives:
-//! differences first, then `q = |Δs|² + λ|Δc|² − w`, scaled by the precision only after the point's
-//! minimum is taken off.
+//! Scores and responsibilities of one point (`train.md`, E-step), in the distance form that f32
+//! survives: differences first, then `q = |Δs|² + λ|Δc|² − w`, scaled by the precision only after
+//! the point's minimum is taken off.
 
 use crate::math::real::Real;
-use crate::model::mixture::InitialModel;
-use crate::model::prior::Hyper;
+use crate::model::conjugate::prior::Hyper;
+use crate::model::paper::mixture::InitialModel;
 
 /// Nats by which a component must lose to receive nothing: e⁻⁴⁰ is below the rounding of a sum that
 /// starts with 1, in either precision.
@@ -13,9 +13,9 @@ const HARD_NATS: f64 = 40.0;
 /// Constants of the score.
 #[derive(Clone, Copy, Debug)]
 pub struct Scoring {
-    /// `λ = E[Λ^c] / E[Λ^s]`.
+    /// `λ = E[Λ^c] / E[Λ^s]`: what a squared distance of colours counts beside one of positions.
     pub color_ratio: f64,
-    /// `½ E[Λ^s]`.
+    /// `½ E[Λ^s]`: nats per squared distance in normalised coordinates.
     pub half_precision: f64,
     /// Point- and component-independent part of the log-score.
     ln_constant: f64,
@@ -64,6 +64,8 @@ impl Scoring {
     /// `logsumexp ln γ̂`. Infinity for no candidates.
     #[inline(always)]
     pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
+        // Scores are of the order of 1e9 nats, of which f32 keeps hundreds: only differences to the
+        // least mean anything.
         let min = distances.iter().fold(f64::INFINITY, |min, &q| if q < min { q } else { min });
         let (scale, min) = (S::of(self.half_precision), S::of(min));
         let mut sum = S::ZERO;

@@ -1,44 +1,92 @@
 //! Where a frame's time goes.
 
-use serde::{Deserialize, Serialize};
+use super::stages::{MAX_STAGES, PAPER_STAGES, PaperStage, SCENE_STAGES, SceneStage, TrainStage};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Milliseconds of one frame by stage. `train` is the trainer's own wall time: candidates, E-step,
-/// statistics, update and reassignment.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Milliseconds of one frame by the stages of its preset. As JSON an object with a field for every
+/// stage, and `train`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StageMs {
-    /// Candidate search.
-    pub candidates: f64,
-    /// Scores and responsibilities.
-    pub e_step: f64,
-    /// Sums per tile.
-    pub stats: f64,
-    /// Addition of the frame's sums to the scene's.
-    pub update: f64,
-    /// Choosing and moving components, and rebuilding the index.
-    pub reassign: f64,
-    /// Wall time of the frame.
+    stages: &'static [TrainStage],
+    ms: [f64; MAX_STAGES],
+    /// The learner's own wall time of the frame; what is not in any stage is in it too.
     pub train: f64,
 }
 
-/// Names and values of the stages, in the order they run.
 impl StageMs {
-    /// Names of [`StageMs::stages`].
-    pub const NAMES: [&'static str; 5] = ["candidates", "e_step", "stats", "update", "reassign"];
+    /// No time in any of a preset's stages, at most [`MAX_STAGES`].
+    pub fn new(stages: &'static [TrainStage]) -> Self {
+        Self { stages: &stages[..stages.len().min(MAX_STAGES)], ..Self::default() }
+    }
 
-    /// The stages without their total.
-    pub fn stages(&self) -> [f64; 5] {
-        [self.candidates, self.e_step, self.stats, self.update, self.reassign]
+    /// Books time on the stage at a position.
+    pub fn add(&mut self, stage: usize, ms: f64) {
+        self.ms[stage] += ms;
+    }
+
+    /// Stages and their milliseconds, in the order they run.
+    pub fn stages(&self) -> impl Iterator<Item = (&'static TrainStage, f64)> {
+        self.stages.iter().zip(self.ms)
+    }
+
+    /// Milliseconds by position of the stage.
+    pub fn values(&self) -> &[f64] {
+        &self.ms[..self.stages.len()]
+    }
+
+    /// The stages, in the order they run.
+    pub fn names(&self) -> &'static [TrainStage] {
+        self.stages
     }
 
     /// Adds a pass of `wall_ms`, split among search, E-step and sums in proportion to the time all
     /// threads spent in each.
     pub fn add_pass(&mut self, wall_ms: f64, thread_nanos: [u64; 3]) {
         let total = thread_nanos.iter().sum::<u64>().max(1) as f64;
-        let share = thread_nanos.map(|n| wall_ms * n as f64 / total);
-        self.candidates += share[0];
-        self.e_step += share[1];
-        self.stats += share[2];
+        let laps = [PaperStage::Candidates, PaperStage::EStep, PaperStage::Stats];
+        for (stage, nanos) in laps.into_iter().zip(thread_nanos) {
+            self.add(stage as usize, wall_ms * nanos as f64 / total);
+        }
+    }
+
+    /// Value by value what `of` makes of several frames of one preset.
+    pub fn combine(frames: &[Self], of: impl Fn(Vec<f64>) -> f64) -> Self {
+        let Some(first) = frames.first() else { return Self::default() };
+        let mut combined = Self::new(first.stages);
+        for stage in 0..combined.stages.len() {
+            combined.ms[stage] = of(frames.iter().map(|ms| ms.ms[stage]).collect());
+        }
+        combined.train = of(frames.iter().map(|ms| ms.train).collect());
+        combined
+    }
+}
+
+impl Serialize for StageMs {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.stages.len() + 1))?;
+        for (stage, ms) in self.stages() {
+            map.serialize_entry(stage.key, &ms)?;
+        }
+        map.serialize_entry("train", &self.train)?;
+        map.end()
+    }
+}
+
+/// Fields that no preset has are passed over: what wrote them measured something else. Reports of
+/// scenes by version 0.1.0 have the published algorithm's names.
+impl<'de> Deserialize<'de> for StageMs {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let fields = BTreeMap::<String, f64>::deserialize(deserializer)?;
+        let is_scene = fields.contains_key(SCENE_STAGES[SceneStage::Assign as usize].key);
+        let mut found = Self::new(if is_scene { &SCENE_STAGES } else { &PAPER_STAGES });
+        for (at, stage) in found.stages.iter().enumerate() {
+            found.ms[at] = fields.get(stage.key).copied().unwrap_or(0.0);
+        }
+        found.train = fields.get("train").copied().unwrap_or(0.0);
+        Ok(found)
     }
 }
 

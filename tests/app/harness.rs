@@ -115,12 +115,17 @@ pub fn click(window: &mut Window, label: &str) {
 pub fn write_to(window: &mut Window, key: Key, button: &str, file: &Path) {
     window.key_press_modifiers(Modifiers::COMMAND, key);
     window.run_steps(2);
+    enter_path(window, file);
+    window.get_by_role_and_label(Role::Button, button).click();
+}
+
+/// Replaces the path in the open dialog.
+pub fn enter_path(window: &mut Window, path: &Path) {
     window.get_by_role(Role::TextInput).focus();
     window.run_steps(2);
     window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.event(Event::Text(file.display().to_string()));
+    window.event(Event::Text(path.display().to_string()));
     window.run_steps(2);
-    window.get_by_role_and_label(Role::Button, button).click();
 }
 
 /// A dataset small enough to train in a moment.

@@ -14,7 +14,7 @@ use vbgs_studio::app::drawing::Drawer;
 use vbgs_studio::app::state::{Inspected, RunState, Subject};
 use vbgs_studio::app::{Leave, Painting, Studio};
 use vbgs_studio::export::{Format, WriteOptions};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// Middle of the viewport.
 const MIDDLE: Pos2 = Pos2::new(325.0, 340.0);

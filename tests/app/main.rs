@@ -5,11 +5,14 @@
 mod camera;
 #[path = "../common/mod.rs"]
 mod common;
+mod crash;
 mod files;
 mod harness;
 mod inspect;
 mod opening;
+mod saving;
 mod scene;
 mod states;
+mod switching;
 mod viewer;
 mod window;

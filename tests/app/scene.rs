@@ -5,20 +5,19 @@ use super::harness::{
     click, dataset, drop_on, is, paper_window, train, wait, wait_for_label, wait_for_picture,
     window, write_to,
 };
-use super::viewer::{choose, evaluated, press, session};
+use super::viewer::{choose, evaluated, position, press, session};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::state::{NoticeKind, Opened, RunState, Subject};
 use vbgs_studio::app::viewer::mode::ViewMode;
-use vbgs_studio::app::viewer::stops::Stop;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::export;
-use vbgs_studio::pipeline::scene::SceneOverrides;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 
@@ -59,7 +58,7 @@ fn preparation_is_painted_over_the_photograph() {
         train(&mut window);
         choose(&mut window, 0, "Preparation");
         let view = window.state().view();
-        assert_eq!((view.mode(), view.stop()), (ViewMode::Preparation, Some(Stop::FIRST)));
+        assert_eq!((view.mode(), position(&window)), (ViewMode::Preparation, Some((0, 0))));
         for text in ["kept", "seen at a slant"] {
             wait_for_label(&mut window, text);
         }
@@ -158,7 +157,8 @@ fn depth_in_a_wrong_unit_is_said() {
     wait(&mut window, "the message", |s| !s.snapshot().notices.is_empty());
     let notice = window.state().snapshot().notices[0].clone();
     assert_eq!(notice.kind, NoticeKind::Error);
-    assert!(notice.text.contains("--depth-scale"), "{}", notice.text);
+    assert!(notice.text.contains("the depth scale"), "{}", notice.text);
+    assert!(!notice.text.contains("--"), "a window has no options: {}", notice.text);
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn a_calibration_is_dropped_on_its_dataset() {
     press(&mut window, Key::G);
     let options = window.state().view().settings.measured();
     let overrides = SceneOverrides { calibration: Some(read.clone()), ..SceneOverrides::default() };
-    let expected = evaluated(&session(&path, overrides), Stop::FIRST, options);
+    let expected = evaluated(&session(&path, overrides), (0, 0), options);
     wait_for_label(&mut window, &expected);
 
     click(&mut window, "Reset");

@@ -13,13 +13,12 @@ use std::sync::Arc;
 use vbgs_studio::app::color_mode::ColorMode;
 use vbgs_studio::app::state::Subject;
 use vbgs_studio::app::viewer::mode::ViewMode;
-use vbgs_studio::app::viewer::stops::Stop;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
 use vbgs_studio::pipeline::plan::Selection;
-use vbgs_studio::pipeline::scene::SceneOverrides;
 use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::{Lens, RenderOptions, Renderer};
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
@@ -105,7 +104,7 @@ fn renderers_are_compared_and_the_divider_is_dragged() {
         let moved = 0.5 - view.divider();
         let expected = 120.0 / (right.right() - left.left());
         assert!((moved - expected).abs() < 0.1 * expected, "{moved} for {expected}");
-        assert!(view.stop().is_some(), "dragging the divider does not turn the camera");
+        assert!(view.frame_ref().is_some(), "dragging the divider does not turn the camera");
         wait_for_picture(&mut window);
 
         choose(&mut window, 0, "Renderer difference");
@@ -126,7 +125,7 @@ fn every_colour_mode_is_offered_or_says_what_is_missing() {
     let folder = tempfile::tempdir().unwrap();
     for painting in BOTH {
         let Some(mut window) = trained(folder.path(), painting) else { return };
-        let told = window.state().snapshot().opened.as_ref().unwrap().told_modes;
+        let told = window.state().snapshot().opened.as_ref().unwrap().available_modes;
         for mode in ColorMode::ALL.into_iter().rev() {
             if mode.why_not(told).is_none() {
                 choose(&mut window, 1, mode.label());
@@ -151,15 +150,20 @@ pub fn session(path: &Path, overrides: SceneOverrides) -> Session {
     session
 }
 
-/// What `eval` prints for a view with the window's settings.
-pub fn evaluated(session: &Session, stop: Stop, render: RenderOptions) -> String {
-    let color_camera = session.config().method.color_camera();
+/// Split and index of the dataset's camera that is looked through.
+pub fn position(window: &Window) -> Option<(usize, usize)> {
+    window.state().view().frame_ref().map(|frame| frame.position())
+}
+
+/// What `eval` prints for a view, given by its split and index, with the window's settings.
+pub fn evaluated(session: &Session, view: (usize, usize), render: RenderOptions) -> String {
+    let (split, index) = view;
+    let color_camera = session.config().method.any().color_camera();
     let options =
         EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
-    let views = [stop.index];
+    let views = [index];
     let (_, scores) =
-        evaluate(&session.splats(), session.dataset(), stop.split, &views, &options, |_| {})
-            .unwrap();
+        evaluate(&session.splats(), session.dataset(), split, &views, &options, |_| {}).unwrap();
     format!("PSNR {:.2} dB", scores[0].psnr)
 }
 
@@ -170,9 +174,8 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
     for painting in BOTH {
         let Some(mut window) = trained(folder.path(), painting) else { return };
         let session = session(&folder.path().join("room"), SceneOverrides::default());
-        let stop = |window: &Window| window.state().view().stop();
         press(&mut window, Key::CloseBracket);
-        assert_eq!(stop(&window), Some(Stop::FIRST));
+        assert_eq!(position(&window), Some((0, 0)));
         window.get_by_label("Camera 1 of 4");
         press(&mut window, Key::ArrowRight);
         window.get_by_label("Camera 2 of 4");
@@ -181,7 +184,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
         assert_eq!(window.state().view().mode(), ViewMode::PhotoWipe);
         let options = window.state().view().settings.measured();
         for key in [Key::ArrowLeft, Key::OpenBracket] {
-            let expected = evaluated(&session, stop(&window).unwrap(), options);
+            let expected = evaluated(&session, position(&window).unwrap(), options);
             wait_for_label(&mut window, &expected);
             assert_eq!(window.get_all_by_label("Photograph").count(), 2, "button and caption");
             press(&mut window, key);
@@ -191,7 +194,7 @@ fn photographs_are_stepped_through_and_measured_as_eval_does() {
         wait_for_label(&mut window, "|Projected − photograph| × 8");
 
         drag(&mut window, PointerButton::Primary);
-        assert_eq!(stop(&window), None, "turning leaves the dataset's camera");
+        assert_eq!(position(&window), None, "turning leaves the dataset's camera");
         window.get_by_label("Free camera");
         window.get_by_label("No photograph was taken from here: [ and ] go to one");
         press(&mut window, Key::CloseBracket);

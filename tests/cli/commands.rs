@@ -146,3 +146,35 @@ fn synth_overwrites_nothing() {
     scratch.run("synth room").fails(1, &["room", "expected a new or empty folder", "choose"]);
     assert_eq!(scratch.bytes("room/transforms_train.json"), list);
 }
+
+/// `-o` onto what is no file writes to it; a link keeps naming its file.
+#[cfg(unix)]
+#[test]
+fn outputs_go_through_links_and_fifos() {
+    use std::fs;
+    use std::os::unix::fs::{FileTypeExt, symlink};
+    let scratch = Scratch::with_scene();
+    fs::create_dir(scratch.path("far")).unwrap();
+    symlink("far/real.ply", scratch.path("link.ply")).unwrap();
+    for _ in 0..2 {
+        scratch.run("export out/scene.ply -o link.ply").succeeds();
+        assert!(scratch.path("link.ply").is_symlink());
+    }
+    let expected = scratch.bytes("far/real.ply");
+    assert_eq!(scratch.model("link.ply").splats.len(), scratch.model("out/scene.ply").splats.len());
+
+    let fifo = scratch.path("fifo.ply");
+    assert!(std::process::Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let reader = std::thread::spawn({
+        let fifo = fifo.clone();
+        move || fs::read(fifo).unwrap()
+    });
+    scratch.run("export out/scene.ply -o fifo.ply").succeeds();
+    assert!(reader.join().unwrap() == expected);
+    assert!(fs::metadata(&fifo).unwrap().file_type().is_fifo());
+
+    symlink("/dev/null", scratch.path("null.png")).unwrap();
+    scratch.run("render out/scene.ply -o null.png --size 16x12").succeeds();
+    assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+    assert!(scratch.path("null.png").is_symlink());
+}

@@ -4,8 +4,8 @@
 use super::runner::Scratch;
 use std::fs;
 use vbgs_studio::export::{Format, ModelKind, WriteOptions, write};
-use vbgs_studio::model::appearance::{Appearance, SplatSet};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
+use vbgs_studio::model::splat::splats::Splat;
 
 /// The largest difference between two models, splat by splat.
 fn difference(a: &[Splat], b: &[Splat]) -> f32 {

@@ -3,7 +3,7 @@
 use super::runner::Scratch;
 use serde_json::Value;
 use vbgs_studio::export::{Format, WriteOptions, write};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// Every field of `report.json` with one evaluated split; the names of the product's contract and
 /// what this version adds.
@@ -86,10 +86,12 @@ eval[].ssim_aligned_mean number
 eval[].ssim_mean number
 eval[].views number
 format string
+frames[].born number
 frames[].components number
 frames[].elbo_mean number
 frames[].frame string
 frames[].index number
+frames[].merged number
 frames[].ms.candidates number
 frames[].ms.e_step number
 frames[].ms.load number

@@ -183,3 +183,32 @@ fn the_first_frames_train_where_the_others_are_lost() {
     scratch.run(resume).succeeds();
     assert!(read("on/scene.ply") == read("two/scene.ply"));
 }
+
+/// Merging moves sums to other seeds: rounding must not leave moments that no points have.
+#[test]
+fn what_a_small_budget_writes_is_read_back() {
+    let scratch = Scratch::empty();
+    scratch
+        .run("synth s --layout seven-scenes --size 160x120 --frames 3 --eval-frames 1")
+        .succeeds();
+    for budget in [100, 300, 1000] {
+        scratch.run(&format!("train s --out b --budget {budget}")).succeeds();
+        let info = scratch.run("info b/checkpoint.vbgs --json").succeeds().json();
+        assert_eq!(info["frames"], 3, "{info}");
+    }
+    scratch.run("export b/checkpoint.vbgs -o again.ply").succeeds();
+}
+
+#[test]
+fn scene_settings_out_of_range_are_wrong_usage() {
+    let scratch = Scratch::with_room();
+    fs::write(scratch.path("none.ron"), "(budget: \"0\")").unwrap();
+    for (option, parts) in [
+        ("--budget 0", &["--budget: expected 1 to 20000000 components", "found 0"][..]),
+        ("--budget 20000001", &["--budget: ", "found 20000001"]),
+        ("--config none.ron", &["--budget: ", "found 0"]),
+        ("--scale 0", &["--scale", "'0'"]),
+    ] {
+        scratch.run(&format!("{TRAIN} --out out {option}")).fails(2, parts);
+    }
+}

@@ -1,4 +1,4 @@
-//! Whole images against the oracle, with the tolerances of `rendering.md` (g).
+//! Whole images against the oracle, with the tolerances of `rendering.md`, Tolerances.
 
 use super::oracle::{Oracle, Sample};
 use vbgs_studio::math::image::Image;

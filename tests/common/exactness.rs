@@ -10,7 +10,7 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, Lens, Method, RenderOptions, Response,
 };

@@ -4,8 +4,8 @@ use glam::DVec3;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::Appearance;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{Antialias, Exact, Lens, Method, RenderOptions, Response, Support};
 
 /// A random scene around the origin: centres in a cube of twice `radius`, standard deviations even
@@ -54,7 +54,7 @@ pub const SCENES: [Scene; 6] = [
     },
 ];
 
-/// Scenes for splats with an appearance (`rendering.md` (h)): every opacity up to 3.
+/// Scenes for splats with an appearance (`rendering.md`, Native appearance): every opacity up to 3.
 pub const NATIVE_SCENES: [Scene; 3] = [
     Scene { name: "dots", n_splats: 1200, scale: (0.01, 0.05), opacity: (0.0, 3.0), radius: 1.0 },
     Scene { name: "clouds", n_splats: 200, scale: (0.05, 0.3), opacity: (0.0, 3.0), radius: 1.0 },

@@ -7,9 +7,11 @@ use crate::common::scratch::{
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
-use vbgs_studio::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
-use vbgs_studio::math::points::Points;
+use vbgs_studio::dataset::unproject::{
+    CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
+};
+use vbgs_studio::observation::points::Points;
 
 const LIST: &str = "transforms_train.json";
 

@@ -6,11 +6,12 @@ use crate::common::shared;
 use glam::{DMat4, DVec3};
 use std::path::Path;
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind, Frame};
-use vbgs_studio::dataset::points::{
+use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector, camera_point,
 };
 use vbgs_studio::math::camera::Intrinsics;
-use vbgs_studio::math::points::{COLOR_SCALE, Normalization, Points};
+use vbgs_studio::math::normalization::{COLOR_SCALE, Normalization};
+use vbgs_studio::observation::points::Points;
 
 fn f64s(folder: &Path, name: &str) -> Vec<f64> {
     let bytes = std::fs::read(folder.join(format!("{name}.f64.bin"))).unwrap();
@@ -107,7 +108,11 @@ fn the_loader_gives_the_golden_points_in_tile_order() {
     let frame = dataset.load(dataset.split_named("test").unwrap(), 0).unwrap();
     let kept = kept_by_the_letter(&frame);
     let points = unproject(&frame, CameraConvention::Paper);
-    assert_eq!(points.len(), kept.len(), "row passes and the letter of model.md 13 agree");
+    assert_eq!(
+        points.len(),
+        kept.len(),
+        "row passes and the letter of `dataset.md`, Edge filter, agree"
+    );
 
     let order: std::collections::HashMap<[usize; 2], usize> =
         kept.iter().enumerate().map(|(i, pixel)| (*pixel, i)).collect();
@@ -124,7 +129,7 @@ fn the_loader_gives_the_golden_points_in_tile_order() {
     }
 }
 
-/// `model.md` 15 was measured on 982 910 points of 20 Lego frames.
+/// `model.md`, Precision, was measured on 982 910 points of 20 Lego frames.
 #[test]
 fn twenty_frames_make_the_published_number_of_points() {
     let Some(lego) = shared("data/lego400") else { return };
@@ -147,7 +152,7 @@ fn unproject(frame: &Frame, convention: CameraConvention) -> Points<f32> {
     points
 }
 
-/// `model.md` 13 pixel by pixel, sorted into the tile order of `engine.md` 2.
+/// `dataset.md`, Unprojection, pixel by pixel, sorted as `dataset.md`, Tile order, says.
 fn kept_by_the_letter(frame: &Frame) -> Vec<[usize; 2]> {
     let DepthCodes::Inverse8(codes) = &frame.depth.as_ref().unwrap().codes else {
         panic!("Lego has 8-bit depth");

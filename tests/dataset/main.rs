@@ -8,6 +8,7 @@ mod common;
 mod fuzz;
 mod golden;
 mod layouts;
+mod memory;
 mod real;
 mod surface;
 mod synthetic;

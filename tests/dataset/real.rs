@@ -5,11 +5,11 @@ use crate::common::{shared, skip};
 use glam::DVec3;
 use std::time::Instant;
 use vbgs_studio::dataset::frame::Frame;
-use vbgs_studio::dataset::points::{
+use vbgs_studio::dataset::unproject::{
     CameraConvention, EdgeFilter, UnprojectSettings, Unprojector, camera_point,
 };
 use vbgs_studio::dataset::{Layout, range};
-use vbgs_studio::math::points::Points;
+use vbgs_studio::observation::points::Points;
 
 #[test]
 fn lego_opens_as_blender() {

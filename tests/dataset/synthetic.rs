@@ -4,11 +4,13 @@ use crate::common::scratch::{TINY, open_plain, tiny};
 use crate::real::disagreement;
 use std::time::Instant;
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind};
-use vbgs_studio::dataset::points::{CameraConvention, EdgeFilter, UnprojectSettings, Unprojector};
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, WriteError, write};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, SyntheticScene, dataset, demo};
+use vbgs_studio::dataset::unproject::{
+    CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
+};
 use vbgs_studio::dataset::{Layout, range};
-use vbgs_studio::math::points::Points;
+use vbgs_studio::observation::points::Points;
 
 #[test]
 fn the_demo_has_splits_and_streams() {

@@ -8,11 +8,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
-use vbgs_studio::math::observation::Observation;
-use vbgs_studio::math::points::Points;
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::engine::Engine;
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
 
 struct Counting;
 
@@ -104,18 +105,19 @@ fn frame(t: usize) -> Points<f32> {
 fn a_warm_training_loop_allocates_nothing() {
     let frames: Vec<Points<f32>> = (0..10).map(frame).collect();
     for reassign in [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded] {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             reassign: Some(reassign),
             components: Some(20_000),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
-        let config = TrainConfig::paper().with(&overrides).unwrap();
-        let mut engine = Engine::new(&config, &InitialDraw::random(20_000, 0)).unwrap();
-        engine.start_component_elbo();
+        let config = PaperConfig::paper().with(&overrides).unwrap();
+        let draw = InitialDraw::random(20_000, 0);
+        let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+        engine.component_elbo_mut().start();
         let allocations = watched(|| {
             let mut train = |n| {
                 for frame in frames.iter().cycle().take(n) {
-                    engine.train(frame).unwrap();
+                    engine.learn(frame).unwrap();
                 }
             };
             train(300);

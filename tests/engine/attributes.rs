@@ -8,8 +8,9 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::train::config::{
-    Candidates, Overrides, Precision, ReassignPolicy, StatisticsForm, TrainConfig,
+use vbgs_studio::train::learner::Changed;
+use vbgs_studio::train::paper::config::{
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
 };
 
 const COMPONENTS: usize = 3000;
@@ -20,9 +21,9 @@ fn room() -> Arc<Dataset> {
     Arc::new(dataset(&params).unwrap())
 }
 
-fn session(overrides: Overrides) -> Session {
-    let base = Overrides { components: Some(COMPONENTS), ..Overrides::default() };
-    let config = TrainConfig::paper().with(&overrides.or(base)).unwrap();
+fn session(overrides: PaperOverrides) -> Session {
+    let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
+    let config = PaperConfig::paper().with(&overrides.or(base)).unwrap();
     Session::new(room(), config, Selection::everything()).unwrap()
 }
 
@@ -34,20 +35,21 @@ fn all() -> Vec<u32> {
 #[test]
 fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
     let ways = [
-        Overrides::default(),
-        Overrides { statistics: Some(StatisticsForm::Unfused), ..Overrides::default() },
-        Overrides { precision: Some(Precision::F64), ..Overrides::default() },
-        Overrides { candidates: Some(Candidates::Nearest(1)), ..Overrides::default() },
+        PaperOverrides::default(),
+        PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..PaperOverrides::default() },
+        PaperOverrides { precision: Some(Precision::F64), ..PaperOverrides::default() },
+        PaperOverrides { candidates: Some(Candidates::Nearest(1)), ..PaperOverrides::default() },
     ];
     for way in ways {
         for reassign in [ReassignPolicy::Off, ReassignPolicy::Padded, ReassignPolicy::Forwarded] {
             let name = format!("{way:?} {reassign:?}");
-            let mut session = session(Overrides { reassign: Some(reassign), ..way.clone() });
+            let mut session = session(PaperOverrides { reassign: Some(reassign), ..way.clone() });
             session.start_component_elbo();
             while let Step::Trained(frame) = session.step().unwrap() {
                 let engine = session.learner();
-                let known = engine.components_with_elbo();
-                let of = |&id: &u32| engine.component_elbo(id as usize).unwrap();
+                let elbo = engine.component_elbo();
+                let known = elbo.components();
+                let of = |&id: &u32| elbo.of(id as usize).unwrap();
                 let (sum, n) = known
                     .iter()
                     .map(of)
@@ -55,7 +57,7 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
                 assert_eq!(n as usize, frame.points, "{name}");
                 let expected = frame.elbo_mean * frame.points as f64;
                 assert!((sum / expected - 1.0).abs() < 1e-9, "{name}: {sum} {expected}");
-                let touched = engine.touched();
+                let Changed::Listed(touched) = engine.changed() else { panic!("{name}: all") };
                 assert!(known.iter().all(|id| touched.contains(id)), "{name}");
             }
         }
@@ -64,7 +66,7 @@ fn the_elbo_of_components_adds_up_to_that_of_the_frame() {
 
 #[test]
 fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_frame() {
-    let mut session = session(Overrides::default());
+    let mut session = session(PaperOverrides::default());
     let known = |session: &Session| {
         let attributes = session.attributes_of(&all());
         let with = attributes.iter().zip(0u32..).filter(|(a, _)| a.elbo.is_some());
@@ -78,7 +80,7 @@ fn a_component_has_an_elbo_only_while_somebody_asks_and_only_of_the_current_fram
     session.step().unwrap();
     let third = known(&session);
     assert!(!second.is_empty() && second != third);
-    let mut ids = session.learner().components_with_elbo().to_vec();
+    let mut ids = session.learner().component_elbo().components().to_vec();
     ids.sort_unstable();
     assert_eq!(third, ids);
     session.stop_component_elbo();
@@ -92,15 +94,15 @@ fn asking_changes_nothing_of_the_model() {
         while !matches!(session.step().unwrap(), Step::Finished) {}
         session.checkpoint().unwrap().model
     };
-    let plain = finish(session(Overrides::default()));
-    let mut asked = session(Overrides::default());
+    let plain = finish(session(PaperOverrides::default()));
+    let mut asked = session(PaperOverrides::default());
     asked.start_component_elbo();
     assert!(finish(asked) == plain);
 }
 
 #[test]
 fn components_are_born_with_their_first_points() {
-    let mut session = session(Overrides::default());
+    let mut session = session(PaperOverrides::default());
     let mut born: Vec<Option<u32>> = vec![None; COMPONENTS];
     while let Step::Trained(frame) = session.step().unwrap() {
         for (id, (attributes, born)) in
@@ -121,7 +123,7 @@ fn components_are_born_with_their_first_points() {
 #[test]
 fn births_before_a_stop_are_not_known() {
     let folder = tempfile::tempdir().unwrap();
-    let mut session = session(Overrides::default());
+    let mut session = session(PaperOverrides::default());
     session.step().unwrap();
     let file = folder.path().join("run.vbgs");
     session.save(&file).unwrap();
@@ -137,7 +139,7 @@ fn births_before_a_stop_are_not_known() {
 
 #[test]
 fn an_inspection_agrees_with_what_is_drawn() {
-    let mut session = session(Overrides::default());
+    let mut session = session(PaperOverrides::default());
     while !matches!(session.step().unwrap(), Step::Finished) {}
     let inspected: Vec<_> = all().iter().map(|&id| session.inspect(id).unwrap()).collect();
     let weight: f64 = inspected.iter().map(|i| i.weight).sum();

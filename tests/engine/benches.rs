@@ -3,16 +3,22 @@
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use vbgs_studio::bench::findings::{Bench, BenchOptions};
+use vbgs_studio::bench::paper::ablation;
+use vbgs_studio::bench::paper::ablation::AblationPlan;
+use vbgs_studio::bench::paper::pareto;
+use vbgs_studio::bench::paper::pareto::ParetoPlan;
+use vbgs_studio::bench::paper::precision_search;
+use vbgs_studio::bench::paper::precision_search::SearchPlan;
+use vbgs_studio::bench::paper::scaling;
+use vbgs_studio::bench::paper::scaling::ScalingPlan;
+use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::render;
+use vbgs_studio::bench::render::{BenchDevice, BenchScene, RenderPlan};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
-use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
-use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
-use vbgs_studio::pipeline::bench::render::{self, Device, RenderPlan, Scene};
-use vbgs_studio::pipeline::bench::scaling::{self, ScalingPlan};
-use vbgs_studio::pipeline::bench::{Bench, BenchOptions, stability};
-use vbgs_studio::pipeline::precision_search::{self, SearchPlan};
-use vbgs_studio::train::config::{
-    Batch, Candidates, Overrides, Precision, ReassignPolicy, TrainConfig,
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 
 const OPTIONS: BenchOptions =
@@ -102,12 +108,12 @@ fn ablation() {
 
 #[test]
 fn pareto() {
-    let base = Overrides {
+    let base = PaperOverrides {
         components: Some(400),
         // So many that truncation errs less than f32 rounds.
         candidates: Some(Candidates::Nearest(64)),
         reassign: Some(ReassignPolicy::Forwarded),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     let plan = ParetoPlan {
         base,
@@ -182,11 +188,11 @@ fn stability_lists_every_case_in_every_precision() {
 
 #[test]
 fn render_times_both_renderers_at_every_size() {
-    let scene = Scene::synthetic();
+    let scene = BenchScene::synthetic();
     let plan = RenderPlan {
         splats: vec![100, 3000],
         sizes: vec![[64, 48], [160, 120]],
-        device: Device::Cpu,
+        device: BenchDevice::Cpu,
         ..RenderPlan::new(OPTIONS, &scene)
     };
     let bench = counted(|progress| render::run(&plan, &scene, progress)).unwrap();
@@ -214,11 +220,11 @@ fn render_times_a_gpu_and_says_what_does_not_fit_it() {
     let name = adapter.get_info().name;
     // A texture has at most 32,768 pixels a side on any adapter there is.
     let (fits, too_wide) = ([64, 48], [65_536, 1]);
-    let scene = Scene::synthetic();
+    let scene = BenchScene::synthetic();
     let plan = RenderPlan {
         splats: vec![100, 3000],
         sizes: vec![fits, too_wide],
-        device: Device::Gpu,
+        device: BenchDevice::Gpu,
         adapter: Some(name.clone()),
         ..RenderPlan::new(OPTIONS, &scene)
     };
@@ -247,8 +253,8 @@ fn precision_search_finds_settings_that_train_takes() {
     let search = counted(|progress| precision_search::run(&plan, room(), progress)).unwrap();
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    let overrides: Overrides = options.from_str(&search.ron).unwrap();
-    let config = TrainConfig::paper().with(&overrides).unwrap();
+    let overrides: PaperOverrides = options.from_str(&search.ron).unwrap();
+    let config = PaperConfig::paper().with(&overrides).unwrap();
     assert_eq!(config.operations, search.operations);
     assert_eq!(search.json["combinations"].as_array().unwrap().len(), 48);
     assert!(number(&search.json["chosen"]["error"], "covariance_p99") <= 1e-3);
@@ -265,6 +271,6 @@ fn a_bound_below_every_error_is_refused_with_the_best_there_is() {
     let error = precision_search::run(&plan, room(), &mut |_, _| ()).unwrap_err();
     assert!(error.to_string().contains("choose a larger one"), "{error}");
     for bound in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "--bound");
+        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "bound");
     }
 }

@@ -4,10 +4,12 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use proptest::prelude::*;
 use rayon::prelude::*;
 use std::num::NonZero;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::Isa;
-use vbgs_studio::train::candidates::{Grid, KdTree, Search, nearest_in_tile, nearest_in_tile_wide};
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::candidates::{
+    CandidateSearch, KdTree, MeanGrid, nearest_in_tile, nearest_in_tile_wide,
+};
 
 type Mean = [f32; 3];
 /// Makes the mean of an id.
@@ -50,14 +52,14 @@ fn instruction_sets() -> impl Iterator<Item = Isa> {
 
 /// Ids of all points by the search under test, tile by tile with shared memory: the same on every
 /// instruction set.
-fn search(grid: &Grid, points: &Points<f32>, n: usize) -> Vec<u32> {
+fn search(grid: &MeanGrid, points: &Points<f32>, n: usize) -> Vec<u32> {
     let mut all = instruction_sets().map(|isa| search_on(isa, grid, points, n));
     let first = all.next().unwrap();
     assert!(all.all(|ids| ids == first));
     first
 }
 
-fn search_on(isa: Isa, grid: &Grid, points: &Points<f32>, n: usize) -> Vec<u32> {
+fn search_on(isa: Isa, grid: &MeanGrid, points: &Points<f32>, n: usize) -> Vec<u32> {
     let (mut memory, mut ids) = Default::default();
     for tile in 0..points.n_tiles() {
         search_tile(isa, grid, &mut memory, points, tile, n, &mut ids);
@@ -67,8 +69,8 @@ fn search_on(isa: Isa, grid: &Grid, points: &Points<f32>, n: usize) -> Vec<u32> 
 
 fn search_tile(
     isa: Isa,
-    grid: &Grid,
-    memory: &mut Search,
+    grid: &MeanGrid,
+    memory: &mut CandidateSearch,
     points: &Points<f32>,
     tile: usize,
     n: usize,
@@ -80,7 +82,7 @@ fn search_tile(
 }
 
 fn check(name: &str, means: &[Mean], tiles: &[Vec<Mean>], ranks: &[usize]) {
-    let index = Grid::new(means).unwrap();
+    let index = MeanGrid::new(means).unwrap();
     let points = points(tiles);
     for &n in ranks {
         let found = search(&index, &points, n);
@@ -219,7 +221,7 @@ fn equals_kiddo() {
             continue; // `kiddo` has no better idea of equals, and another one of overflow
         }
         let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&means).unwrap();
-        let index = Grid::new(&means).unwrap();
+        let index = MeanGrid::new(&means).unwrap();
         let points = points(&tiles(&means, &mut rng));
         for n in [1, 4, 8, 20] {
             for (i, found) in search(&index, &points, n).chunks(n).enumerate() {
@@ -246,7 +248,7 @@ fn order_and_threads_do_not_matter() {
     let by_threads = |threads| -> (Vec<u32>, Vec<u32>) {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let index = Grid::new(&means).unwrap();
+            let index = MeanGrid::new(&means).unwrap();
             let one_by_one = (0..forward.n_tiles()).into_par_iter().map_init(
                 Default::default,
                 |scratch, tile| {
@@ -263,7 +265,7 @@ fn order_and_threads_do_not_matter() {
     assert_eq!(one.0, one.1);
     assert_eq!(one, by_threads(2));
     assert_eq!(one, by_threads(3));
-    let index = Grid::new(&means).unwrap();
+    let index = MeanGrid::new(&means).unwrap();
     let backward: Vec<Vec<Mean>> = tiles.iter().rev().cloned().collect();
     let mut found: Vec<&[u32]> = Vec::new();
     let ids = search(&index, &points(&backward), 4);
@@ -280,12 +282,12 @@ fn order_and_threads_do_not_matter() {
 #[test]
 fn a_rebuilt_index_is_a_new_one() {
     let mut rng = Rng::new(10, Purpose::Init, 0);
-    let mut index = Grid::new(&[[0.0; 3]; 10]).unwrap();
+    let mut index = MeanGrid::new(&[[0.0; 3]; 10]).unwrap();
     for n in [5000, 3, 700, 20_000, 1] {
         for (name, means) in shapes(n, &mut rng) {
             index.rebuild(&means).unwrap();
             let points = points(&tiles(&means, &mut rng));
-            let fresh = Grid::new(&means).unwrap();
+            let fresh = MeanGrid::new(&means).unwrap();
             assert_eq!(search(&index, &points, 4), search(&fresh, &points, 4), "{name}");
         }
     }
@@ -298,7 +300,7 @@ fn a_rebuilt_index_is_a_new_one() {
 fn points_that_are_no_numbers_have_neighbours_and_harm_no_others() {
     let mut rng = Rng::new(11, Purpose::Init, 0);
     let means: Vec<Mean> = (0..3000).map(|_| uniform(&mut rng, 1.0)).collect();
-    let index = Grid::new(&means).unwrap();
+    let index = MeanGrid::new(&means).unwrap();
     let mut tile = patch(&mut rng, 0.01);
     let bad = [
         (3, [f32::NAN; 3]),
@@ -372,10 +374,10 @@ fn brute_force_wide(means: &[[f64; 3]], query: [f64; 3], n: usize) -> Vec<u32> {
 
 fn search_wide(means: &[[f64; 3]], queries: &[[f64; 3]], n: usize) -> Vec<u32> {
     let rounded: Vec<Mean> = means.iter().map(|m| m.map(|v| v as f32)).collect();
-    let grid = Grid::new(&rounded).unwrap();
+    let grid = MeanGrid::new(&rounded).unwrap();
     let rows: Vec<[f64; 6]> = queries.iter().map(|q| [q[0], q[1], q[2], 0.0, 0.0, 0.0]).collect();
     let points = Points::<f64>::from_rows(&rows);
-    let (mut memory, mut ids) = (Search::default(), Vec::new());
+    let (mut memory, mut ids) = (CandidateSearch::default(), Vec::new());
     let n = NonZero::new(n).unwrap();
     let all = 0..points.len();
     nearest_in_tile_wide(&grid, &mut memory, means, &points, all, n, &mut ids);
@@ -400,7 +402,7 @@ proptest! {
         tile in prop::collection::vec(prop::array::uniform3(coordinate()), 1..65),
         n in 1usize..20,
     ) {
-        let index = Grid::new(&means).unwrap();
+        let index = MeanGrid::new(&means).unwrap();
         let points = points(std::slice::from_ref(&tile));
         let rank = n.min(means.len());
         for (found, &point) in search(&index, &points, n).chunks(rank).zip(&tile) {

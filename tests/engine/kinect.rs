@@ -7,18 +7,17 @@ use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::report::{EvalReport, Summary};
 use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
-use vbgs_studio::model::posterior::Conversion;
-use vbgs_studio::pipeline::learner::Learner;
+use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::config::TrainConfig;
+use vbgs_studio::train::paper::config::PaperConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let conversion = Conversion { scale_factor, ..Conversion::right() };
-    let Learner::Paper(paper) = session.learner() else { unreachable!() };
-    let config = TrainConfig { conversion, ..paper.config.clone() };
-    let splats = paper.engine.splats(&config, &paper.normalization);
+    let learner = session.learner();
+    let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
+    let splats: Vec<_> = (0..learner.components()).map(splat).collect();
     let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let dataset = session.dataset();
@@ -32,7 +31,7 @@ fn quality(session: &Session, scale_factor: f64) -> EvalReport {
 fn office() {
     let Some(path) = shared("data/kinect_office") else { return };
     let dataset = Arc::new(dataset::open(&path, &LoadOptions::default()).unwrap());
-    let mut session = Session::new(dataset, TrainConfig::paper(), Selection::everything()).unwrap();
+    let mut session = Session::new(dataset, PaperConfig::paper(), Selection::everything()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     assert_eq!((session.frames().len(), session.skipped().len()), (100, 0));
     let summary = Summary::of_frames(session.frames(), 0.0);

@@ -1,5 +1,5 @@
-//! The `paper` preset on the real Lego recording against the figures of `model.md` section 17, and
-//! the mixed path against f64.
+//! The `paper` preset on the real Lego recording against the figures of `model.md`, What the
+//! reference reaches, and the mixed path against f64.
 //!
 //! `cargo test --release --test engine lego -- --ignored --nocapture` prints the tables.
 
@@ -16,14 +16,13 @@ use vbgs_studio::eval::views::{GroundTruth, ground_truth};
 use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
-use vbgs_studio::model::posterior::Conversion;
-use vbgs_studio::model::splats::Splat;
-use vbgs_studio::pipeline::learner::Learner;
+use vbgs_studio::model::conjugate::posterior::Conversion;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Distance from a published figure that differing initial draws may cause, dB.
 const TOLERANCE_DB: f64 = 0.3;
@@ -86,8 +85,8 @@ fn views(dataset: &Dataset) -> Vec<View> {
 }
 
 /// Trains the `paper` preset with overrides on the first frames.
-fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>) -> Session {
-    let config = TrainConfig::paper().with(&overrides).unwrap();
+fn train(dataset: &Arc<Dataset>, overrides: PaperOverrides, max_frames: Option<usize>) -> Session {
+    let config = PaperConfig::paper().with(&overrides).unwrap();
     let selection = Selection { max_frames, ..Selection::everything() };
     let mut session = Session::new(dataset.clone(), config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
@@ -96,9 +95,9 @@ fn train(dataset: &Arc<Dataset>, overrides: Overrides, max_frames: Option<usize>
 }
 
 fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
-    let Learner::Paper(paper) = session.learner() else { unreachable!() };
-    let config = TrainConfig { conversion, ..paper.config.clone() };
-    paper.engine.splats(&config, &paper.normalization)
+    let learner = session.learner();
+    let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
+    (0..learner.components()).map(splat).collect()
 }
 
 /// Mean PSNR over the views against either ground truth, dB.
@@ -127,8 +126,11 @@ fn measure_row(dataset: &Arc<Dataset>, views: &[View], reassign: ReassignPolicy)
     let share = 1.0 / SEEDS.len() as f64;
     let mut row = Measured { psnr: Default::default(), used: 0.0, train_ms: Vec::new() };
     for seed in SEEDS {
-        let overrides =
-            Overrides { seed: Some(seed), reassign: Some(reassign), ..Overrides::default() };
+        let overrides = PaperOverrides {
+            seed: Some(seed),
+            reassign: Some(reassign),
+            ..PaperOverrides::default()
+        };
         let session = train(dataset, overrides, None);
         assert_eq!(session.frames().len(), 200);
         row.used += share * session.learner().used() as f64;
@@ -183,7 +185,7 @@ fn section_17() {
 fn both(dataset: &Arc<Dataset>, reassign: ReassignPolicy) -> [Session; 2] {
     [Precision::F64, Precision::Mixed].map(|precision| {
         let (precision, reassign) = (Some(precision), Some(reassign));
-        train(dataset, Overrides { precision, reassign, ..Overrides::default() }, Some(5))
+        train(dataset, PaperOverrides { precision, reassign, ..PaperOverrides::default() }, Some(5))
     })
 }
 
@@ -241,7 +243,7 @@ fn mixed_reassigns_as_well_as_f64() {
 #[test]
 fn the_ply_reads_back_with_an_independent_reader() {
     let Some(dataset) = open() else { return };
-    let session = train(&dataset, Overrides::default(), Some(10));
+    let session = train(&dataset, PaperOverrides::default(), Some(10));
     let splats = session.splats();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
@@ -264,7 +266,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     }
 }
 
-/// A row of the 3DGS layout by its definition (`export.md` 1).
+/// A row of the 3DGS layout by its definition (`export.md`, PLY of splats).
 fn splat_of(row: &DefaultElement) -> Splat {
     let value = |name: &str| match row.get(name) {
         Some(Property::Float(value)) => *value,

@@ -1,8 +1,8 @@
 //! Hard cases for arithmetic, held to bounds against exact sums: the same rows that
 //! `bench stability` prints.
 
-use vbgs_studio::pipeline::bench::stability::{Case, StabilityRow, Truth, all};
-use vbgs_studio::train::config::Precision;
+use vbgs_studio::bench::paper::stability::{Case, StabilityRow, Truth, all};
+use vbgs_studio::train::paper::config::Precision;
 
 /// Points that are no finite numbers, which the loader drops before any engine sees them.
 const BROKEN: [&str; 2] = ["points with NaN", "points with infinities"];

@@ -1,15 +1,17 @@
 //! The engine's variants against each other: whatever is only a way of computing must not change a
 //! bit, whatever is an approximation must stay close to the f64 oracle.
 
-use vbgs_studio::math::points::Points;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::state::ModelState;
-use vbgs_studio::train::config::{
-    Batch, Candidates, IndexKind, Operations, Overrides, Precision, ReassignPolicy, StatisticsForm,
-    TrainConfig, UpdateWidth, Width,
+use vbgs_studio::model::paper::state::ModelState;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, IndexKind, Operations, PaperConfig, PaperOverrides, Precision,
+    ReassignPolicy, StatisticsForm, UpdateWidth, Width,
 };
-use vbgs_studio::train::engine::Engine;
-use vbgs_studio::train::init::InitialDraw;
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner::PaperLearner;
 
 const COMPONENTS: usize = 3000;
 const POLICIES: [ReassignPolicy; 4] = [
@@ -43,22 +45,22 @@ fn frames() -> Vec<Points<f32>> {
     (0..4).map(|t| frame(0.3 * t as f32)).collect()
 }
 
-fn config(overrides: &Overrides) -> TrainConfig {
-    let base = Overrides { components: Some(COMPONENTS), ..Overrides::default() };
-    TrainConfig::paper().with(&overrides.clone().or(base)).unwrap()
+fn config(overrides: &PaperOverrides) -> PaperConfig {
+    let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
+    PaperConfig::paper().with(&overrides.clone().or(base)).unwrap()
 }
 
-fn trained(overrides: &Overrides, frames: &[Points<f32>]) -> Engine {
+fn trained(overrides: &PaperOverrides, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
     let config = config(overrides);
     let draw = InitialDraw::random(config.components, config.seed);
-    let mut engine = Engine::new(&config, &draw).unwrap();
+    let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
     for frame in frames {
-        engine.train(frame).unwrap();
+        engine.learn(frame).unwrap();
     }
     engine
 }
 
-fn state(overrides: &Overrides, frames: &[Points<f32>]) -> ModelState {
+fn state(overrides: &PaperOverrides, frames: &[Points<f32>]) -> ModelState {
     trained(overrides, frames).state()
 }
 
@@ -70,11 +72,11 @@ fn in_pool<T: Send>(threads: usize, run: impl FnOnce() -> T + Send) -> T {
 fn ways_of_computing_give_the_same_bits() {
     let frames = frames();
     for reassign in POLICIES {
-        let base = Overrides { reassign: Some(reassign), ..Overrides::default() };
+        let base = PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() };
         let expected = state(&base, &frames);
-        let batch = |n| Overrides { batch: Some(Batch::Points(n)), ..base.clone() };
-        let unfused = Overrides { statistics: Some(StatisticsForm::Unfused), ..base.clone() };
-        let unfused_batch = Overrides { batch: Some(Batch::Points(1000)), ..unfused.clone() };
+        let batch = |n| PaperOverrides { batch: Some(Batch::Points(n)), ..base.clone() };
+        let unfused = PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..base.clone() };
+        let unfused_batch = PaperOverrides { batch: Some(Batch::Points(1000)), ..unfused.clone() };
         for overrides in [batch(1), batch(100), batch(5000), unfused, unfused_batch] {
             assert!(state(&overrides, &frames) == expected, "{overrides:?}");
         }
@@ -88,8 +90,9 @@ fn ways_of_computing_give_the_same_bits() {
 #[test]
 fn padding_moves_what_truncation_moves() {
     let frames = frames();
-    let with =
-        |reassign| state(&Overrides { reassign: Some(reassign), ..Overrides::default() }, &frames);
+    let with = |reassign| {
+        state(&PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() }, &frames)
+    };
     assert!(with(ReassignPolicy::Padded) == with(ReassignPolicy::Truncated));
     assert!(with(ReassignPolicy::Padded) != with(ReassignPolicy::Off));
 }
@@ -98,10 +101,10 @@ fn padding_moves_what_truncation_moves() {
 fn without_reassignment_the_order_of_frames_does_not_matter() {
     let mut frames = frames();
     for precision in [Precision::Mixed, Precision::F64] {
-        let off = Overrides {
+        let off = PaperOverrides {
             reassign: Some(ReassignPolicy::Off),
             precision: Some(precision),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         let expected = state(&off, &frames);
         frames.reverse();
@@ -114,17 +117,22 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
     let frames = frames();
     for reassign in POLICIES {
         for precision in [Precision::Mixed, Precision::F32, Precision::F64] {
-            let overrides = Overrides {
+            let overrides = PaperOverrides {
                 reassign: Some(reassign),
                 precision: Some(precision),
-                ..Overrides::default()
+                ..PaperOverrides::default()
             };
             let half = trained(&overrides, &frames[..2]);
-            let mut other =
-                Engine::restore(&config(&overrides), half.state(), half.frames()).unwrap();
+            let mut other = engine::restore(
+                &config(&overrides),
+                half.state(),
+                half.frames(),
+                Normalization::IDENTITY,
+            )
+            .unwrap();
             assert!(other.state() == half.state());
             for frame in &frames[2..] {
-                other.train(frame).unwrap();
+                other.learn(frame).unwrap();
             }
             assert!(other.state() == state(&overrides, &frames), "{reassign:?}, {precision:?}");
         }
@@ -134,10 +142,10 @@ fn a_restored_engine_goes_on_to_the_same_bits() {
 #[test]
 fn the_grid_and_the_tree_agree_in_f64() {
     let frames = frames();
-    let with = |index| Overrides {
+    let with = |index| PaperOverrides {
         index: Some(index),
         precision: Some(Precision::F64),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     assert!(state(&with(IndexKind::KdTree), &frames) == state(&with(IndexKind::Grid), &frames));
 }
@@ -146,12 +154,12 @@ fn the_grid_and_the_tree_agree_in_f64() {
 #[test]
 fn truncation_assigns_as_the_dense_e_step() {
     let frames = frames();
-    let with = |candidates, precision| Overrides {
+    let with = |candidates, precision| PaperOverrides {
         candidates: Some(candidates),
         precision: Some(precision),
         components: Some(1000),
         reassign: Some(ReassignPolicy::Off),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     for precision in [Precision::Mixed, Precision::F64] {
         let dense = state(&with(Candidates::Dense, precision), &frames[..1]);
@@ -163,11 +171,11 @@ fn truncation_assigns_as_the_dense_e_step() {
 #[test]
 fn precisions_stay_close_to_the_oracle() {
     let frames = frames();
-    let posteriors = |engine: Engine| -> Vec<_> {
+    let posteriors = |engine: Box<dyn PaperLearner>| -> Vec<_> {
         (0..engine.components()).map(|k| engine.posterior(k)).collect()
     };
-    let base = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
-    let f64 = Overrides { precision: Some(Precision::F64), ..base.clone() };
+    let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
+    let f64 = PaperOverrides { precision: Some(Precision::F64), ..base.clone() };
     let oracle = posteriors(trained(&f64, &frames));
     let mut single = vec![Operations::MIXED, Operations::F32];
     for operation in 0..4 {
@@ -179,7 +187,7 @@ fn precisions_stay_close_to_the_oracle() {
     }
     single.push(Operations::all(Width::F64, UpdateWidth::Fixed128));
     for operations in single {
-        let custom = Overrides { operations: Some(operations), ..base.clone() };
+        let custom = PaperOverrides { operations: Some(operations), ..base.clone() };
         let found = posteriors(trained(&custom, &frames));
         for (k, (a, b)) in oracle.iter().zip(&found).enumerate() {
             assert_eq!(a.count, b.count, "{operations:?}, component {k}");
@@ -213,14 +221,14 @@ fn points_that_are_no_numbers_are_left_out() {
     }
     for precision in [Precision::Mixed, Precision::F64] {
         for statistics in [StatisticsForm::Fused, StatisticsForm::Unfused] {
-            let overrides = Overrides {
+            let overrides = PaperOverrides {
                 precision: Some(precision),
                 statistics: Some(statistics),
                 reassign: Some(ReassignPolicy::Off),
-                ..Overrides::default()
+                ..PaperOverrides::default()
             };
             let mut engine = trained(&overrides, &[]);
-            let outcome = engine.train(&dirty).unwrap();
+            let outcome = engine.learn(&dirty).unwrap();
             // 1e30 has a square in f64.
             let left_out = if precision == Precision::F64 { 4 } else { 5 };
             assert_eq!(outcome.points, dirty.len() - left_out);

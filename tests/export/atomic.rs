@@ -2,7 +2,7 @@
 
 use std::io;
 use std::path::Path;
-use vbgs_studio::export::atomic::write_atomic;
+use vbgs_studio::export::atomic::{write_atomic, write_keeping_old};
 use vbgs_studio::export::{Fault, Format, WriteOptions, write};
 
 fn names(folder: &Path) -> Vec<String> {
@@ -81,4 +81,88 @@ fn exports_are_as_readable_as_ordinary_files() {
     std::fs::write(&ordinary, "x").unwrap();
     let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
     assert_eq!(mode(&ours), mode(&ordinary));
+}
+
+/// After a save that failed, the checkpoint and its `.bak` are one file: the next saves must not
+/// write to either.
+#[test]
+fn saves_that_fail_again_and_again_leave_the_file_and_its_backup() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.vbgs");
+    let backup = folder.path().join("run.vbgs.bak");
+    let text = |path: &Path| std::fs::read_to_string(path).unwrap();
+    write_keeping_old(&path, |out| out.write_all(b"first")).unwrap();
+    assert!(!backup.exists(), "nothing older");
+    write_keeping_old(&path, |out| out.write_all(b"second")).unwrap();
+    assert_eq!((text(&path), text(&backup)), ("second".into(), "first".into()));
+    for save in 0..4 {
+        let error = write_keeping_old(&path, |out| {
+            out.write_all(&[0; 100])?;
+            Err(io::ErrorKind::StorageFull.into())
+        })
+        .unwrap_err();
+        assert!(matches!(error.fault, Fault::DiskFull { written: 100 }), "{error}");
+        assert_eq!((text(&path), text(&backup)), ("second".into(), "second".into()), "{save}");
+        assert_eq!(names(folder.path()), ["run.vbgs", "run.vbgs.bak"]);
+    }
+    write_keeping_old(&path, |out| out.write_all(b"third")).unwrap();
+    assert_eq!((text(&path), text(&backup)), ("third".into(), "second".into()));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_stays_one_and_its_file_is_replaced() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let far = folder.path().join("far");
+    std::fs::create_dir(&far).unwrap();
+    let link = folder.path().join("link.vbgs");
+    symlink("next.vbgs", &link).unwrap();
+    symlink("far/real.vbgs", folder.path().join("next.vbgs")).unwrap();
+    for (text, in_far) in [
+        ("first", &["real.vbgs"][..]),
+        ("second", &["real.vbgs", "real.vbgs.bak"]),
+        ("third", &["real.vbgs", "real.vbgs.bak"]),
+    ] {
+        write_keeping_old(&link, |out| out.write_all(text.as_bytes())).unwrap();
+        assert_eq!(std::fs::read_to_string(far.join("real.vbgs")).unwrap(), text);
+        assert!(link.is_symlink() && folder.path().join("next.vbgs").is_symlink());
+        assert_eq!(names(&far), in_far);
+    }
+    assert_eq!(std::fs::read_to_string(far.join("real.vbgs.bak")).unwrap(), "second");
+    assert_eq!(names(folder.path()), ["far", "link.vbgs", "next.vbgs"]);
+
+    let circle = folder.path().join("circle");
+    symlink("circle", &circle).unwrap();
+    let error = write_atomic(&circle, |out| out.write_all(b"x")).unwrap_err();
+    assert!(matches!(error.fault, Fault::Io { action: "follow this link", .. }), "{error}");
+    let nowhere = folder.path().join("nowhere");
+    symlink("missing/a", &nowhere).unwrap();
+    let error = write_atomic(&nowhere, |out| out.write_all(b"x")).unwrap_err();
+    assert!(matches!(&error.fault, Fault::NoFolder { folder } if folder.ends_with("missing")));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_fifo_and_a_device_are_written_to_and_stay() {
+    use std::os::unix::fs::FileTypeExt;
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo");
+    let made = std::process::Command::new("mkfifo").arg(&fifo).status().unwrap();
+    assert!(made.success());
+    let reader = std::thread::spawn({
+        let fifo = fifo.clone();
+        move || std::fs::read(fifo).unwrap()
+    });
+    let content = vec![7; 200_000]; // more than a pipe holds
+    assert_eq!(write_keeping_old(&fifo, |out| out.write_all(&content)).unwrap(), 200_000);
+    assert_eq!(reader.join().unwrap(), content);
+    assert!(std::fs::metadata(&fifo).unwrap().file_type().is_fifo());
+    assert_eq!(names(folder.path()), ["fifo"]);
+
+    let link = folder.path().join("null");
+    std::os::unix::fs::symlink("/dev/null", &link).unwrap();
+    assert_eq!(write_atomic(&link, |out| out.write_all(b"gone")).unwrap(), 4);
+    assert!(link.is_symlink());
+    assert!(std::fs::metadata("/dev/null").unwrap().file_type().is_char_device());
 }

@@ -13,8 +13,8 @@ use vbgs_studio::export::{Axes, Format, WriteOptions};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::{Appearance, SplatSet};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
 

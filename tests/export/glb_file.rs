@@ -1,7 +1,7 @@
 //! A minimal GLB reader and editor that shares no code with the library's.
 
 use serde_json::Value;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// JSON and BIN content of a GLB.
 #[derive(Clone)]

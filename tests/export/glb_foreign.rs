@@ -7,7 +7,7 @@ use super::{assert_fails, distance, random_splats, read_bytes, written_as};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 use vbgs_studio::export::{Format, ModelKind, Note, read};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 const ROTATION: &str = "KHR_gaussian_splatting:ROTATION";
 const SCALE: &str = "KHR_gaussian_splatting:SCALE";

@@ -6,9 +6,9 @@ use serde_json::Value;
 use std::path::Path;
 use vbgs_studio::export::{Axes, Format, WriteOptions, read};
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::splats::{CovarianceForm, Splat, decompose};
+use vbgs_studio::model::splat::splats::{CovarianceForm, Splat, decompose};
 
-/// Factor the reference exporter puts on its scales (`export.md` 0).
+/// Factor the reference exporter puts on its scales (`model.md`, From posterior to splat).
 const LEGACY_SCALE_FACTOR: f64 = 1.41;
 /// A [`Splat`] holds f32 and the golden files were made from f64: where a field passes through
 /// `(c − ½)/C0` or a logit, the last two bits may differ.
@@ -121,7 +121,7 @@ fn f32s(folder: &Path, name: &str) -> Vec<f64> {
     bytes.as_chunks().0.iter().map(|&b| f64::from(f32::from_le_bytes(b))).collect()
 }
 
-/// Tolerances of `golden/README.md`.
+/// Tolerances of the golden files.
 #[test]
 fn reference_scales_quaternions_and_eigenvalues() {
     let Some(folder) = golden("splat") else { return };

@@ -20,8 +20,8 @@ mod round_trip;
 use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read, write};
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
+use vbgs_studio::model::splat::splats::Splat;
 
 /// A path under the golden folder, or `None` if it is not there.
 fn golden(name: &str) -> Option<PathBuf> {

@@ -1,4 +1,5 @@
-//! Native splats as plain ones: areas, moments and colours as `accuracy.md` 6 has them.
+//! Native splats as plain ones: areas, moments and colours as `export.md`, Native splats as plain
+//! ones, has them.
 
 use super::{distance, read_bytes, set, written};
 use crate::common::scenes::{NATIVE_SCENES, Scene, random_appearance};
@@ -8,8 +9,8 @@ use vbgs_studio::export::{Format, WriteOptions, write};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::{Appearance, SplatSet, SplatView};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{Method, RenderOptions};
 
@@ -285,8 +286,8 @@ fn textured_plane() -> SplatSet {
     discs
 }
 
-/// The table of `accuracy.md` 6 in small: splits bring gradients back, and no mapping opens
-/// holes.
+/// The figures of `export.md`, Native splats as plain ones, in small: splits bring gradients back,
+/// and no mapping opens holes.
 #[test]
 fn mapped_scenes_look_like_native_ones() {
     let eye = DVec3::new(1.5, -2.0, 3.0);

@@ -6,7 +6,7 @@ use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
 use vbgs_studio::export::{Axes, Format, ModelKind, WriteOptions};
 use vbgs_studio::math::image::unit_to_byte;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 fn parse(bytes: &[u8]) -> Ply<DefaultElement> {
     Parser::<DefaultElement>::new().read_ply(&mut &bytes[..]).unwrap()

@@ -1,8 +1,8 @@
-//! What is written comes back (`export.md`, tests: mean exact, the rest to 1e-6).
+//! What is written comes back (`export.md`, From splat to file: mean exact, the rest to 1e-6).
 
 use super::{distance, random_splats, read_bytes, written};
 use vbgs_studio::export::{Axes, Format, ModelKind, Note, WriteOptions, read_up_to, write};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// The tolerances of a round trip.
 pub fn assert_same(a: &Splat, b: &Splat, name: &str) {

@@ -7,7 +7,7 @@ use crate::common::scenes::{exact, random_rotation};
 use glam::DVec3;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, Method, RenderOptions, Response};
 
 const N_SPLATS: usize = 250;

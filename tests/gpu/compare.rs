@@ -3,10 +3,10 @@
 use crate::common::oracle::{Oracle, Sample};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::{ALPHA_CUT, RenderOptions};
 
-/// Of `rendering.md` (g): half-float accumulation.
+/// Of `rendering.md`, Tolerances: half-float accumulation.
 pub const TOLERANCE: f64 = 4e-3;
 /// Every layer rounds: where many lie over each other a few pixels may be this far off.
 const LOOSE: f64 = 1e-2;

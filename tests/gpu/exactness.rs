@@ -2,7 +2,7 @@
 
 use super::device::Gpu;
 use crate::common::exactness::{Tolerance, check};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::renderer::Path;
 
 /// Half floats hold alpha to 5e-4; a real driver's arithmetic adds a little.

@@ -4,7 +4,7 @@ use super::device::Gpu;
 use crate::common::oracle::{Oracle, Sample};
 use crate::common::render_cases::{GoldenView, golden_views};
 use std::collections::BTreeMap;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::GpuError;
 use vbgs_studio::render::{ALPHA_CUT, TRANSMITTANCE_STOP};
 

@@ -3,7 +3,7 @@
 use super::compare::{TOLERANCE, error, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, camera, outside, random_scene};
 use glam::DVec3;
-use vbgs_studio::model::splats::{MAX_LENGTH, Splat};
+use vbgs_studio::model::splat::splats::{MAX_LENGTH, Splat};
 use vbgs_studio::render::{Method, RenderOptions};
 
 #[test]

@@ -6,9 +6,9 @@ use crate::common::scenes::{NATIVE_SCENES, SCENES, camera_of, exact, options, ra
 use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::model::appearance::{Finishing, SplatSet, SplatView};
-use vbgs_studio::model::scene::exposure::{Exposure, ExposureLog};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
+use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
@@ -79,7 +79,7 @@ fn every_method_finishes_pixels() {
     let Some(gpu) = Gpu::new() else { return };
     let splats = NATIVE_SCENES[1].splats(9);
     let appearance = random_appearance(&splats, 9);
-    let frames = vec![Exposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
+    let frames = vec![FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
     let exposures = Some(Arc::new(ExposureLog::new(frames, 0.1)));
     let set = SplatSet::new(splats, appearance).finished(Finishing { closing: 0.4, exposures });
     for method in METHODS {

@@ -7,13 +7,13 @@ use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::gpu::renderer::Path;
 use vbgs_studio::render::{Method, RenderOptions};
-use vbgs_studio::train::config::{Overrides, ReassignPolicy, TrainConfig};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 
 /// Frames learnt: enough to cover every side.
 const N_FRAMES: usize = 60;
@@ -53,8 +53,9 @@ fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
     let camera = dataset.splits[val].frames[0].camera;
     let selection = Selection { max_frames: Some(N_FRAMES), ..Selection::everything() };
     // Without reassignment a seventh of the components is used, which the oracle can draw.
-    let overrides = Overrides { reassign: Some(ReassignPolicy::Off), ..Overrides::default() };
-    let config = TrainConfig::paper().with(&overrides).unwrap();
+    let overrides =
+        PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
+    let config = PaperConfig::paper().with(&overrides).unwrap();
     let mut session = Session::new(dataset, config, selection).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     let splats: Vec<Splat> =

@@ -3,8 +3,8 @@
 use super::compare::{assert_close, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{Look, Method, Paint, RenderOptions};
 
 /// Two compilations of the same formulas may round apart, by one step of a half float.

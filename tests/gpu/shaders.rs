@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::mem::offset_of;
 use std::path::Path;
-use vbgs_studio::model::appearance::GRADIENT_LIMIT;
+use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
 use vbgs_studio::render::compare::OUTSIDE;
 use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
@@ -190,9 +190,9 @@ fn shared_structs_agree_with_rust() {
         let fields: Vec<_> = fields.into_iter().map(|(f, at)| (f.to_owned(), at)).collect();
         assert_eq!(theirs[name], (size, fields), "{name}");
     }
-    assert_eq!(size_of::<GpuSplat>(), 64, "rendering.md (d)");
-    assert_eq!(size_of::<GpuAppearance>(), 80, "rendering.md (h)");
-    assert!(size_of::<View>() <= 256, "rendering.md (d)");
+    assert_eq!(size_of::<GpuSplat>(), 64, "`rendering.md`, Splat record");
+    assert_eq!(size_of::<GpuAppearance>(), 80, "`rendering.md`, Splat record");
+    assert!(size_of::<View>() <= 256, "`rendering.md`, Splat record");
 }
 
 /// Files of the tile path that others are built on.

@@ -3,8 +3,8 @@
 use super::compare::largest_difference;
 use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
-use vbgs_studio::model::appearance::{Appearance, SplatView};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::GpuError;
 use vbgs_studio::render::gpu::scene::OrderOf;
 

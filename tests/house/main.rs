@@ -12,6 +12,7 @@ mod rules;
 mod sizes;
 mod tokens;
 mod uses;
+mod words;
 
 use std::collections::BTreeSet;
 use std::fs;

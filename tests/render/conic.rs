@@ -1,5 +1,6 @@
-//! The rational conic and the tight bounds that fast renderers compute with (`rendering.md` (c),
-//! tests 6 and 7), written down here from the specification and held to the oracle's vector form.
+//! The rational conic and the tight bounds that fast renderers compute with (`rendering.md`,
+//! Rational conic), written down here from the specification and held to the
+//! oracle's vector form.
 
 use crate::common::oracle::{Oracle, SplatF64};
 use crate::common::scenes::exact;

@@ -17,7 +17,7 @@ fn the_oracle_is_exact() {
     report("oracle", &figures);
 }
 
-/// `rendering.md` (c): the rational form in f32 errs by up to 1.9e-5.
+/// `rendering.md`, Rational conic: the rational form in f32 errs by up to 1.9e-5.
 #[test]
 fn the_cpu_renderer_is_exact() {
     let tolerance = Tolerance { alpha: 2e-5, cut_band: 1e-3 };

@@ -5,9 +5,9 @@ use crate::common::oracle::{Oracle, Sample};
 use crate::common::render_cases::{GoldenView, golden_views};
 use crate::draw;
 use std::collections::BTreeMap;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 
-/// Tolerances of `rendering.md` (g).
+/// Of `rendering.md`, Tolerances.
 const F64_TOLERANCE: f64 = 1e-9;
 const F32_TOLERANCE: f64 = 2e-5;
 /// Depth in f32, relative: the quotient by a coverage of 1/255 keeps five digits.

@@ -6,7 +6,7 @@ use glam::DVec3;
 use proptest::prelude::*;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::model::splats::{MAX_LENGTH, Splat};
+use vbgs_studio::model::splat::splats::{MAX_LENGTH, Splat};
 use vbgs_studio::render::cpu::Rendered;
 use vbgs_studio::render::{Method, RenderOptions, Response};
 

@@ -6,8 +6,8 @@ use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
 use vbgs_studio::render::{Antialias, Method, RenderOptions};
 

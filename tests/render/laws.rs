@@ -1,4 +1,4 @@
-//! What the exact renderer's response is by definition (`rendering.md` (c), tests 1 to 5), on the
+//! What the exact renderer's response is by definition (`rendering.md`, Exact renderer), on the
 //! oracle.
 
 use crate::common::oracle::{Oracle, SplatF64};
@@ -8,7 +8,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
 const RAY: Method = exact(Response::Ray, Antialias::None, Lens::Pinhole);

@@ -7,8 +7,8 @@ use crate::{agreement, ball};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{Look, Method, Paint, RenderOptions, paint};
 
 fn image<'a>(splats: impl Into<SplatView<'a>>, method: Method, look: Look) -> Image<Sample> {

@@ -18,8 +18,8 @@ mod native;
 use common::agreement::{Agreement, samples};
 use common::oracle::Oracle;
 use vbgs_studio::math::camera::Camera;
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
 
@@ -32,7 +32,7 @@ fn draw<'a>(
     CpuRenderer::new().render(splats, camera, options)
 }
 
-/// Of `rendering.md` (g).
+/// Of `rendering.md`, Tolerances.
 const F32_TOLERANCE: f64 = 1e-4;
 
 /// How a whole image of the CPU renderer agrees with the oracle's.

@@ -1,5 +1,5 @@
-//! Splats that carry more than one colour (`rendering.md` (h)): the oracle by its definition, the CPU
-//! renderer by the oracle.
+//! Splats that carry more than one colour (`rendering.md`, Native appearance): the oracle by its
+//! definition, the CPU renderer by the oracle.
 
 use crate::agreement;
 use crate::common::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
@@ -11,9 +11,9 @@ use glam::{DVec2, DVec3};
 use std::sync::Arc;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::model::appearance::{Appearance, Finishing, SplatSet, SplatView};
-use vbgs_studio::model::scene::exposure::{Exposure, ExposureLog};
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet, SplatView};
+use vbgs_studio::model::splat::exposure::{Exposure, ExposureLog};
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::finish::Exposing;
 use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
 
@@ -55,7 +55,7 @@ fn finished_images_agree_with_the_oracle() {
     for (seed, scene) in NATIVE_SCENES.iter().enumerate() {
         let splats = scene.splats(40 + seed as u64);
         let appearance = random_appearance(&splats, 40 + seed as u64);
-        let frames = vec![Exposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
+        let frames = vec![FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
         let finishing =
             Finishing { closing: 0.4, exposures: Some(Arc::new(ExposureLog::new(frames, 0.1))) };
         let set = SplatSet::new(splats, appearance).finished(finishing);

@@ -15,7 +15,7 @@ pub struct Adapters<'a> {
 
 /// What the user asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Asked {
+pub enum AdapterRequest {
     /// A new window on another adapter.
     Adapter(AdapterChoice),
     /// Another try with the GPU of this window.
@@ -23,7 +23,7 @@ pub enum Asked {
 }
 
 /// Draws the panel.
-pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<Asked> {
+pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
     let mut asked = None;
     ui.label(RichText::new("Graphics adapter").strong());
     let switch = "Closes this window and opens one on this adapter; training goes on meanwhile";
@@ -32,16 +32,16 @@ pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<Asked> {
         let name = adapter.to_string();
         let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
         if clicked && !is_current {
-            asked = Some(Asked::Adapter(AdapterChoice::Named(name)));
+            asked = Some(AdapterRequest::Adapter(AdapterChoice::Named(name)));
         }
     }
     if ui.button("Choose automatically").on_hover_text(switch).clicked() {
-        asked = Some(Asked::Adapter(AdapterChoice::Auto));
+        asked = Some(AdapterRequest::Adapter(AdapterChoice::Auto));
     }
     if adapters.gpu_failed {
         ui.add(Label::new("The GPU failed, so the CPU draws the scene.").wrap());
         if ui.button("Retry GPU").on_hover_text("Builds everything on the GPU again").clicked() {
-            asked = Some(Asked::RetryGpu);
+            asked = Some(AdapterRequest::RetryGpu);
         }
     }
     asked

@@ -1,31 +1,23 @@
 //! Where the milliseconds go: a stacked area over the latest frames, and a table.
 
-use crate::app::drawing::{DrawHistory, Drawer, Stage};
+use crate::app::drawing::{DrawHistory, DrawStage, Drawer};
 use crate::app::state::Snapshot;
 use crate::eval::report::{FrameReport, quantile};
-use crate::train::timing::StageMs;
+use crate::train::stages::{MAX_STAGES, TrainStage};
 use eframe::egui::{Align, Color32, Grid, Layout, Response, RichText, ScrollArea, Sense, Ui, Vec2};
 use egui_plot::{FilledArea, Plot};
 
-/// Colours of the stages, in the order of [`StageMs::NAMES`]; told apart by people with red-green
-/// blindness too (Okabe and Ito 2008).
-const COLORS: [Color32; 5] = [
+/// Colours of the stages, in the order they run; told apart by people with red-green blindness too
+/// (Okabe and Ito 2008).
+const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(86, 180, 233),
     Color32::from_rgb(230, 159, 0),
     Color32::from_rgb(0, 158, 115),
     Color32::from_rgb(240, 228, 66),
     Color32::from_rgb(213, 94, 0),
+    Color32::from_rgb(204, 121, 167),
+    Color32::from_rgb(0, 114, 178),
 ];
-
-/// What the stages are called on screen.
-type Labels = [&'static str; StageMs::NAMES.len()];
-
-fn labels(snapshot: &Snapshot) -> Labels {
-    match snapshot.opened.as_ref().and_then(|opened| opened.scene()) {
-        None => ["Candidate search", "E-step", "Statistics", "Update", "Reassignment"],
-        Some(_) => ["Assignment", "Refinement and gain", "Sums", "Visibility", "Births"],
-    }
-}
 
 /// Draws the panel.
 pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
@@ -34,14 +26,14 @@ pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
             ui.label("Timings of training appear with the first trained frame.");
         } else {
             ui.label(RichText::new("Milliseconds of training per frame").weak());
-            plot(&snapshot.recent, labels(snapshot), ui);
+            plot(&snapshot.recent, ui);
         }
         ui.add_space(6.0);
         Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(
             ui,
             |ui| {
                 if !snapshot.recent.is_empty() {
-                    training_rows(&snapshot.recent, labels(snapshot), ui);
+                    training_rows(&snapshot.recent, ui);
                 }
                 if drawn.samples().len() > 0 {
                     drawing_rows(drawn, ui);
@@ -62,7 +54,7 @@ pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
     });
 }
 
-fn plot(frames: &[FrameReport], labels: Labels, ui: &mut Ui) {
+fn plot(frames: &[FrameReport], ui: &mut Ui) {
     let x: Vec<f64> = frames.iter().map(|f| f.index as f64).collect();
     let mut below = vec![0.0; frames.len()];
     // The top of the axis leaves out the slowest frames: one hiccup must not flatten the rest.
@@ -79,25 +71,22 @@ fn plot(frames: &[FrameReport], labels: Labels, ui: &mut Ui) {
         .x_axis_label("frame")
         .show(ui, |plot| {
             plot.set_plot_bounds_y(0.0..=top);
-            for stage in 0..StageMs::NAMES.len() {
-                let above: Vec<f64> = frames
-                    .iter()
-                    .zip(&below)
-                    .map(|(f, b)| b + f.ms.stages.stages()[stage])
-                    .collect();
-                let area = FilledArea::new(labels[stage], &x, &below, &above)
-                    .fill_color(COLORS[stage].gamma_multiply(0.85));
+            for (at, stage) in stages(frames).iter().enumerate() {
+                let above: Vec<f64> =
+                    frames.iter().zip(&below).map(|(f, b)| b + f.ms.stages.values()[at]).collect();
+                let area = FilledArea::new(stage.label, &x, &below, &above)
+                    .fill_color(COLORS[at].gamma_multiply(0.85));
                 plot.add(area);
                 below = above;
             }
         });
 }
 
-fn training_rows(frames: &[FrameReport], labels: Labels, ui: &mut Ui) {
+fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
     headings("Training, ms", ui);
-    for stage in 0..StageMs::NAMES.len() {
-        let values = frames.iter().map(|f| f.ms.stages.stages()[stage]);
-        row(ui, Some(COLORS[stage]), labels[stage], values);
+    for (at, stage) in stages(frames).iter().enumerate() {
+        let values = frames.iter().map(|f| f.ms.stages.values()[at]);
+        row(ui, Some(COLORS[at]), stage.label, values).on_hover_text(stage.what);
     }
     row(ui, None, "Total", frames.iter().map(|f| f.ms.stages.train));
     let beside = "Done on another thread where the machine has a core to spare, else between two \
@@ -110,7 +99,7 @@ fn training_rows(frames: &[FrameReport], labels: Labels, ui: &mut Ui) {
 /// What pictures of the viewport take.
 fn drawing_rows(drawn: &DrawHistory, ui: &mut Ui) {
     headings("Drawing, ms", ui);
-    for stage in Stage::ALL {
+    for stage in DrawStage::ALL {
         let values: Vec<f64> = drawn.samples().filter_map(|s| s.ms(stage)).collect();
         if !values.is_empty() {
             row(ui, None, stage.label(), values.into_iter());
@@ -156,13 +145,24 @@ fn number(ui: &mut Ui, text: RichText) {
     ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(text));
 }
 
+/// The stages of the preset that trained these frames.
+fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
+    frames.first().map_or(&[], |frame| frame.ms.stages.names())
+}
+
 fn csv(frames: &[FrameReport]) -> String {
-    let mut text = format!("frame,points,load,prepare,{},train\n", StageMs::NAMES.join(","));
+    let names: Vec<&str> = stages(frames).iter().map(|stage| stage.key).collect();
+    let mut text = format!("frame,points,load,prepare,{},train\n", names.join(","));
     for f in frames {
-        let stages = f.ms.stages.stages().map(|ms| format!("{ms:.4}")).join(",");
+        let stages: Vec<_> = f.ms.stages.values().iter().map(|ms| format!("{ms:.4}")).collect();
         let line = format!(
-            "{},{},{:.4},{:.4},{stages},{:.4}\n",
-            f.index, f.points, f.ms.load, f.ms.prepare, f.ms.stages.train
+            "{},{},{:.4},{:.4},{},{:.4}\n",
+            f.index,
+            f.points,
+            f.ms.load,
+            f.ms.prepare,
+            stages.join(","),
+            f.ms.stages.train
         );
         text.push_str(&line);
     }
@@ -171,11 +171,11 @@ fn csv(frames: &[FrameReport]) -> String {
 
 /// A second block, since pictures are not frames of the training.
 fn drawing_csv(drawn: &DrawHistory) -> String {
-    let names = Stage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
+    let names = DrawStage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
     let mut text = format!("\npicture,{names},uploaded bytes\n");
     for (i, sample) in drawn.samples().enumerate() {
         let cell = |stage| sample.ms(stage).map_or_else(String::new, |ms| format!("{ms:.4}"));
-        let stages = Stage::ALL.map(cell).join(",");
+        let stages = DrawStage::ALL.map(cell).join(",");
         text.push_str(&format!("{i},{stages},{}\n", sample.uploaded_bytes));
     }
     text
@@ -186,10 +186,13 @@ mod tests {
     use super::*;
     use crate::app::drawing::DrawSample;
     use crate::eval::report::FrameMs;
+    use crate::train::stages::PAPER_STAGES;
+    use crate::train::timing::StageMs;
 
     #[test]
     fn csv_has_a_column_per_heading() {
-        let stages = StageMs { candidates: 1.0, train: 2.5, ..StageMs::default() };
+        let mut stages = StageMs::new(&PAPER_STAGES);
+        stages.add(0, 1.0);
         let frame = FrameReport {
             index: 3,
             frame: "r_3".into(),
@@ -197,7 +200,9 @@ mod tests {
             points_dropped: 0,
             components: 5,
             used: 2,
+            born: 0,
             reassigned: 0,
+            merged: 0,
             elbo_mean: 0.0,
             ms: FrameMs { load: 0.5, prepare: 0.25, stages },
         };
@@ -211,8 +216,8 @@ mod tests {
     fn pictures_leave_stages_empty_that_did_not_happen() {
         let mut drawn = DrawHistory::new(Drawer::Gpu);
         let mut sample = DrawSample::new(640);
-        sample.add(Stage::Order, Some(0.5));
-        sample.add(Stage::Draw, Some(1.25));
+        sample.add(DrawStage::Order, Some(0.5));
+        sample.add(DrawStage::Draw, Some(1.25));
         drawn.push(sample);
         let text = drawing_csv(&drawn);
         let lines: Vec<&str> = text.lines().collect();

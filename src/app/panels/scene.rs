@@ -1,4 +1,4 @@
-//! What is open: the facts of the dataset or model, and the frames that were skipped.
+//! What is open: what is known of the dataset or model, and the frames that were skipped.
 
 use crate::app::state::Snapshot;
 use eframe::egui::{Grid, RichText, ScrollArea, Ui};
@@ -10,8 +10,8 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
         return;
     };
     ScrollArea::vertical().show(ui, |ui| {
-        Grid::new("facts").num_columns(2).striped(true).show(ui, |ui| {
-            for (label, value) in &opened.facts {
+        Grid::new("info").num_columns(2).striped(true).show(ui, |ui| {
+            for (label, value) in &opened.info {
                 ui.label(RichText::new(label).weak());
                 ui.add(eframe::egui::Label::new(value).wrap());
                 ui.end_row();

@@ -1,6 +1,6 @@
 //! How scenes are trained and how the viewport draws them, all in one place.
 
-use super::adapter::{self, Adapters, Asked};
+use super::adapter::{self, AdapterRequest, Adapters};
 use super::training;
 use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
@@ -11,7 +11,7 @@ use crate::render::{Antialias, Lens, Renderer};
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, Ui};
 
 /// What the panel says beside the settings.
-pub struct Surroundings<'a> {
+pub struct SettingsContext<'a> {
     /// Who draws the scene.
     pub adapter: &'a str,
     /// Vertical field of view of the scene's own camera, degrees.
@@ -22,10 +22,10 @@ pub struct Surroundings<'a> {
 pub fn ui(
     settings: &mut ViewSettings,
     train_settings: &mut TrainSettings,
-    surroundings: &Surroundings<'_>,
+    surroundings: &SettingsContext<'_>,
     adapters: Option<&Adapters<'_>>,
     ui: &mut Ui,
-) -> Option<Asked> {
+) -> Option<AdapterRequest> {
     let mut asked = None;
     ScrollArea::vertical().show(ui, |ui| {
         section(ui, "Training");

@@ -3,11 +3,11 @@
 use crate::app::state::{RunState, Snapshot};
 use crate::eval::report::quantile;
 use crate::pipeline::machine;
-use crate::pipeline::method::Method;
+use crate::pipeline::settings::method::Method;
 use eframe::egui::{Color32, Label, RichText, Ui};
 
 /// What the line says beside the snapshot.
-pub struct Surroundings<'a> {
+pub struct StatusContext<'a> {
     /// Who draws the scene.
     pub adapter: &'a str,
     /// Splats in the picture.
@@ -15,7 +15,7 @@ pub struct Surroundings<'a> {
 }
 
 /// Draws the line.
-pub fn ui(snapshot: &Snapshot, surroundings: &Surroundings, ui: &mut Ui) {
+pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) {
     ui.horizontal(|ui| {
         ui.label(RichText::new(snapshot.state.label()).strong().color(color(snapshot.state)));
         if snapshot.frames_per_s > 0.0 {

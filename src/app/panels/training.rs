@@ -1,9 +1,11 @@
 //! How what is opened or reset next is trained.
 
 use crate::app::training::TrainSettings;
-use crate::pipeline::scene::{Budget, DEFAULT_PIXELS, SceneOverrides, StructuralScale};
-use crate::train::config::Preset;
-use crate::train::scene::config::{BirthRule, MOST_COMPONENTS};
+use crate::pipeline::settings::scene::{
+    Budget, DEFAULT_PIXELS, NEARER_SHARE, SceneOverrides, StructuralScale,
+};
+use crate::train::paper::config::Preset;
+use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use eframe::egui::{Button, DragValue, Grid, RichText, Ui};
 use std::ops::RangeInclusive;
 
@@ -36,9 +38,10 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
 }
 
 fn scale(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.label("Structural scale").on_hover_text(
-        "Largest distance of a point from the seed of its component, in pixels at the distance that nine tenths of the points are nearer than",
-    );
+    ui.label("Structural scale").on_hover_text(format!(
+        "Largest distance of a point from the seed of its component, in pixels at the distance that {:.0} % of the points are nearer than",
+        100.0 * NEARER_SHARE
+    ));
     ui.horizontal(|ui| {
         let mut pixels = match scene.scale {
             Some(StructuralScale::Pixels(n)) => n,
@@ -89,7 +92,8 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
         }
         if let Some(budget) = scene.budget {
             let mut components = budget.components();
-            let value = DragValue::new(&mut components).range(1..=MOST_COMPONENTS).speed(100.0);
+            let value =
+                DragValue::new(&mut components).range(1..=DEFAULT_MAX_COMPONENTS).speed(100.0);
             if ui.add(value.suffix(" components")).changed() {
                 scene.budget = Some(Budget::Components(components));
             }

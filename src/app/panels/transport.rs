@@ -1,18 +1,18 @@
 //! The bar at the top: name, transport buttons, progress.
 
-use crate::app::command::Command;
+use crate::app::command::UiCommand;
 use crate::app::state::{RunState, Snapshot};
 use eframe::egui::{Button, ProgressBar, RichText, Ui};
 
 /// Buttons in the order they stand.
-const BUTTONS: [&[Command]; 3] = [
-    &[Command::Open, Command::OpenDemo, Command::Save, Command::Export],
-    &[Command::Train, Command::Step, Command::Reset],
-    &[Command::FrameScene, Command::Home, Command::Help],
+const BUTTONS: [&[UiCommand]; 3] = [
+    &[UiCommand::Open, UiCommand::OpenDemo, UiCommand::Save, UiCommand::Export],
+    &[UiCommand::Train, UiCommand::Step, UiCommand::Reset],
+    &[UiCommand::FrameScene, UiCommand::Home, UiCommand::Help],
 ];
 
 /// Draws the bar.
-pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<Command> {
+pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
         for (i, group) in BUTTONS.iter().enumerate() {
@@ -22,7 +22,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<Command> {
             for &command in *group {
                 // Train and Pause share one place.
                 let command = match (command, snapshot.state) {
-                    (Command::Train, RunState::Training) => Command::Pause,
+                    (UiCommand::Train, RunState::Training) => UiCommand::Pause,
                     (other, _) => other,
                 };
                 if button(snapshot, ui, command) {
@@ -46,7 +46,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<Command> {
     asked
 }
 
-fn button(snapshot: &Snapshot, ui: &mut Ui, command: Command) -> bool {
+fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
     let legal = command.is_legal(snapshot.state, snapshot.source);
     let response = ui.add_enabled(legal, Button::new(command.label()));
     response.on_hover_text(command.hint(ui.ctx())).clicked()

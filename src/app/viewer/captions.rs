@@ -1,9 +1,9 @@
 //! What is written over the picture: which is which, how well the photograph is met, what to do.
 
 use super::mode::ViewMode;
-use super::photo::Sight;
-use super::shot::{Partner, Second, Shot};
-use super::{Place, SceneView, fates, overlay};
+use super::photo::PhotoResult;
+use super::picture_request::{ComparedPicture, Partner, PictureRequest};
+use super::{Place, SceneView, overlay, pixel_status};
 use crate::render::Renderer;
 use crate::render::compare::Combination;
 use eframe::egui::{Align2, Rect, Ui, Vec2};
@@ -18,11 +18,11 @@ impl SceneView {
         &mut self,
         ui: &mut Ui,
         rect: Rect,
-        shot: &Shot,
-        sight: Option<Result<Sight, String>>,
+        request: &PictureRequest,
+        result: Option<Result<PhotoResult, String>>,
     ) {
         let inner = rect.shrink(overlay::MARGIN);
-        if let Some(second) = &shot.second {
+        if let Some(second) = &request.second {
             let at = |share: [f32; 2]| rect.lerp_inside(Vec2::from(share));
             let compared = Rect::from_min_max(at(second.area.min), at(second.area.max));
             if let Combination::Wipe(_) = second.how
@@ -32,9 +32,9 @@ impl SceneView {
             }
             self.captions(ui, inner.intersect(compared.shrink(overlay::MARGIN)), second);
         }
-        let known = sight.as_ref().and_then(|s| s.as_ref().ok());
-        if let Some(fates) = known.and_then(|s| s.fates) {
-            fates::legend(&fates, inner.right_bottom(), ui);
+        let known = result.as_ref().and_then(|s| s.as_ref().ok());
+        if let Some(pixel_counts) = known.and_then(|s| s.pixel_counts) {
+            pixel_status::legend(&pixel_counts, inner.right_bottom(), ui);
         }
         let psnr = known.and_then(|s| s.psnr);
         if let Some(psnr) = psnr {
@@ -46,12 +46,12 @@ impl SceneView {
             let text = format!("PSNR {psnr:.2} dB");
             overlay::plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
         }
-        if let Some(text) = self.hint_now(ui, sight) {
+        if let Some(text) = self.hint_now(ui, result) {
             overlay::plate(ui, inner.center_bottom(), Align2::CENTER_BOTTOM, &text, "");
         }
     }
 
-    fn captions(&self, ui: &mut Ui, inner: Rect, second: &Second) {
+    fn captions(&self, ui: &mut Ui, inner: Rect, second: &ComparedPicture) {
         let own = renderer_label(self.settings.renderer);
         let gain = self.settings.difference_gain.round();
         let (left, right) = match (&second.partner, second.how) {
@@ -73,8 +73,8 @@ impl SceneView {
         }
     }
 
-    fn hint_now(&self, ui: &Ui, sight: Option<Result<Sight, String>>) -> Option<String> {
-        if let Some(Err(problem)) = sight {
+    fn hint_now(&self, ui: &Ui, result: Option<Result<PhotoResult, String>>) -> Option<String> {
+        if let Some(Err(problem)) = result {
             return Some(problem);
         }
         if let Some((text, since)) = &self.hint
@@ -83,7 +83,7 @@ impl SceneView {
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }
-        let is_away = self.mode.needs_stop() && self.place == Place::Free;
+        let is_away = self.mode.needs_frame() && self.place == Place::Free;
         is_away.then(|| "No photograph was taken from here: [ and ] go to one".to_owned())
     }
 }

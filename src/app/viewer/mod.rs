@@ -2,42 +2,42 @@
 //! has.
 
 mod captions;
-mod fates;
+pub mod frame_refs;
 pub mod mode;
 mod overlay;
 pub mod painter;
 mod photo;
+pub mod picture_request;
+mod pixel_status;
 pub mod settings;
-pub mod shot;
 mod steering;
-pub mod stops;
 pub mod toolbar;
 
 use super::camera::ViewCamera;
-use super::command::Command;
+use super::command::UiCommand;
 use super::drawing::DrawHistory;
-use super::feed::{Delivery, SplatChange};
 use super::palette::Palette;
 use super::panels::legend;
-use super::selection::Selection;
+use super::selection::SplatSelection;
 use super::software::Effort;
+use super::splat_updates::{SplatChange, SplatUpdate};
 use super::state::{Opened, RunState, Snapshot};
 use super::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
-use crate::model::appearance::SplatSet;
-use crate::model::splats::framing;
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::framing;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Lens, Renderer};
 use eframe::egui::{Rect, Sense, Ui, Vec2};
+use frame_refs::{Direction, FrameRef, fit};
 use mode::ViewMode;
-use painter::Painter;
-use photo::{PhotoDesk, Sight, Wanted};
+use painter::ViewPainter;
+use photo::{PhotoQuery, PhotoRequests, PhotoResult};
+use picture_request::{ComparedPicture, Partner, PictureRequest};
 use settings::ViewSettings;
-use shot::{Partner, Second, Shot};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use stops::{Direction, Stop, fit};
 
 /// How long after the last movement the picture is refined.
 const SETTLE: Duration = Duration::from_millis(150);
@@ -46,12 +46,12 @@ const SETTLE: Duration = Duration::from_millis(150);
 const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
 
 /// Where the camera stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 enum Place {
     /// Where it was steered to.
     Free,
     /// Exactly where a dataset's camera stood.
-    Stop(Stop),
+    At(FrameRef),
 }
 
 /// State of the central view.
@@ -59,22 +59,22 @@ pub struct SceneView {
     /// What the user chose.
     pub settings: ViewSettings,
     mode: ViewMode,
-    painter: Painter,
+    painter: ViewPainter,
     waker: Waker,
     camera: Option<ViewCamera>,
     place: Place,
     /// The dataset's camera visited last, from which stepping goes on.
-    latest_stop: Option<Stop>,
+    latest_frame: Option<FrameRef>,
     /// Share of the viewport's width at which a wipe changes over.
     divider: f32,
     /// Starts with the first photograph.
-    photos: Option<PhotoDesk>,
+    photos: Option<PhotoRequests>,
     hint: Option<(String, Instant)>,
     /// Serial of what the camera was set up for.
     serial: u64,
     /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
     palette: Palette,
-    selection: Selection,
+    selection: SplatSelection,
     moved_at: Instant,
     drawn: DrawHistory,
     gpu_failed: bool,
@@ -82,7 +82,7 @@ pub struct SceneView {
 
 impl SceneView {
     /// Starts at nothing.
-    pub fn new(painter: Painter, settings: ViewSettings, waker: Waker) -> Self {
+    pub fn new(painter: ViewPainter, settings: ViewSettings, waker: Waker) -> Self {
         Self {
             settings,
             mode: ViewMode::Single,
@@ -91,24 +91,38 @@ impl SceneView {
             waker,
             camera: None,
             place: Place::Free,
-            latest_stop: None,
+            latest_frame: None,
             divider: 0.5,
             photos: None,
             hint: None,
             serial: 0,
             palette: Palette::default(),
-            selection: Selection::default(),
+            selection: SplatSelection::default(),
             moved_at: Instant::now(),
             gpu_failed: false,
         }
     }
 
-    /// Hands changed splats over.
-    pub fn change(&mut self, delivery: Delivery) {
-        if let Some(photos) = &mut self.photos {
-            photos.change(delivery.change.clone());
+    /// Starts at home where something else is open than before. To be called with every snapshot
+    /// before anything is drawn from it or any key is taken, so that nothing of what was open before
+    /// is met any more: no camera, no comparison, no question after a splat.
+    pub fn turn_to(&mut self, opened: &Opened) {
+        if self.serial == opened.serial {
+            return;
         }
-        let change = self.palette.change(delivery);
+        self.serial = opened.serial;
+        self.latest_frame = None;
+        self.mode = ViewMode::Single;
+        self.selection = SplatSelection::default();
+        self.go_home(opened);
+    }
+
+    /// Hands changed splats over.
+    pub fn change(&mut self, update: SplatUpdate) {
+        if let Some(photos) = &mut self.photos {
+            photos.change(update.change.clone());
+        }
+        let change = self.palette.change(update);
         self.painter.change(change, self.palette.splats());
     }
 
@@ -123,7 +137,7 @@ impl SceneView {
     }
 
     /// Draws with another painter from here on; the scene is handed over again.
-    pub fn draw_by(&mut self, mut painter: Painter) {
+    pub fn draw_by(&mut self, mut painter: ViewPainter) {
         let splats = self.palette.splats();
         painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
@@ -147,10 +161,10 @@ impl SceneView {
     }
 
     /// The dataset's camera that is looked through.
-    pub fn stop(&self) -> Option<Stop> {
-        match self.place {
+    pub fn frame_ref(&self) -> Option<&FrameRef> {
+        match &self.place {
             Place::Free => None,
-            Place::Stop(stop) => Some(stop),
+            Place::At(frame) => Some(frame),
         }
     }
 
@@ -165,17 +179,17 @@ impl SceneView {
     }
 
     /// Does what a command asks of the view.
-    pub fn obey(&mut self, command: Command, opened: &Opened) {
+    pub fn apply(&mut self, command: UiCommand, opened: &Opened) {
         match command {
-            Command::FrameScene => self.frame_scene(),
-            Command::Home => self.go_home(opened),
-            Command::ToggleRenderer => self.toggle_renderer(),
-            Command::PreviousCamera => self.step(opened, Direction::Back),
-            Command::NextCamera => self.step(opened, Direction::Forth),
-            Command::ComparePhoto if self.mode.has_photo() => {
+            UiCommand::FrameScene => self.frame_scene(),
+            UiCommand::Home => self.go_home(opened),
+            UiCommand::ToggleRenderer => self.toggle_renderer(),
+            UiCommand::PreviousCamera => self.step(opened, Direction::Back),
+            UiCommand::NextCamera => self.step(opened, Direction::Forth),
+            UiCommand::ComparePhoto if self.mode.has_photo() => {
                 self.set_mode(ViewMode::Single, opened);
             }
-            Command::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
+            UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
             _ => {}
         }
     }
@@ -183,8 +197,11 @@ impl SceneView {
     /// Chooses what is compared; photographs are compared where they were taken.
     pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
         self.mode = mode;
-        if mode.needs_stop() && self.place == Place::Free && opened.dataset.is_some() {
-            self.stand_at(self.latest_stop.unwrap_or(Stop::FIRST));
+        if mode.needs_frame() && self.place == Place::Free {
+            let first = || opened.dataset.as_ref().and_then(FrameRef::first);
+            if let Some(frame) = self.latest_frame.clone().or_else(first) {
+                self.stand_at(frame);
+            }
         }
     }
 
@@ -215,18 +232,23 @@ impl SceneView {
     }
 
     fn step(&mut self, opened: &Opened, direction: Direction) {
-        let Some(dataset) = &opened.dataset else { return };
-        self.stand_at(match (self.latest_stop, direction) {
-            (Some(stop), _) if self.place == Place::Free => stop,
-            (Some(stop), _) => stop.stepped(dataset, direction),
-            (None, Direction::Forth) => Stop::FIRST,
-            (None, Direction::Back) => Stop::FIRST.stepped(dataset, direction),
-        });
+        let frame = match (&self.latest_frame, direction) {
+            (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
+            (Some(frame), _) => Some(frame.stepped(direction)),
+            (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
+            (None, Direction::Back) => {
+                let first = opened.dataset.as_ref().and_then(FrameRef::first);
+                first.map(|first| first.stepped(direction))
+            }
+        };
+        if let Some(frame) = frame {
+            self.stand_at(frame);
+        }
     }
 
-    fn stand_at(&mut self, stop: Stop) {
-        self.place = Place::Stop(stop);
-        self.latest_stop = Some(stop);
+    fn stand_at(&mut self, frame: FrameRef) {
+        self.place = Place::At(frame.clone());
+        self.latest_frame = Some(frame);
         self.moved_at = Instant::now();
     }
 
@@ -234,9 +256,6 @@ impl SceneView {
     pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
         let opened = snapshot.opened.as_ref()?;
-        if self.serial != opened.serial {
-            self.begin(opened);
-        }
         self.fall_back(opened);
         let pixels = rect.size() * ui.ctx().pixels_per_point();
         let size = [pixels.x.round() as u32, pixels.y.round() as u32];
@@ -245,24 +264,17 @@ impl SceneView {
         }
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
-        let sight = self.look_at_photo(ui, opened, snapshot.state == RunState::Training);
-        let shot = self.shot(camera, area, sight.as_ref().and_then(|s| s.as_ref().ok()));
-        let message = self.paint(ui, rect, &shot, snapshot.state);
-        self.decorate(ui, rect, &shot, sight);
+        let result = self.look_at_photo(ui, opened, snapshot.state == RunState::Training);
+        let request =
+            self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
+        let message = self.paint(ui, rect, &request, snapshot.state);
+        self.decorate(ui, rect, &request, result);
         if let Some((attribute, range)) = self.palette.legend() {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
         let splats = self.palette.learned();
-        let picked = self.selection.ui(ui, &response, &shot, splats, snapshot, &self.waker);
+        let picked = self.selection.ui(ui, &response, &request, splats, snapshot, &self.waker);
         message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
-    }
-
-    /// Something else was opened.
-    fn begin(&mut self, opened: &Opened) {
-        self.serial = opened.serial;
-        self.latest_stop = None;
-        self.mode = ViewMode::Single;
-        self.go_home(opened);
     }
 
     /// Leaves what this scene or lens cannot show, and colours it as is asked for.
@@ -270,7 +282,7 @@ impl SceneView {
         if self.mode.why_not(self.settings.lens, opened).is_some() {
             self.mode = ViewMode::Single;
         }
-        if self.settings.color_mode.why_not(opened.told_modes).is_some() {
+        if self.settings.color_mode.why_not(opened.available_modes).is_some() {
             self.settings.color_mode = Default::default();
         }
         if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
@@ -287,12 +299,12 @@ impl SceneView {
             Lens::Fisheye => Some(settings.fisheye_fov_deg),
         };
         camera.look_through(settings.lens, fov_deg.map(|fov| f64::from(fov).to_radians()));
-        match (self.place, &opened.dataset) {
-            (Place::Stop(stop), Some(dataset)) => {
+        match &self.place {
+            Place::At(frame) => {
                 let color_camera = self.color_camera(opened);
-                Some(fit(&stop.photo_camera(dataset, color_camera.as_ref()), size))
+                Some(fit(&frame.photo_camera(color_camera.as_ref()), size))
             }
-            _ => Some((camera.camera(size), Area::FULL)),
+            Place::Free => Some((camera.camera(size), Area::FULL)),
         }
     }
 
@@ -308,11 +320,10 @@ impl SceneView {
         ui: &Ui,
         opened: &Opened,
         is_training: bool,
-    ) -> Option<Result<Sight, String>> {
-        let (true, Place::Stop(stop)) = (self.mode.needs_stop(), self.place) else { return None };
-        let wanted = Wanted {
-            dataset: opened.dataset.clone()?,
-            stop,
+    ) -> Option<Result<PhotoResult, String>> {
+        let (true, Place::At(frame)) = (self.mode.needs_frame(), &self.place) else { return None };
+        let query = PhotoQuery {
+            frame: frame.clone(),
             color_camera: self.color_camera(opened),
             prepared: match self.mode {
                 ViewMode::Preparation => Some(Arc::new(opened.scene()?.surface.clone())),
@@ -321,8 +332,8 @@ impl SceneView {
             options: self.settings.measured(),
         };
         if self.photos.is_none() {
-            match PhotoDesk::new(self.waker.clone(), SplatSet::clone(self.palette.learned())) {
-                Ok(desk) => self.photos = Some(desk),
+            match PhotoRequests::new(self.waker.clone(), SplatSet::clone(self.palette.learned())) {
+                Ok(requests) => self.photos = Some(requests),
                 Err(error) => {
                     return Some(Err(format!(
                         "no thread for photographs could be started: {error}"
@@ -330,11 +341,16 @@ impl SceneView {
                 }
             }
         }
-        self.photos.as_mut()?.look(ui, &wanted, is_training).cloned()
+        self.photos.as_mut()?.look(ui, &query, is_training).cloned()
     }
 
     /// What to draw.
-    fn shot(&self, camera: Camera, area: Area, sight: Option<&Sight>) -> Shot {
+    fn picture_request(
+        &self,
+        camera: Camera,
+        area: Area,
+        result: Option<&PhotoResult>,
+    ) -> PictureRequest {
         let settings = &self.settings;
         let (radius, distance) = self
             .camera
@@ -347,11 +363,11 @@ impl SceneView {
         let difference = Combination::Difference(settings.difference_gain);
         let renderers = |how| {
             let partner = Partner::Splats(options(Renderer::Exact));
-            (Renderer::Projected, Some(Second { partner, area: Area::FULL, how }))
+            (Renderer::Projected, Some(ComparedPicture { partner, area: Area::FULL, how }))
         };
         let photo = |how| {
-            let partner = sight.map(|sight| Partner::Photo(sight.image.clone()));
-            (settings.renderer, partner.map(|partner| Second { partner, area, how }))
+            let partner = result.map(|result| Partner::Photo(result.image.clone()));
+            (settings.renderer, partner.map(|partner| ComparedPicture { partner, area, how }))
         };
         let (renderer, second) = match self.mode {
             ViewMode::Single => (settings.renderer, None),
@@ -360,10 +376,16 @@ impl SceneView {
             ViewMode::PhotoWipe | ViewMode::Preparation => photo(wipe),
             ViewMode::PhotoDifference => photo(difference),
         };
-        Shot { camera, options: options(renderer), second }
+        PictureRequest { camera, options: options(renderer), second }
     }
 
-    fn paint(&mut self, ui: &Ui, rect: Rect, shot: &Shot, state: RunState) -> Option<String> {
+    fn paint(
+        &mut self,
+        ui: &Ui,
+        rect: Rect,
+        request: &PictureRequest,
+        state: RunState,
+    ) -> Option<String> {
         let moving = self.moved_at.elapsed() < SETTLE;
         let effort = match (moving, state) {
             (true, _) => Effort::Moving,
@@ -373,7 +395,7 @@ impl SceneView {
         if moving {
             ui.ctx().request_repaint_after(SETTLE);
         }
-        match self.painter.paint(ui, rect, shot, effort, self.palette.splats()) {
+        match self.painter.paint(ui, rect, request, effort, self.palette.splats()) {
             Ok(sample) => {
                 if let Some(sample) = sample {
                     self.drawn.push(sample);
@@ -386,7 +408,7 @@ impl SceneView {
 
     /// Draws on the CPU from here on; the scene is handed over again.
     fn give_up_gpu(&mut self, reason: &str) -> Option<String> {
-        match Painter::software(&self.waker) {
+        match ViewPainter::software(&self.waker) {
             Ok(painter) => {
                 self.draw_by(painter);
                 self.gpu_failed = true;

@@ -64,7 +64,7 @@ impl ViewMode {
     }
 
     /// Whether it is seen from a dataset's camera only.
-    pub fn needs_stop(self) -> bool {
+    pub fn needs_frame(self) -> bool {
         self.has_photo() || self == ViewMode::Preparation
     }
 
@@ -79,7 +79,7 @@ impl ViewMode {
             ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => {
                 Some("Only the exact renderer draws a fisheye; choose the pinhole in Settings")
             }
-            _ if self.needs_stop() && opened.dataset.is_none() => {
+            _ if self.needs_frame() && opened.dataset.is_none() => {
                 Some("A model has no photographs")
             }
             ViewMode::Preparation if opened.scene().is_none() => Some(

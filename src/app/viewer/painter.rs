@@ -1,32 +1,32 @@
 //! Who draws the viewport: a GPU, or the CPU where there is no real one.
 
-use super::shot::Shot;
-use crate::app::Painting;
-use crate::app::device::Device;
+use super::picture_request::PictureRequest;
+use crate::app::device::WindowDevice;
 use crate::app::drawing::{DrawSample, Drawer};
-use crate::app::feed::SplatChange;
+use crate::app::painting::Painting;
 use crate::app::software::{Effort, SoftwarePainter};
-use crate::app::viewport::{self, GpuPainter, PaintError};
+use crate::app::splat_updates::SplatChange;
+use crate::app::viewport::{self, GpuViewPainter, ViewPaintError};
 use crate::app::worker::Waker;
-use crate::model::appearance::SplatSet;
+use crate::model::splat::appearance::SplatSet;
 use eframe::egui::{Rect, Ui};
 
 /// The painter in use.
-pub enum Painter {
+pub enum ViewPainter {
     /// `render::gpu`.
-    Gpu(Box<GpuPainter>),
+    Gpu(Box<GpuViewPainter>),
     /// `render::cpu`.
     Software(Box<SoftwarePainter>),
 }
 
-impl Painter {
+impl ViewPainter {
     /// A GPU painter if the adapter is a real GPU; and a line on who draws.
     pub fn choose(
-        device: Option<&Device>,
+        device: Option<&WindowDevice>,
         painting: Painting,
         waker: &Waker,
     ) -> std::io::Result<(Self, String)> {
-        let Some(Device { state, faults, .. }) = device else {
+        let Some(WindowDevice { state, faults, .. }) = device else {
             return Ok((Self::software(waker)?, "CPU renderer".to_owned()));
         };
         let capabilities = viewport::capabilities(state);
@@ -35,7 +35,7 @@ impl Painter {
             let who = format!("CPU renderer; window by {capabilities}");
             return Ok((Self::software(waker)?, who));
         }
-        match GpuPainter::new(state, faults.clone(), waker.clone()) {
+        match GpuViewPainter::new(state, faults.clone(), waker.clone()) {
             Ok(painter) => Ok((Self::Gpu(Box::new(painter)), capabilities.to_string())),
             Err(error) => {
                 tracing::warn!("{error}");
@@ -79,13 +79,13 @@ impl Painter {
         &mut self,
         ui: &Ui,
         rect: Rect,
-        shot: &Shot,
+        request: &PictureRequest,
         effort: Effort,
         splats: &SplatSet,
-    ) -> Result<Option<DrawSample>, PaintError> {
+    ) -> Result<Option<DrawSample>, ViewPaintError> {
         match self {
-            Self::Gpu(painter) => painter.paint(ui, rect, shot, splats).map(Some),
-            Self::Software(painter) => Ok(painter.paint(ui, rect, shot, effort)),
+            Self::Gpu(painter) => painter.paint(ui, rect, request, splats).map(Some),
+            Self::Software(painter) => Ok(painter.paint(ui, rect, request, effort)),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What the user chose about the viewport; kept between sessions.
 
 use crate::app::color_mode::ColorMode;
-use crate::app::kept;
+use crate::app::stored_text;
 use crate::render::finish::Exposing;
 use crate::render::{Antialias, Exact, Lens, Look, Method, RenderOptions, Renderer, Response};
 use serde::{Deserialize, Serialize};
@@ -101,7 +101,7 @@ impl ViewSettings {
     /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read falls back to
     /// the defaults, with a text that says so.
     pub fn from_text(text: &str) -> (Self, Option<String>) {
-        let (read, notice) = kept::from_text::<Self>("the viewport", text);
+        let (read, notice) = stored_text::from_text::<Self>("the viewport", text);
         (read.in_range(), notice)
     }
 

@@ -51,7 +51,7 @@ impl SceneView {
             return;
         }
         if let Some((stood, _)) = self.camera_now(opened, size_px)
-            && let (Place::Stop(_), Some(camera)) = (self.place, &mut self.camera)
+            && let (Place::At(_), Some(camera)) = (&self.place, &mut self.camera)
         {
             camera.visit(&stood);
             self.place = Place::Free;

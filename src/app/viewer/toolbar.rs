@@ -3,9 +3,8 @@
 use super::SceneView;
 use super::mode::ViewMode;
 use super::settings::GAINS;
-use super::stops::n_stops;
 use crate::app::color_mode::ColorMode;
-use crate::app::command::Command;
+use crate::app::command::UiCommand;
 use crate::app::panels::settings::lens;
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
@@ -17,7 +16,7 @@ pub fn ui(
     snapshot: &Snapshot,
     opened: &Opened,
     ui: &mut Ui,
-) -> Option<Command> {
+) -> Option<UiCommand> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
         renderers(view, ui);
@@ -42,7 +41,7 @@ pub fn ui(
         .on_hover_text("Lens and field of view");
         if opened.dataset.is_some() {
             ui.separator();
-            asked = cameras(view, snapshot, opened, ui);
+            asked = cameras(view, snapshot, ui);
         }
     });
     asked
@@ -96,7 +95,7 @@ fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
         .selected_text(shown.label())
         .show_ui(ui, |ui| {
             for mode in ColorMode::ALL {
-                let why_not = mode.why_not(opened.told_modes);
+                let why_not = mode.why_not(opened.available_modes);
                 let button = Button::selectable(shown == mode, mode.label());
                 let response = ui.add_enabled(why_not.is_none(), button);
                 if response
@@ -119,29 +118,27 @@ fn lens_label(lens: Lens) -> &'static str {
     }
 }
 
-fn cameras(view: &SceneView, snapshot: &Snapshot, opened: &Opened, ui: &mut Ui) -> Option<Command> {
+fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
-    let mut button = |ui: &mut Ui, command: Command, is_on: bool| {
+    let mut button = |ui: &mut Ui, command: UiCommand, is_on: bool| {
         let legal = command.is_legal(snapshot.state, snapshot.source);
         let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
         if response.on_hover_text(command.hint(ui.ctx())).clicked() {
             asked = Some(command);
         }
     };
-    button(ui, Command::PreviousCamera, false);
-    match (&opened.dataset, view.stop()) {
-        (Some(dataset), Some(stop)) => {
-            let number = stop.number(dataset) + 1;
-            let text = format!("Camera {number} of {}", n_stops(dataset));
-            let split = &dataset.splits[stop.split].name;
-            let name = &stop.entry(dataset).name;
+    button(ui, UiCommand::PreviousCamera, false);
+    match view.frame_ref() {
+        Some(frame) => {
+            let text = format!("Camera {} of {}", frame.number() + 1, frame.n_frames());
+            let (name, split) = (&frame.entry().name, &frame.split().name);
             ui.label(text).on_hover_text(format!("Frame {name} of the split {split}"));
         }
-        _ => {
+        None => {
             ui.label(RichText::new("Free camera").weak());
         }
     }
-    button(ui, Command::NextCamera, false);
-    button(ui, Command::ComparePhoto, view.mode.has_photo());
+    button(ui, UiCommand::NextCamera, false);
+    button(ui, UiCommand::ComparePhoto, view.mode.has_photo());
     asked
 }

@@ -1,12 +1,12 @@
 //! Starting over with corrected cameras.
 
-use super::Trainer;
+use super::thread::WorkerThread;
 use crate::app::state::{NoticeKind, Subject};
 use crate::dataset::calibration::Calibration;
-use crate::train::config::Preset;
+use crate::train::paper::config::Preset;
 use std::path::Path;
 
-impl Trainer {
+impl WorkerThread {
     pub(super) fn calibrate(&mut self, path: &Path) {
         let read = match self.calibratable() {
             Ok(subject) => Calibration::read(path)

@@ -1,8 +1,8 @@
 //! Files that the trainer writes.
 
-use super::Trainer;
+use super::thread::WorkerThread;
 use crate::app::opening::Content;
-use crate::app::state::NoticeKind;
+use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::dataset::Layout;
 use crate::export::mapping::Mapping;
 use crate::export::{self, Format, WriteOptions};
@@ -10,25 +10,27 @@ use crate::pipeline::session::Session;
 use glam::DVec3;
 use std::path::Path;
 
-impl Trainer {
-    pub(super) fn save(&mut self, path: &Path) {
+impl WorkerThread {
+    pub(super) fn save(&mut self, number: u64, path: &Path) {
+        self.begin_write(number);
         let Some(Content::Session(session)) = &self.content else { return };
         match session.save(path) {
             Ok(bytes) => {
-                self.snapshot.unsaved_frames = 0;
+                self.frames_since_checkpoint = 0;
                 let text = format!(
                     "Saved {} frames ({:.1} MB) to {}",
                     self.snapshot.frames_done,
                     bytes as f64 * 1e-6,
                     path.display()
                 );
-                self.notify(NoticeKind::Info, text);
+                self.end_write(number, text);
             }
             Err(error) => self.notify(NoticeKind::Error, error.to_string()),
         }
     }
 
-    pub(super) fn export(&mut self, path: &Path, mapping: Mapping) {
+    pub(super) fn export(&mut self, number: u64, path: &Path, mapping: Mapping) {
+        self.begin_write(number);
         let written = Format::from_path(path).and_then(|format| {
             let options = WriteOptions {
                 metric: self.is_metric(),
@@ -40,17 +42,27 @@ impl Trainer {
         });
         match written {
             Ok(summary) => {
-                self.snapshot.unsaved_frames = 0;
                 let megabytes = summary.bytes as f64 * 1e-6;
                 let text = format!(
                     "Wrote {} splats ({megabytes:.1} MB) to {}",
                     summary.n_written,
                     path.display()
                 );
-                self.notify(NoticeKind::Info, text);
+                self.end_write(number, text);
             }
             Err(error) => self.notify(NoticeKind::Error, error.to_string()),
         }
+    }
+
+    /// Until it is known better, and for ever after a panic on the way, the file is not written.
+    fn begin_write(&mut self, number: u64) {
+        self.snapshot.latest_write = Some(WriteOutcome { number, is_written: false });
+    }
+
+    fn end_write(&mut self, number: u64, text: String) {
+        self.snapshot.unsaved_frames = 0;
+        self.snapshot.latest_write = Some(WriteOutcome { number, is_written: true });
+        self.notify(NoticeKind::Info, text);
     }
 
     /// Up in the world of what is open.

@@ -3,7 +3,7 @@
 use super::{DepthArgs, parse_count};
 use clap::Args;
 use std::path::PathBuf;
-use vbgs_studio::pipeline::calibrate::DEFAULT_FRAMES;
+use vbgs_studio::calibrate::DEFAULT_FRAMES;
 
 #[derive(Args)]
 pub struct CalibrateArgs {

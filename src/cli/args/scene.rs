@@ -3,8 +3,10 @@
 use super::choice;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
-use vbgs_studio::pipeline::scene::{Budget, StructuralScale};
-use vbgs_studio::train::scene::config::{BirthRule, LookRule};
+use vbgs_studio::pipeline::settings::scene::{Budget, DEFAULT_PIXELS, StructuralScale};
+use vbgs_studio::train::scene::config::{
+    BirthRule, COMPONENT_BYTES, DEFAULT_MAX_COMPONENTS, VisibilityRule,
+};
 
 /// A part of the scene preset that can be left out.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -43,20 +45,17 @@ pub enum SensorName {
 
 #[derive(Args)]
 pub struct SceneArgs {
-    /// Largest distance of a point from its component: pixels such as 2.5px at the typical distance,
-    /// or world units [default: 2.5px]
-    #[arg(long, value_name = "H", help_heading = "Scene preset")]
+    #[arg(long, value_name = "H", help_heading = "Scene preset", help = scale_help())]
     pub scale: Option<StructuralScale>,
     /// Where components are born [default: seeds]
     #[arg(long, value_parser = choice::<BirthRule>(), help_heading = "Scene preset")]
     pub births: Option<BirthRule>,
-    /// Most components, or megabytes such as 20MB; the least useful are merged [default: 2000000]
-    #[arg(long, value_name = "N", help_heading = "Scene preset")]
+    #[arg(long, value_name = "N", help_heading = "Scene preset", help = budget_help())]
     pub budget: Option<Budget>,
     /// How the returns a component could have given are counted [default: projected, with lattices
     /// returned]
-    #[arg(long, value_parser = choice::<LookRule>(), help_heading = "Scene preset")]
-    pub looks: Option<LookRule>,
+    #[arg(long, value_parser = choice::<VisibilityRule>(), help_heading = "Scene preset")]
+    pub looks: Option<VisibilityRule>,
     /// Leave parts out
     #[arg(
         long,
@@ -81,4 +80,16 @@ pub struct SceneArgs {
     /// Corrections of the cameras, a RON file [default: what is known of the layout]
     #[arg(long, value_name = "FILE.ron", help_heading = "Scene preset")]
     pub calibration: Option<PathBuf>,
+}
+
+fn scale_help() -> String {
+    format!(
+        "Largest distance of a point from its component: pixels such as {DEFAULT_PIXELS}px at the typical distance, or world units [default: {DEFAULT_PIXELS}px]"
+    )
+}
+
+fn budget_help() -> String {
+    format!(
+        "Most components, or megabytes such as 20MB, of {COMPONENT_BYTES} bytes a component; the least useful are merged [default: {DEFAULT_MAX_COMPONENTS}]"
+    )
 }

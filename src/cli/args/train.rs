@@ -4,7 +4,7 @@ use super::{ComparisonArgs, DepthArgs, MappingArgs, RendererArgs, SceneArgs, cho
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::pipeline::plan::{Order, Shard};
-use vbgs_studio::train::config::{
+use vbgs_studio::train::paper::config::{
     Batch, Candidates, IndexKind, Init, Precision, Preset, ReassignPolicy, StatisticsForm,
 };
 

@@ -3,8 +3,8 @@
 use crate::cli::args::{DepthArgs, choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
-use vbgs_studio::pipeline::bench::BenchOptions;
-use vbgs_studio::pipeline::bench::render::Device;
+use vbgs_studio::bench::findings::BenchOptions;
+use vbgs_studio::bench::render::BenchDevice;
 
 #[derive(Args)]
 pub struct BenchArgs {
@@ -39,8 +39,8 @@ pub struct RenderBenchArgs {
     #[arg(long, value_name = "WxH,…", value_delimiter = ',', value_parser = parse_size)]
     pub size: Option<Vec<[u32; 2]>>,
     /// Who draws; `all` takes a GPU only if it is not software
-    #[arg(long, value_parser = choice::<Device>(), default_value = "all")]
-    pub device: Device,
+    #[arg(long, value_parser = choice::<BenchDevice>(), default_value = "all")]
+    pub device: BenchDevice,
     /// Graphics adapter by its number or a part of its name, which may be software
     #[cfg(feature = "gui")]
     #[arg(long, value_name = "NAME")]

@@ -12,15 +12,21 @@ use args::{BenchName, DatasetBenchArgs, RenderBenchArgs};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use vbgs_studio::dataset::{self, Dataset};
-use vbgs_studio::pipeline::bench::ablation::{self, AblationPlan};
-use vbgs_studio::pipeline::bench::accuracy::{self, AccuracyPlan};
-use vbgs_studio::pipeline::bench::pareto::{self, ParetoPlan};
+use vbgs_studio::bench::findings::{Bench, BenchError, Progress};
+use vbgs_studio::bench::paper::ablation;
+use vbgs_studio::bench::paper::ablation::AblationPlan;
+use vbgs_studio::bench::paper::pareto;
+use vbgs_studio::bench::paper::pareto::ParetoPlan;
+use vbgs_studio::bench::paper::scaling;
+use vbgs_studio::bench::paper::scaling::ScalingPlan;
+use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::render;
 #[cfg(feature = "gui")]
-use vbgs_studio::pipeline::bench::render::Device;
-use vbgs_studio::pipeline::bench::render::{self, RenderPlan, Scene};
-use vbgs_studio::pipeline::bench::scaling::{self, ScalingPlan};
-use vbgs_studio::pipeline::bench::{Bench, BenchError, Progress, stability};
+use vbgs_studio::bench::render::BenchDevice;
+use vbgs_studio::bench::render::{BenchScene, RenderPlan};
+use vbgs_studio::bench::scene;
+use vbgs_studio::bench::scene::AccuracyPlan;
+use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::demo;
 
 /// Measures as asked.
@@ -32,7 +38,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
         }),
         BenchName::Accuracy(args) => on_dataset(args, |dataset, progress| {
             let plan = AccuracyPlan::new(args.common.options(args.max_frames));
-            accuracy::run(&plan, dataset, progress)
+            scene::run(&plan, dataset, progress)
         }),
         BenchName::Pareto(args) => on_dataset(args, |dataset, progress| {
             let plan = ParetoPlan::new(args.common.options(args.max_frames));
@@ -54,7 +60,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
 /// Sizes side by side in the plot.
 const MAX_SIZES: usize = 4;
 
-fn render_plan(args: &RenderBenchArgs) -> Result<(Scene, RenderPlan), Failure> {
+fn render_plan(args: &RenderBenchArgs) -> Result<(BenchScene, RenderPlan), Failure> {
     let n_sizes = args.size.as_ref().map_or(0, Vec::len);
     if n_sizes > MAX_SIZES {
         return Err(Failure::Usage(format!(
@@ -62,13 +68,13 @@ fn render_plan(args: &RenderBenchArgs) -> Result<(Scene, RenderPlan), Failure> {
         )));
     }
     #[cfg(feature = "gui")]
-    if let (Device::Cpu, Some(adapter)) = (args.device, &args.adapter) {
+    if let (BenchDevice::Cpu, Some(adapter)) = (args.device, &args.adapter) {
         return Err(Failure::Usage(format!(
             "--adapter: expected --device gpu or all beside it, found --device cpu; leave `{adapter}` out"
         )));
     }
     let scene = match &args.model {
-        None => Scene::synthetic(),
+        None => BenchScene::synthetic(),
         Some(path) => scene_of(path)?,
     };
     let plan = RenderPlan::new(args.common.options(None), &scene);
@@ -83,9 +89,9 @@ fn render_plan(args: &RenderBenchArgs) -> Result<(Scene, RenderPlan), Failure> {
     Ok((scene, plan))
 }
 
-fn scene_of(path: &Path) -> Result<Scene, Failure> {
+fn scene_of(path: &Path) -> Result<BenchScene, Failure> {
     let model = model::load(path)?;
-    let scene = Scene::model(
+    let scene = BenchScene::model(
         path.display().to_string(),
         model.up.unwrap_or(DVec3::Z),
         model.splats.into_splats(),

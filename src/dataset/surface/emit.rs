@@ -1,17 +1,22 @@
-//! Fitted pixels to points (`accuracy.md` 2, steps 4 to 7).
+//! Fitted pixels to points (`dataset.md`, Surface points).
+//!
+//! The fit leaves, of every pixel's plane, inverse depth and its two steps relative to the
+//! measured ones. Depth and normal follow from these; a pixel is then kept or gets its status in
+//! the order of the recipe. Colour comes last, since a colour camera beside the depth camera is
+//! asked for the place of the point, not of the pixel.
 
-use super::fates::PixelFate;
+use super::color_lookup::ColorLookup;
 use super::fit::Fitted;
 use super::occluders::Occluders;
-use super::painter::Painter;
 use super::planes::Planes;
 use super::sensor::Profile;
 use super::settings::SurfaceSettings;
+use super::status::PixelStatus;
 use crate::dataset::frame::Frame;
-use crate::dataset::points::MAX_COORDINATE;
+use crate::dataset::unproject::MAX_COORDINATE;
 use crate::math::image::Image;
-use crate::math::observation::SurfacePoint;
 use crate::math::simd::LANES;
+use crate::observation::surface::SurfacePoint;
 use glam::{Mat3, Vec3};
 use std::ops::Range;
 
@@ -19,7 +24,7 @@ use std::ops::Range;
 pub(super) struct Emitter<'a> {
     planes: &'a Planes,
     settings: &'a SurfaceSettings,
-    painter: Painter<'a>,
+    colors: ColorLookup<'a>,
     rotation: Mat3,
     /// Of the camera, relative to the origin.
     centre: Vec3,
@@ -52,7 +57,7 @@ impl<'a> Emitter<'a> {
         Self {
             planes,
             settings,
-            painter: Painter::new(
+            colors: ColorLookup::new(
                 frame,
                 planes,
                 settings.calibration(),
@@ -63,6 +68,7 @@ impl<'a> Emitter<'a> {
             centre: (pose.centre() - settings.origin).as_vec3(),
             focal: [k.fx as f32, k.fy as f32],
             per_focal: (1.0 / k.fx) as f32,
+            // Below every cosine where the filter is left out: one comparison serves both.
             least_cosine: if settings.cosine { cosine } else { f32::NEG_INFINITY },
         }
     }
@@ -73,12 +79,13 @@ impl<'a> Emitter<'a> {
         fitted: &Fitted,
         rows: Range<usize>,
         points: &mut Vec<SurfacePoint>,
-        fates: &mut Image<PixelFate>,
+        statuses: &mut Image<PixelStatus>,
     ) {
         let blocks = self.planes.blocks();
         for block in 0..blocks {
             for row in rows.clone() {
                 let at = (row - rows.start) * blocks + block;
+                // Set bits only: blocks at the rim of an object hold few usable pixels.
                 let mut left = fitted.usable[at];
                 while left != 0 {
                     let lane = left.trailing_zeros() as usize;
@@ -86,10 +93,10 @@ impl<'a> Emitter<'a> {
                     let is_accepted = fitted.accepted[at] >> lane & 1 == 1;
                     let tilt = is_accepted.then_some(at * LANES + lane);
                     let column = block * LANES + lane;
-                    let fate = &mut fates.data[row * fates.width + column];
+                    let status = &mut statuses.data[row * statuses.width + column];
                     match self.point(fitted, tilt, column, row) {
                         Ok(point) => points.push(point),
-                        Err(why) => *fate = why,
+                        Err(why) => *status = why,
                     }
                 }
             }
@@ -104,27 +111,29 @@ impl<'a> Emitter<'a> {
         tilt: Option<usize>,
         column: usize,
         row: usize,
-    ) -> Result<SurfacePoint, PixelFate> {
+    ) -> Result<SurfacePoint, PixelStatus> {
         let at = self.planes.at(column, row);
         let ray = Vec3::new(self.planes.slope_x[column], self.planes.slope_y[row], 1.0);
         let per_z = ray.length();
         let tilt = match tilt {
             Some(place) => self.tilt(fitted, place, ray),
-            None if self.settings.flying_pixels => return Err(PixelFate::Flying),
+            None if self.settings.flying_pixels => return Err(PixelStatus::Flying),
             None => Tilt { stretch: 1.0, normal: ray, along: per_z * per_z },
         };
         let normal_length = tilt.normal.length();
+        // The cosine is `along / (|n|·|ray|)`; multiplied out, nothing is divided.
         if tilt.along <= self.least_cosine * (normal_length * per_z) {
-            return Err(PixelFate::Slant);
+            return Err(PixelStatus::Slant);
         }
         let z = self.planes.z[at] * tilt.stretch;
         let local = ray * z;
         let position = self.rotation * local + self.centre;
+        // Negated, so that NaN is too far as well.
         if !position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
-            return Err(PixelFate::Far);
+            return Err(PixelStatus::Far);
         }
         let pixel = row * self.planes.slope_x.len() + column;
-        let color = self.painter.color(pixel, local).ok_or(PixelFate::NoColor)?;
+        let color = self.colors.color(pixel, local).ok_or(PixelStatus::NoColor)?;
         let range = z * per_z;
         Ok(SurfacePoint {
             position: position.to_array(),
@@ -138,7 +147,7 @@ impl<'a> Emitter<'a> {
         })
     }
 
-    /// Step 5. Turned away from the camera, so that the product with the ray is what remains of
+    /// Turned away from the camera, so that the product with the ray is what remains of
     /// the inverse depth itself.
     #[inline(always)]
     fn tilt(&self, fitted: &Fitted, place: usize, ray: Vec3) -> Tilt {

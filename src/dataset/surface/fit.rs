@@ -1,12 +1,19 @@
-//! The robust plane fit, eight pixels at a time (`accuracy.md` 2, steps 3 and 4).
+//! The robust plane fit, eight pixels at a time (`dataset.md`, Plane fit).
 //!
-//! Inverse depths are taken relative to the pixel's own and in units of `q / z²`: thresholds are
-//! then the same for every pixel, and f32 loses nothing to the depth itself. The sums of the normal
+//! Inverse depths are taken relative to the pixel's own and in units of `q / z²`: thresholds then
+//! hold for every pixel alike, and f32 loses nothing to the depth itself. The sums of the normal
 //! equations are integers, so their determinant is exact.
+//!
+//! One lane is one pixel, and its window is read by unaligned loads from planes with a border of
+//! nothing: no lane ever branches on where it lies. A neighbour outside the gate gets a residual
+//! that no limit lets in, so that later rounds need not ask again.
+//!
+//! Tried on Lego and dropped (`dataset.md`, Tried and dropped): points weighted by their cosine or its square,
+//! which gain nothing over a threshold; windows of other sizes (see `recipe`).
 
 use super::planes::{NOTHING, Planes};
+use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
 use super::sensor::Profile;
-use super::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
 use crate::math::simd::{Kernel, LANES, Vector};
 use std::ops::Range;
 
@@ -24,13 +31,13 @@ const ANY: f32 = 1e29;
 pub(super) struct Fitted {
     /// Bit `i` of a block is set if its pixel `i` is usable.
     pub usable: Vec<u8>,
-    /// The same for usable pixels that a plane explains.
+    /// Bit `i` of a block is set if its pixel `i` is usable and a plane explains it.
     pub accepted: Vec<u8>,
     /// Inverse depth of the plane at the pixel over that measured there, less 1.
     pub excess: Vec<f32>,
-    /// Its step from column to column, over that measured.
+    /// Change of the plane's inverse depth from column to column, over that measured at the pixel.
     pub step_x: Vec<f32>,
-    /// Its step from row to row, over that measured.
+    /// Change of the plane's inverse depth from row to row, over that measured at the pixel.
     pub step_y: Vec<f32>,
 }
 
@@ -54,6 +61,7 @@ impl Kernel for FitRows<'_> {
         for (line, row) in rows.enumerate() {
             for block in 0..blocks {
                 let at = planes.at(block * LANES, row);
+                // Nothing is the largest f32; half of it lies between it and every legal depth.
                 let usable = V::load(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
                 let to = line * blocks + block;
                 out.usable[to] = usable as u8;
@@ -132,6 +140,7 @@ fn fit_block<V: Vector>(
     excess.store(&mut out.excess[to..]);
     step_x.store(&mut out.step_x[to..]);
     step_y.store(&mut out.step_y[to..]);
+    // Compared with a count, so rounding of the share cannot matter.
     let least = V::splat((MIN_SHARE * WINDOW as f64) as f32);
     // |1/A − z| ≤ dev·q, times A/z.
     let near = abs(excess).at_most(limits.deviation * unit * (V::splat(1.0) + excess));
@@ -214,6 +223,7 @@ fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<
             depth[column] = residual.and(inside);
             sums.dd = sums.dd + depth[column] * depth[column];
         }
+        // Offsets are −2 to 2: moments of a row of the window are sums and differences.
         let (n, a) = (total(count), (count[4] - count[0]) * two + (count[3] - count[1]));
         let (d, ad) = (total(depth), (depth[4] - depth[0]) * two + (depth[3] - depth[1]));
         let aa = (count[4] + count[0]) * V::splat(4.0) + (count[3] + count[1]);
@@ -236,6 +246,7 @@ impl<V: Vector> Sums<V> {
     fn are_enough(&self) -> u32 {
         let [c00, c01, c02] = self.first_row();
         let determinant = self.n * c00 + self.a * c01 + self.b * c02;
+        // The determinant is an integer: 0 means that all lie on one line.
         V::splat(MIN_INLIERS as f32).at_most(self.n) & V::splat(0.5).at_most(determinant)
     }
 
@@ -267,6 +278,7 @@ impl<V: Vector> Sums<V> {
     /// Sum of the squared residuals against the plane of least squares.
     #[inline(always)]
     fn residual(&self, plane: [V; 3]) -> V {
+        // At the least-squares plane the sum of squares falls by just this product.
         self.dd - (plane[0] * self.d + plane[1] * self.ad + plane[2] * self.bd)
     }
 }

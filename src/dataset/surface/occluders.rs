@@ -1,7 +1,7 @@
 //! What hides surfaces from a colour camera that stands beside the depth camera.
 
-use super::painter::Projection;
 use super::planes::{NOTHING, Planes};
+use super::projection::Projection;
 use glam::Vec3;
 
 /// Pixels of the colour image on a side of a cell. Depth pixels then lie less than a cell apart, so

@@ -1,13 +1,19 @@
-//! Depth codes to planes of f32 that the fit reads: depth, its inverse and its noise, with a border
-//! of nothing so that no window leaves them.
+//! Depth codes to planes of f32 that the fit reads: depth, its inverse and its noise, with a
+//! border of nothing so that no window leaves them.
+//!
+//! What a code means depends on the file, the trusted interval and the calibration, but not on
+//! the pixel: a table of all codes is made once and kept between frames, and a pixel is one
+//! look-up. Lengths from memory have no codes and are judged one by one. Planes are separate, not
+//! a struct per pixel, because the fit loads eight neighbours of one kind at a time.
 
-use super::fates::PixelFate;
+use super::recipe::{LENGTHS, RADIUS};
 use super::sensor::{NoiseLaw, Profile};
-use super::{LENGTHS, RADIUS};
+use super::status::PixelStatus;
 use crate::dataset::calibration::Calibration;
-use crate::dataset::frame::{
-    Depth, DepthCodes, DepthKind, Frame, decode_inverse8, decode_linear16,
+use crate::dataset::depth::{
+    Depth, DepthCodes, DepthKind, decode_inverse8, decode_length, decode_linear16,
 };
+use crate::dataset::frame::Frame;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::simd::LANES;
@@ -54,7 +60,7 @@ impl Planes {
     }
 
     /// Replaces the planes by a frame's depth. Writes the measured range of every pixel, and its
-    /// fate as far as it is known: [`PixelFate::Kept`] where it is usable.
+    /// status as far as it is known: [`PixelStatus::Kept`] where it is usable.
     pub fn fill(
         &mut self,
         frame: &Frame,
@@ -62,23 +68,36 @@ impl Planes {
         profile: &Profile,
         calibration: &Calibration,
         ranges: &mut Image<f32>,
-        fates: &mut Image<PixelFate>,
+        statuses: &mut Image<PixelStatus>,
     ) {
         self.resize(&frame.camera.intrinsics, depth.size());
-        self.table.fill(depth, profile.offset, calibration);
+        let decoding = Decoding::new(depth, profile.offset, calibration);
+        // Out of `self` while rows are filled, which borrows all of it.
+        let mut table = std::mem::take(&mut self.table);
+        table.fill(decoding);
+        let out = (ranges, statuses);
         match &depth.codes {
             DepthCodes::Inverse8(codes) => {
-                self.fill_rows(frame, codes, depth.kind, &profile.noise, ranges, fates);
+                let length = |code: u8| table.lengths[usize::from(code)];
+                self.fill_rows(frame, codes, depth.kind, &profile.noise, out, length);
             }
             DepthCodes::Linear16 { codes, .. } => {
-                self.fill_rows(frame, codes, depth.kind, &profile.noise, ranges, fates);
+                let length = |code: u16| table.lengths[usize::from(code)];
+                self.fill_rows(frame, codes, depth.kind, &profile.noise, out, length);
+            }
+            DepthCodes::Lengths(lengths) => {
+                let length = |length: f32| decoding.usable(decode_length(length));
+                self.fill_rows(frame, lengths, depth.kind, &profile.noise, out, length);
             }
         }
+        self.table = table;
     }
 
     fn resize(&mut self, k: &Intrinsics, (width, height): (usize, usize)) {
+        // The border is written once; rows of a frame overwrite all else.
         if self.size != [width, height] {
             self.size = [width, height];
+            // Whole vectors and a border: the last block reads past its row, never past the planes.
             self.stride = self.blocks() * LANES + 2 * RADIUS;
             let n = self.stride * (height + 2 * RADIUS);
             for plane in [&mut self.z, &mut self.inverse, &mut self.noise] {
@@ -93,24 +112,25 @@ impl Planes {
         self.slope_y.extend((0..height).map(|row| k.ray(0, row).y as f32));
     }
 
-    fn fill_rows<C: Copy + Into<usize>>(
+    fn fill_rows<C: Copy>(
         &mut self,
         frame: &Frame,
         codes: &Image<C>,
         kind: DepthKind,
         noise: &NoiseLaw,
-        ranges: &mut Image<f32>,
-        fates: &mut Image<PixelFate>,
+        (ranges, statuses): (&mut Image<f32>, &mut Image<PixelStatus>),
+        length: impl Fn(C) -> Result<f32, PixelStatus>,
     ) {
         let [width, height] = self.size;
         for row in 0..height {
             let pixels = row * width..(row + 1) * width;
             let colors = &frame.color.data[pixels.clone()];
-            let fates = &mut fates.data[pixels.clone()];
+            let statuses = &mut statuses.data[pixels.clone()];
             let ranges = &mut ranges.data[pixels.clone()];
-            let some = self.table.look_up(&codes.data[pixels], colors, &mut self.lengths, fates);
+            let some = read_row(&codes.data[pixels], colors, &mut self.lengths, statuses, &length);
             let at = self.at(0, row);
             let row_of = at..at + width;
+            // A row without a usable pixel: no ray of it need be formed.
             if !some {
                 self.z[row_of].fill(NOTHING);
                 ranges.copy_from_slice(&self.lengths);
@@ -165,6 +185,7 @@ impl Row<'_> {
             let per_z = (slope_x[i] * slope_x[i] + across).sqrt();
             let [depth, range] = split(lengths[i], per_z);
             ranges[i] = range;
+            // NaN and infinity fail the comparison: both are nothing.
             z[i] = if depth < NOTHING { depth } else { NOTHING };
             inverse[i] = 1.0 / depth;
             noise[i] =
@@ -178,73 +199,99 @@ impl Row<'_> {
 struct Table {
     key: Option<Decoding>,
     /// Length, or what becomes of a pixel without a usable one.
-    lengths: Vec<Result<f32, PixelFate>>,
+    lengths: Vec<Result<f32, PixelStatus>>,
 }
 
-/// All that a length depends on.
+impl Table {
+    /// Empty for depth that has no codes.
+    fn fill(&mut self, decoding: Decoding) {
+        if self.key == Some(decoding) {
+            return;
+        }
+        self.key = Some(decoding);
+        self.lengths.clear();
+        let usable = |decoded| decoding.usable(decoded);
+        match decoding.codes {
+            CodeUnit::Inverse8 => {
+                self.lengths.extend((0..=u8::MAX).map(|d| usable(decode_inverse8(d))));
+            }
+            CodeUnit::Linear16(unit) => {
+                self.lengths.extend((0..=u16::MAX).map(|d| usable(decode_linear16(d, unit))));
+            }
+            CodeUnit::None => {}
+        }
+    }
+}
+
+/// All that a length depends on beside its code.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Decoding {
-    /// World units per code; `None` for 8-bit depth.
-    unit: Option<f64>,
+    codes: CodeUnit,
     trusted: [f64; 2],
     scale: f64,
     offset: f64,
 }
 
-impl Table {
-    fn fill(&mut self, depth: &Depth, offset: f64, calibration: &Calibration) {
-        let unit = match depth.codes {
-            DepthCodes::Inverse8(_) => None,
-            DepthCodes::Linear16 { unit, .. } => Some(unit),
+/// What a code of the depth image means.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum CodeUnit {
+    /// `8·(1 − d/255)` world units.
+    Inverse8,
+    /// World units per step.
+    Linear16(f64),
+    /// No code: the image holds lengths themselves.
+    None,
+}
+
+impl Decoding {
+    fn new(depth: &Depth, offset: f64, calibration: &Calibration) -> Self {
+        let codes = match depth.codes {
+            DepthCodes::Inverse8(_) => CodeUnit::Inverse8,
+            DepthCodes::Linear16 { unit, .. } => CodeUnit::Linear16(unit),
+            DepthCodes::Lengths(_) => CodeUnit::None,
         };
         let scale = calibration.depth_scale;
         let offset = offset + calibration.depth_offset;
-        let key = Decoding { unit, trusted: depth.trusted, scale, offset };
-        if self.key == Some(key) {
-            return;
-        }
-        self.key = Some(key);
-        let usable = |decoded: Option<f64>| {
-            let decoded = decoded.ok_or(PixelFate::Hole)?;
-            let length = decoded * scale + offset;
-            match depth.trusts(decoded) && length > 0.0 {
-                true if LENGTHS.contains(&length) => Ok(length as f32),
-                true => Err(PixelFate::Far),
-                false => Err(PixelFate::Range),
-            }
-        };
-        self.lengths.clear();
-        match unit {
-            None => self.lengths.extend((0..=u8::MAX).map(|d| usable(decode_inverse8(d)))),
-            Some(unit) => {
-                self.lengths.extend((0..=u16::MAX).map(|d| usable(decode_linear16(d, unit))));
-            }
-        }
+        Self { codes, trusted: depth.trusted, scale, offset }
     }
 
-    /// Decodes a row; a pixel that is not usable gets its range: infinite where nothing is to be
-    /// seen, else NaN. Whether any is usable.
-    fn look_up<C: Copy + Into<usize>>(
-        &self,
-        codes: &[C],
-        colors: &[[u8; 4]],
-        lengths: &mut [f32],
-        fates: &mut [PixelFate],
-    ) -> bool {
-        let mut some = false;
-        let out = lengths.iter_mut().zip(fates);
-        for ((code, [.., alpha]), (length, fate)) in codes.iter().zip(colors).zip(out) {
-            (*length, *fate) = match (self.lengths[(*code).into()], alpha) {
-                (Err(PixelFate::Hole), 0) => (f32::INFINITY, PixelFate::Hole),
-                (Err(PixelFate::Hole), _) => (f32::NAN, PixelFate::Hole),
-                (Ok(length), 255) => {
-                    some = true;
-                    (length, PixelFate::Kept)
-                }
-                (Err(fate), 255) => (f32::NAN, fate),
-                _ => (f32::NAN, PixelFate::Alpha),
-            };
+    /// The corrected length of a pixel, or why there is none. Trust is a matter of what the sensor
+    /// measured, so the interval holds for the length before it is corrected.
+    #[inline(always)]
+    fn usable(&self, decoded: Option<f64>) -> Result<f32, PixelStatus> {
+        let decoded = decoded.ok_or(PixelStatus::Hole)?;
+        let length = decoded * self.scale + self.offset;
+        let is_trusted = decoded > self.trusted[0] && decoded < self.trusted[1];
+        match is_trusted && length > 0.0 {
+            true if LENGTHS.contains(&length) => Ok(length as f32),
+            true => Err(PixelStatus::Far),
+            false => Err(PixelStatus::Range),
         }
-        some
     }
+}
+
+/// Decodes a row; a pixel that is not usable gets its range: infinite where nothing is to be seen,
+/// else NaN. Whether any is usable.
+fn read_row<C: Copy>(
+    codes: &[C],
+    colors: &[[u8; 4]],
+    lengths: &mut [f32],
+    statuses: &mut [PixelStatus],
+    length_of: impl Fn(C) -> Result<f32, PixelStatus>,
+) -> bool {
+    let mut some = false;
+    let out = lengths.iter_mut().zip(statuses);
+    for ((code, [.., alpha]), (length, status)) in codes.iter().zip(colors).zip(out) {
+        (*length, *status) = match (length_of(*code), alpha) {
+            (Err(PixelStatus::Hole), 0) => (f32::INFINITY, PixelStatus::Hole),
+            (Err(PixelStatus::Hole), _) => (f32::NAN, PixelStatus::Hole),
+            (Ok(length), 255) => {
+                some = true;
+                (length, PixelStatus::Kept)
+            }
+            (Err(status), 255) => (f32::NAN, status),
+            _ => (f32::NAN, PixelStatus::Alpha),
+        };
+    }
+    some
 }

@@ -1,10 +1,14 @@
 //! How wrong depth is, by kind of sensor, and what follows for the plane fit.
+//!
+//! Every threshold of the fit is in units of the noise half-width, so that a sensor is told by
+//! its noise law and few numbers beside it. The two sensors of the recipe were measured
+//! (`dataset.md`, Sensors); the others follow from published accuracy or from how depth was
+//! computed, with the Kinect's thresholds in those units. Which sensor a dataset is of, its
+//! layout states: nothing in the images tells.
 
-use crate::dataset::decode::CodeKind;
-use crate::dataset::frame::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
-use crate::dataset::{Dataset, FrameSource};
+use crate::dataset::depth::{Depth, DepthCodes, DepthKind, INVERSE8_RANGE, SENSOR_NOISE};
 use crate::math::camera::Intrinsics;
-use crate::math::observation::DepthTolerance;
+use crate::observation::surface::DepthTolerance;
 use serde::{Deserialize, Serialize};
 
 /// Length of one code of 8-bit ray depth.
@@ -24,10 +28,10 @@ const CURVATURE: f64 = 1.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sensor {
-    /// NeRF-synthetic's 8-bit depth along the ray (`accuracy.md` 2): quantisation of one code, and
-    /// a bias of an eighth of it.
+    /// NeRF-synthetic's 8-bit depth along the ray (`dataset.md`, Sensors): quantisation of one
+    /// code, and a bias of an eighth of it.
     Inverse8Ray,
-    /// Structured light, metres (`accuracy.md` 2).
+    /// Structured light, metres (`dataset.md`, Sensors).
     Kinect,
     /// Time of flight in phones and tablets, metres: good to a centimetre on large surfaces
     /// (Luetzenburg, Kroon and Bjørk 2021, doi 10.1038/s41598-021-01763-9), growing with distance;
@@ -45,16 +49,16 @@ pub enum Sensor {
 pub struct NoiseLaw {
     /// Along the ray whatever the distance: divided by the length of the ray per unit of z.
     pub ray: f64,
-    /// Whatever the distance.
+    /// A constant whatever the distance, world units.
     pub floor: f64,
-    /// Times z.
+    /// Multiplied by z: noise that grows with distance.
     pub linear: f64,
-    /// Times z².
+    /// Multiplied by z², per world unit: triangulation.
     pub quadratic: f64,
 }
 
 /// Thresholds of the plane fit, all but the cosine in units of the noise half-width
-/// (`accuracy.md` 2, steps 3, 4 and 6).
+/// (`dataset.md`, Sensors).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
     /// Largest residual of a neighbour that takes part.
@@ -78,7 +82,7 @@ pub struct Profile {
     pub steepness: f64,
     /// Thresholds of the plane fit.
     pub thresholds: Thresholds,
-    /// How far measured and modelled depth may differ (`accuracy.md` 3, steps 2 and 4).
+    /// How far measured and modelled depth may differ (`dataset.md`, Sensors).
     pub tolerance: DepthTolerance,
 }
 
@@ -99,25 +103,6 @@ const METRIC_THRESHOLDS: Thresholds =
 const METRIC_TOLERANCE: DepthTolerance = DepthTolerance { margin: [0.03, 0.02], refinement: 0.03 };
 
 impl Sensor {
-    /// The sensor that a dataset's depth is from, by how its first depth image is stored.
-    pub fn of(dataset: &Dataset) -> Self {
-        let mut sources = dataset.splits.iter().flat_map(|s| &s.frames).map(|f| &f.source);
-        let known = sources.find_map(|source| match source {
-            FrameSource::Synthetic { scene, .. } => {
-                Some(Self::Exact { noise: scene.depth_noise() })
-            }
-            FrameSource::Files { depth: Some((_, encoding)), .. } => {
-                Some(match (encoding.codes, encoding.kind) {
-                    (CodeKind::Inverse8, _) => Self::Inverse8Ray,
-                    (CodeKind::Linear16(_), DepthKind::RayDistance) => Self::Exact { noise: 0.0 },
-                    (CodeKind::Linear16(_), DepthKind::Z) => Self::Kinect,
-                })
-            }
-            FrameSource::Files { depth: None, .. } => None,
-        });
-        known.unwrap_or(Self::Exact { noise: 0.0 })
-    }
-
     /// What it says of a depth image seen through a camera.
     pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
         match self {
@@ -154,6 +139,7 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
     let unit = match depth.codes {
         DepthCodes::Inverse8(_) => INVERSE8_LEVEL,
         DepthCodes::Linear16 { unit, .. } => unit,
+        DepthCodes::Lengths(_) => 0.0,
     };
     let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
     let noisy = DEVIATIONS * noise * SENSOR_NOISE;

@@ -1,9 +1,9 @@
 //! What to make of a frame.
 
 use super::sensor::{Profile, Sensor, Thresholds};
-use crate::dataset::Dataset;
 use crate::dataset::calibration::Calibration;
-use crate::dataset::frame::Depth;
+use crate::dataset::depth::Depth;
+use crate::dataset::opened::Dataset;
 use crate::math::camera::Intrinsics;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -26,24 +26,32 @@ pub struct SurfaceSettings {
     /// Corrections of the cameras; `None` is [`Calibration::NONE`].
     pub calibration: Option<Calibration>,
     /// World position that points are relative to.
-    #[serde(with = "as_array")]
+    #[serde(serialize_with = "to_array", deserialize_with = "from_array")]
     pub origin: DVec3,
 }
 
 impl SurfaceSettings {
     /// Every stage, with the sensor of the dataset and what is known of its cameras.
     pub fn new(dataset: &Dataset, origin: DVec3) -> Self {
+        let calibration = dataset.known_calibration();
+        Self { calibration, ..Self::of_sensor(dataset.sensor(), origin) }
+    }
+
+    /// Every stage, for frames of a sensor whose colour is registered to depth: what a program that
+    /// hands over its frames from memory begins with.
+    pub fn of_sensor(sensor: Sensor, origin: DVec3) -> Self {
         Self {
-            sensor: Sensor::of(dataset),
+            sensor,
             thresholds: None,
             plane_fit: true,
             flying_pixels: true,
             cosine: true,
-            calibration: Calibration::known(dataset),
+            calibration: None,
             origin,
         }
     }
 
+    /// The corrections to apply.
     pub(super) fn calibration(&self) -> &Calibration {
         static NONE: Calibration = Calibration::NONE;
         self.calibration.as_ref().unwrap_or(&NONE)
@@ -57,14 +65,10 @@ impl SurfaceSettings {
     }
 }
 
-mod as_array {
-    use super::*;
+fn to_array<S: serde::Serializer>(v: &DVec3, serializer: S) -> Result<S::Ok, S::Error> {
+    v.to_array().serialize(serializer)
+}
 
-    pub fn serialize<S: serde::Serializer>(v: &DVec3, serializer: S) -> Result<S::Ok, S::Error> {
-        v.to_array().serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: serde::Deserializer<'de>>(from: D) -> Result<DVec3, D::Error> {
-        <[f64; 3]>::deserialize(from).map(DVec3::from_array)
-    }
+fn from_array<'de, D: serde::Deserializer<'de>>(from: D) -> Result<DVec3, D::Error> {
+    <[f64; 3]>::deserialize(from).map(DVec3::from_array)
 }

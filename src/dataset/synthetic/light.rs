@@ -2,7 +2,7 @@
 //! per surface on a coarse grid and interpolated. It does not depend on the view, so what one frame
 //! shows every other confirms.
 
-use super::room::{CEILING_LIGHT, Lamp, Room, WINDOW_LIGHT};
+use super::room::{CEILING_LIGHT, FurnishedRoom, Lamp, WINDOW_LIGHT};
 use super::solid::{Ray, Shape};
 use glam::{DVec2, DVec3, Vec3, vec3};
 
@@ -36,9 +36,9 @@ struct LightMap {
 
 impl LightMaps {
     /// Lights the room.
-    pub fn bake(room: &Room) -> Self {
+    pub fn bake(room: &FurnishedRoom) -> Self {
         let map = |shape: &Shape, face| LightMap::bake(room, shape, face);
-        let maps = room.solids.iter().map(|solid| match solid.material.is_emissive() {
+        let maps = room.solids.iter().map(|solid| match solid.texture.is_emissive() {
             true => Vec::new(),
             false => (0..solid.shape.n_faces()).map(|face| map(&solid.shape, face)).collect(),
         });
@@ -53,7 +53,7 @@ impl LightMaps {
 }
 
 impl LightMap {
-    fn bake(room: &Room, shape: &Shape, face: usize) -> Self {
+    fn bake(room: &FurnishedRoom, shape: &Shape, face: usize) -> Self {
         let size = shape.face_size(face);
         let count = |metres: f64| ((metres / TEXEL).ceil() as usize).max(MIN_TEXELS);
         let (columns, rows) = (count(size.x), count(size.y));
@@ -73,6 +73,7 @@ impl LightMap {
     #[inline]
     fn at(&self, uv: DVec2) -> Vec3 {
         let place = |v: f64, n: usize| {
+            // Half a texel at the rim has no neighbour to interpolate with.
             let x = (v * n as f64 - 0.5).clamp(0.0, (n - 1) as f64);
             let i = (x as usize).min(n - 2);
             (i, (x - i as f64) as f32)
@@ -86,14 +87,15 @@ impl LightMap {
     }
 }
 
-fn gather(room: &Room, point: DVec3, normal: DVec3) -> Vec3 {
+fn gather(room: &FurnishedRoom, point: DVec3, normal: DVec3) -> Vec3 {
+    // Off the surface, or it would stand in its own light.
     let start = point + normal * 1e-4;
     from_lamp(room, start, normal, &WINDOW_LIGHT)
         + from_lamp(room, start, normal, &CEILING_LIGHT)
         + ambient(room, start, normal)
 }
 
-fn from_lamp(room: &Room, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
+fn from_lamp(room: &FurnishedRoom, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
     let area = lamp.edges[0].length() * lamp.edges[1].length();
     let per_sample = area / (std::f64::consts::PI * (LAMP_GRID * LAMP_GRID) as f64);
     let mut sum = 0.0;
@@ -105,15 +107,16 @@ fn from_lamp(room: &Room, start: DVec3, normal: DVec3, lamp: &Lamp) -> Vec3 {
         let square = way.length_squared();
         let cosines = normal.dot(way).max(0.0) * (-lamp.normal.dot(way)).max(0.0) / square;
         if cosines > 0.0 && !room.is_blocked(&Ray::new(start, way)) {
+            // Right beside a lamp a sample would grow without bound.
             sum += cosines / square.max(0.05) * per_sample;
         }
     }
     lamp.radiance * sum as f32
 }
 
-/// Cosine-weighted directions on a golden-angle spiral: even, and the same everywhere, so flat
+/// Cosine-weighted directions on a golden-angle spiral: even, and alike everywhere, so flat
 /// surfaces shade evenly.
-fn ambient(room: &Room, start: DVec3, normal: DVec3) -> Vec3 {
+fn ambient(room: &FurnishedRoom, start: DVec3, normal: DVec3) -> Vec3 {
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     let mut n_open = 0;

@@ -1,7 +1,11 @@
-//! What stands in the room.
+//! What stands in the room: large plain walls, fine and coarse patterns, curved and thin things,
+//! one before the other.
+//!
+//! The seed moves textures and the colours of the small things, never shapes: the camera's path
+//! is clear of every solid whatever the seed.
 
 use super::solid::{Hit, Ray, Shape};
-use super::texture::Material;
+use super::texture::Texture;
 use crate::math::rng::{Purpose, Rng};
 use glam::{DVec3, Vec3, dvec3, vec3};
 
@@ -17,12 +21,12 @@ const FURNISHING: u64 = u64::MAX;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Solid {
     pub shape: Shape,
-    pub material: Material,
+    pub texture: Texture,
 }
 
 /// All things; the first is the room's shell.
 #[derive(Debug)]
-pub(super) struct Room {
+pub(super) struct FurnishedRoom {
     pub solids: Vec<Solid>,
     pub seed: u32,
 }
@@ -52,12 +56,12 @@ pub(super) const CEILING_LIGHT: Lamp = Lamp {
     radiance: vec3(6.4, 5.5, 4.3),
 };
 
-impl Room {
+impl FurnishedRoom {
     /// Furnishes the room; the seed shifts textures and the colours of the small things.
     pub fn new(seed: u64) -> Self {
         let mut rng = Rng::new(seed, Purpose::Synthetic, FURNISHING);
         let mut solids =
-            vec![Solid { shape: Shape::Shell { lo: LO, hi: HI }, material: Material::Walls }];
+            vec![Solid { shape: Shape::Shell { lo: LO, hi: HI }, texture: Texture::Walls }];
         add_fittings(&mut solids);
         add_table(&mut solids, &mut rng);
         add_furniture(&mut solids, &mut rng);
@@ -71,34 +75,34 @@ impl Room {
     }
 }
 
-fn block(lo: [f64; 3], hi: [f64; 3], material: Material) -> Solid {
-    Solid { shape: Shape::Block { lo: lo.into(), hi: hi.into() }, material }
+fn block(lo: [f64; 3], hi: [f64; 3], texture: Texture) -> Solid {
+    Solid { shape: Shape::Block { lo: lo.into(), hi: hi.into() }, texture }
 }
 
-fn sphere(centre: [f64; 3], radius: f64, material: Material) -> Solid {
-    Solid { shape: Shape::Sphere { centre: centre.into(), radius }, material }
+fn sphere(centre: [f64; 3], radius: f64, texture: Texture) -> Solid {
+    Solid { shape: Shape::Sphere { centre: centre.into(), radius }, texture }
 }
 
-fn cylinder(base: [f64; 3], radius: f64, height: f64, material: Material) -> Solid {
-    Solid { shape: Shape::Cylinder { base: base.into(), radius, height }, material }
+fn cylinder(base: [f64; 3], radius: f64, height: f64, texture: Texture) -> Solid {
+    Solid { shape: Shape::Cylinder { base: base.into(), radius, height }, texture }
 }
 
-const OAK: Material = Material::Wood(vec3(0.46, 0.28, 0.14));
-const WALNUT: Material = Material::Wood(vec3(0.24, 0.13, 0.07));
-const WHITE: Material = Material::Paint(vec3(0.78, 0.77, 0.74));
+const OAK: Texture = Texture::Wood(vec3(0.46, 0.28, 0.14));
+const WALNUT: Texture = Texture::Wood(vec3(0.24, 0.13, 0.07));
+const WHITE: Texture = Texture::Paint(vec3(0.78, 0.77, 0.74));
 
 /// Window, ceiling light and pictures: what hangs on the walls.
 fn add_fittings(solids: &mut Vec<Solid>) {
     solids.extend([
         block([-1.0, -2.2, 0.8], [1.0, -2.18, 2.2], WHITE),
-        block([-0.9, -2.2, 0.9], [0.9, -2.165, 2.1], Material::Window),
+        block([-0.9, -2.2, 0.9], [0.9, -2.165, 2.1], Texture::Window),
         block([-1.05, -2.2, 0.76], [1.05, -2.05, 0.8], WHITE),
-        block([-0.7, -0.5, 2.56], [0.7, 0.5, 2.6], Material::Glow(vec3(3.2, 2.9, 2.4))),
-        block([-0.72, 2.175, 1.1], [0.72, 2.2, 2.04], Material::Wood(vec3(0.62, 0.42, 0.12))),
-        block([-0.64, 2.165, 1.18], [0.64, 2.19, 1.96], Material::Landscape),
+        block([-0.7, -0.5, 2.56], [0.7, 0.5, 2.6], Texture::Glow(vec3(3.2, 2.9, 2.4))),
+        block([-0.72, 2.175, 1.1], [0.72, 2.2, 2.04], Texture::Wood(vec3(0.62, 0.42, 0.12))),
+        block([-0.64, 2.165, 1.18], [0.64, 2.19, 1.96], Texture::Landscape),
         block([-2.6, -0.56, 1.16], [-2.58, 0.56, 1.96], WALNUT),
-        block([-2.6, -0.5, 1.22], [-2.57, 0.5, 1.9], Material::Abstract),
-        cylinder([0.0, 0.0, 0.0], 1.45, 0.012, Material::Rug),
+        block([-2.6, -0.5, 1.22], [-2.57, 0.5, 1.9], Texture::Abstract),
+        cylinder([0.0, 0.0, 0.0], 1.45, 0.012, Texture::Rug),
     ]);
 }
 
@@ -111,44 +115,40 @@ fn add_table(solids: &mut Vec<Solid>, rng: &mut Rng) {
     }
     let ring = Shape::Torus { centre: dvec3(0.3, -0.16, TOP + 0.055), major: 0.15, minor: 0.055 };
     solids.extend([
-        sphere([-0.38, 0.1, TOP + 0.16], 0.16, Material::Marble(bright(rng))),
-        Solid { shape: ring, material: Material::Candy(bright(rng)) },
-        block([0.24, 0.12, TOP], [0.5, 0.34, TOP + 0.2], Material::Checker(bright(rng))),
-        cylinder([-0.02, 0.2, TOP], 0.075, 0.3, Material::Glaze(bright(rng))),
-        sphere([-0.02, 0.2, TOP + 0.4], 0.14, Material::Leaves),
-        cylinder([-0.12, -0.26, TOP], 0.05, 0.11, Material::Glaze(bright(rng))),
-        block([-0.6, -0.34, TOP], [-0.34, -0.14, TOP + 0.035], Material::Cover(bright(rng))),
-        block(
-            [-0.58, -0.33, TOP + 0.035],
-            [-0.36, -0.16, TOP + 0.06],
-            Material::Cover(bright(rng)),
-        ),
+        sphere([-0.38, 0.1, TOP + 0.16], 0.16, Texture::Marble(bright(rng))),
+        Solid { shape: ring, texture: Texture::Candy(bright(rng)) },
+        block([0.24, 0.12, TOP], [0.5, 0.34, TOP + 0.2], Texture::Checker(bright(rng))),
+        cylinder([-0.02, 0.2, TOP], 0.075, 0.3, Texture::Glaze(bright(rng))),
+        sphere([-0.02, 0.2, TOP + 0.4], 0.14, Texture::Leaves),
+        cylinder([-0.12, -0.26, TOP], 0.05, 0.11, Texture::Glaze(bright(rng))),
+        block([-0.6, -0.34, TOP], [-0.34, -0.14, TOP + 0.035], Texture::Cover(bright(rng))),
+        block([-0.58, -0.33, TOP + 0.035], [-0.36, -0.16, TOP + 0.06], Texture::Cover(bright(rng))),
     ]);
 }
 
 /// What stands along the walls.
 fn add_furniture(solids: &mut Vec<Solid>, rng: &mut Rng) {
-    let sofa = Material::Fabric(vec3(0.10, 0.24, 0.30));
-    let pillow = Material::Fabric(vec3(0.70, 0.42, 0.10));
+    let sofa = Texture::Fabric(vec3(0.10, 0.24, 0.30));
+    let pillow = Texture::Fabric(vec3(0.70, 0.42, 0.10));
     solids.extend([
         block([-2.5, -0.95, 0.08], [-1.75, 0.95, 0.42], sofa),
         block([-2.58, -0.95, 0.08], [-2.32, 0.95, 0.86], sofa),
         block([-2.5, -1.12, 0.08], [-1.75, -0.95, 0.6], sofa),
         block([-2.5, 0.95, 0.08], [-1.75, 1.12, 0.6], sofa),
         block([-2.32, -0.85, 0.42], [-2.16, -0.42, 0.76], pillow),
-        block([-2.32, 0.4, 0.42], [-2.16, 0.82, 0.76], Material::Checker(vec3(0.62, 0.16, 0.13))),
-        block([2.28, -1.05, 0.0], [2.6, 0.55, 1.95], Material::Books),
-        cylinder([2.3, 1.2, 0.0], 0.17, 0.34, Material::Glaze(vec3(0.72, 0.30, 0.16))),
-        sphere([2.3, 1.2, 0.72], 0.34, Material::Leaves),
-        sphere([2.24, 1.16, 1.14], 0.22, Material::Leaves),
-        block([-0.95, 1.78, 0.1], [0.95, 2.2, 0.8], Material::Drawers),
+        block([-2.32, 0.4, 0.42], [-2.16, 0.82, 0.76], Texture::Checker(vec3(0.62, 0.16, 0.13))),
+        block([2.28, -1.05, 0.0], [2.6, 0.55, 1.95], Texture::Books),
+        cylinder([2.3, 1.2, 0.0], 0.17, 0.34, Texture::Glaze(vec3(0.72, 0.30, 0.16))),
+        sphere([2.3, 1.2, 0.72], 0.34, Texture::Leaves),
+        sphere([2.24, 1.16, 1.14], 0.22, Texture::Leaves),
+        block([-0.95, 1.78, 0.1], [0.95, 2.2, 0.8], Texture::Drawers),
         block([-0.9, 1.84, 0.0], [0.9, 2.2, 0.1], WALNUT),
-        cylinder([0.7, 1.98, 0.8], 0.07, 0.2, Material::Glaze(bright(rng))),
-        sphere([0.7, 1.98, 1.12], 0.15, Material::Leaves),
-        sphere([-0.68, 1.98, 0.93], 0.13, Material::Marble(vec3(0.75, 0.73, 0.70))),
-        sphere([-1.75, 1.6, 0.3], 0.3, Material::Ball(bright(rng))),
-        cylinder([1.5, -1.6, 0.0], 0.24, 0.45, Material::Fabric(vec3(0.55, 0.20, 0.16))),
-        block([-2.3, -1.95, 0.0], [-1.6, -1.4, 0.5], Material::Checker(vec3(0.16, 0.32, 0.42))),
+        cylinder([0.7, 1.98, 0.8], 0.07, 0.2, Texture::Glaze(bright(rng))),
+        sphere([0.7, 1.98, 1.12], 0.15, Texture::Leaves),
+        sphere([-0.68, 1.98, 0.93], 0.13, Texture::Marble(vec3(0.75, 0.73, 0.70))),
+        sphere([-1.75, 1.6, 0.3], 0.3, Texture::Ball(bright(rng))),
+        cylinder([1.5, -1.6, 0.0], 0.24, 0.45, Texture::Fabric(vec3(0.55, 0.20, 0.16))),
+        block([-2.3, -1.95, 0.0], [-1.6, -1.4, 0.5], Texture::Checker(vec3(0.16, 0.32, 0.42))),
     ]);
 }
 

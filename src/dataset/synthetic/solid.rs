@@ -1,4 +1,9 @@
 //! Shapes with closed-form (torus: converged) ray intersections and charts for light and texture.
+//!
+//! Rays need not be of unit length: that of a pixel has z = 1 in the camera, so that the `t` of a
+//! hit is the depth along the optical axis, with no conversion to round. The torus is traced
+//! along its distance function, then polished by Newton's method, so that its depth is exact to
+//! rounding like that of the other shapes.
 
 use glam::{DVec2, DVec3};
 
@@ -9,7 +14,7 @@ pub(super) enum Shape {
     Block { lo: DVec3, hi: DVec3 },
     /// Axis-aligned box seen from inside.
     Shell { lo: DVec3, hi: DVec3 },
-    /// Ball.
+    /// Ball seen from outside.
     Sphere { centre: DVec3, radius: f64 },
     /// Upright cylinder standing on `base`, with a lid.
     Cylinder { base: DVec3, radius: f64, height: f64 },
@@ -57,7 +62,7 @@ impl Shape {
         }
     }
 
-    /// Bounding box.
+    /// Low and high corner of the bounding box, metres.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => (lo, hi),
@@ -111,6 +116,7 @@ impl Shape {
     /// Chart coordinates in `[0, 1]²` of a surface point.
     #[inline]
     pub fn chart(&self, point: DVec3, face: usize) -> DVec2 {
+        // Turned by half, so that the chart runs from 0 to 1 and its seam lies at −x.
         let angle = |x: f64, y: f64| y.atan2(x) / std::f64::consts::TAU + 0.5;
         match *self {
             Self::Block { lo, hi } | Self::Shell { lo, hi } => {
@@ -251,6 +257,7 @@ fn cylinder(ray: &Ray, base: DVec3, radius: f64, height: f64) -> Option<Hit> {
             best = Some(Hit { t, face: 0 });
         }
     }
+    // The lid from above only: cylinders stand on something, so the base is never seen.
     if d.z < 0.0 && o.z > height {
         let t = (height - o.z) / d.z;
         let at = flat + d.truncate() * t;

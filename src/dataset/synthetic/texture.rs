@@ -7,7 +7,7 @@ use glam::{DVec2, DVec3, Vec2, Vec3, vec3};
 
 /// What a surface looks like; colours are linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Material {
+pub(super) enum Texture {
     Walls,
     Paint(Vec3),
     Wood(Vec3),
@@ -43,13 +43,14 @@ pub(super) struct Place {
     pub seed: u32,
 }
 
-impl Material {
+impl Texture {
     /// Whether `albedo` is radiance instead.
     pub fn is_emissive(&self) -> bool {
         matches!(self, Self::Window | Self::Glow(_))
     }
 
-    /// Linear RGB.
+    /// Share of light that the surface sends back there, linear RGB; radiance where it shines by
+    /// itself.
     pub fn albedo(&self, at: &Place) -> Vec3 {
         let metres = (at.uv * at.size).as_vec2();
         match *self {
@@ -332,7 +333,7 @@ fn noise2(p: Vec2, seed: u32) -> f32 {
     low + (high - low) * s.y
 }
 
-/// The same in space.
+/// Smooth value noise in `[0, 1)` with unit lattice in space.
 fn noise3(p: Vec3, seed: u32) -> f32 {
     let floor = p.z.floor();
     let f = p.z - floor;

@@ -25,6 +25,7 @@ pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
 
 /// Poses of the evaluation frames: another height and distance than any training frame.
 pub(super) fn eval(n_frames: usize, seed: u64) -> Vec<Pose> {
+    // Off the training frames of a usual number, so that no view is one that was learnt.
     let phase = phase(seed) + 0.37 / FRAMES_PER_TURN;
     let between = |i: usize| {
         let turn = phase + i as f64 / n_frames as f64;
@@ -59,12 +60,12 @@ fn target(turn: f64) -> DVec3 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::room::{HI, LO, Room};
+    use super::super::room::{FurnishedRoom, HI, LO};
     use super::*;
 
     #[test]
     fn cameras_stand_in_free_space() {
-        let room = Room::new(3);
+        let room = FurnishedRoom::new(3);
         let poses = [train(96, 0), eval(24, 0), train(1, 5), eval(1, 5), train(7, 9)].concat();
         assert_eq!(poses.len(), 96 + 24 + 1 + 1 + 7, "every frame has a pose");
         for pose in poses {

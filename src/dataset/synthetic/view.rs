@@ -1,7 +1,12 @@
 //! Ray casting of one view.
+//!
+//! One ray through each pixel's centre, without supersampling: colour and depth of a pixel are
+//! those of one place on one surface, so that a loader can be tested on every pixel; textures
+//! blur themselves by the width of a pixel instead. Pixels are cast in tiles, each with the few
+//! solids whose projected boxes reach it, nearest first.
 
 use super::light::LightMaps;
-use super::room::{Room, Solid};
+use super::room::{FurnishedRoom, Solid};
 use super::solid::{Hit, Ray};
 use super::texture::Place;
 use crate::math::camera::{Camera, Intrinsics};
@@ -11,7 +16,7 @@ use std::ops::Range;
 
 /// Colour and exact depth of one view.
 #[derive(Clone, Debug)]
-pub struct View {
+pub struct SyntheticView {
     /// sRGB-encoded, opaque.
     pub color: Image<[u8; 4]>,
     /// Depth along the optical axis, metres; positive everywhere, the room is closed.
@@ -22,7 +27,7 @@ pub struct View {
 const TILE: usize = 16;
 
 /// Casts one ray through each pixel's centre.
-pub(super) fn render(room: &Room, light: &LightMaps, camera: &Camera) -> View {
+pub(super) fn render(room: &FurnishedRoom, light: &LightMaps, camera: &Camera) -> SyntheticView {
     let k = camera.intrinsics;
     let (width, height) = (k.width as usize, k.height as usize);
     let mut reaches: Vec<_> =
@@ -52,15 +57,16 @@ pub(super) fn render(room: &Room, light: &LightMaps, camera: &Camera) -> View {
             }
         }
     }
-    View { color, depth_z }
+    SyntheticView { color, depth_z }
 }
 
 /// `in_reach` is sorted from near to far.
 #[inline]
-fn nearest(room: &Room, in_reach: &[&Reach], ray: &Ray) -> Option<(usize, Hit)> {
+fn nearest(room: &FurnishedRoom, in_reach: &[&Reach], ray: &Ray) -> Option<(usize, Hit)> {
     let mut best: Option<(usize, Hit)> = None;
     for reach in in_reach {
         let limit = best.map_or(f64::INFINITY, |(_, hit)| hit.t);
+        // Sorted by nearest depth: whatever follows lies behind the hit.
         if reach.nearest_z > limit {
             break;
         }
@@ -74,21 +80,22 @@ fn nearest(room: &Room, in_reach: &[&Reach], ray: &Ray) -> Option<(usize, Hit)> 
 }
 
 fn shade(
-    room: &Room,
+    room: &FurnishedRoom,
     light: &LightMaps,
     ray: &Ray,
     index: usize,
     hit: Hit,
     k: &Intrinsics,
 ) -> Vec3 {
-    let Solid { shape, material } = &room.solids[index];
+    let Solid { shape, texture } = &room.solids[index];
     let world = ray.at(hit.t);
     let uv = shape.chart(world, hit.face);
     let size = shape.face_size(hit.face);
+    // Width of a pixel at that depth.
     let blur = (hit.t / k.fx) as f32;
     let place = Place { world, uv, size, face: hit.face, blur, seed: room.seed };
-    let albedo = material.albedo(&place);
-    match material.is_emissive() {
+    let albedo = texture.albedo(&place);
+    match texture.is_emissive() {
         true => albedo,
         false => albedo * light.at(index, hit.face, uv),
     }

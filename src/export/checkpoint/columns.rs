@@ -3,8 +3,8 @@
 use super::container::Section;
 use super::element::Stored;
 use super::tag;
-use crate::model::state::{Carry, Means, Totals};
-use crate::model::statistics::N_SUMS;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::state::{Carry, InitialMeans, Totals};
 use bytemuck::{Pod, pod_read_unaligned};
 
 /// First moments per component: space, then colour.
@@ -13,10 +13,10 @@ pub(super) const N_FIRST: usize = 6;
 pub(super) const N_SECOND: usize = 6;
 
 /// The sections of the initial means.
-pub(super) fn means(means: &Means) -> Section<'_> {
+pub(super) fn means(means: &InitialMeans) -> Section<'_> {
     match means {
-        Means::F32 { space, color } => columns_of(space, color),
-        Means::F64 { space, color } => columns_of(space, color),
+        InitialMeans::F32 { space, color } => columns_of(space, color),
+        InitialMeans::F64 { space, color } => columns_of(space, color),
     }
 }
 

@@ -128,8 +128,8 @@ pub(super) struct Container<'a> {
 }
 
 impl<'a> Container<'a> {
-    /// Checks everything but what the sections mean, in the order of `export.md` 4. Takes memory
-    /// for the table only, once the file is known to hold it.
+    /// Checks everything but what the sections mean, in order (`export.md`, Checkpoint container).
+    /// Takes memory for the table only, once the file is known to hold it.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
         let found = bytes.len() as u64;
         let head = size_of::<Header>();

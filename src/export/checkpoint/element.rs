@@ -3,7 +3,7 @@
 use bytemuck::Pod;
 
 /// Type of a section's elements; the discriminant is its code in the file. The last two are this
-/// program's additions to the codes of `export.md` 4.
+/// program's additions to the published codes (`export.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Element {

@@ -7,10 +7,10 @@ use super::element::Stored;
 use super::error::Defect;
 use super::sections::{F32, F64, I64, I128, Sections, check_size, rows, wrong_type};
 use super::{StoredModel, check, tag};
-use crate::math::points::Normalization;
-use crate::model::prior::Hyper;
-use crate::model::state::{Means, ModelState, Totals};
-use crate::model::statistics::N_SUMS;
+use crate::math::normalization::Normalization;
+use crate::model::conjugate::prior::Hyper;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::state::{InitialMeans, ModelState, Totals};
 
 /// In the order of the file.
 pub(super) fn sections<'a>(
@@ -74,15 +74,15 @@ fn hyper(sections: &Sections, components: usize) -> Result<Hyper, Defect> {
     })
 }
 
-fn means(sections: &Sections, n: usize) -> Result<Means, Defect> {
+fn means(sections: &Sections, n: usize) -> Result<InitialMeans, Defect> {
     match sections.find(tag::MEANS)?.1 {
         F32 => {
             let [space, color] = means_of(sections, n)?;
-            Ok(Means::F32 { space, color })
+            Ok(InitialMeans::F32 { space, color })
         }
         F64 => {
             let [space, color] = means_of(sections, n)?;
-            Ok(Means::F64 { space, color })
+            Ok(InitialMeans::F64 { space, color })
         }
         code => Err(wrong_type(tag::MEANS, "F32 or F64", code)),
     }

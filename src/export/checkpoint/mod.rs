@@ -1,5 +1,5 @@
-//! Native checkpoints, `*.vbgs` (`export.md` 4): everything a run needs to go on as if it had never
-//! stopped, saved at a frame boundary.
+//! Native checkpoints, `*.vbgs` (`export.md`, Checkpoint container): everything a run needs to go
+//! on as if it had never stopped, saved at a frame boundary.
 //!
 //! Little-endian. A header of 24 bytes (magic, version, number of sections, length of the file), a
 //! table with one entry of 32 bytes per section (tag, element type, offset, length, CRC-32), the
@@ -46,9 +46,9 @@
 //!
 //! ```
 //! use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, read, write};
-//! use vbgs_studio::math::points::Normalization;
-//! use vbgs_studio::model::prior::Hyper;
-//! use vbgs_studio::model::state::{Means, ModelState, Totals};
+//! use vbgs_studio::math::normalization::Normalization;
+//! use vbgs_studio::model::conjugate::prior::Hyper;
+//! use vbgs_studio::model::paper::state::{InitialMeans, ModelState, Totals};
 //!
 //! let checkpoint = Checkpoint {
 //!     config: "{}".into(),
@@ -61,7 +61,7 @@
 //!         hyper: Hyper::paper(1, 1.0),
 //!         state: ModelState {
 //!             alpha_init: vec![1.5],
-//!             means: Means::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
+//!             means: InitialMeans::F32 { space: vec![[0.25; 3]], color: vec![[0.0; 3]] },
 //!             totals: Totals::Fixed128(vec![[1 << 80, 0, 0, 0, 9, 0, 0, 9, 0, 9, 0, 0, 0]]),
 //!         },
 //!     },
@@ -86,15 +86,11 @@ mod scene;
 mod sections;
 mod write;
 
+pub use crate::model::stored::StoredModel;
 pub use container::VERSION;
 pub use error::{CheckpointError, Defect};
 pub use read::{is_checkpoint, parse, read};
 pub use write::{to_bytes, write, write_keeping_old};
-
-use crate::math::points::Normalization;
-use crate::model::prior::Hyper;
-use crate::model::scene::state::SceneState;
-use crate::model::state::ModelState;
 
 // Columns are written and read as they lie in memory.
 const _: () = assert!(cfg!(target_endian = "little"), "checkpoints need a little-endian machine");
@@ -114,22 +110,6 @@ pub struct Checkpoint {
     pub cursor: Cursor,
     /// The model.
     pub model: StoredModel,
-}
-
-/// A model of either kind.
-#[derive(Clone, Debug, PartialEq)]
-pub enum StoredModel {
-    /// Of the paper's preset.
-    Mixture {
-        /// World to model coordinates.
-        normalization: Normalization,
-        /// Prior and initial hyper-parameters.
-        hyper: Hyper,
-        /// Weights, means and statistics.
-        state: ModelState,
-    },
-    /// Of the scene preset.
-    Scene(SceneState),
 }
 
 /// How far a run is.

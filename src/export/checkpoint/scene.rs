@@ -4,15 +4,15 @@ use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
-use crate::model::scene::exposure::Exposure;
-use crate::model::scene::state::{Looks, SceneState, StoredSums, WideRow};
+use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::N_SUMS;
+use crate::model::splat::exposure::FrameExposure;
 
-/// Words of a component's looks.
-const N_LOOKS: usize = size_of::<Looks>() / size_of::<u32>();
+/// Words of a component's visibility counts.
+const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 /// Numbers of a frame's exposure.
-const N_EXPOSURE: usize = size_of::<Exposure>() / size_of::<f64>();
+const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 
 /// In the order of the file.
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
@@ -35,7 +35,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     }
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
-    sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.looks)));
+    sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.visibility)));
     if !state.exposures.is_empty() {
         let numbers = bytemuck::cast_slice(&state.exposures);
         sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
@@ -54,15 +54,15 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     };
     // Seeds may share components; else each has its own.
     let n = components.is_none().then_some(seeds.len());
-    let looks = sections.rows::<u32, N_LOOKS>(tag::LOOKS, n)?;
-    let n = looks.len();
+    let visibility = sections.rows::<u32, N_LOOKS>(tag::LOOKS, n)?;
+    let n = visibility.len();
     check_size(tag::LOOKS, 0, n)?;
     let state = SceneState {
         origin: sections.numbers(tag::ORIGIN)?,
         seeds,
         components,
         sums: sums(sections, n)?,
-        looks: bytemuck::cast_vec(looks),
+        visibility: bytemuck::cast_vec(visibility),
         exposures: match sections.has(tag::EXPOSURES) {
             true => bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(tag::EXPOSURES, None)?),
             false => Vec::new(),

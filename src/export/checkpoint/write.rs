@@ -1,18 +1,18 @@
 //! A checkpoint as sections.
 
-use super::super::atomic::{back_up, write_atomic};
+use super::super::atomic;
 use super::container::{self, Section};
 use super::error::CheckpointError;
 use super::{Checkpoint, StoredModel, mixture, scene, tag};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes a checkpoint, whole or not at all (see [`write_atomic`]); returns the number of bytes.
+/// Writes a checkpoint, whole or not at all (see [`atomic::write_atomic`]); returns the number of bytes.
 ///
 /// # Errors
 /// Whatever writing a file can meet.
 pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
-    Ok(write_atomic(path, |out| write_to(out, checkpoint))?)
+    Ok(atomic::write_atomic(path, |out| write_to(out, checkpoint))?)
 }
 
 /// Like [`write()`]; an older file of that name stays as `<name>.bak`.
@@ -20,8 +20,7 @@ pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointErro
 /// # Errors
 /// As [`write()`]; the older file is untouched then.
 pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
-    back_up(path)?;
-    write(path, checkpoint)
+    Ok(atomic::write_keeping_old(path, |out| write_to(out, checkpoint))?)
 }
 
 /// The bytes of the file.

@@ -11,7 +11,7 @@ const U16: u32 = 5123;
 const F32: u32 = 5126;
 
 /// What an attribute may look like: vector types with their widths, component types, and whether
-/// those must be normalised integers (`export.md` 3; `COLOR_0` as in glTF 2.0, 3.7.2.1).
+/// those must be normalised integers (`export.md`, GLB; `COLOR_0` as in glTF 2.0, 3.7.2.1).
 struct Rule {
     kinds: &'static [(&'static str, usize)],
     components: &'static [(u32, bool)],

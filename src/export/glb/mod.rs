@@ -1,4 +1,4 @@
-//! glTF 2.0 with `KHR_gaussian_splatting` (`export.md` 3). Files are y-up; splats here are z-up:
+//! glTF 2.0 with `KHR_gaussian_splatting` (`export.md`, GLB). Files are y-up; splats here are z-up:
 //! writing turns `(x, y, z)` into `(x, z, −y)` and reading always undoes that, whoever wrote it.
 
 mod accessor;

@@ -3,7 +3,7 @@
 use super::schema::{Node, Root};
 use crate::export::error::Fault;
 use crate::math::sym3::Sym3;
-use crate::model::splats::{CovarianceForm, decompose};
+use crate::model::splat::splats::{CovarianceForm, decompose};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec4Swizzles};
 
 /// Largest cosine between two columns that still counts as a right angle.

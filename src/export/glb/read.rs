@@ -7,9 +7,9 @@ use crate::export::imported::Imported;
 use std::borrow::Cow;
 use std::path::Path;
 
-/// Longest JSON read from a GLB (`export.md`, limits).
+/// Longest JSON read from a GLB (`export.md`, Limits).
 const LONGEST_JSON: usize = 64 << 20;
-/// Deepest nesting of JSON arrays and objects (`export.md`, limits).
+/// Deepest nesting of JSON arrays and objects (`export.md`, Limits).
 const DEEPEST_JSON: usize = 64;
 /// Extensions a file may require: ours, and those that do not change what is imported.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];

@@ -2,7 +2,8 @@
 
 use crate::export::error::{Fault, shorten};
 
-/// Longest header read: SuperSplat's limit too (`export.md` 1); 62 properties take 1.5 KB.
+/// Longest header read: SuperSplat's limit too (`export.md`, PLY of splats); 62 properties take 1.5
+/// KB.
 const LONGEST_HEADER: usize = 128 * 1024;
 
 /// Parsed header.

@@ -1,11 +1,11 @@
-//! Centres as a coloured point cloud (`export.md` 2).
+//! Centres as a coloured point cloud (`export.md`, Point cloud).
 
 use super::write::{end_header, header_start, push_property, turn};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, drawable};
 use crate::math::image::unit_to_byte;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use glam::DVec3;
 use std::io::{self, Write};
 

@@ -9,7 +9,8 @@ use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
 use glam::{DMat3, DQuat, DVec3};
 
-/// The third scale of flat splats, as a fraction of the larger of the other two (`export.md` 1).
+/// The third scale of flat splats, as a fraction of the larger of the other two (`export.md`, PLY
+/// of splats).
 const FLATNESS: f64 = 1e-6;
 
 /// Highest degree of harmonics that trainers write.

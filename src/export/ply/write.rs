@@ -1,4 +1,4 @@
-//! Splats in the 3DGS layout (`export.md` 1).
+//! Splats in the 3DGS layout (`export.md`, PLY of splats).
 
 use super::{N_REST_DEGREE_1, N_REST_DEGREE_3};
 use crate::export::error::Fault;
@@ -9,7 +9,8 @@ use crate::export::imported::VERTICAL_AXIS;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
-/// antimatter15/splat reads headers up to 10 KB, others more; 4 KB leaves room (`export.md` 1).
+/// antimatter15/splat reads headers up to 10 KB, others more; 4 KB leaves room (`export.md`, PLY of
+/// splats).
 const LONGEST_HEADER: usize = 4096;
 
 const BEFORE_REST: [&str; 9] = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];

@@ -1,11 +1,11 @@
 //! Vectors of AVX2.
 //!
 //! Safety: [`Avx2`] cannot be named outside this file, so its methods run below [`run`] only, and
-//! [`run`] is reached through an [`super::Isa`] that exists only where [`is_available`] said so.
+//! [`run`] is reached through an [`super::isa::Isa`] that exists only where [`is_available`] said so.
 
 #![allow(unsafe_code)]
 
-use super::{Kernel, LANES, SET_LANES, Vector};
+use super::vector::{Kernel, LANES, SET_LANES, Vector};
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
 

@@ -1,6 +1,6 @@
 //! Vectors of `wide`: what the compiler may use everywhere.
 
-use super::{LANES, SET_LANES, Vector};
+use super::vector::{LANES, SET_LANES, Vector};
 use std::ops::{Add, Div, Mul, Sub};
 use wide::bytemuck::cast;
 use wide::{f32x8, i32x8, u32x8};

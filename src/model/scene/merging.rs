@@ -1,36 +1,42 @@
-//! Adding scenes whose components stand on one lattice and that saw different frames: exact, so that
-//! any merge tree gives the same bits.
+//! Adding scenes whose components stand on one lattice and that saw different frames: exact, so
+//! that any merge tree gives equal bits.
+//!
+//! Only lattices can be added: seeds that are born where points fall depend on the frames before,
+//! and two runs have no component in common. Sums are whole quanta and stay below 2⁵³ of them, so
+//! f64 adds them without rounding whatever the order.
 
 use super::state::{
-    Looks, MOST_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow, seed_order,
+    MAX_SUM, QUANTUM, SceneState, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow, seed_order,
 };
 use super::sums::N_SUMS;
-use crate::model::merging::AddError;
+use crate::model::paper::merging::AddError;
 
 /// The sum of two scenes: components with equal seeds become one. The result is in
 /// [`seed_order`], as scenes are whose components do not depend on the order of frames.
 ///
 /// # Errors
-/// [`AddError::Unlike`] for scenes about different origins or with merged components, [`AddError::Inexact`] unless both keep
-/// integer sums, [`AddError::Overflow`] beyond what a wide row holds.
+/// [`AddError::Unlike`] for scenes about different origins or with merged components,
+/// [`AddError::Inexact`] unless both keep integer sums, [`AddError::Overflow`] beyond what a wide
+/// row holds.
 pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     if a.origin != b.origin || [a, b].iter().any(|scene| depends_on_order(scene)) {
         return Err(AddError::Unlike);
     }
     let sums = [Exact::of(&a.sums)?, Exact::of(&b.sums)?];
     let terms = |which: usize, state: &SceneState| {
-        let terms = state.seeds.iter().zip(&state.looks).enumerate();
-        let term = move |(id, (&seed, &looks))| Term { seed, looks, which, id };
+        let terms = state.seeds.iter().zip(&state.visibility).enumerate();
+        let term = move |(id, (&seed, &visibility))| Term { seed, visibility, which, id };
         terms.map(term).collect::<Vec<_>>()
     };
     let mut terms = [terms(0, a), terms(1, b)].concat();
+    // Equal seeds become neighbours, and the result is in the order that lattices are stored in.
     terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
     let mut scene = SceneState {
         origin: a.origin,
         seeds: Vec::with_capacity(terms.len()),
         components: None,
         sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
-        looks: Vec::with_capacity(terms.len()),
+        visibility: Vec::with_capacity(terms.len()),
         exposures: Vec::new(),
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
@@ -41,9 +47,11 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
             total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
         }
         let component = rows.len();
-        if total.iter().any(|sum| sum.abs() > MOST_SUM) {
+        if total.iter().any(|sum| sum.abs() > MAX_SUM) {
             return Err(AddError::Overflow { component });
         }
+        // The form follows from the count alone, so equal sums are stored alike whatever tree added
+        // them.
         if total[0] >= f64::from(WIDE_POINTS) {
             rows.push([0; N_SUMS]);
             wide.push(WideRow { id: component as u32, sums: total });
@@ -51,7 +59,11 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
             rows.push(total.map(|sum| (sum / QUANTUM) as i32));
         }
         scene.seeds.push(same[0].seed);
-        scene.looks.push(same.iter().map(|term| term.looks).fold(Looks::default(), Looks::plus));
+        scene.visibility.push(
+            same.iter()
+                .map(|term| term.visibility)
+                .fold(VisibilityCounts::default(), VisibilityCounts::plus),
+        );
     }
     scene.sums = StoredSums::Mixed { rows, wide };
     Ok(scene)
@@ -67,10 +79,10 @@ fn depends_on_order(scene: &SceneState) -> bool {
 #[derive(Clone, Copy)]
 struct Term {
     seed: [f32; 3],
-    looks: Looks,
-    /// Which scene.
+    visibility: VisibilityCounts,
+    /// Which of the two scenes it is of.
     which: usize,
-    /// Its number there.
+    /// Number of the component in that scene.
     id: usize,
 }
 
@@ -115,9 +127,9 @@ mod tests {
             seeds: components.iter().map(|&(x, _)| [x, 0.5, -0.5]).collect(),
             components: None,
             sums: StoredSums::Mixed { rows, wide },
-            looks: components
+            visibility: components
                 .iter()
-                .map(|&(_, points)| Looks { expected: points, seen: 1, missed: 40_000 })
+                .map(|&(_, points)| VisibilityCounts { expected: points, hits: 1, misses: 40_000 })
                 .collect(),
             exposures: Vec::new(),
         }
@@ -128,9 +140,9 @@ mod tests {
         let a = scene(&[(-1.5, 7), (0.5, 4000), (2.5, 5000), (9.5, 3)]);
         let b = scene(&[(0.5, 96), (1.5, 1), (2.5, 5000)]);
         let mut expected = scene(&[(-1.5, 7), (0.5, 4096), (1.5, 1), (2.5, 10_000), (9.5, 3)]);
-        for (looks, n) in expected.looks.iter_mut().zip([1, 2, 1, 2, 1]) {
-            looks.seen = n;
-            looks.missed = if n == 2 { u16::MAX } else { 40_000 };
+        for (visibility, n) in expected.visibility.iter_mut().zip([1, 2, 1, 2, 1]) {
+            visibility.hits = n;
+            visibility.misses = if n == 2 { u16::MAX } else { 40_000 };
         }
         assert_eq!(add(&a, &b), Ok(expected.clone()));
         assert_eq!(add(&b, &a), Ok(expected.clone()));
@@ -149,7 +161,7 @@ mod tests {
         assert_eq!(add(&a, &rounded), Err(AddError::Inexact));
         let mut most = scene(&[(0.5, WIDE_POINTS)]);
         let StoredSums::Mixed { wide, .. } = &mut most.sums else { unreachable!() };
-        wide[0].sums = [MOST_SUM; N_SUMS];
+        wide[0].sums = [MAX_SUM; N_SUMS];
         assert_eq!(add(&most, &a), Err(AddError::Overflow { component: 0 }));
     }
 }

@@ -1,10 +1,11 @@
 //! The scene model: components anchored at fixed seeds, with additive statistics that carry more
 //! than a mixture's: normals, view directions, and how often a component was seen
-//! (`accuracy.md` 3). The NIW and Dirichlet posteriors of `posterior` follow from a part of them.
+//! (`model.md`, Scene sums). The NIW and Dirichlet posteriors of `posterior` follow from a part of
+//! them.
 
-pub mod exposure;
+pub mod bounds;
 pub mod merging;
-pub mod native;
 pub mod opacity;
+pub mod splat_rule;
 pub mod state;
 pub mod sums;

@@ -2,9 +2,17 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Density opacity (`accuracy.md` 3): with `ρ = N / (h²·X + c₀)`, where `X` is the number of pixels
-/// per unit of area in which the component could have been measured, summed over frames, the
-/// opacity is `τ·(1 − exp(−ρ/ρ₀))`.
+/// Density opacity (`model.md`, Density opacity): with `ρ = N / (h²·X + c₀)`, where `X` is the
+/// number of pixels per unit of area in which the component could have been measured, summed over
+/// frames, the opacity is `τ·(1 − exp(−ρ/ρ₀))`.
+///
+/// ```
+/// use vbgs_studio::model::scene::opacity::DensityOpacity;
+///
+/// let rule = DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 };
+/// assert!(rule.opacity(200.0, 200.0, 100) > 1.0, "a flat top");
+/// assert_eq!(rule.opacity(3.0, 200.0, 100), 0.0, "stray points");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DensityOpacity {
     /// Opacity of a surface that returns all it can; more than 1 is a flat top.
@@ -22,6 +30,7 @@ impl DensityOpacity {
     /// Few frames are not doubted as much: nothing else tells of the surfaces they show.
     pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
         let rho = count / (expected + self.doubt * early(frames));
+        // `exp_m1` keeps the digits of small densities.
         let opacity = self.tau * -(-rho / self.rho0).exp_m1();
         if opacity > self.least { opacity } else { 0.0 }
     }

@@ -1,36 +1,37 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
-use super::exposure::Exposure;
 use super::sums::N_SUMS;
+use crate::model::splat::exposure::FrameExposure;
 use bytemuck::{Pod, Zeroable};
 use std::cmp::Ordering;
 
-/// What integer sums count: exact in f64 as long as a sum is below [`MOST_SUM`].
+/// What integer sums count: exact in f64 as long as a sum is below [`MAX_SUM`].
 pub const QUANTUM: f64 = 1.0 / 32768.0;
 
-/// From so many points on, a component's sums are in a wide row. With as many more terms within ±7.84
-/// (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
+/// From so many points on, a component's sums are in a wide row. With as many more terms within
+/// ±7.84 (offsets within ±2.8) a row of 32-bit quanta is still below its limit.
 pub const WIDE_POINTS: u32 = 1 << 12;
 
 /// Largest sum of a wide row: 2⁵³ quanta.
-pub const MOST_SUM: f64 = (1u64 << 38) as f64;
+pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
-/// A trained scene at a frame boundary. Row `k` of the sums and looks is component `k`; it is free
-/// if no seed is its.
+/// A trained scene at a frame boundary. Row `k` of the sums and of the visibility
+/// counts is component `k`; it is free if no seed is its.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
     /// World position that seeds are relative to.
     pub origin: [f64; 3],
     /// Seeds, world units, in the order they were born in.
     pub seeds: Vec<[f32; 3]>,
-    /// By seed its component, where seeds share components; `None` while seed `k` is component `k`'s.
+    /// By seed its component, where seeds share components; `None` while seed `k` is component
+    /// `k`'s.
     pub components: Option<Vec<u32>>,
     /// Sums over everything seen, about the seeds.
     pub sums: StoredSums,
-    /// How often components were looked at.
-    pub looks: Vec<Looks>,
+    /// In how many frames each component was seen or seen through.
+    pub visibility: Vec<VisibilityCounts>,
     /// How the frames were exposed, in the order they were learnt in, where gains were fitted.
-    pub exposures: Vec<Exposure>,
+    pub exposures: Vec<FrameExposure>,
 }
 
 /// Order of components that are born in none of their own: by x, then y, then z of their seeds.
@@ -38,25 +39,26 @@ pub fn seed_order(a: &[f32; 3], b: &[f32; 3]) -> Ordering {
     a.partial_cmp(b).unwrap_or(Ordering::Equal)
 }
 
-/// How often a component was looked at. Every count stops at its largest value.
+/// In how many frames a component was seen or seen through, and the returns expected of it there:
+/// what opacity is found from. Every count stops at its largest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Looks {
-    /// Returns that it could have given, in 64ths.
+pub struct VisibilityCounts {
+    /// Returns that it could have given, in 64ths of a pixel.
     pub expected: u32,
-    /// Frames in which it was seen.
-    pub seen: u16,
-    /// Frames in which something farther was seen through it.
-    pub missed: u16,
+    /// Frames that measured a surface where it is.
+    pub hits: u16,
+    /// Frames that measured something farther through it.
+    pub misses: u16,
 }
 
-impl Looks {
-    /// Both together.
+impl VisibilityCounts {
+    /// Counts of both together, each stopped at its largest value.
     pub fn plus(self, other: Self) -> Self {
         Self {
             expected: self.expected.saturating_add(other.expected),
-            seen: self.seen.saturating_add(other.seen),
-            missed: self.missed.saturating_add(other.missed),
+            hits: self.hits.saturating_add(other.hits),
+            misses: self.misses.saturating_add(other.misses),
         }
     }
 }
@@ -71,17 +73,17 @@ pub enum StoredSums {
         /// Rows of components with [`WIDE_POINTS`] points or more, by ascending id.
         wide: Vec<WideRow>,
     },
-    /// Single precision.
+    /// Sums in f32, which depend on the order of points.
     F32(Vec<[f32; N_SUMS]>),
-    /// Double precision.
+    /// Sums in f64: the oracle.
     F64(Vec<[f64; N_SUMS]>),
 }
 
 /// Sums of one component, whole multiples of [`QUANTUM`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WideRow {
-    /// The component.
+    /// Number of the component.
     pub id: u32,
-    /// Its sums.
+    /// Sums of the component in the order of [`N_SUMS`].
     pub sums: [f64; N_SUMS],
 }

@@ -1,11 +1,12 @@
 //! Settings a user gives beside a checkpoint: they must be the ones the run was begun with.
 
-use super::{RunError, SavedRun};
+use super::error::RunError;
+use super::saved::SavedRun;
 use crate::dataset::LoadOptions;
-use crate::pipeline::method::Method;
 use crate::pipeline::plan::{Order, Shard};
-use crate::pipeline::scene::SceneOverrides;
-use crate::train::config::{Overrides, Preset};
+use crate::pipeline::settings::method::Method;
+use crate::pipeline::settings::scene::SceneOverrides;
+use crate::train::paper::config::{PaperOverrides, Preset};
 use serde::Serialize;
 use serde_json::Value;
 
@@ -16,7 +17,7 @@ pub struct Asked {
     pub preset: Option<Preset>,
     /// Settings of a model of the paper's preset.
     #[serde(skip)]
-    pub paper: Overrides,
+    pub paper: PaperOverrides,
     /// Settings of a model of the scene's.
     #[serde(skip)]
     pub scene: SceneOverrides,

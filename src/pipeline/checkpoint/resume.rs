@@ -1,11 +1,17 @@
 //! From a checkpoint back to a session.
 
+use super::asked::Asked;
+use super::error::RunError;
+use super::fingerprint::Fingerprint;
+use super::json::parse;
 use super::save::History;
-use super::{Asked, Fingerprint, RunError, SavedRun, parse};
+use super::saved::SavedRun;
 use crate::dataset::Dataset;
 use crate::export::checkpoint::Checkpoint;
+use crate::pipeline::past::Past;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::session::{Past, Session};
+use crate::pipeline::session::Session;
+use crate::pipeline::start::Origin;
 use std::sync::Arc;
 
 impl SavedRun {
@@ -21,12 +27,11 @@ impl SavedRun {
         force: bool,
     ) -> Result<Session, RunError> {
         self.check(asked)?;
-        let learner = self.learner()?;
-        let normalization = self.normalization()?;
         let Self { path, mut config, meta, content, .. } = self;
-        let Checkpoint { history, cursor, .. } = content;
+        let Checkpoint { history, cursor, model, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
-        let plan = Plan::after(&dataset, &config.selection, config.method.seed(), &cursor.visited)?;
+        let plan =
+            Plan::after(&dataset, &config.selection, config.method.any().seed(), &cursor.visited)?;
         let found = Fingerprint::of(&dataset, plan.split);
         if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
             return Err(RunError::OtherDataset { path, difference });
@@ -44,6 +49,7 @@ impl SavedRun {
             let history: History = parse(&path, "HIST", &history)?;
             (past.frames, past.skipped) = (history.frames, history.skipped);
         }
-        Ok(Session::begin(dataset, config, plan, normalization, learner, past)?)
+        let origin = Origin::Stored(&model, cursor.frames);
+        Ok(Session::begin(dataset, config, plan, &origin, past)?)
     }
 }

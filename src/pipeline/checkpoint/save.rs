@@ -1,11 +1,14 @@
 //! From a session to a checkpoint.
 
-use super::{Fingerprint, Meta, RunError, canonical};
+use super::error::RunError;
+use super::fingerprint::Fingerprint;
+use super::json::canonical;
+use super::saved::Meta;
 use crate::eval::report::{FrameReport, SkippedFrame};
-use crate::export::checkpoint::{self, Checkpoint, Cursor, StoredModel};
-use crate::pipeline::learner::Learner;
+use crate::export::checkpoint::{self, Checkpoint, Cursor};
+use crate::pipeline::error::SessionError;
 use crate::pipeline::machine;
-use crate::pipeline::session::{Session, SessionError};
+use crate::pipeline::session::Session;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -54,14 +57,7 @@ impl Session {
                 points: past.points,
                 visited: plan.frames[..past.visited].iter().map(|&frame| frame as u32).collect(),
             },
-            model: match self.learner() {
-                Learner::Paper(paper) => StoredModel::Mixture {
-                    normalization: paper.normalization,
-                    hyper: paper.config.hyper(),
-                    state: paper.engine.state(),
-                },
-                Learner::Scene(engine) => StoredModel::Scene(engine.state()),
-            },
+            model: self.learner().stored(),
         })
     }
 }

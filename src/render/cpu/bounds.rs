@@ -1,4 +1,5 @@
-//! Which pixels an ellipsoid can reach through a pinhole or a fisheye (`rendering.md` (c)).
+//! Which pixels an ellipsoid can reach through a pinhole or a fisheye (`rendering.md`, Tight
+//! bounds).
 
 use super::record::Rect;
 use super::view::{Placed, View};

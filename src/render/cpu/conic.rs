@@ -1,5 +1,6 @@
-//! The exact response of a splat as a rational conic in its tangent frame (`rendering.md` (c)), in
-//! f64 and once per splat, so that the f32 of the inner loop starts from correctly rounded numbers.
+//! The exact response of a splat as a rational conic in its tangent frame (`rendering.md`, Rational
+//! conic), in f64 and once per splat, so that the f32 of the inner loop starts from correctly
+//! rounded numbers.
 
 use super::view::Placed;
 use glam::{DVec2, DVec3};

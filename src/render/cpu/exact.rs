@@ -1,5 +1,5 @@
 //! The exact renderer's records: rational conics through a pinhole or a fisheye
-//! (`rendering.md` (c)).
+//! (`rendering.md`, Exact renderer).
 
 use super::bounds;
 use super::conic::{Conic, Tangent};

@@ -6,7 +6,7 @@ use crate::math::simd::Vector;
 const ROUND: f32 = 12_582_912.0;
 
 /// Minimax polynomial of `2^f` on `[−½, ½]`, constant first; largest relative error 2.3e-7 in f32
-/// (`rendering.md` (e)).
+/// (`rendering.md`, CPU renderer).
 const EXP2: [f32; 6] =
     [1.000_000_1, 0.693_146_97, 0.240_221_2, 0.055_507_13, 0.009_675_541, 0.001_327_647_2];
 

@@ -1,8 +1,9 @@
 //! The CPU renderer: evaluation everywhere, and the viewport where no real GPU exists.
 //!
-//! Four stages (`rendering.md` (e)): prepare (parallel), radix sort by depth, list splats per row of
-//! tiles, rasterise (one task per row of tiles). A tile is drawn by one thread from one sorted list,
-//! so an image has the same bits for any number of threads; every instruction set gives them too.
+//! Four stages (`rendering.md`, CPU renderer): prepare (parallel), radix sort by depth, list splats
+//! per row of tiles, rasterise (one task per row of tiles). A tile is drawn by one thread from one
+//! sorted list, so an image has the same bits for any number of threads; every instruction set
+//! gives them too.
 
 mod bounds;
 mod buckets;
@@ -24,7 +25,7 @@ use super::{RenderOptions, TILE};
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::math::simd::Isa;
-use crate::model::appearance::SplatView;
+use crate::model::splat::appearance::SplatView;
 use prepare::ChunkCount;
 use raster::{DrawRow, RowCanvas, Sheet};
 use rayon::prelude::*;
@@ -44,7 +45,7 @@ pub struct Rendered {
     /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
     pub depth: Image<f32>,
     /// Splats dropped because they or their appearance are not valid
-    /// ([`crate::model::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
     pub n_invalid: usize,
 }
 
@@ -94,7 +95,7 @@ impl CpuRenderer {
     /// ```
     /// use glam::DVec3;
     /// use vbgs_studio::math::{camera::{Camera, Intrinsics}, pose::Pose};
-    /// use vbgs_studio::model::splats::Splat;
+    /// use vbgs_studio::model::splat::splats::Splat;
     /// use vbgs_studio::render::{Method, RenderOptions, cpu::CpuRenderer};
     ///
     /// let camera = Camera {

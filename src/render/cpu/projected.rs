@@ -1,4 +1,4 @@
-//! The projected renderer's records: `rendering.md` (b) 1 to 6.
+//! The projected renderer's records: `rendering.md`, Projected renderer.
 
 use super::conic::Conic;
 use super::exact::pinhole_tangent;

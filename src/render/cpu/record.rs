@@ -1,8 +1,8 @@
 //! What the rasteriser reads of a splat: one record for both renderers and both lenses.
 //!
-//! In the tangent frame of its centre every splat is a rational conic (`rendering.md` (c)). With
-//! `δ` the offset from the centre (pixels through a pinhole, direction cosines through a fisheye)
-//! and `c` the share of the ray along the centre's direction (1 through a pinhole):
+//! In the tangent frame of its centre every splat is a rational conic (`rendering.md`, Rational
+//! conic). With `δ` the offset from the centre (pixels through a pinhole, direction cosines through
+//! a fisheye) and `c` the share of the ray along the centre's direction (1 through a pinhole):
 //!
 //! ```text
 //! N = p² + q²       p = p_x·δx + p_y·δy,  q = q_y·δy
@@ -43,7 +43,7 @@ pub(super) struct Record {
 }
 
 /// Change of colour over a splat, one of each per channel: `(τ − 1)·along + τ·(across·δ)`
-/// (`rendering.md` (h)).
+/// (`rendering.md`, Native appearance).
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Gradient {
     pub along: [f32; 3],

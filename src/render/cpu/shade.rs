@@ -1,10 +1,10 @@
-//! What colour a splat has in a view (`rendering.md` (h)), once per splat.
+//! What colour a splat has in a view (`rendering.md`, Native appearance), once per splat.
 
 use super::conic::Tangent;
 use super::record::Gradient;
 use super::view::{Placed, View};
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
 use crate::render::Paint;
 use crate::render::paint::ramp;
 use glam::{DMat3, DVec3};

@@ -1,10 +1,10 @@
-//! Blending sorted splats into one tile (`rendering.md` (b) 6 to 8, (c), (e) 4, (h)).
+//! Blending sorted splats into one tile (`rendering.md`, Blending).
 
 use super::lanes::exp2;
 use super::record::{Frame, Gradient, Record, Records};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{LANES, Vector};
-use crate::model::appearance::GRADIENT_LIMIT;
+use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::{ALPHA_CAP, Lens, TILE, TRANSMITTANCE_STOP};
 use glam::DVec2;
 
@@ -299,7 +299,7 @@ fn respond<V: Vector>(
     }
 }
 
-/// One channel of the colour with its gradient (`rendering.md` (h)).
+/// One channel of the colour with its gradient (`rendering.md`, Native appearance).
 #[inline(always)]
 fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
     let [x, y] = gradient.across[channel];

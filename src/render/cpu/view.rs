@@ -3,7 +3,7 @@
 
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use crate::render::{
     ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
     REFERENCE_VARIANCE, RenderOptions,
@@ -119,8 +119,8 @@ impl Placed {
         2.0 * (self.opacity / ALPHA_CUT).ln()
     }
 
-    /// Widened as the exact renderer's antialiasing says (`rendering.md` (c)); `None` if it fades
-    /// the splat away.
+    /// Widened as the exact renderer's antialiasing says (`rendering.md`, Antialiasing); `None` if
+    /// it fades the splat away.
     pub(super) fn antialiased(mut self, exact: Exact, k: &Intrinsics) -> Option<Self> {
         let variance = match exact.antialias {
             Antialias::None => return Some(self),

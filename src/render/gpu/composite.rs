@@ -19,8 +19,8 @@ pub struct Second<'a> {
     pub how: Combination,
 }
 
-/// Finishes a splat image, lays it over a background, `C + (1 − A)·bg` (`rendering.md` (d) 3), and compares it
-/// with a second picture if there is one.
+/// Finishes a splat image, lays it over a background, `C + (1 − A)·bg` (`rendering.md`, GPU
+/// renderer), and compares it with a second picture if there is one.
 #[derive(Debug)]
 pub struct Compositor {
     pipeline: wgpu::RenderPipeline,

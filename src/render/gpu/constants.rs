@@ -2,7 +2,7 @@
 //! them, and stand as WGSL in front of every shader when its module is made: two truths would drift
 //! apart in silence, because a shader with another cut draws nearly the same picture.
 
-use crate::model::appearance::GRADIENT_LIMIT;
+use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::compare::OUTSIDE;
 use crate::render::paint::RAMP;
 use crate::render::{

@@ -66,7 +66,7 @@ impl GpuCaps {
     }
 
     /// Whether the "GPU" is this computer's CPU (llvmpipe, WARP): our CPU renderer is then many
-    /// times faster (`rendering.md` (d) has the measurement).
+    /// times faster (`rendering.md`, Software adapters).
     pub fn is_software(&self) -> bool {
         self.device_type == wgpu::DeviceType::Cpu
     }

@@ -5,8 +5,8 @@ use super::constants::{
     FLAG_LIVE, PAINT_DEPTH, PAINT_NORMAL, PAINT_STORED, RENDERER_EXACT, RENDERER_PROJECTED,
 };
 use crate::math::camera::Camera;
-use crate::model::appearance::Appearance;
-use crate::model::splats::Splat;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
 use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, Support};
 
 /// WGSL of each pipeline: the shared structs, then the file; [`super::constants`] come in front.
@@ -36,7 +36,7 @@ pub mod shader {
     );
 }
 
-/// Splat record in GPU memory, 64 bytes (`rendering.md` (d)).
+/// Splat record in GPU memory, 64 bytes (`rendering.md`, Splat record).
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct GpuSplat {
@@ -89,7 +89,7 @@ pub struct SparseSplat {
     pub padding: [u32; 3],
 }
 
-/// Appearance in GPU memory, 80 bytes (`rendering.md` (h)).
+/// Appearance in GPU memory, 80 bytes (`rendering.md`, Splat record).
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct GpuAppearance {
@@ -153,7 +153,7 @@ pub struct View {
     pub principal: [f32; 2],
     /// Columns and rows, px.
     pub viewport: [f32; 2],
-    /// Smallest `x/z` and `y/z` that the Jacobian may see (`rendering.md` (b) 2).
+    /// Smallest `x/z` and `y/z` that the Jacobian may see (`rendering.md`, Projected renderer).
     pub tangent_min: [f32; 2],
     /// Largest.
     pub tangent_max: [f32; 2],

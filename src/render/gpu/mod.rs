@@ -1,4 +1,4 @@
-//! Splats to pixels on a GPU (`rendering.md` (d)): the only place that speaks wgpu.
+//! Splats to pixels on a GPU (`rendering.md`, GPU renderer): the only place that speaks wgpu.
 //!
 //! The window owns device and queue and hands them over. In the order of one frame:
 //!

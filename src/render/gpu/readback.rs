@@ -113,7 +113,8 @@ fn wait_for(
     staging: &wgpu::Buffer,
     submission: wgpu::SubmissionIndex,
 ) -> Result<Vec<u8>, String> {
-    let (sender, receiver) = mpsc::channel();
+    // One buffer is mapped once.
+    let (sender, receiver) = mpsc::sync_channel(1);
     staging.map_async(wgpu::MapMode::Read, .., move |result| {
         // The receiver is gone only when the wait below has already failed.
         let _ = sender.send(result);

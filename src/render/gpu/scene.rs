@@ -6,7 +6,7 @@ use super::context::max_buffer_bytes;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat};
 use super::scatter::Scatter;
 use crate::math::camera::Camera;
-use crate::model::appearance::{Finishing, SplatView};
+use crate::model::splat::appearance::{Finishing, SplatView};
 use crate::render::RenderOptions;
 use crate::render::finish::Finish;
 use std::future::Future;
@@ -14,7 +14,7 @@ use std::task::{Context, Poll, Waker};
 
 const MIB: u64 = 1 << 20;
 /// Share of changed splats above which the whole scene is uploaded: a sparse record costs 80 bytes
-/// and a second pass over memory against 64 bytes streamed (`rendering.md` (d)).
+/// and a second pass over memory against 64 bytes streamed (`rendering.md`, Uploads).
 const WHOLE_UPLOAD_SHARE: f64 = 0.15;
 
 /// Which of two pictures of a scene an order belongs to: those compared may be drawn by different

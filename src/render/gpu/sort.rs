@@ -1,7 +1,7 @@
 //! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
 
 use crate::math::camera::Camera;
-use crate::model::splats::Splat;
+use crate::model::splat::splats::Splat;
 use crate::render::{Lens, RenderOptions, Renderer};
 use glam::DVec3;
 
@@ -21,8 +21,8 @@ pub struct SortScratch {
 
 /// Indices of the splats that the options let through (drawable, not too near), farthest first: by
 /// view depth for the projected renderer, by distance for the exact one. Ties put the later splat
-/// first, since the earlier one is in front (`rendering.md` (b) 7). Indices are u32: at most 2³²
-/// splats.
+/// first, since the earlier one is in front (`rendering.md`, Blending). Indices are u32: at most
+/// 2³² splats.
 pub fn back_to_front<'a>(
     splats: &[Splat],
     camera: &Camera,

@@ -34,6 +34,7 @@ impl Columns {
 
     #[cold]
     fn grow(&mut self, needed: usize) {
+        // In steps that soon end: a warm search allocates nothing.
         let size = needed.next_power_of_two();
         for column in [&mut self.x, &mut self.y, &mut self.z] {
             column.resize(size, 0.0);

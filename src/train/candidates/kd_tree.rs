@@ -1,6 +1,6 @@
 //! `kiddo`'s KD-tree: the plain path, and the oracle of the grid.
 
-use super::IndexError;
+use super::error::IndexError;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use std::num::NonZero;
 

@@ -2,6 +2,10 @@
 //!
 //! Every squared distance is `(dx² + dy²) + dz²`, never fused: the same bits everywhere. No vector
 //! passes through a closure: one that is not inlined would be compiled for the baseline.
+//!
+//! Keys carry the entry in the low bits of the distance, so that a sorting network of `min` and
+//! `max` moves both at once, without branches and without registers for indices. Distances that
+//! agree in the remaining bits are reported as uncertain and ranked again in full.
 
 use super::columns::{Columns, STEP};
 use crate::math::simd::{LANES, Vector};
@@ -85,6 +89,7 @@ pub(super) fn distances<V: Vector>(
     centre: [f32; 3],
     out: &mut Vec<f32>,
 ) -> [f32; STEP] {
+    // The padding lies infinitely far away: measured along, it is never among the least.
     let size = list.len.next_multiple_of(STEP);
     if out.len() < size {
         out.resize(size.next_power_of_two(), 0.0);
@@ -167,7 +172,7 @@ pub(super) struct Neighbours<const KEYS: usize> {
     /// Lanes in which the last key and the one before are equal but for the entry: which of them
     /// is nearer is not known.
     pub set_uncertain: u32,
-    /// The same for any two neighbouring keys.
+    /// Lanes in which any two neighbouring keys are equal but for the entry.
     pub order_uncertain: u32,
 }
 
@@ -194,6 +199,7 @@ pub(super) fn neighbours<V: Vector, const KEYS: usize>(
         }
     }
     let (mut set_uncertain, mut order_uncertain) = (0, 0);
+    // The last pair alone decides which entries are found, the others in what order.
     for pair in keys.windows(2) {
         set_uncertain = pair[0].agrees(pair[1], !entry_bits);
         order_uncertain |= set_uncertain;

@@ -1,11 +1,18 @@
 //! The candidates of a group of points, and the nearest among them.
+//!
+//! Two lists, since two sizes of neighbourhood pay: a raw one, gathered from the grid once for a
+//! group, and a near one of a few dozen entries for sixteen points, short enough to compare every
+//! point with every entry.
 
 use super::columns::{Columns, STEP};
+use super::extent::{Extent, RELATIVE_MARGIN};
 use super::kernel::{Neighbours, distances, neighbours, ranked, select};
-use super::search::{CHUNK, Extent, RELATIVE_MARGIN};
 use crate::math::simd::{LANES, Vector};
 use crate::train::estep::squared_distance;
 use std::ops::Range;
+
+/// Points that share a list of candidates.
+pub(in crate::train) const CHUNK: usize = 16;
 
 /// Longest list whose entries fit in the low bits of a key.
 const MAX_KERNEL_LIST: usize = 1 << 13;
@@ -18,7 +25,7 @@ const USUAL_LEN: usize = 4096;
 pub(in crate::train) struct Lists {
     /// All that can matter to a group.
     raw: Columns,
-    /// Those of `raw` that can matter to a chunk.
+    /// Entries of `raw` that can matter to a chunk.
     near: Columns,
     /// Middle of the chunk, and how far from there `near` leaves nothing out.
     near_centre: [f32; 3],
@@ -158,9 +165,9 @@ impl Lists {
         nearest
     }
 
-    /// The entries nearest to one point, by the order (squared distance, component): at most `rank`,
-    /// and where squares are finite none farther than the squared distance `within2`. `ids` are the
-    /// components by entry.
+    /// The entries nearest to one point, by the order (squared distance, component): at most
+    /// `rank`, and where squares are finite none farther than the squared distance `within2`. `ids`
+    /// are the components by entry.
     #[inline(always)]
     pub fn rank<V: Vector>(
         &mut self,
@@ -176,6 +183,8 @@ impl Lists {
             Among::Near => &*near,
         };
         let least = distances::<V>(list, position, distance2);
+        // Sixteen lane minima are distances of sixteen entries: they bound no more neighbours than
+        // that.
         let limit = if rank <= STEP { ranked(least, rank) } else { f32::INFINITY };
         keys.clear();
         let mut take = |place: usize| {
@@ -208,6 +217,7 @@ impl Lists {
     /// The list that leaves out nothing within a squared distance of a point of the chunk.
     #[inline(always)]
     pub fn covering(&self, position: [f32; 3], distance2: f32) -> Among {
+        // The near list is complete within a ball about the chunk's middle, not about the point.
         let off = squared_distance(position, self.near_centre).sqrt();
         let reach = (off + distance2.sqrt()) * RELATIVE_MARGIN;
         if reach < self.near_limit { Among::Near } else { Among::Raw }
@@ -245,6 +255,6 @@ impl Lists {
 pub(in crate::train) enum Among {
     /// All entries that can matter to the group.
     Raw,
-    /// Those that can matter to the chunk.
+    /// Entries that can matter to the chunk.
     Near,
 }

@@ -1,8 +1,19 @@
 //! Exact C-nearest search over the initial spatial means: a uniform grid searched tile by tile, and
-//! `kiddo`'s KD-tree as plain path and oracle. `kiddo` wins at no size that `benches/candidates.rs`
-//! tries (10 to 10⁵ means, 1 to 1024 neighbours), so nothing switches to it.
+//! `kiddo`'s KD-tree as plain path and oracle.
+//!
+//! One tree query per point took four fifths of a frame. A grid is rebuilt in a fifth of the time
+//! of a tree, and the points of a tile share the list of means that can matter to any of them, so
+//! most of the work is done once for 64 points. `kiddo` wins at no size that
+//! `benches/candidates.rs` tries (10 to 10⁵ means, 1 to 1024 neighbours), so nothing switches to
+//! it.
+//!
+//! Tried and dropped (`train.md`, Tried and dropped): insertion with branches or blends (the kernel
+//! takes twice as long); chunks of 8 points; bounds for a whole tile (99 candidates instead of 57);
+//! finer grids where means crowd (a tenth, on such data only).
 
 mod columns;
+mod error;
+mod extent;
 mod grid;
 mod kd_tree;
 mod kernel;
@@ -11,21 +22,10 @@ mod nearest;
 mod search;
 
 pub(in crate::train) use columns::Columns;
-pub use grid::Grid;
+pub use error::IndexError;
+pub use grid::MeanGrid;
 pub use kd_tree::KdTree;
-pub(in crate::train) use lists::{Among, Lists, Nearest};
+pub(in crate::train) use lists::{Among, CHUNK, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
-pub use search::Search;
-pub(in crate::train) use search::{CHUNK, VisitChunk};
-
-/// The index could not be built.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error(
-    "building the candidate index over {components} components failed: {reason}; try fewer --components"
-)]
-pub struct IndexError {
-    /// Number of means.
-    pub components: usize,
-    /// What the index said.
-    pub reason: String,
-}
+pub use search::CandidateSearch;
+pub(in crate::train) use search::VisitChunk;

@@ -1,13 +1,18 @@
 //! Ids of the nearest means of every point of a tile, in either arithmetic.
+//!
+//! Up to eight neighbours the kernel's sorted keys are the answer for nearly all points. Beyond,
+//! and where rounding hides an order, points are ranked one by one. The wide form takes lists that
+//! are right for rounded means and ranks them by f64 distances: margins of the lists cover the
+//! rounding.
 
-use super::Grid;
 use super::columns::Columns;
+use super::grid::MeanGrid;
 use super::kernel::Neighbours;
 use super::lists::{Among, Lists};
-use super::search::{Search, VisitChunk};
-use crate::math::points::Points;
+use super::search::{CandidateSearch, VisitChunk};
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, LANES, Vector};
+use crate::observation::points::Points;
 use std::num::NonZero;
 use std::ops::Range;
 
@@ -18,8 +23,8 @@ use std::ops::Range;
 /// of lowest id. Ids are in that order. Fast where the points of the tile are neighbours.
 pub fn nearest_in_tile(
     isa: Isa,
-    grid: &Grid,
-    search: &mut Search,
+    grid: &MeanGrid,
+    search: &mut CandidateSearch,
     tile: [&[f32]; 3],
     n: NonZero<usize>,
     ids: &mut Vec<u32>,
@@ -32,11 +37,11 @@ pub fn nearest_in_tile(
     }
 }
 
-/// The same with squared distances in f64 between `points` and `means`, both of precision `R`; the
-/// grid is over the means rounded to f32.
+/// As [`nearest_in_tile`], with squared distances in f64 between `points` and `means`, both of
+/// precision `R`; the grid is over the means rounded to f32.
 pub fn nearest_in_tile_wide<R: Real>(
-    grid: &Grid,
-    search: &mut Search,
+    grid: &MeanGrid,
+    search: &mut CandidateSearch,
     means: &[[R; 3]],
     points: &Points<R>,
     range: Range<usize>,
@@ -59,8 +64,8 @@ pub fn nearest_in_tile_wide<R: Real>(
 }
 
 struct Narrow<'a> {
-    grid: &'a Grid,
-    search: &'a mut Search,
+    grid: &'a MeanGrid,
+    search: &'a mut CandidateSearch,
     tile: [&'a [f32]; 3],
     rank: usize,
     ids: &'a mut [u32],
@@ -82,7 +87,7 @@ impl Kernel for Narrow<'_> {
 }
 
 struct NarrowVisitor<'a> {
-    grid: &'a Grid,
+    grid: &'a MeanGrid,
     rank: usize,
     ids: &'a mut [u32],
     /// Memory for the keys of one point.
@@ -95,6 +100,7 @@ impl VisitChunk for NarrowVisitor<'_> {
         if !lists.shorten::<V>(points, chunk.clone(), self.rank) {
             return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
         }
+        // One key more than neighbours: it tells whether the last one has an equal.
         match self.rank {
             1 => self.visit_near::<V, 2>(lists, points, chunk),
             2 => self.visit_near::<V, 3>(lists, points, chunk),
@@ -151,8 +157,8 @@ impl NarrowVisitor<'_> {
 }
 
 struct Wide<'a, R, P> {
-    grid: &'a Grid,
-    search: &'a mut Search,
+    grid: &'a MeanGrid,
+    search: &'a mut CandidateSearch,
     tile: [&'a [f32]; 3],
     rank: usize,
     means: &'a [[R; 3]],
@@ -173,7 +179,7 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> Kernel for Wide<'_, R, P> {
 }
 
 struct WideVisitor<'a, R, P> {
-    grid: &'a Grid,
+    grid: &'a MeanGrid,
     rank: usize,
     means: &'a [[R; 3]],
     position: P,
@@ -184,6 +190,7 @@ impl<R: Real, P: Fn(usize) -> [R; 3]> VisitChunk for WideVisitor<'_, R, P> {
     #[inline(always)]
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
         let is_short = lists.shorten::<V>(points, chunk.clone(), self.rank);
+        // Where bounds mean nothing the near list was not filled.
         let among = if is_short { Among::Near } else { Among::Raw };
         for i in chunk {
             let place = points.tag[i] as usize;

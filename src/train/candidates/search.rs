@@ -1,34 +1,25 @@
-//! Exact nearest means of all points of a tile at once (`engine.md` section 4).
+//! Exact nearest means of all points of a tile at once (`train.md`, Candidate search).
 //!
 //! What the means near a tile have in common is found once: a list of all that can be among the
-//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from the
-//! triangle inequality and carry margins for rounding, which cost candidates, never correctness.
+//! nearest of any of its points, then a shorter one for every sixteen points. Bounds follow from
+//! the triangle inequality and carry margins for rounding, which cost candidates, never
+//! correctness.
 
 use super::columns::Columns;
-use super::grid::Grid;
-use super::kernel::{bounding_box, reach2};
-use super::lists::Lists;
+use super::extent::{Extent, MAX_RADIUS};
+use super::grid::MeanGrid;
+use super::lists::{CHUNK, Lists};
 use crate::math::simd::Vector;
 use std::ops::Range;
 
-/// Points that share a list of candidates.
-pub(in crate::train) const CHUNK: usize = 16;
 /// A group of points that is longer than this many cells is split.
 const MAX_GROUP_CELLS: f32 = 2.0;
-/// Relative margin of every radius: a hundred roundings.
-pub(super) const RELATIVE_MARGIN: f32 = 1.0 + 1e-5;
-/// Margin of every radius per unit of the largest coordinate: ten roundings.
-const COORDINATE_MARGIN: f32 = 1e-6;
-/// Margin of every radius against underflow of its square.
-const LEAST_MARGIN: f32 = 1e-18;
-/// Radius whose square is safely finite.
-const MAX_RADIUS: f32 = 1e18;
 /// The first guess of the distance of the neighbours, as a multiple of the last one.
 const NEAREST_GUESS: f32 = 1.1;
 
 /// Memory of a search, grow-only. It carries nothing from tile to tile but a first guess.
 #[derive(Debug, Default)]
-pub struct Search {
+pub struct CandidateSearch {
     tile: Tile,
     lists: Lists,
     pending: Vec<Range<usize>>,
@@ -43,19 +34,6 @@ struct Tile {
     swap: Vec<([f32; 3], u32)>,
 }
 
-/// The points of a group or chunk from outside.
-#[derive(Clone, Copy)]
-pub(super) struct Extent {
-    lo: [f32; 3],
-    hi: [f32; 3],
-    /// Middle of the box.
-    pub centre: [f32; 3],
-    /// Largest distance of a point to the middle.
-    reach: f32,
-    /// Part of the margin that does not depend on the radius.
-    slack: f32,
-}
-
 /// What is done with at most [`CHUNK`] points and the lists their neighbours are in.
 pub(in crate::train) trait VisitChunk {
     /// `lists` holds the nearest entries of the points `chunk` of `points`, whose tag is their
@@ -63,13 +41,13 @@ pub(in crate::train) trait VisitChunk {
     fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>);
 }
 
-impl Search {
+impl CandidateSearch {
     /// Visits the points of a tile in chunks, each point once, with lists that hold its `rank`
     /// nearest entries; `rank` is at most the number of means and more than 0.
     #[inline(always)]
     pub(in crate::train) fn visit_tile<V: Vector>(
         &mut self,
-        grid: &Grid,
+        grid: &MeanGrid,
         tile: [&[f32]; 3],
         rank: usize,
         visitor: &mut impl VisitChunk,
@@ -87,6 +65,8 @@ impl Search {
                 group.start
             };
             if group.start < middle && middle < group.end {
+                // The first half is taken next: groups follow each other in space, where the last
+                // distance is a good guess.
                 self.pending.push(middle..group.end);
                 self.pending.push(group.start..middle);
             } else {
@@ -102,12 +82,13 @@ impl Search {
 
     /// Fills the raw list with a superset of the `rank` nearest entries of every point of a group.
     #[inline(always)]
-    fn gather<V: Vector>(&mut self, grid: &Grid, extent: &Extent, rank: usize) {
+    fn gather<V: Vector>(&mut self, grid: &MeanGrid, extent: &Extent, rank: usize) {
         let Self { lists, nearest, .. } = self;
         if !extent.is_finite() {
             return grid.gather_all(lists.raw_mut());
         }
         let mut radius = extent.reach_of(NEAREST_GUESS * *nearest);
+        // The first group, or one after distances that overflowed.
         if !(radius > 0.0 && radius < MAX_RADIUS) {
             radius = grid.cell();
         }
@@ -116,6 +97,7 @@ impl Search {
             if lists.raw().len >= rank {
                 break;
             }
+            // Doubling alone would creep where a group lies far from all means.
             radius = (2.0 * radius).max(grid.gap(extent.lo, extent.hi) + grid.cell());
         }
         *nearest = lists.raw_bound2::<V>(extent.centre, rank).sqrt();
@@ -160,41 +142,5 @@ impl Tile {
             points.set(i, position, tag);
         }
         next
-    }
-}
-
-impl Extent {
-    #[inline(always)]
-    pub fn of<V: Vector>(points: &Columns, range: Range<usize>) -> Self {
-        let [lo, hi] = bounding_box::<V>(points, range.clone());
-        let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * lo[i] + 0.5 * hi[i]);
-        let reach2 = reach2::<V>(points, range, centre);
-        let largest = lo.iter().chain(&hi).fold(0f32, |largest, v| largest.max(v.abs()));
-        let slack = COORDINATE_MARGIN * largest + LEAST_MARGIN;
-        Self { lo, hi, centre, reach: reach2.sqrt(), slack }
-    }
-
-    fn length(&self) -> f32 {
-        (0..3).fold(0f32, |length, axis| length.max(self.hi[axis] - self.lo[axis]))
-    }
-
-    /// Whether bounds mean anything: coordinates are finite and their squares do not overflow.
-    fn is_finite(&self) -> bool {
-        self.reach.is_finite() && self.slack.is_finite()
-    }
-
-    /// How far from its box the neighbours of its points can be, given how far those of the centre
-    /// are.
-    #[inline(always)]
-    fn reach_of(&self, nearest: f32) -> f32 {
-        (nearest + self.reach) * RELATIVE_MARGIN + self.slack
-    }
-
-    /// How far from the centre the nearest entries of its points can be, given how far those of
-    /// the centre are; `None` where squares might overflow.
-    #[inline(always)]
-    pub fn limit(&self, nearest2: f32) -> Option<f32> {
-        let limit = (nearest2.sqrt() + 2.0 * self.reach) * RELATIVE_MARGIN + self.slack;
-        (self.is_finite() && limit + self.reach < MAX_RADIUS).then_some(limit)
     }
 }

@@ -1,12 +1,16 @@
 //! Adds a frame's points to the sums of their components.
+//!
+//! Threads take runs of consecutive components and gather the points of each: no two threads write
+//! one row, so there are neither atomics nor copies to merge, and rows are added to in the order of
+//! the points.
 
-use super::config::LookRule;
-use super::ledger::{Ledger, Look, Row, Word};
-use super::places::Places;
-use crate::math::observation::SurfacePoint;
+use super::component_sums::{ComponentSums, SumRow, SumScalar, Visibility};
+use super::config::VisibilityRule;
+use super::seed_positions::SeedPositions;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
+use crate::observation::surface::SurfacePoint;
 
 /// Runs of components that threads take; the points of each are gathered by one thread.
 const PARTS: usize = 16;
@@ -14,7 +18,7 @@ const PARTS: usize = 16;
 /// A frame's points with what became of them.
 #[derive(Clone, Copy)]
 pub struct Matched<'a> {
-    /// The points.
+    /// Points of the frame, world units from the scene's origin.
     pub points: &'a [SurfacePoint],
     /// Component of each; values beyond the last component mean none.
     pub owners: &'a [u32],
@@ -36,24 +40,26 @@ impl Matched<'_> {
                 + real(shift) * real(point.direction[axis]);
             clamp(offset * per_h, MAX_OFFSET)
         });
+        // A gain above 1 must not lift a colour beyond what terms are bounded by.
         let color = [0, 1, 2].map(|i| real((point.color[i] * self.gain[i]).min(1.0)));
-        terms(point, offset, color)
+        terms(offset, color, point.normal, point.direction)
     }
 }
 
 /// Adds every point that has an owner, in whatever order: sums are exact. Replaces `touched` by the
 /// owners, ascending.
-pub fn accumulate<W: Word>(
-    ledger: &mut Ledger<W>,
-    places: Places<'_>,
+pub fn accumulate<W: SumScalar>(
+    component_sums: &mut ComponentSums<W>,
+    seed_positions: SeedPositions<'_>,
     frame: Matched<'_>,
     h: f64,
-    looks: LookRule,
+    rule: VisibilityRule,
     touched: &mut Vec<u32>,
 ) {
+    // Threads finish in any order: results are sorted by their first component afterwards.
     let parts = std::sync::Mutex::new(Vec::with_capacity(PARTS));
-    ledger.for_each_part(PARTS, |first, rows, _| {
-        let part = Isa::best().run(Part { first, rows, places, frame, h, looks });
+    component_sums.for_each_part(PARTS, |first, rows, _| {
+        let part = Isa::best().run(Part { first, rows, seed_positions, frame, h, rule });
         if let Ok(mut parts) = parts.lock() {
             parts.push((first, part));
         }
@@ -63,7 +69,8 @@ pub fn accumulate<W: Word>(
     touched.clear();
     for (_, Received { ids, wide }) in parts {
         touched.extend(ids);
-        wide.into_iter().for_each(|(id, sums)| ledger.add_wide(id, sums));
+        // Wide rows are shared, so they are added to when all threads are done.
+        wide.into_iter().for_each(|(id, sums)| component_sums.add_wide(id, sums));
     }
 }
 
@@ -79,23 +86,25 @@ struct Received {
 /// The points of consecutive components.
 struct Part<'a, W> {
     first: usize,
-    rows: &'a mut [Row<W>],
-    places: Places<'a>,
+    rows: &'a mut [SumRow<W>],
+    seed_positions: SeedPositions<'a>,
     frame: Matched<'a>,
     h: f64,
-    looks: LookRule,
+    rule: VisibilityRule,
 }
 
-impl<W: Word> Kernel for Part<'_, W> {
+impl<W: SumScalar> Kernel for Part<'_, W> {
     type Output = Received;
 
     #[inline(always)]
     fn run<V: Vector>(self) -> Received {
-        let Self { first, rows, places, frame, h, looks } = self;
+        let Self { first, rows, seed_positions, frame, h, rule } = self;
         let mine = first..first + rows.len();
         let mut order: Vec<u64> = Vec::new();
         for (i, &owner) in frame.owners.iter().enumerate() {
             if mine.contains(&(owner as usize)) {
+                // Component above point: one sort groups by component and keeps points in their
+                // order.
                 order.push(u64::from(owner) << 32 | i as u64);
             }
         }
@@ -103,8 +112,9 @@ impl<W: Word> Kernel for Part<'_, W> {
         let mut received = Received::default();
         for run in order.chunk_by(|a, b| a >> 32 == b >> 32) {
             let id = (run[0] >> 32) as usize;
-            let (row, seed) = (&mut rows[id - first], places.of(id));
+            let (row, seed) = (&mut rows[id - first], seed_positions.of(id));
             let points = run.iter().map(|key| *key as u32 as usize);
+            // A wall right before the camera can put a whole frame into one component.
             if run.len() as f64 > W::FULL {
                 let terms = points.clone().map(|i| frame.terms(i, seed, h));
                 received.wide.push((id as u32, wide_sums::<W>(terms)));
@@ -113,9 +123,9 @@ impl<W: Word> Kernel for Part<'_, W> {
                     row.add(&frame.terms(i, seed, h));
                 }
             }
-            if looks == LookRule::Returned {
+            if rule == VisibilityRule::Returned {
                 let returns: f64 = points.map(|i| facing_pixels(&frame.points[i])).sum();
-                row.look(Look::Seen, h * h * returns / run.len() as f64);
+                row.count_visibility(Visibility::Hit, h * h * returns / run.len() as f64);
             }
             received.ids.push(id as u32);
         }
@@ -124,7 +134,7 @@ impl<W: Word> Kernel for Part<'_, W> {
 }
 
 /// Sums of so many points that a row does not hold them.
-fn wide_sums<W: Word>(terms: impl Iterator<Item = [W::Term; N_SUMS]>) -> [f64; N_SUMS] {
+fn wide_sums<W: SumScalar>(terms: impl Iterator<Item = [W::Term; N_SUMS]>) -> [f64; N_SUMS] {
     let mut sums = [0.0; N_SUMS];
     for terms in terms {
         let rounded = terms.map(|term| W::of(term).value());
@@ -176,22 +186,29 @@ mod tests {
     }
 
     /// One component that stands at the origin and gets all points of every frame.
-    fn summed(frames: &[&[SurfacePoint]]) -> Ledger<i32> {
+    fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums<i32> {
         let mut grid = SeedGrid::new(1.0);
         let mut components = Components::default();
         components.born(grid.insert([0.0; 3]));
-        let places = Places { grid: &grid, components: &components };
-        let mut ledger = Ledger::<i32>::default();
-        ledger.grow(1);
+        let seed_positions = SeedPositions { grid: &grid, components: &components };
+        let mut component_sums = ComponentSums::<i32>::default();
+        component_sums.grow(1);
         for points in frames {
             let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
             let frame = Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
             let mut touched = Vec::new();
-            accumulate(&mut ledger, places, frame, 1.0, LookRule::Projected, &mut touched);
+            accumulate(
+                &mut component_sums,
+                seed_positions,
+                frame,
+                1.0,
+                VisibilityRule::Projected,
+                &mut touched,
+            );
             assert_eq!(touched, [0]);
-            ledger.carry_over(&touched);
+            component_sums.spill_to_wide_rows(&touched);
         }
-        ledger
+        component_sums
     }
 
     #[test]
@@ -202,16 +219,16 @@ mod tests {
         let frame = Matched { points: &points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
         for i in 0..points.len() {
             let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
-            let quanta = terms.map(|term| i64::from(<i32 as Word>::of(term)));
+            let quanta = terms.map(|term| i64::from(<i32 as SumScalar>::of(term)));
             expected.iter_mut().zip(quanta).for_each(|(sum, term)| *sum += term);
         }
         let expected = expected.map(|quanta| quanta as f64 / 32768.0);
         let (start, rest) = points.split_at(4095);
         let (most, end) = rest.split_at(90_000);
         for frames in [&[&points[..]][..], &[start, most, end], &[end, start, most]] {
-            let ledger = summed(frames);
-            assert_eq!(ledger.sums(0), expected);
-            assert_eq!(ledger.state(&[0]), summed(&[&points]).state(&[0]));
+            let component_sums = summed(frames);
+            assert_eq!(component_sums.sums(0), expected);
+            assert_eq!(component_sums.state(&[0]), summed(&[&points]).state(&[0]));
         }
     }
 
@@ -222,7 +239,7 @@ mod tests {
             let point = SurfacePoint { position: twos, color: ones, ..SurfacePoint::default() };
             vec![SurfacePoint { footprint: 1.0, ..point }; n]
         };
-        let ledger = summed(&[&largest(4095), &largest(4096), &largest(4097)]);
-        assert_eq!(ledger.sums(0)[4], 4.0 * 12_288.0);
+        let component_sums = summed(&[&largest(4095), &largest(4096), &largest(4097)]);
+        assert_eq!(component_sums.sums(0)[4], 4.0 * 12_288.0);
     }
 }

@@ -1,15 +1,21 @@
 //! The component of every point: the one with the nearest seed within the structural scale.
+//!
+//! Consecutive points are neighbours, so a group of them collects the seeds of the cells it touches
+//! once and compares all with all: straight loops that vectors run through, where a lookup per
+//! point would chase 27 buckets. A group that is torn apart by a depth edge falls back to single
+//! searches. Distance alone decides: normals or colours as further dimensions brought more
+//! components and no better picture (`scene.md`, Tried and dropped).
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
-use crate::math::observation::SurfacePoint;
 use crate::math::simd::{Isa, Kernel, Vector};
+use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points that are searched for together.
 const GROUP: usize = 64;
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
-const MOST_CELLS: i64 = 512;
+const MAX_CELLS: i64 = 512;
 
 /// Seeds near a group.
 #[derive(Default)]
@@ -18,7 +24,8 @@ struct Near {
     seeds: Vec<[f32; 3]>,
 }
 
-/// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`] where no seed is near enough.
+/// Replaces `owners` by the component of every point, which is that of the nearest seed; [`NONE`]
+/// where no seed is near enough.
 pub fn assign(
     grid: &SeedGrid,
     components: &Components,
@@ -58,7 +65,7 @@ fn assign_group(
     if cells <= 0 {
         return; // no point within reach
     }
-    if cells > MOST_CELLS {
+    if cells > MAX_CELLS {
         for (point, owner) in points.iter().zip(owners) {
             *owner = grid.nearest(point.position).unwrap_or(NONE);
         }
@@ -66,6 +73,7 @@ fn assign_group(
     }
     near.ids.clear();
     near.seeds.clear();
+    // Cells are wider than a group: most of their seeds are within reach of none of its points.
     let (low_corner, high_corner) = corners(points);
     grid.visit(low, high, |id, seed| {
         let is_near =
@@ -109,6 +117,7 @@ impl Kernel for Nearest<'_> {
         for (i, point) in points.iter().enumerate() {
             [xs[i], ys[i], zs[i]] = point.position;
         }
+        // Whole arrays even for a short group: loops of constant length become vectors.
         let (mut best, mut found) = ([limit; GROUP], [NONE; GROUP]);
         for (&id, seed) in near.ids.iter().zip(&near.seeds) {
             for i in 0..GROUP {

@@ -4,11 +4,11 @@ use super::components::Components;
 use super::config::BirthRule;
 use super::grid::{NONE, SeedGrid};
 use super::lattice;
-use crate::math::observation::SurfacePoint;
+use crate::observation::surface::SurfacePoint;
 
 /// What the births of one frame were.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Births {
+pub struct FrameBirths {
     /// Components that came into being.
     pub born: usize,
     /// Points that found no component because there may be no more.
@@ -26,8 +26,8 @@ pub struct Limits {
     pub seeds: usize,
 }
 
-/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within the structural
-/// scale, or one of their own within the limits.
+/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within the
+/// structural scale, or one of their own within the limits.
 pub fn give_birth(
     rule: BirthRule,
     h: f32,
@@ -36,8 +36,9 @@ pub fn give_birth(
     points: &[SurfacePoint],
     owners: &mut [u32],
     limits: Limits,
-) -> Births {
-    let mut births = Births::default();
+) -> FrameBirths {
+    // One point after the other, on one thread: every birth decides who is born after it.
+    let mut births = FrameBirths::default();
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
         let place = seed_of(rule, h, point.position);
         let found = match rule {

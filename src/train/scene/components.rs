@@ -1,4 +1,9 @@
 //! Which seeds belong to which component: one to one, until a budget makes components share.
+//!
+//! Merging gives the seeds of one component to another instead of moving any: a seed decides which
+//! points are assigned, and a seed that moved would leave sums behind that other points had formed.
+//! Until something is merged there is no bookkeeping at all. Freed rows are taken again, the lowest
+//! first.
 
 /// The components and their seeds.
 #[derive(Clone, Debug, Default)]
@@ -23,8 +28,8 @@ struct Sharing {
 }
 
 impl Components {
-    /// Of a scene whose seed `i` belongs to component `component[i]`, of `n_rows`; `None` if a
-    /// component is beyond them.
+    /// Components of a scene whose seed `i` belongs to component `component[i]`, of `n_rows`;
+    /// `None` if a component is beyond them.
     pub fn restore(component: Vec<u32>, n_rows: usize) -> Option<Self> {
         let mut sharing = Sharing {
             reference: vec![0; n_rows],
@@ -32,6 +37,7 @@ impl Components {
             component,
             free: Vec::new(),
         };
+        // From the last seed on, so that the oldest is the one that stays.
         for (seed, &component) in sharing.component.iter().enumerate().rev() {
             *sharing.reference.get_mut(component as usize)? = seed as u32;
             let seeds = &mut sharing.seeds[component as usize];
@@ -123,6 +129,7 @@ impl Components {
         for component in &mut sharing.component {
             *component = into[*component as usize];
         }
+        // The lowest row is popped first.
         sharing.free.sort_unstable_by(|a, b| b.cmp(a));
     }
 }

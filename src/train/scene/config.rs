@@ -1,14 +1,20 @@
 //! Settings of the scene preset.
 
-use super::engine::SumForm;
-use crate::model::scene::native::NativeRule;
+use super::sum_form::SumForm;
 use crate::model::scene::opacity::DensityOpacity;
-use crate::train::config::{ConfigError, MAX_COMPONENTS};
+use crate::model::scene::splat_rule::SplatRule;
+use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 use strum::{Display, EnumString, VariantNames};
 
-/// Most components where a user sets no budget: 400 MB of sums.
-pub const MOST_COMPONENTS: usize = 2_000_000;
+/// Bytes that a component takes of the model at most: its sums and counts of visibility (176), its
+/// seed and the next of the same bucket (16), and up to two buckets (4 each). Budgets in megabytes are
+/// counted by it, and so is the memory that a run is expected to take. What a run reports as the
+/// model's bytes is measured: a little less, and more where merged components keep their seeds.
+pub const COMPONENT_BYTES: usize = 200;
+
+/// Most components where a user sets no budget: [`COMPONENT_BYTES`] times as many are 400 MB.
+pub const DEFAULT_MAX_COMPONENTS: usize = 2_000_000;
 
 /// Where components are born.
 #[derive(
@@ -36,7 +42,7 @@ impl BirthRule {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
-pub enum LookRule {
+pub enum VisibilityRule {
     /// By projecting every component into every frame: what is seen or seen through counts.
     Projected,
     /// By the frames in which it received points. Depends on the frame alone.
@@ -44,6 +50,14 @@ pub enum LookRule {
 }
 
 /// Every setting of the engine that shapes a scene.
+///
+/// ```
+/// use vbgs_studio::train::scene::config::SceneConfig;
+///
+/// assert!(SceneConfig::fine(0.02).check().is_ok());
+/// let error = SceneConfig::fine(f64::NAN).check().err();
+/// assert_eq!(error.map(|e| e.setting), Some("--scale"));
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {
     /// Where components are born.
@@ -58,18 +72,18 @@ pub struct SceneConfig {
     pub align: bool,
     /// Whether each frame's exposure is fitted to the scene's.
     pub gain: bool,
-    /// How looks are counted.
-    pub looks: LookRule,
+    /// How hits and misses are counted.
+    pub looks: VisibilityRule,
     /// How sums are kept.
     pub sums: SumForm,
     /// Most components.
     pub most: usize,
     /// How sums become splats.
-    pub native: NativeRule,
+    pub native: SplatRule,
 }
 
 impl SceneConfig {
-    /// For exact or 8-bit depth, with structural scale `h` (`accuracy.md` 3).
+    /// For exact or 8-bit depth, with structural scale `h` (`scene.md`, Settings by sensor).
     pub fn fine(h: f64) -> Self {
         Self {
             births: BirthRule::Seeds,
@@ -77,10 +91,10 @@ impl SceneConfig {
             refine: true,
             align: false,
             gain: false,
-            looks: LookRule::Projected,
+            looks: VisibilityRule::Projected,
             sums: SumForm::Mixed,
-            most: MOST_COMPONENTS,
-            native: NativeRule {
+            most: DEFAULT_MAX_COMPONENTS,
+            native: SplatRule {
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
                 scale: 1.12,
@@ -105,10 +119,10 @@ impl SceneConfig {
     }
 
     /// For real depth cameras, whose poses, depth and exposure err more than the structural scale
-    /// resolves (`accuracy.md` 7).
+    /// resolves (`scene.md`, Settings by sensor).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
-        let native = NativeRule {
+        let native = SplatRule {
             opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.native.opacity },
             scale: 1.35,
             closing: 0.5,
@@ -128,14 +142,14 @@ impl SceneConfig {
     pub fn check(self) -> Result<Self, ConfigError> {
         if !(1..=MAX_COMPONENTS).contains(&self.most) {
             return Err(ConfigError {
-                setting: "--budget",
+                setting: "budget",
                 expected: format!("1 to {MAX_COMPONENTS} components"),
                 found: self.most.to_string(),
             });
         }
         if !(self.h.is_finite() && self.h > 0.0) {
             return Err(ConfigError {
-                setting: "--scale",
+                setting: "scale",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
             });

@@ -1,18 +1,23 @@
 //! Seeds by place: a hash grid with cells as wide as the structural scale.
+//!
+//! A scene has no bounds that are known beforehand, so cells are hashed instead of laid out.
+//! Buckets are chains through an array of seeds: insertion moves nothing, growth relinks, and seeds
+//! keep their numbers. Buckets may hold seeds of other cells as well; callers compare distances
+//! anyway.
 
-/// No seed.
+/// Stands for no seed, and for no component.
 pub const NONE: u32 = u32::MAX;
 /// Cells from the origin that can be told apart on every axis.
-const MOST_CELLS: f32 = (1 << 20) as f32;
-/// Fewest buckets.
-const LEAST_BUCKETS: usize = 1024;
+const MAX_CELLS: f32 = (1 << 20) as f32;
+/// Buckets of a grid without seeds.
+const MIN_BUCKETS: usize = 1024;
 
 /// Seeds of all components, found by place.
 pub struct SeedGrid {
     cell: f32,
     per_cell: f32,
     positions: Vec<[f32; 3]>,
-    /// Next seed of the same bucket, by seed.
+    /// By seed the next one of its bucket.
     next: Vec<u32>,
     /// First seed by bucket; a power of two of them.
     heads: Vec<u32>,
@@ -26,7 +31,7 @@ impl SeedGrid {
             per_cell: (1.0 / cell) as f32,
             positions: Vec::new(),
             next: Vec::new(),
-            heads: vec![NONE; LEAST_BUCKETS],
+            heads: vec![NONE; MIN_BUCKETS],
         }
     }
 
@@ -50,7 +55,7 @@ impl SeedGrid {
     /// Whether a place can be told from its neighbours.
     #[inline(always)]
     pub fn reaches(&self, position: [f32; 3]) -> bool {
-        position.iter().all(|x| (x * self.per_cell).abs() < MOST_CELLS)
+        position.iter().all(|x| (x * self.per_cell).abs() < MAX_CELLS)
     }
 
     /// The cell of a place within reach.
@@ -70,6 +75,7 @@ impl SeedGrid {
 
     /// Adds a seed at a place within reach.
     pub fn insert(&mut self, position: [f32; 3]) -> u32 {
+        // As many buckets as seeds at least keep chains short.
         if self.len() >= self.heads.len() {
             self.grow();
         }
@@ -120,6 +126,7 @@ impl SeedGrid {
         let cell = self.cell_of(position);
         self.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |id, seed| {
             let d2 = squared_distance(position, seed);
+            // The order of buckets must not decide between equals.
             if d2 < best || (d2 == best && id < found) {
                 (best, found) = (d2, id);
             }

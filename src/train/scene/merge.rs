@@ -1,19 +1,25 @@
 //! Fewer components than were born: those whose union explains as much are merged in closed form
 //! (joint moments), the cheapest first.
+//!
+//! Every component proposes its best neighbour, disjoint pairs are taken from the cheapest on, and
+//! passes repeat until the budget holds: a heap of all pairs would have to be mended after every
+//! merge. The cost is what the union leaves unexplained of the points' colours and of their
+//! distance to a plane, so that even walls go first and edges last; quality falls monotonically
+//! with the budget (`bench accuracy`).
 
+use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::grid::SeedGrid;
-use super::ledger::{Ledger, Word};
-use super::places::Places;
+use super::seed_positions::SeedPositions;
 use crate::math::sym3::Sym3;
-use crate::model::scene::sums::{SceneSums, outer};
+use crate::model::scene::sums::SceneSums;
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Largest standard deviation of a merged component, units of `h`: sums stay within their range.
-const MOST_SPREAD: f64 = 0.8;
+const MAX_SPREAD: f64 = 0.8;
 /// Largest distance of a merged component's mean from the seed its sums are about, units of `h`.
-const MOST_OFFSET: f64 = 1.5;
+const MAX_OFFSET: f64 = 1.5;
 /// Squared colour error (0 to 1 per channel) that counts as much as a squared distance of `h` from
 /// the plane: a surface a quarter of `h` off is as bad as a colour an eighth off.
 const THICKNESS_COST: f64 = 0.25;
@@ -32,8 +38,8 @@ struct Summary {
 }
 
 /// Merges until at most `most` components are left, or no two neighbours may be merged.
-pub fn merge_down<W: Word>(
-    ledger: &mut Ledger<W>,
+pub fn merge_down<W: SumScalar>(
+    component_sums: &mut ComponentSums<W>,
     components: &mut Components,
     grid: &SeedGrid,
     h: f64,
@@ -44,17 +50,17 @@ pub fn merge_down<W: Word>(
         if surplus == 0 {
             return;
         }
-        let pairs = cheapest_pairs(ledger, components, grid, h, surplus);
+        let pairs = cheapest_pairs(component_sums, components, grid, h, surplus);
         if pairs.is_empty() {
             return;
         }
         for &(kept, dropped) in &pairs {
             let [a, b] =
-                [kept, dropped].map(|id| summary(ledger, components, grid, h, id as usize));
-            ledger.merge(
+                [kept, dropped].map(|id| summary(component_sums, components, grid, h, id as usize));
+            component_sums.merge(
                 kept as usize,
                 dropped as usize,
-                &moved(&b.sums, b.seed - a.seed).to_array(),
+                b.sums.moved(b.seed - a.seed).to_array(),
             );
         }
         components.merge(&pairs);
@@ -62,24 +68,29 @@ pub fn merge_down<W: Word>(
 }
 
 /// Up to `n` disjoint pairs of neighbours whose union costs least, the older of each first.
-fn cheapest_pairs<W: Word>(
-    ledger: &Ledger<W>,
+fn cheapest_pairs<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
     n: usize,
 ) -> Vec<(u32, u32)> {
     let ids = 0..components.n_rows();
-    let summaries: Vec<Summary> =
-        ids.clone().into_par_iter().map(|id| summary(ledger, components, grid, h, id)).collect();
+    let summaries: Vec<Summary> = ids
+        .clone()
+        .into_par_iter()
+        .map(|id| summary(component_sums, components, grid, h, id))
+        .collect();
     let mut pairs: Vec<(f64, u32, u32)> = ids
         .into_par_iter()
         .filter_map(|id| best_partner(&summaries, components, grid, h, id))
         .collect();
+    // Equal costs in the order of numbers: any number of threads merges alike.
     pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let mut taken = vec![false; summaries.len()];
     let mut chosen = Vec::new();
     for (_, a, b) in pairs {
+        // Pairs share no component, so it does not matter in which order they are merged.
         if chosen.len() < n && !taken[a as usize] && !taken[b as usize] {
             (taken[a as usize], taken[b as usize]) = (true, true);
             chosen.push((a, b));
@@ -88,15 +99,15 @@ fn cheapest_pairs<W: Word>(
     chosen
 }
 
-fn summary<W: Word>(
-    ledger: &Ledger<W>,
+fn summary<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     components: &Components,
     grid: &SeedGrid,
     h: f64,
     id: usize,
 ) -> Summary {
-    let sums = SceneSums::new(&ledger.sums(id), 1.0);
-    let seed = DVec3::from_array(Places { grid, components }.of(id).map(f64::from)) / h;
+    let sums = SceneSums::new(&component_sums.sums(id), 1.0);
+    let seed = DVec3::from_array(SeedPositions { grid, components }.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
 }
 
@@ -121,6 +132,7 @@ fn best_partner(
         if other_id as usize == id || other.sums.count == 0.0 {
             return;
         }
+        // The older one stays, since its seed is what its sums are about.
         let is_older = components.reference(id) < components.reference(other_id as usize);
         let (a, b) = if is_older { (own, other) } else { (other, own) };
         let Some(cost) = cost(a, b) else { return };
@@ -134,9 +146,9 @@ fn best_partner(
 
 /// By how much more two components leave unexplained as one; `None` if that would be too large.
 fn cost(a: &Summary, b: &Summary) -> Option<f64> {
-    let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
-    let is_small = union.covariance().trace() <= MOST_SPREAD * MOST_SPREAD
-        && union.mean_offset().length() <= MOST_OFFSET;
+    let union = a.sums + b.sums.moved(b.seed - a.seed);
+    let is_small = union.covariance().trace() <= MAX_SPREAD * MAX_SPREAD
+        && union.mean_offset().length() <= MAX_OFFSET;
     is_small.then(|| error(&union) - a.error - b.error)
 }
 
@@ -157,39 +169,10 @@ fn error(sums: &SceneSums) -> f64 {
     n * (THICKNESS_COST * thickness - color.length_squared() - explained)
 }
 
-/// Sums about a seed that lies `shift` before their own.
-fn moved(sums: &SceneSums, shift: DVec3) -> SceneSums {
-    let crossed = outer(sums.first, shift);
-    let second = sums
-        .second
-        .add_scaled(1.0, Sym3::from_mat3(crossed + crossed.transpose()))
-        .add_scaled(sums.count, Sym3::outer(shift));
-    SceneSums {
-        first: sums.first + shift * sums.count,
-        second,
-        color_offset: sums.color_offset + outer(sums.color, shift),
-        ..*sums
-    }
-}
-
-fn plus(a: &SceneSums, b: &SceneSums) -> SceneSums {
-    SceneSums {
-        count: a.count + b.count,
-        first: a.first + b.first,
-        second: a.second.add_scaled(1.0, b.second),
-        color: a.color + b.color,
-        color_offset: a.color_offset + b.color_offset,
-        normal: a.normal + b.normal,
-        view: a.view + b.view,
-        view_second: a.view_second.add_scaled(1.0, b.view_second),
-        color_view: a.color_view + b.color_view,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::scene::sums::N_SUMS;
+    use crate::model::scene::sums::{N_SUMS, outer};
 
     fn points(at: DVec3, color: impl Fn(DVec3) -> DVec3) -> SceneSums {
         let mut sums = SceneSums::new(&[0.0; N_SUMS], 1.0);
@@ -214,8 +197,8 @@ mod tests {
     fn sums_are_the_same_about_any_seed() {
         let color = |p: DVec3| p * 0.3 + DVec3::splat(0.2);
         let (a, b) = (at(DVec3::ZERO, color), at(DVec3::X * 0.5, color));
-        let union = plus(&a.sums, &moved(&b.sums, b.seed - a.seed));
-        let back = moved(&moved(&b.sums, DVec3::new(0.3, -1.0, 2.0)), -DVec3::new(0.3, -1.0, 2.0));
+        let union = a.sums + b.sums.moved(b.seed - a.seed);
+        let back = b.sums.moved(DVec3::new(0.3, -1.0, 2.0)).moved(-DVec3::new(0.3, -1.0, 2.0));
         assert!((back.first - b.sums.first).length() < 1e-12);
         assert!((back.second.trace() - b.sums.second.trace()).abs() < 1e-9);
         assert!((union.mean_offset().x - 0.45).abs() < 1e-12);

@@ -1,25 +1,31 @@
-//! The engine of the scene preset (`accuracy.md` 3): components are born where points have none
-//! within the structural scale, and carry additive statistics about a seed that never moves.
+//! The engine of the scene preset (`scene.md`, Stages of a frame): components are born where points
+//! have none within the structural scale, and carry additive statistics about a seed that never
+//! moves.
 //!
 //! The E-step is the mixture's, truncated to one candidate: the initial model of every component is
 //! isotropic with one common precision about its seed, so the component with the largest
 //! responsibility is the one with the nearest seed.
+#![doc = include_str!("scene.md")]
 
 pub mod config;
 pub mod engine;
+pub mod learner;
 pub mod partition;
+pub mod sum_form;
 pub mod trainer;
 
 mod accumulate;
 mod align;
+#[cfg(test)]
+mod align_tests;
 mod assign;
 mod births;
+mod component_sums;
 mod components;
 mod gain;
 mod grid;
 mod lattice;
-mod ledger;
 mod merge;
 mod observe;
-mod places;
 mod refine;
+mod seed_positions;

@@ -1,9 +1,10 @@
-//! Which components a frame could see: evidence for and against them (`accuracy.md` 3, step 4).
+//! Which components a frame could see: evidence for and against them (`scene.md`, Visibility
+//! counts).
 
-use super::ledger::{Ledger, Look, Word};
-use super::places::Places;
+use super::component_sums::{ComponentSums, SumScalar, Visibility};
+use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
-use crate::math::observation::Observation;
+use crate::observation::surface::Observation;
 use glam::{DMat3, DVec3};
 
 /// Runs of rows that threads take.
@@ -17,12 +18,12 @@ struct Viewer<'a> {
     h: f64,
 }
 
-/// Counts the looks of one frame at every component: seen where the frame measured it, missed where
-/// it measured something farther; what is hidden or unknown does not count. `camera` is the frame's,
-/// where it really stood.
-pub fn observe<W: Word>(
-    ledger: &mut Ledger<W>,
-    places: Places<'_>,
+/// Counts one frame's evidence for every component: a hit where the frame measured it, a miss where
+/// it measured something farther; what is hidden or unknown does not count. `camera` is the
+/// frame's, where it really stood.
+pub fn observe<W: SumScalar>(
+    component_sums: &mut ComponentSums<W>,
+    seed_positions: SeedPositions<'_>,
     frame: &Observation,
     camera: &Camera,
     h: f64,
@@ -34,16 +35,18 @@ pub fn observe<W: Word>(
         centre: pose.centre() - frame.origin,
         h,
     };
-    ledger.for_each_part(PARTS, |first, rows, carried| {
+    component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
-            let (n, sum, normal) = carried.plane(id, row);
+            let (n, sum, normal) = wide.plane(id, row);
+            // A free row, or a component that has received nothing yet.
             if n == 0.0 {
                 continue;
             }
-            let seed = DVec3::from_array(places.of(id).map(f64::from));
+            let seed = DVec3::from_array(seed_positions.of(id).map(f64::from));
             let mean = seed + DVec3::from_array(sum) * (h / n);
-            if let Some((look, expected)) = viewer.look(mean, DVec3::from_array(normal)) {
-                row.look(look, expected * places.components.n_seeds(id));
+            if let Some((visibility, expected)) = viewer.visibility(mean, DVec3::from_array(normal))
+            {
+                row.count_visibility(visibility, expected * seed_positions.components.n_seeds(id));
             }
         }
     });
@@ -51,7 +54,7 @@ pub fn observe<W: Word>(
 
 impl Viewer<'_> {
     /// What the frame says of a component at `mean`, and the returns it could have given.
-    fn look(&self, mean: DVec3, normal: DVec3) -> Option<(Look, f64)> {
+    fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);
         if local.z <= 0.0 {
             return None;
@@ -66,15 +69,16 @@ impl Viewer<'_> {
         let measured = f64::from(*ranges.at(u as usize, v as usize));
         let [constant, growing] = self.frame.tolerance.margin.map(f64::from);
         let margin = constant + growing * range;
-        let look = if measured > range + margin {
-            Look::Missed
+        let visibility = if measured > range + margin {
+            Visibility::Miss
         } else if (measured - range).abs() <= margin {
-            Look::Seen
+            Visibility::Hit
         } else {
             return None; // hidden, or unknown
         };
+        // Normals that cancel out face nowhere: no return is expected of them.
         let facing =
             (self.rotation * normal).dot(local).abs() / (range * normal.length().max(1e-30));
-        Some((look, facing * self.h * self.h * k.fx * k.fy / (range * range)))
+        Some((visibility, facing * self.h * self.h * k.fx * k.fy / (range * range)))
     }
 }

@@ -3,14 +3,14 @@
 use super::assign::assign;
 use super::births::{Limits, give_birth};
 use super::components::Components;
-use super::config::{BirthRule, MOST_COMPONENTS};
+use super::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use super::grid::{NONE, SeedGrid};
-use crate::math::observation::SurfacePoint;
+use crate::observation::surface::SurfacePoint;
 
 /// Seeds that points are assigned to, and born from, as the trainer does.
 ///
 /// ```
-/// use vbgs_studio::math::observation::SurfacePoint;
+/// use vbgs_studio::observation::surface::SurfacePoint;
 /// use vbgs_studio::train::scene::partition::Partition;
 ///
 /// let at = |x: f32| SurfacePoint { position: [x, 0.0, 0.0], ..SurfacePoint::default() };
@@ -41,12 +41,12 @@ impl Partition {
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
         let Self { h, grid, components, owners } = self;
         assign(grid, components, *h, points, owners);
-        let limits = Limits { components: MOST_COMPONENTS, seeds: MOST_COMPONENTS };
+        let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
         give_birth(BirthRule::Seeds, *h, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 
-    /// Components born.
+    /// Number of components born so far.
     pub fn components(&self) -> usize {
         self.components.used()
     }

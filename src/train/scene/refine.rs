@@ -1,35 +1,36 @@
 //! Depth refinement: a point's most probable place along its ray, given its component as a plane
-//! (`accuracy.md` 3, step 2).
+//! (`scene.md`, Depth refinement).
 
-use super::ledger::{Ledger, Word};
-use crate::math::observation::SurfacePoint;
+use super::component_sums::{ComponentSums, SumScalar};
+use crate::observation::surface::SurfacePoint;
 
 /// Fewest points of a component that is trusted as a plane.
-const LEAST_POINTS: f64 = 20.0;
+const MIN_POINTS: f64 = 20.0;
 /// Most times as much as the point itself that the plane counts for.
-const MOST_TRUST: f64 = 2.0;
+const MAX_TRUST: f64 = 2.0;
 /// Least cosine between ray and plane normal.
-const LEAST_COSINE: f64 = 0.3;
+const MIN_COSINE: f64 = 0.3;
 
 /// How far along its ray to move a point, world units. `h` is the structural scale, `limit` the
 /// largest distance to the plane at which it is taken for the same surface.
 #[inline(always)]
-pub fn shift<W: Word>(
-    ledger: &Ledger<W>,
+pub fn shift<W: SumScalar>(
+    component_sums: &ComponentSums<W>,
     id: usize,
     seed: [f32; 3],
     h: f64,
     point: &SurfacePoint,
     limit: f64,
 ) -> f64 {
-    let (n, first, normal) = ledger.plane_sums(id);
-    if n < LEAST_POINTS {
+    let (n, first, normal) = component_sums.plane_sums(id);
+    if n < MIN_POINTS {
         return 0.0;
     }
     let direction = point.direction.map(f64::from);
     let length = dot(normal, normal).sqrt();
     let slope = dot(normal, direction);
-    if -slope < LEAST_COSINE * length {
+    // Along a slanted ray a small error of the plane moves a point far.
+    if -slope < MIN_COSINE * length {
         return 0.0;
     }
     let offset =
@@ -38,7 +39,8 @@ pub fn shift<W: Word>(
     if distance.abs() > limit {
         return 0.0;
     }
-    let trust = (n / LEAST_POINTS).min(MOST_TRUST);
+    // A limit of 2 instead of 4 gains 0.035 dB on Lego.
+    let trust = (n / MIN_POINTS).min(MAX_TRUST);
     distance * trust / (1.0 + trust)
 }
 

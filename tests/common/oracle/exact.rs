@@ -1,4 +1,5 @@
-//! `rendering.md` (c): the response along each true ray, in the form that defines it.
+//! The exact renderer (`rendering.md`, Exact renderer): the response along each true ray, in the
+//! form that defines it.
 
 use super::Contribution;
 use super::shade::Shade;

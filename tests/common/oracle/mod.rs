@@ -1,6 +1,7 @@
 //! The slow, plain renderers that the fast ones are measured against: f64, no tiles, no lanes, every
-//! splat in every pixel, straight from the formulas of `rendering.md` (b), (c) and (h). They share no
-//! arithmetic with the fast paths: the exact one evaluates the whitened ray, not the rational conic.
+//! splat in every pixel, straight from the formulas that define them (`rendering.md`, Projected
+//! renderer, and what follows it). They share no arithmetic with the fast paths: the exact one
+//! evaluates the whitened ray, not the rational conic.
 
 mod exact;
 mod projected;
@@ -16,7 +17,7 @@ use rayon::prelude::*;
 use splat::Placed;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::finish::Finish;
 use vbgs_studio::render::{ALPHA_CUT, Lens, Method, RenderOptions, TRANSMITTANCE_STOP};
 
@@ -100,7 +101,7 @@ impl Oracle {
     }
 
     /// The same view with both thresholds moved: shows what f32 may do in a pixel that lies on one
-    /// (`rendering.md` (g)).
+    /// (`rendering.md`, Tolerances).
     pub fn with_thresholds(&self, alpha_cut: f64, transmittance_stop: f64) -> Self {
         Self { alpha_cut, transmittance_stop, ..self.clone() }
     }
@@ -131,7 +132,7 @@ impl Oracle {
         Image::from_vec(width, height, data)
     }
 
-    /// Front to back (`rendering.md` (b) 8).
+    /// Front to back (`rendering.md`, Blending).
     fn blend(&self, contributions: impl Iterator<Item = Contribution>) -> Sample {
         let mut transmittance = 1.0;
         let (mut color, mut depth, mut n_blended) = (DVec3::ZERO, 0.0, 0);

@@ -1,4 +1,5 @@
-//! `rendering.md` (b): the covariance projected to the image.
+//! The projected renderer (`rendering.md`, Projected renderer): the covariance projected to the
+//! image.
 
 use super::Contribution;
 use super::shade::Shade;
@@ -77,8 +78,8 @@ impl Projected {
 }
 
 /// Derivatives of the point of maximum response `s* = t*·d`, `t* = (g·p)/(g·g)`, by the pixel
-/// (`rendering.md` (h)), where the ray `d = m/z` goes through the mean. The low-pass has no part in
-/// it: it widens the blot in the image, not the splat.
+/// (`rendering.md`, Native appearance), where the ray `d = m/z` goes through the mean. The low-pass
+/// has no part in it: it widens the blot in the image, not the splat.
 fn slide(splat: &Placed, k: &Intrinsics) -> [DVec3; 2] {
     let whiten = |v: DVec3| (splat.axes.transpose() * v) / splat.scale;
     let ray = splat.mean / splat.mean.z;

@@ -1,10 +1,10 @@
-//! The colour of a splat in a pixel: its own with gradient and view dependence (`rendering.md` (h)),
-//! or one that a viewer painted over it.
+//! The colour of a splat in a pixel: its own with gradient and view dependence (`rendering.md`,
+//! Native appearance), or one that a viewer painted over it.
 
 use super::SplatF64;
 use glam::{DMat3, DVec3};
 use vbgs_studio::math::camera::Camera;
-use vbgs_studio::model::appearance::GRADIENT_LIMIT;
+use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
 use vbgs_studio::render::{Paint, paint};
 
 /// Colour of one splat in one view.

@@ -1,10 +1,10 @@
-//! Splats in f64, and what both renderers do to them first (`rendering.md` (a)).
+//! Splats in f64, and what both renderers do to them first (`rendering.md`, Conventions).
 
 use super::shade::Shade;
 use glam::{DMat3, DQuat, DVec3};
 use vbgs_studio::math::camera::Camera;
-use vbgs_studio::model::appearance::Appearance;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{Lens, RenderOptions, SCALE_FLOOR};
 
 /// A splat in f64; the fields are those of [`Splat`].

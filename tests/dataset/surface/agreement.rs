@@ -7,8 +7,8 @@ use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::dataset::{Dataset, LoadOptions, open};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::{Observation, SurfacePoint};
 use vbgs_studio::math::simd::Isa;
+use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 
 /// Share of pixels that may differ: f32 puts a depth or a neighbour on the other side of a threshold.
 const DIFFERING: f64 = 2e-4;
@@ -32,13 +32,13 @@ fn assert_agrees(dataset: &Dataset, settings: &SurfaceSettings, index: usize) {
     assert_eq!(expected.origin, found.origin);
     assert_eq!(expected.tolerance, found.tolerance);
     assert_ranges_agree(&expected.ranges, &found.ranges);
-    let pairs = fates.data.iter().zip(&preparer.fates().data);
+    let pairs = fates.data.iter().zip(&preparer.statuses().data);
     let mut differing = pairs.filter(|(a, b)| a != b).count();
     let mut others = found.points.iter();
     for point in &expected.points {
         let pixel = point.pixel as usize;
         // Both lists have the same order, and each may lack points of the other.
-        if fates.data[pixel] == preparer.fates().data[pixel] {
+        if fates.data[pixel] == preparer.statuses().data[pixel] {
             let other = others.find(|p| p.pixel == point.pixel).unwrap();
             let allowed = [LENGTH, NORMAL, DIRECTION, COLOR];
             let is_near = errors(point, other).iter().zip(allowed).all(|(e, most)| *e <= most);
@@ -136,7 +136,7 @@ fn every_instruction_set_gives_the_same_bits() {
         preparer.prepare(&frame, &settings, &mut out).unwrap();
         let points: &[u8] = bytemuck::cast_slice(&out.points);
         let ranges: &[u8] = bytemuck::cast_slice(&out.ranges.data);
-        (points.to_vec(), ranges.to_vec(), preparer.fates().clone())
+        (points.to_vec(), ranges.to_vec(), preparer.statuses().clone())
     };
     let Some(avx2) = Isa::avx2() else { return };
     assert!(prepare(Isa::PORTABLE) == prepare(avx2));

@@ -5,7 +5,7 @@ use crate::common::shared;
 use glam::DVec3;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera, FrameGain};
 use vbgs_studio::dataset::frame::DepthKind;
-use vbgs_studio::dataset::surface::{PixelFate, Sensor, SurfaceSettings};
+use vbgs_studio::dataset::surface::{PixelStatus, Sensor, SurfaceSettings};
 use vbgs_studio::dataset::{LoadOptions, open};
 
 fn full() -> Calibration {
@@ -113,10 +113,10 @@ fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
         assert!((f64::from(point.color[0]) * 255.0 - at.x).abs() < 1e-3, "{at}");
         assert!((f64::from(point.color[1]) * 255.0 - at.y).abs() < 1e-3, "{at}");
     }
-    for (i, fate) in preparer.fates().data.iter().enumerate() {
+    for (i, fate) in preparer.statuses().data.iter().enumerate() {
         let at = camera.project(k.ray(i % WIDTH, i / WIDTH) * 1.5).unwrap() - 0.5;
         let is_seen = at.x >= 0.0 && at.y >= 0.0 && at.x <= 44.0 && at.y <= 36.0;
-        assert_eq!(*fate == PixelFate::Kept, is_seen, "{at}");
+        assert_eq!(*fate == PixelStatus::Kept, is_seen, "{at}");
     }
 }
 
@@ -137,8 +137,8 @@ fn points_hidden_from_the_colour_camera_are_dropped() {
         let camera = ColorCamera { offset: [x, 0.0, 0.0], ..camera };
         let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
         let (preparer, _, _) = prepare(&edge, &with(calibration));
-        let row = &preparer.fates().data[18 * WIDTH + 20..18 * WIDTH + 40];
-        row.iter().filter(|fate| **fate == PixelFate::NoColor).count()
+        let row = &preparer.statuses().data[18 * WIDTH + 20..18 * WIDTH + 40];
+        row.iter().filter(|fate| **fate == PixelStatus::NoColor).count()
     };
     assert_eq!(hidden(0.1), 0);
     let covered = hidden(-0.1);
@@ -149,9 +149,9 @@ fn points_hidden_from_the_colour_camera_are_dropped() {
 fn only_the_published_kinect_has_a_known_colour_camera() {
     let Some(path) = shared("data/kinect_office") else { return };
     let dataset = open(&path, &LoadOptions::default()).unwrap();
-    let known = Calibration::known(&dataset).unwrap();
+    let known = dataset.known_calibration().unwrap();
     assert_eq!(known.color_camera, Some(ColorCamera::KINECT));
     let mut other = dataset.clone();
     other.splits[0].frames[0].camera.intrinsics.fx = 580.0;
-    assert_eq!(Calibration::known(&other), None);
+    assert_eq!(other.known_calibration(), None);
 }

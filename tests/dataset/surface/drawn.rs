@@ -5,8 +5,8 @@ use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSettings};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::Observation;
 use vbgs_studio::math::pose::Pose;
+use vbgs_studio::observation::surface::Observation;
 
 /// World units per code.
 pub const UNIT: f64 = 1e-4;

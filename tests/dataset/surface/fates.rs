@@ -10,7 +10,7 @@ use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSett
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::Observation;
+use vbgs_studio::observation::surface::Observation;
 
 const N: usize = WIDTH * HEIGHT;
 
@@ -22,7 +22,7 @@ fn wall() -> Frame {
 fn counts(frame: &Frame, settings: &SurfaceSettings) -> SurfaceCounts {
     let (preparer, out, counts) = prepare(frame, settings);
     let (expected, fates) = oracle::prepare(frame, settings);
-    assert_eq!(preparer.fates(), &fates);
+    assert_eq!(preparer.statuses(), &fates);
     assert_eq!(out.points.len(), expected.points.len());
     assert_eq!(counts.kept, out.points.len());
     assert_eq!(counts.kept + counts.holes + counts.dropped(), fates.data.len());
@@ -123,7 +123,7 @@ fn a_smaller_frame_after_a_larger_one_is_prepared_as_if_alone() {
     let (alone, expected, _) = prepare(&small, &settings);
     assert_eq!(out.points, expected.points);
     assert_eq!(out.ranges, expected.ranges);
-    assert_eq!(preparer.fates(), alone.fates());
+    assert_eq!(preparer.statuses(), alone.statuses());
 }
 
 #[test]
@@ -149,5 +149,5 @@ fn sensors_follow_from_how_depth_is_stored() {
     }
     let params = SyntheticParams { n_train: 1, depth_noise: 0.3, ..SyntheticParams::demo() };
     let room = synthetic::dataset(&params).unwrap();
-    assert_eq!(Sensor::of(&room), Sensor::Exact { noise: 0.3 });
+    assert_eq!(room.sensor(), Sensor::Exact { noise: 0.3 });
 }

@@ -1,17 +1,17 @@
 //! The slow, plain preparation that the fast one is measured against: f64, pixel by pixel, straight
-//! from the text of `accuracy.md` 2. It shares no arithmetic with the fast path.
+//! from the text (`dataset.md`, Plane fit). It shares no arithmetic with the fast path.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::frame::{DepthKind, Frame};
-use vbgs_studio::dataset::points::MAX_COORDINATE;
 use vbgs_studio::dataset::surface::sensor::{Profile, Thresholds};
-use vbgs_studio::dataset::surface::{PixelFate, SurfaceSettings};
+use vbgs_studio::dataset::surface::{PixelStatus, SurfaceSettings};
+use vbgs_studio::dataset::unproject::MAX_COORDINATE;
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::{Observation, SurfacePoint};
+use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 
 /// Pixels from the centre of the window to its side (step 3).
 const RADIUS: usize = 2;
@@ -34,7 +34,7 @@ const WINDOW: f64 = ((2 * RADIUS + 1) * (2 * RADIUS + 1)) as f64;
 ///
 /// # Panics
 /// Panics on a frame without depth.
-pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image<PixelFate>) {
+pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image<PixelStatus>) {
     let depth = frame.depth.as_ref().expect("a frame with depth");
     let camera = frame.camera;
     let mut profile = settings.sensor.profile(depth, &camera.intrinsics);
@@ -42,7 +42,7 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
     let none = Calibration::NONE;
     let calibration = settings.calibration.as_ref().unwrap_or(&none);
     let (width, height) = depth.size();
-    let mut fates = Image::filled(width, height, PixelFate::Hole);
+    let mut statuses = Image::filled(width, height, PixelStatus::Hole);
     let mut ranges = Image::filled(width, height, f32::NAN);
     let mut z = Image::filled(width, height, f64::NAN);
     for row in 0..height {
@@ -56,11 +56,11 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
             let length =
                 value * calibration.depth_scale + profile.offset + calibration.depth_offset;
             if alpha != 255 {
-                fates.data[i] = PixelFate::Alpha;
+                statuses.data[i] = PixelStatus::Alpha;
             } else if !depth.trusts(value) || length <= 0.0 {
-                fates.data[i] = PixelFate::Range;
+                statuses.data[i] = PixelStatus::Range;
             } else if !LENGTHS.contains(&length) {
-                fates.data[i] = PixelFate::Far;
+                statuses.data[i] = PixelStatus::Far;
             } else {
                 let per_z = camera.intrinsics.ray(column, row).length();
                 z.data[i] = match depth.kind {
@@ -77,17 +77,17 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
         if !z.at(column, row).is_nan() {
             let surface = Surface::at(&z, &camera.intrinsics, &profile, [column, row]);
             let point = point(frame, settings, &profile, &painter, surface);
-            fates.data[row * width + column] = match point {
+            statuses.data[row * width + column] = match point {
                 Ok(point) => {
                     points.push(point);
-                    PixelFate::Kept
+                    PixelStatus::Kept
                 }
-                Err(fate) => fate,
+                Err(status) => status,
             };
         }
     }
     let tolerance = profile.tolerance;
-    (Observation { origin: settings.origin, camera, points, ranges, tolerance }, fates)
+    (Observation { origin: settings.origin, camera, points, ranges, tolerance }, statuses)
 }
 
 /// Pixels as an observation orders them.
@@ -212,7 +212,7 @@ fn point(
     profile: &Profile,
     painter: &Painter<'_>,
     surface: Surface,
-) -> Result<SurfacePoint, PixelFate> {
+) -> Result<SurfacePoint, PixelStatus> {
     let k = &frame.camera.intrinsics;
     let [column, row] = surface.pixel;
     let ray = k.ray(column, row);
@@ -221,18 +221,18 @@ fn point(
     let (z, normal) = match surface.plane {
         Some(plane) if settings.plane_fit => (1.0 / plane[0], surface.normal(k, plane)),
         Some(plane) => (surface.z, surface.normal(k, plane)),
-        None if settings.flying_pixels => return Err(PixelFate::Flying),
+        None if settings.flying_pixels => return Err(PixelStatus::Flying),
         None => (surface.z, -direction),
     };
     if settings.cosine && -normal.dot(direction) <= profile.thresholds.cosine {
-        return Err(PixelFate::Slant);
+        return Err(PixelStatus::Slant);
     }
     let pose = &frame.camera.pose;
     let position = (pose.transform_point(ray * z) - settings.origin).as_vec3();
     if !position.abs().cmple(Vec3::splat(MAX_COORDINATE)).all() {
-        return Err(PixelFate::Far);
+        return Err(PixelStatus::Far);
     }
-    let color = painter.color(surface.pixel, ray * z).ok_or(PixelFate::NoColor)?;
+    let color = painter.color(surface.pixel, ray * z).ok_or(PixelStatus::NoColor)?;
     Ok(SurfacePoint {
         position: position.to_array(),
         range: (z * per_z) as f32,

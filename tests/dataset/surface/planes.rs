@@ -3,9 +3,9 @@
 use super::drawn::{HEIGHT, UNIT, WIDTH, camera, frame, plane, prepare, settings};
 use glam::{DVec3, dvec3};
 use vbgs_studio::dataset::frame::{DepthCodes, DepthKind, Frame};
-use vbgs_studio::dataset::surface::{PixelFate, Sensor, SurfaceSettings};
+use vbgs_studio::dataset::surface::{PixelStatus, Sensor, SurfaceSettings};
 use vbgs_studio::math::image::Image;
-use vbgs_studio::math::observation::SurfacePoint;
+use vbgs_studio::observation::surface::SurfacePoint;
 
 const EXACT: Sensor = Sensor::Exact { noise: 0.0 };
 
@@ -82,8 +82,8 @@ fn pixels_between_surfaces_are_rejected() {
     for sensor in [EXACT, Sensor::Kinect, Sensor::Lidar] {
         let (preparer, out, counts) = prepare(&step(1.0, 1.7, 2.5), &settings(sensor));
         assert_eq!((counts.dropped_flying, counts.kept), (HEIGHT, (WIDTH - 1) * HEIGHT));
-        for (i, fate) in preparer.fates().data.iter().enumerate() {
-            let expected = if i % WIDTH == 20 { PixelFate::Flying } else { PixelFate::Kept };
+        for (i, fate) in preparer.statuses().data.iter().enumerate() {
+            let expected = if i % WIDTH == 20 { PixelStatus::Flying } else { PixelStatus::Kept };
             assert_eq!(*fate, expected);
         }
         for point in &out.points {

@@ -2,9 +2,9 @@
 
 use super::*;
 use vbgs_studio::export::checkpoint::StoredModel;
-use vbgs_studio::model::state::Totals;
+use vbgs_studio::model::paper::state::Totals;
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
-use vbgs_studio::train::config::Init;
+use vbgs_studio::train::paper::config::Init;
 
 fn message(runs: Vec<SavedRun>) -> String {
     merge(runs).unwrap_err().to_string()
@@ -17,7 +17,7 @@ fn merged_shards_are_the_run_over_all_frames() {
         (Init::Random, Precision::F64),
         (Init::Data, Precision::Mixed),
     ] {
-        let overrides = Overrides { init: Some(init), ..Overrides::default() };
+        let overrides = PaperOverrides { init: Some(init), ..PaperOverrides::default() };
         let config = config(ReassignPolicy::Off, precision).with(&overrides).unwrap();
         let whole = trained(&config, Selection::everything());
         let (expected, scene) = (whole.checkpoint().unwrap(), ply(&whole));
@@ -74,9 +74,9 @@ fn shards_share_all_frames() {
 #[test]
 fn models_that_began_apart_are_refused() {
     let base = saved(&trained(&off(), shard("1/2")));
-    let other = |config: &TrainConfig| saved(&trained(config, shard("2/2")));
-    let with = |overrides: Overrides| other(&off().with(&overrides).unwrap());
-    let seed = with(Overrides { seed: Some(9), ..Overrides::default() });
+    let other = |config: &PaperConfig| saved(&trained(config, shard("2/2")));
+    let with = |overrides: PaperOverrides| other(&off().with(&overrides).unwrap());
+    let seed = with(PaperOverrides { seed: Some(9), ..PaperOverrides::default() });
     let said = message(vec![base.clone(), seed]);
     assert!(said.contains("setting `seed`") && said.contains("0 and 9"), "{said}");
     let precise = other(&config(ReassignPolicy::Off, Precision::F64));

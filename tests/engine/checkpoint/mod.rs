@@ -13,10 +13,10 @@ use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{Checkpoint, write};
 use vbgs_studio::export::{self, Format, WriteOptions};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
-use vbgs_studio::pipeline::method::{Asked as AskedMethod, Method};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::train::config::{Overrides, Precision, ReassignPolicy, TrainConfig};
+use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Training frames of the room.
 const FRAMES: usize = 40;
@@ -31,17 +31,17 @@ fn room() -> Arc<Dataset> {
     room_of(FRAMES, 4)
 }
 
-fn config(reassign: ReassignPolicy, precision: Precision) -> TrainConfig {
-    let overrides = Overrides {
+fn config(reassign: ReassignPolicy, precision: Precision) -> PaperConfig {
+    let overrides = PaperOverrides {
         components: Some(3000),
         reassign: Some(reassign),
         precision: Some(precision),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
-    TrainConfig::paper().with(&overrides).unwrap()
+    PaperConfig::paper().with(&overrides).unwrap()
 }
 
-fn off() -> TrainConfig {
+fn off() -> PaperConfig {
     config(ReassignPolicy::Off, Precision::Mixed)
 }
 
@@ -68,7 +68,7 @@ fn trained(asked: &(impl Into<AskedMethod> + Clone), selection: Selection) -> Se
 }
 
 /// Settings of a mixture.
-fn paper(run: &SavedRun) -> &TrainConfig {
+fn paper(run: &SavedRun) -> &PaperConfig {
     let Method::Paper(train) = &run.config.method else { unreachable!() };
     train
 }

@@ -3,12 +3,14 @@
 use super::*;
 use vbgs_studio::dataset::LoadOptions;
 use vbgs_studio::export::checkpoint::{CheckpointError, StoredModel};
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::splats::CovarianceForm;
-use vbgs_studio::model::state::{ModelState, Totals};
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::paper::state::{ModelState, Totals};
+use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::train::config::{Batch, Candidates, IndexKind, Init, Preset, StatisticsForm};
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, IndexKind, Init, Preset, StatisticsForm,
+};
 
 fn half() -> SavedRun {
     saved(&trained(&off(), first(3)))
@@ -18,22 +20,28 @@ fn half() -> SavedRun {
 fn settings_that_contradict_the_run_are_refused_by_name() {
     let run = half();
     let train = |paper| Asked { paper, ..Asked::default() };
-    let none = Overrides::default;
+    let none = PaperOverrides::default;
     let cases = [
-        ("--components", train(Overrides { components: Some(5), ..none() })),
-        ("--seed", train(Overrides { seed: Some(5), ..none() })),
-        ("--candidates", train(Overrides { candidates: Some(Candidates::Dense), ..none() })),
-        ("--batch", train(Overrides { batch: Some(Batch::Points(5)), ..none() })),
-        ("--statistics", train(Overrides { statistics: Some(StatisticsForm::Unfused), ..none() })),
-        ("--index", train(Overrides { index: Some(IndexKind::KdTree), ..none() })),
-        ("--init", train(Overrides { init: Some(Init::Data), ..none() })),
-        ("--reassign", train(Overrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
-        ("--reassign-fraction", train(Overrides { reassign_fraction: Some(0.5), ..none() })),
-        ("--precision", train(Overrides { precision: Some(Precision::F64), ..none() })),
-        ("--scale-factor", train(Overrides { scale_factor: Some(1.5), ..none() })),
+        ("--components", train(PaperOverrides { components: Some(5), ..none() })),
+        ("--seed", train(PaperOverrides { seed: Some(5), ..none() })),
+        ("--candidates", train(PaperOverrides { candidates: Some(Candidates::Dense), ..none() })),
+        ("--batch", train(PaperOverrides { batch: Some(Batch::Points(5)), ..none() })),
+        (
+            "--statistics",
+            train(PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..none() }),
+        ),
+        ("--index", train(PaperOverrides { index: Some(IndexKind::KdTree), ..none() })),
+        ("--init", train(PaperOverrides { init: Some(Init::Data), ..none() })),
+        ("--reassign", train(PaperOverrides { reassign: Some(ReassignPolicy::Dense), ..none() })),
+        ("--reassign-fraction", train(PaperOverrides { reassign_fraction: Some(0.5), ..none() })),
+        ("--precision", train(PaperOverrides { precision: Some(Precision::F64), ..none() })),
+        ("--scale-factor", train(PaperOverrides { scale_factor: Some(1.5), ..none() })),
         (
             "--conversion",
-            train(Overrides { covariance_form: Some(CovarianceForm::LegacyCholesky), ..none() }),
+            train(PaperOverrides {
+                covariance_form: Some(CovarianceForm::LegacyCholesky),
+                ..none()
+            }),
         ),
         ("--split", Asked { split: Some("eval".into()), ..Asked::default() }),
         ("--order", Asked { order: Some(Order::Shuffled), ..Asked::default() }),
@@ -60,14 +68,14 @@ fn settings_that_repeat_the_run_are_fine() {
     let run = half();
     let asked = Asked {
         preset: Some(Preset::Paper),
-        paper: Overrides {
+        paper: PaperOverrides {
             components: Some(3000),
             candidates: Some(Candidates::Nearest(4)),
             reassign: Some(ReassignPolicy::Off),
             precision: Some(Precision::Mixed),
             covariance_form: Some(CovarianceForm::Eigen),
             scale_factor: Some(1.0),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         },
         order: Some(Order::Sequential),
         stride: Some(1),
@@ -83,7 +91,7 @@ fn another_dataset_needs_force() {
         let error = half().resume(dataset.clone(), &up_to(5), false).err().unwrap();
         assert!(matches!(error, RunError::OtherDataset { .. }));
         let said = error.to_string();
-        assert!(said.contains(part) && said.contains("--force"), "{said}");
+        assert!(said.contains(part) && said.contains("name the right dataset"), "{said}");
         half().resume(dataset, &up_to(5), true)
     };
     let longer = refused(room_of(FRAMES + 2, 4), "number of frames (expected 40, found 42)");
@@ -158,6 +166,6 @@ fn the_run_of_version_1_0_still_opens() {
     assert_eq!(train.reassign, ReassignPolicy::Forwarded);
     assert_eq!((config.selection.stride, config.selection.max_frames), (2, Some(3)));
     assert_eq!(run.content.cursor.visited, [0, 2, 4]);
-    assert_eq!(run.learner().unwrap().used(), 12);
+    assert_eq!(run.revive().unwrap().learner.used(), 12);
     assert_eq!(run.splats().unwrap().iter().filter(|s| s.is_drawable()).count(), 12);
 }

@@ -1,7 +1,7 @@
 //! Going on after a stop.
 
 use super::*;
-use vbgs_studio::train::config::Init;
+use vbgs_studio::train::paper::config::Init;
 
 const POLICIES: [ReassignPolicy; 4] = [
     ReassignPolicy::Off,
@@ -48,7 +48,7 @@ fn the_model_is_as_it_was_at_once() {
     let run = saved(&session);
     assert_eq!(run.splats().unwrap(), session.splats());
     assert_eq!(run.up(), session.up());
-    let learner = run.learner().unwrap();
+    let learner = run.revive().unwrap().learner;
     for k in 0..learner.components() {
         assert_eq!(learner.posterior(k), session.learner().posterior(k));
     }
@@ -81,11 +81,11 @@ fn the_report_covers_the_whole_run() {
 
 #[test]
 fn order_stride_and_settings_come_from_the_checkpoint() {
-    let overrides = Overrides {
+    let overrides = PaperOverrides {
         seed: Some(3),
         init: Some(Init::Data),
         scale_factor: Some(1.41),
-        ..Overrides::default()
+        ..PaperOverrides::default()
     };
     let config = config(ReassignPolicy::Padded, Precision::Mixed).with(&overrides).unwrap();
     let selection = |max_frames| Selection {
@@ -112,11 +112,11 @@ fn settings_are_stored_bit_for_bit() {
     for (i, fraction) in
         [0.1 + 0.2, 1.0 / 3.0, 5e-324, 0.049999999999999996].into_iter().enumerate()
     {
-        let overrides = Overrides {
+        let overrides = PaperOverrides {
             seed: Some(u64::MAX - i as u64),
             reassign_fraction: Some(fraction),
             scale_factor: Some(1.0 + fraction),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         };
         awkward = awkward.with(&overrides).unwrap();
         let run = saved(&Session::new(room(), awkward.clone(), first(1)).unwrap());

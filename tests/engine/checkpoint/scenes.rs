@@ -7,10 +7,10 @@ use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::state::{SceneState, StoredSums};
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::pipeline::scene::{Budget, SceneOverrides, StructuralScale};
-use vbgs_studio::train::config::Preset;
-use vbgs_studio::train::scene::config::{BirthRule, LookRule};
-use vbgs_studio::train::scene::engine::SumForm;
+use vbgs_studio::pipeline::settings::scene::{Budget, SceneOverrides, StructuralScale};
+use vbgs_studio::train::paper::config::Preset;
+use vbgs_studio::train::scene::config::{BirthRule, COMPONENT_BYTES, VisibilityRule};
+use vbgs_studio::train::scene::sum_form::SumForm;
 
 const LATTICES: [BirthRule; 2] = [BirthRule::Lattice, BirthRule::BodyCentred];
 
@@ -68,7 +68,7 @@ fn the_scene_is_as_it_was_at_once() {
         assert_eq!(run.config, *session.config());
         assert_eq!(run.splats().unwrap(), session.stored_splats());
         assert_eq!(run.up(), session.up());
-        let learner = run.learner().unwrap();
+        let learner = run.revive().unwrap().learner;
         assert_eq!(learner.components(), session.learner().components());
         let resumed = run.resume(room(), &Asked::default(), false).unwrap();
         assert_eq!(resumed.normalization(), session.normalization());
@@ -139,7 +139,7 @@ fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
         ),
         (SceneOverrides { gain: Some(true), ..lattice() }, ["--with gain", "with --without gain"]),
         (
-            SceneOverrides { looks: Some(LookRule::Projected), ..lattice() },
+            SceneOverrides { looks: Some(VisibilityRule::Projected), ..lattice() },
             ["--looks projected", "with --looks returned"],
         ),
         (
@@ -216,7 +216,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         ("--budget", with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() })),
         ("--with or --without refine", with(SceneOverrides { refine: Some(false), ..none() })),
         ("--with or --without gain", with(SceneOverrides { gain: Some(true), ..none() })),
-        ("--looks", with(SceneOverrides { looks: Some(LookRule::Returned), ..none() })),
+        ("--looks", with(SceneOverrides { looks: Some(VisibilityRule::Returned), ..none() })),
         ("--with or --without gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
         (
             "--with or --without directional",
@@ -239,7 +239,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         (
             "--components",
             Asked {
-                paper: Overrides { components: Some(5), ..Overrides::default() },
+                paper: PaperOverrides { components: Some(5), ..PaperOverrides::default() },
                 ..Asked::default()
             },
         ),
@@ -253,10 +253,10 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     }
     let repeated = Asked {
         preset: Some(Preset::Scene),
-        paper: Overrides {
+        paper: PaperOverrides {
             seed: Some(0),
             precision: Some(Precision::Mixed),
-            ..Overrides::default()
+            ..PaperOverrides::default()
         },
         scene: SceneOverrides {
             seed: Some(0),
@@ -308,4 +308,32 @@ fn settings_and_scenes_that_do_not_belong_together_are_refused() {
     let mixture = saved(&trained(&off(), first(1)));
     refused(&|content| content.config.clone_from(&mixture.content.config), "expected a mixture");
     refused(&|content| content.model = mixture.content.model.clone(), "expected a scene");
+}
+
+/// Merging moves sums to other seeds, in every form they are kept in; files take what it leaves.
+#[test]
+fn merged_scenes_are_read_back() {
+    for sums in [SumForm::Mixed, SumForm::F32, SumForm::F64] {
+        for budget in [20, 150, 600] {
+            let budget = Some(Budget::Components(budget));
+            let asked = SceneOverrides { sums: Some(sums), budget, ..births(BirthRule::Seeds) };
+            let session = trained(&asked, first(6));
+            let run = saved(&session);
+            assert!(scene(&run.content).components.is_some(), "{sums:?} {budget:?}: none merged");
+            assert_eq!(run.splats().unwrap(), session.stored_splats(), "{sums:?} {budget:?}");
+        }
+    }
+}
+
+#[test]
+fn components_take_the_bytes_that_budgets_count() {
+    let asked =
+        SceneOverrides { scale: Some(StructuralScale::Pixels(1.5)), ..births(BirthRule::Seeds) };
+    let session = trained(&asked, first(6));
+    let learner = session.learner();
+    let n = learner.components();
+    assert!(n > 2000, "{n} components: too few to tell");
+    let each = learner.model_bytes() as f64 / n as f64;
+    let most = COMPONENT_BYTES as f64;
+    assert!((0.95 * most..=most).contains(&each), "{each} bytes a component");
 }

@@ -2,7 +2,7 @@ use crate::common::golden::{Case, Tolerance::*};
 use glam::{DMat3, DVec3};
 use vbgs_studio::math::special::{digamma, ln_gamma, mv_digamma3, mv_ln_gamma3};
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::niw::Niw;
+use vbgs_studio::model::conjugate::niw::Niw;
 
 #[test]
 fn special_functions() {

@@ -1,13 +1,13 @@
 use super::reference::*;
 use crate::common::golden::{Case, Tolerance::*};
-use vbgs_studio::math::points::Points;
-use vbgs_studio::train::config::Candidates;
-use vbgs_studio::train::scalar::Scalar;
-use vbgs_studio::train::trainer::Trainer;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::Candidates;
+use vbgs_studio::train::paper::scalar::PaperScalar;
+use vbgs_studio::train::paper::trainer::PaperTrainer;
 
 const TRUNCATED: Candidates = Candidates::Nearest(4);
 
-fn frames<R: Scalar>(case: &Case) -> Vec<Points<R>> {
+fn frames<R: PaperScalar>(case: &Case) -> Vec<Points<R>> {
     (0..3).map(|t| points(case, t)).collect()
 }
 
@@ -19,7 +19,7 @@ fn tolerance() -> Option<ReassignTolerance> {
     Some(ReassignTolerance { elbo: 2e-9, p: 1e-7 })
 }
 
-fn check_frame(case: &Case, prefix: &str, trainer: &Trainer<f64>, frames: &[Points<f64>]) {
+fn check_frame(case: &Case, prefix: &str, trainer: &PaperTrainer<f64>, frames: &[Points<f64>]) {
     let counts: Vec<f64> = (0..trainer.components()).map(|k| trainer.moments(k).count).collect();
     case.check(&format!("{prefix}_N"), &counts, Abs(0.0));
     check_posterior(case, prefix, trainer, &frames.iter().collect::<Vec<_>>());

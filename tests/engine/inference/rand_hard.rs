@@ -1,9 +1,9 @@
 use super::reference::{self, *};
 use crate::common::golden::{Case, Tolerance::*};
 use vbgs_studio::math::special::log_sum_exp;
-use vbgs_studio::model::dirichlet;
-use vbgs_studio::train::config::Candidates;
-use vbgs_studio::train::scalar::Scalar;
+use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::train::paper::config::Candidates;
+use vbgs_studio::train::paper::scalar::PaperScalar;
 
 const LOW_ELBO: usize = 100;
 const TRUNCATED: Candidates = Candidates::Nearest(4);
@@ -37,7 +37,7 @@ fn scores_and_assignments() {
     println!("golden arrays compared: {}", case.compared());
 }
 
-fn assignments_and_candidates<R: Scalar>(case: &Case) {
+fn assignments_and_candidates<R: PaperScalar>(case: &Case) {
     let trainer = trainer::<R>(case, Candidates::Dense);
     let x0 = points::<R>(case, 0);
     case.check_exact("assign0", &assignments(&trainer, &x0));
@@ -110,10 +110,10 @@ fn dense_rescan() {
     println!("golden arrays compared: {}", case.compared());
 }
 
-fn check_counts<R: Scalar>(
+fn check_counts<R: PaperScalar>(
     case: &Case,
     prefix: &str,
-    trainer: &vbgs_studio::train::trainer::Trainer<R>,
+    trainer: &vbgs_studio::train::paper::trainer::PaperTrainer<R>,
 ) {
     let counts: Vec<f64> = (0..trainer.components()).map(|k| trainer.moments(k).count).collect();
     case.check(&format!("{prefix}_N"), &counts, Abs(0.0));

@@ -3,15 +3,20 @@ use super::reference::{
 };
 use crate::common::golden::{Case, Tolerance::*};
 use glam::DVec3;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::special::log_sum_exp;
 use vbgs_studio::math::sym3::Sym3;
-use vbgs_studio::model::dirichlet;
-use vbgs_studio::model::niw::Niw;
-use vbgs_studio::train::config::Candidates;
-use vbgs_studio::train::trainer::Trainer;
+use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::model::conjugate::niw::Niw;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::Candidates;
+use vbgs_studio::train::paper::trainer::PaperTrainer;
 
-fn log_scores(trainer: &Trainer<f64>, points: &Points<f64>, i: usize, ids: &[u32]) -> Vec<f64> {
+fn log_scores(
+    trainer: &PaperTrainer<f64>,
+    points: &Points<f64>,
+    i: usize,
+    ids: &[u32],
+) -> Vec<f64> {
     let (scoring, model) = trainer.scoring();
     let distance =
         |&id: &u32| scoring.distance(model, id as usize, points.position(i), points.color(i));
@@ -111,7 +116,7 @@ fn cumulative_posteriors_dense_and_truncated() {
     println!("golden arrays compared: {}", case.compared());
 }
 
-fn check_candidates(case: &Case, t: usize, trainer: &Trainer<f64>, frame: &Points<f64>) {
+fn check_candidates(case: &Case, t: usize, trainer: &PaperTrainer<f64>, frame: &Points<f64>) {
     let ids = nearest(trainer, frame);
     let scores: Vec<f64> =
         (0..frame.len()).flat_map(|i| log_scores(trainer, frame, i, &ids[4 * i..][..4])).collect();

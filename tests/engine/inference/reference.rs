@@ -5,16 +5,16 @@ use crate::common::golden::{Case, Tolerance::*};
 
 use glam::DVec3;
 use std::collections::BTreeMap;
-use vbgs_studio::math::points::Points;
 use vbgs_studio::math::special::mv_digamma3;
-use vbgs_studio::model::dirichlet;
-use vbgs_studio::model::posterior::ComponentPosterior;
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::train::config::{Candidates, Operations, ReassignPolicy, TrainConfig};
-use vbgs_studio::train::init::InitialDraw;
-use vbgs_studio::train::reassign::Chooser;
-use vbgs_studio::train::scalar::Scalar;
-use vbgs_studio::train::trainer::Trainer;
+use vbgs_studio::model::conjugate::dirichlet;
+use vbgs_studio::model::conjugate::posterior::ComponentPosterior;
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{Candidates, Operations, PaperConfig, ReassignPolicy};
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::reassign::DestinationChooser;
+use vbgs_studio::train::paper::scalar::PaperScalar;
+use vbgs_studio::train::paper::trainer::PaperTrainer;
 
 pub fn hyper(case: &Case) -> Hyper {
     Hyper {
@@ -31,28 +31,28 @@ pub fn hyper(case: &Case) -> Hyper {
 }
 
 /// A trainer at the case's start that never reassigns by itself.
-pub fn trainer<R: Scalar>(case: &Case, candidates: Candidates) -> Trainer<R> {
+pub fn trainer<R: PaperScalar>(case: &Case, candidates: Candidates) -> PaperTrainer<R> {
     let is_wide = size_of::<R>() == size_of::<f64>();
-    let config = TrainConfig {
+    let config = PaperConfig {
         candidates,
         reassign: ReassignPolicy::Off,
         operations: if is_wide { Operations::F64 } else { Operations::MIXED },
-        ..TrainConfig::paper()
+        ..PaperConfig::paper()
     };
     let draw = InitialDraw { means: case.rows("mean_init"), alpha: case.f64("alpha_init") };
-    Trainer::with_hyper(&config, hyper(case), &draw).unwrap()
+    PaperTrainer::with_hyper(&config, hyper(case), &draw).unwrap()
 }
 
-pub fn points<R: Scalar>(case: &Case, frame: usize) -> Points<R> {
+pub fn points<R: PaperScalar>(case: &Case, frame: usize) -> Points<R> {
     Points::from_rows(&case.rows(&format!("x{frame}")))
 }
 
-pub fn posteriors<R: Scalar>(trainer: &Trainer<R>) -> Vec<ComponentPosterior> {
+pub fn posteriors<R: PaperScalar>(trainer: &PaperTrainer<R>) -> Vec<ComponentPosterior> {
     (0..trainer.components()).map(|k| trainer.posterior(k)).collect()
 }
 
 /// Raw sums `prefix_Sx`, `Sxx`, `Sc`: absolute, relative to the largest entry of the array.
-pub fn check_sums(case: &Case, prefix: &str, trainer: &Trainer<f64>) {
+pub fn check_sums(case: &Case, prefix: &str, trainer: &PaperTrainer<f64>) {
     let (mut sx, mut sxx, mut sc) = (vec![], vec![], vec![]);
     for k in 0..trainer.components() {
         let moments = trainer.moments(k);
@@ -72,7 +72,7 @@ pub fn check_sums(case: &Case, prefix: &str, trainer: &Trainer<f64>) {
 pub fn check_posterior(
     case: &Case,
     prefix: &str,
-    trainer: &Trainer<f64>,
+    trainer: &PaperTrainer<f64>,
     points_seen: &[&Points<f64>],
 ) {
     let p = posteriors(trainer);
@@ -126,7 +126,7 @@ pub fn check_posterior(
 }
 
 /// `E[ln|Λ|]` of every component's posterior.
-pub fn expected_ln_det<R: Scalar>(trainer: &Trainer<R>) -> Vec<f64> {
+pub fn expected_ln_det<R: PaperScalar>(trainer: &PaperTrainer<R>) -> Vec<f64> {
     let ln_det = |c: &ComponentPosterior| {
         3.0 * 2f64.ln() - c.inverse_scale.ln_det().unwrap() + mv_digamma3(0.5 * c.nu_space)
     };
@@ -134,13 +134,13 @@ pub fn expected_ln_det<R: Scalar>(trainer: &Trainer<R>) -> Vec<f64> {
 }
 
 /// Ids of the candidates of every point, nearest first.
-pub fn nearest<R: Scalar>(trainer: &Trainer<R>, points: &Points<R>) -> Vec<u32> {
+pub fn nearest<R: PaperScalar>(trainer: &PaperTrainer<R>, points: &Points<R>) -> Vec<u32> {
     let of_points = trainer.responsibilities(points);
     of_points.iter().flatten().map(|&(id, _)| id).collect()
 }
 
 /// The component every point belongs to (responsibilities must be one-hot).
-pub fn assignments<R: Scalar>(trainer: &Trainer<R>, points: &Points<R>) -> Vec<u32> {
+pub fn assignments<R: PaperScalar>(trainer: &PaperTrainer<R>, points: &Points<R>) -> Vec<u32> {
     let owner = |(i, r): (usize, &Vec<(u32, f64)>)| {
         let owner = r.iter().find(|(_, r)| *r == 1.0);
         owner.unwrap_or_else(|| panic!("point {i} is soft: {r:?}")).0
@@ -155,10 +155,10 @@ pub struct ReassignTolerance {
 
 /// Checks the candidate set, the probabilities and the sampler against a stored reassignment, then
 /// moves the stored components. The trainer's `elbo` must be that of `points`.
-pub fn check_reassign<R: Scalar>(
+pub fn check_reassign<R: PaperScalar>(
     case: &Case,
     prefix: &str,
-    trainer: &mut Trainer<R>,
+    trainer: &mut PaperTrainer<R>,
     points: &Points<R>,
     low_elbo: usize,
     tolerance: Option<ReassignTolerance>,
@@ -169,7 +169,7 @@ pub fn check_reassign<R: Scalar>(
     case.check_exact(&name("unused"), &[unused]);
 
     let q = trainer.effective_distances();
-    let mut mine: Vec<u32> = Chooser::default().lowest_elbo(q, low_elbo).collect();
+    let mut mine: Vec<u32> = DestinationChooser::default().lowest_elbo(q, low_elbo).collect();
     mine.sort_unstable();
     let mut expected = cand.clone();
     expected.sort_unstable();
@@ -211,7 +211,12 @@ fn check_sampler(case: &Case, prefix: &str, cand: &[u32]) {
 }
 
 /// Initial means after a reassignment.
-pub fn check_means<R: Scalar>(case: &Case, name: &str, trainer: &Trainer<R>, tolerance: f64) {
+pub fn check_means<R: PaperScalar>(
+    case: &Case,
+    name: &str,
+    trainer: &PaperTrainer<R>,
+    tolerance: f64,
+) {
     let (_, model) = trainer.scoring();
     let rows = model.space.iter().zip(&model.color);
     let found: Vec<f64> =

@@ -1,5 +1,6 @@
-//! Sampling without replacement, in the rounds of the reference (`model.md` 10): the stored cases
-//! prescribe its uniforms. The trainer draws by a race of the same law.
+//! Sampling without replacement, in the rounds of the reference (`train.md`, Sampling without
+//! replacement): the stored cases prescribe its uniforms. The trainer draws by a race of the same
+//! law.
 
 /// Chooses `n` distinct indices with probabilities proportional to `weights` (finite, not
 /// negative), drawing uniforms in `[0, 1)` from `uniform`.

@@ -3,7 +3,7 @@
 use super::{N, fixed64, means_f32, mixture, raw, sample, samples};
 use std::path::Path;
 use vbgs_studio::export::checkpoint::{VERSION, parse, read, to_bytes, write};
-use vbgs_studio::model::state::{Carry, Totals};
+use vbgs_studio::model::paper::state::{Carry, Totals};
 
 #[test]
 fn every_form_comes_back_and_is_written_alike_again() {

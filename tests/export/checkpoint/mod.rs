@@ -8,24 +8,24 @@ mod scene;
 mod values;
 
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, Defect, StoredModel, parse};
-use vbgs_studio::math::points::Normalization;
+use vbgs_studio::math::normalization::Normalization;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::prior::Hyper;
-use vbgs_studio::model::state::{Carry, Means, ModelState, Totals};
+use vbgs_studio::model::conjugate::prior::Hyper;
+use vbgs_studio::model::paper::state::{Carry, InitialMeans, ModelState, Totals};
 
 /// Components of the samples.
 const N: usize = 20;
 
-fn means_f32() -> Means {
+fn means_f32() -> InitialMeans {
     let mut rng = Rng::new(7, Purpose::Synthetic, 0);
     let mut rows = || (0..N).map(|_| [0; 3].map(|_| rng.range(-2.0, 2.0) as f32)).collect();
-    Means::F32 { space: rows(), color: rows() }
+    InitialMeans::F32 { space: rows(), color: rows() }
 }
 
-fn means_f64() -> Means {
+fn means_f64() -> InitialMeans {
     let mut rng = Rng::new(8, Purpose::Synthetic, 0);
     let mut rows = || (0..N).map(|_| [0; 3].map(|_| rng.range(-2.0, 2.0))).collect();
-    Means::F64 { space: rows(), color: rows() }
+    InitialMeans::F64 { space: rows(), color: rows() }
 }
 
 /// Sums of a few points each, the first component unused.
@@ -81,7 +81,7 @@ fn f32s() -> Totals {
     Totals::F32(sums().iter().map(|r| r.map(|v| v as f32)).collect())
 }
 
-fn sample(means: Means, totals: Totals) -> Checkpoint {
+fn sample(means: InitialMeans, totals: Totals) -> Checkpoint {
     let alpha_init = (0..N).map(|k| 0.05 + 1e-3 * k as f64).collect();
     checkpoint(StoredModel::Mixture {
         normalization: Normalization { offset: [0.5, -1.0, 0.1], scale: [0.7, 0.7, 1.0 / 3.0] },

@@ -3,11 +3,12 @@
 use super::raw::{self, edited};
 use super::{N, assert_refused, checkpoint, fixed64, means_f32};
 use vbgs_studio::export::checkpoint::{Checkpoint, StoredModel, VERSION, parse, to_bytes};
-use vbgs_studio::math::observation::SurfacePoint;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::scene::exposure::Exposure;
-use vbgs_studio::model::scene::state::{Looks, QUANTUM, SceneState, StoredSums, WideRow};
+use vbgs_studio::model::scene::state::{
+    QUANTUM, SceneState, StoredSums, VisibilityCounts, WideRow,
+};
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
+use vbgs_studio::model::splat::exposure::FrameExposure;
 
 /// Components of the sample with more points than fit in a row.
 const WIDE: [usize; 2] = [5, 11];
@@ -19,12 +20,8 @@ fn quanta() -> Vec<[i64; N_SUMS]> {
         let mut row = [0; N_SUMS];
         for _ in 0..k {
             let mut numbers = |lo: f64| [0; 3].map(|_| rng.range(lo, 1.0) as f32);
-            let point = SurfacePoint {
-                normal: unit(numbers(-1.0)),
-                direction: unit(numbers(-1.0)),
-                ..SurfacePoint::default()
-            };
-            let terms: [f32; N_SUMS] = terms(&point, numbers(-1.0), numbers(0.0));
+            let (normal, direction) = (unit(numbers(-1.0)), unit(numbers(-1.0)));
+            let terms: [f32; N_SUMS] = terms(numbers(-1.0), numbers(0.0), normal, direction);
             let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i64);
             row.iter_mut().zip(quanta).for_each(|(sum, quanta)| *sum += quanta);
         }
@@ -68,14 +65,14 @@ pub fn f64s() -> StoredSums {
 pub fn sample(sums: StoredSums) -> Checkpoint {
     let mut rng = Rng::new(11, Purpose::Synthetic, 0);
     let seeds = (0..N).map(|_| [0; 3].map(|_| rng.range(-2.0, 2.0) as f32)).collect();
-    let look = |k: u32| Looks { expected: 640 * k, seen: k as u16, missed: 3 };
-    let looks = (0..N as u32).map(look).collect();
+    let look = |k: u32| VisibilityCounts { expected: 640 * k, hits: k as u16, misses: 3 };
+    let visibility = (0..N as u32).map(look).collect();
     checkpoint(StoredModel::Scene(SceneState {
         origin: [1.0, -2.0, 0.5],
         seeds,
         components: None,
         sums,
-        looks,
+        visibility,
         exposures: Vec::new(),
     }))
 }
@@ -88,7 +85,7 @@ pub fn nothing() -> SceneState {
         seeds: Vec::new(),
         components: None,
         sums,
-        looks: Vec::new(),
+        visibility: Vec::new(),
         exposures: Vec::new(),
     }
 }
@@ -211,7 +208,7 @@ fn sums_that_no_points_have() {
 fn seeds_may_share_components() {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
-    let n = state.looks.len() as u32;
+    let n = state.visibility.len() as u32;
     state.seeds.push([0.5; 3]);
     state.components = Some((0..n).chain([7]).collect());
     let bytes = to_bytes(&checkpoint);
@@ -226,7 +223,8 @@ fn seeds_may_share_components() {
 fn frames_may_have_gains() {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
-    let exposure = |gain| Exposure { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8], gain };
+    let exposure =
+        |gain| FrameExposure { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8], gain };
     state.exposures = vec![exposure([1.0; 3]), exposure([0.5, 1.25, 2.0])];
     let bytes = to_bytes(&checkpoint);
     assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
@@ -312,8 +310,7 @@ fn rounding_is_no_defect() {
     for (direction, offset) in
         [([s, s, 0.0], [2.0, 2.0, -2.0]), ([0.0, 1.0, 0.0], [1e-4, -1e-4, 1e-4])]
     {
-        let point = SurfacePoint { direction, normal: direction, ..SurfacePoint::default() };
-        let terms: [f32; N_SUMS] = terms(&point, offset, [1.0; 3]);
+        let terms: [f32; N_SUMS] = terms(offset, [1.0; 3], direction, direction);
         let quanta = terms.map(|term| (f64::from(term) / QUANTUM).round() as i32);
         let edit = |sums: &mut StoredSums| match sums {
             StoredSums::Mixed { rows, .. } => rows[3] = quanta.map(|q| 4000 * q),

@@ -3,7 +3,7 @@
 use super::raw::edited;
 use super::{assert_refused, f32s, fixed64, fixed128, means_f32, means_f64, mixture, sample};
 use vbgs_studio::export::checkpoint::{Checkpoint, parse, to_bytes};
-use vbgs_studio::model::state::{Carry, Means, ModelState, Totals};
+use vbgs_studio::model::paper::state::{Carry, InitialMeans, ModelState, Totals};
 
 fn with_model(edit: impl FnOnce(&mut ModelState), totals: Totals) -> Vec<u8> {
     let mut checkpoint = sample(means_f32(), totals);
@@ -15,14 +15,16 @@ fn with_model(edit: impl FnOnce(&mut ModelState), totals: Totals) -> Vec<u8> {
 fn means_and_weights() {
     for wild in [f32::NAN, f32::INFINITY] {
         let set = |model: &mut ModelState| {
-            let Means::F32 { space, .. } = &mut model.means else { unreachable!() };
+            let InitialMeans::F32 { space, .. } = &mut model.means else { unreachable!() };
             space[17][1] = wild;
         };
         let parts = ["MINI[component 17, y]", "a finite number", &wild.to_string()];
         assert_refused(&with_model(set, fixed64()), &parts);
     }
     let mut checkpoint = sample(means_f64(), fixed128());
-    let Means::F64 { color, .. } = &mut mixture(&mut checkpoint).2.means else { unreachable!() };
+    let InitialMeans::F64 { color, .. } = &mut mixture(&mut checkpoint).2.means else {
+        unreachable!()
+    };
     color[3][2] = f64::NEG_INFINITY;
     assert_refused(&to_bytes(&checkpoint), &["MINI[component 3, blue]", "found -inf"]);
     for wild in [0.0, -1.0, f64::NAN, f64::INFINITY] {

@@ -4,7 +4,7 @@ use crate::fixture::Fixture;
 use std::ops::Deref;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::appearance::SplatView;
+use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::RenderOptions;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};

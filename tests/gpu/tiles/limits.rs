@@ -5,7 +5,7 @@ use super::scenes::{camera, cloud};
 use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::GpuError;
 use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};
 use vbgs_studio::render::gpu::scene::GpuScene;

@@ -6,8 +6,8 @@ use crate::common::oracle::Oracle;
 use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
-use vbgs_studio::model::appearance::SplatView;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::renderer::Path;
 use vbgs_studio::render::{
     ALPHA_CUT, Antialias, Exact, Lens, Look, Method, Paint, RenderOptions, Response,

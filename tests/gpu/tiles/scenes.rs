@@ -4,8 +4,8 @@ use glam::DVec3;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::model::appearance::Appearance;
-use vbgs_studio::model::splats::Splat;
+use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// Splats in a cube of 3 world units; scales from `largest` down to a `thinnest` share of it.
 pub fn cloud(seed: u64, n: usize, largest: f64, thinnest: f64, opacity: [f64; 2]) -> Vec<Splat> {

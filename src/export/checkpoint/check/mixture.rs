@@ -4,8 +4,8 @@ use super::super::error::Defect;
 use super::super::tag;
 use super::{AXES, ascending, value};
 use crate::math::real::Real;
-use crate::model::state::{Means, ModelState, Totals};
-use crate::model::statistics::N_SUMS;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::state::{InitialMeans, ModelState, Totals};
 
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
@@ -44,8 +44,8 @@ pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
         return Err(value(tag::ALPHA, k, "alpha", expected, model.alpha_init[k]));
     }
     match &model.means {
-        Means::F32 { space, color } => means(space, color)?,
-        Means::F64 { space, color } => means(space, color)?,
+        InitialMeans::F32 { space, color } => means(space, color)?,
+        InitialMeans::F64 { space, color } => means(space, color)?,
     }
     match &model.totals {
         Totals::Fixed64 { rows, carries } => {

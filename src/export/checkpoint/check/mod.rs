@@ -8,7 +8,7 @@ pub(super) use scene::scene;
 
 use super::error::{Defect, tag_text};
 use super::tag;
-use crate::math::points::Normalization;
+use crate::math::normalization::Normalization;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 

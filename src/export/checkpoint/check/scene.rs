@@ -3,8 +3,9 @@
 use super::super::error::{Defect, tag_text};
 use super::super::tag;
 use super::{AXES, ascending, value};
-use crate::model::scene::state::{MOST_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
-use crate::model::scene::sums::{MOST_TERM, N_SUMS};
+use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbounded};
+use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
+use crate::model::scene::sums::{MAX_TERM, N_SUMS};
 
 /// Every sum by name.
 #[rustfmt::skip]
@@ -17,22 +18,6 @@ const NAMES: [&str; N_SUMS] = [
     "red view x", "red view y", "red view z", "green view x", "green view y", "green view z",
     "blue view x", "blue view y", "blue view z",
 ];
-
-/// Positions of sums of squares.
-const SQUARES: [usize; 5] = [4, 7, 9, 28, 31];
-
-/// How far rounding may take sums: relative to them, and per point.
-#[derive(Clone, Copy)]
-struct Slack {
-    relative: f64,
-    per_point: f64,
-}
-
-/// Every term is rounded by half a quantum, and view directions are unit vectors in f32.
-const MIXED: Slack = Slack { relative: 1e-6, per_point: 3.0 * QUANTUM };
-/// Sums in f32 stand still from 2²⁴ points on; up to there rounding may double them.
-const F32: Slack = Slack { relative: 1.0, per_point: 0.0 };
-const F64: Slack = Slack { relative: 1e-6, per_point: 1e-6 };
 
 /// Origin, seeds and sums.
 pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
@@ -56,7 +41,7 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
-    let n = state.looks.len();
+    let n = state.visibility.len();
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
         let expected = format!("a component below {n}");
@@ -92,7 +77,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
         let refuse = |i: usize, expected: &str| {
             Err(value(tag::WIDE_SUMS, k, NAMES[i], expected, row.sums[i]))
         };
-        let is_odd = |v: &f64| !(v.abs() <= MOST_SUM && (v / QUANTUM).fract() == 0.0);
+        let is_odd = |v: &f64| !(v.abs() <= MAX_SUM && (v / QUANTUM).fract() == 0.0);
         if let Some(i) = row.sums.iter().position(is_odd) {
             return refuse(i, "a whole multiple of 2^-15 up to 2^38");
         }
@@ -114,7 +99,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 #[inline]
 fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(), Defect> {
     let n = row[0];
-    let most = MOST_TERM * n * (1.0 + slack.relative);
+    let most = MAX_TERM * n * (1.0 + slack.relative);
     let last = n - row[28] - row[31];
     let least_last = -(slack.relative + slack.per_point) * n;
     let sound = (0.0..f64::INFINITY).contains(&n)
@@ -123,26 +108,6 @@ fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(),
         && last >= least_last
         && first_unbounded(row, slack).is_none();
     if sound { Ok(()) } else { Err(first_unsound(tag, k, row, slack, most)) }
-}
-
-/// The first mixed moment that is larger than its axes' second moments allow. The last second moment
-/// of view directions is what is left of their count.
-fn first_unbounded(row: &[f64; N_SUMS], slack: Slack) -> Option<usize> {
-    let [xx, yy, zz] = [row[4], row[7], row[9]];
-    let [view_xx, view_yy] = [row[28], row[31]];
-    let view_zz = row[0] * (1.0 + slack.relative) - view_xx - view_yy;
-    let pairs = [
-        (5, xx + yy),
-        (6, xx + zz),
-        (8, yy + zz),
-        (29, view_xx + view_yy),
-        (30, view_xx + view_zz),
-        (32, view_yy + view_zz),
-    ];
-    let rounding = slack.per_point * row[0];
-    let bounded =
-        |i: usize, squares: f64| 2.0 * row[i].abs() <= squares * (1.0 + slack.relative) + rounding;
-    pairs.into_iter().find(|&(i, squares)| !bounded(i, squares)).map(|(i, _)| i)
 }
 
 #[cold]
@@ -155,10 +120,10 @@ fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most
         return refuse(i, "0 or more");
     }
     if let Some(i) = row.iter().position(|v| v.abs() > most) {
-        return refuse(i, &format!("at most {MOST_TERM} a point, of {} points", row[0]));
+        return refuse(i, &format!("at most {MAX_TERM} a point, of {} points", row[0]));
     }
     match first_unbounded(row, slack) {
-        Some(i) => refuse(i, "at most the mean of the two axes' second moments"),
+        Some((i, _)) => refuse(i, "at most the mean of the two axes' second moments"),
         None => refuse(31, &format!("at most what `{}` leaves of N", NAMES[28])),
     }
 }

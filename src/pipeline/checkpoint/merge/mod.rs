@@ -3,14 +3,16 @@
 mod order;
 mod start;
 
+use super::error::RunError;
+use super::json::canonical;
 use super::save::now_unix_s;
-use super::{Meta, RunError, SavedRun, canonical};
+use super::saved::{Meta, SavedRun};
 use crate::export::checkpoint::{Checkpoint, Cursor, StoredModel};
-use crate::model::merging::{self, AddError};
+use crate::model::paper::merging;
+use crate::model::paper::merging::AddError;
+use crate::model::paper::state::ModelState;
 use crate::model::scene;
-use crate::model::state::ModelState;
-use crate::pipeline::run::RunConfig;
-use crate::pipeline::session::SessionError;
+use crate::pipeline::error::SessionError;
 use order::orderless;
 use start::same_start;
 use std::collections::BTreeSet;
@@ -37,7 +39,7 @@ pub fn merge(runs: Vec<SavedRun>) -> Result<Option<SavedRun>, RunError> {
 fn add(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     let model = sum(&a.content.model, &b.content.model)
         .map_err(|source| RunError::Add { paths: [a.path.clone(), b.path.clone()], source })?;
-    let config = whole(&a.config);
+    let config = a.config.whole();
     let (ours, theirs) = (a.content.cursor, b.content.cursor);
     let cursor = Cursor {
         frames: ours.frames + theirs.frames,
@@ -75,11 +77,6 @@ fn sum(a: &StoredModel, b: &StoredModel) -> Result<StoredModel, AddError> {
         (Scene(a), Scene(b)) => Ok(Scene(scene::merging::add(a, b)?)),
         _ => Err(AddError::Unlike),
     }
-}
-
-/// The settings of a run over all shards.
-fn whole(config: &RunConfig) -> RunConfig {
-    RunConfig { selection: config.selection.whole(), ..config.clone() }
 }
 
 fn disjoint(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {

@@ -1,44 +1,22 @@
-//! Which scenes do not depend on the order of frames.
+//! Which models do not depend on the order of frames.
 
-use super::super::{RunError, SavedRun};
-use crate::export::checkpoint::StoredModel;
-use crate::pipeline::method::Method;
-use crate::train::scene::config::{LookRule, SceneConfig};
-use crate::train::scene::engine::SumForm;
+use super::super::error::RunError;
+use super::super::saved::SavedRun;
+use crate::model::stored::StoredModel;
 
 /// Refuses scenes that depend on the order of frames. Mixtures do so only by what
-/// [`super::same_start`] and [`crate::model::merging::add`] refuse.
+/// [`super::start::same_start`] and [`crate::model::paper::merging::add`] refuse.
 pub(super) fn orderless(run: &SavedRun) -> Result<(), RunError> {
-    let (Method::Scene(settings), StoredModel::Scene(state)) =
-        (&run.config.method, &run.content.model)
-    else {
-        return Ok(());
+    let components = match &run.content.model {
+        StoredModel::Scene(state) => state.seeds.len(),
+        StoredModel::Mixture { state, .. } => state.alpha_init.len(),
     };
-    match dependence(&settings.engine, state.seeds.len()) {
+    match run.config.method.any().order_dependence(components) {
         None => Ok(()),
-        Some((found, advice)) => Err(RunError::Ordered { path: run.path.clone(), found, advice }),
-    }
-}
-
-/// The setting by which a scene depends on the order of frames, and the one to take in its place.
-fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
-    let SceneConfig { births, refine, align, gain, looks, sums, most, .. } = config;
-    if !births.is_order_invariant() {
-        Some(("--births seeds".to_owned(), "--births lattice"))
-    } else if *refine {
-        Some(("--with refine".to_owned(), "--without refine"))
-    } else if *align {
-        Some(("--with align".to_owned(), "--without align"))
-    } else if *gain {
-        Some(("--with gain".to_owned(), "--without gain"))
-    } else if *looks == LookRule::Projected {
-        Some(("--looks projected".to_owned(), "--looks returned"))
-    } else if *sums != SumForm::Mixed {
-        Some((format!("sums of the form {sums:?}"), "--precision mixed"))
-    } else if components >= config.most_seeds() {
-        // Which components were born before it was reached depends on the order.
-        Some((format!("a budget of {most} components that was reached"), "a larger --budget"))
-    } else {
-        None
+        Some(dependence) => Err(RunError::Ordered {
+            path: run.path.clone(),
+            found: dependence.found,
+            advice: dependence.advice,
+        }),
     }
 }

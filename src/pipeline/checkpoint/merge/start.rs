@@ -1,11 +1,11 @@
 //! Whether runs began alike.
 
-use super::super::{RunError, SavedRun};
-use super::whole;
+use super::super::error::RunError;
+use super::super::saved::SavedRun;
 use crate::export::checkpoint::StoredModel;
-use crate::model::state::Means;
-use crate::pipeline::method::Method;
+use crate::model::paper::state::InitialMeans;
 use crate::pipeline::run::RunConfig;
+use crate::pipeline::settings::method::Method;
 use serde_json::Value;
 
 const RESTART: &str = "train them with the same settings on the same dataset";
@@ -29,7 +29,7 @@ impl Difference {
 pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
     let difference = of_datasets(a, b)
         .or_else(|| of_methods(&a.config.method, &b.config.method))
-        .or_else(|| of_settings(&whole(&a.config), &whole(&b.config)))
+        .or_else(|| of_settings(&a.config.whole(), &b.config.whole()))
         .or_else(|| of_models(&a.content.model, &b.content.model));
     match difference {
         None => Ok(()),
@@ -100,7 +100,7 @@ fn of_models(a: &StoredModel, b: &StoredModel) -> Option<Difference> {
 }
 
 /// The first component whose initial mean differs.
-fn first_moved(a: &Means, b: &Means) -> Option<usize> {
+fn first_moved(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     if a == b {
         return None;
     }

@@ -1,5 +1,5 @@
 //! Splats to pixels by compute: sorted by depth, sorted into tiles, blended by one workgroup a tile
-//! (`rendering.md` (d)). The path for chips with much compute and few raster units.
+//! (`rendering.md`, Tiles by compute). The path for chips with much compute and few raster units.
 //!
 //! 1. Preprocess: a record, a key of depth and the tiles it reaches for each splat.
 //! 2. Sort: by depth, what is not drawn falls out; then, in order of depth, an entry for each tile of

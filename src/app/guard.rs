@@ -1,0 +1,33 @@
+//! What a panic of the window's thread means.
+
+use super::exit::{Exit, Leave};
+use super::panic_report::PanicReport;
+use super::rescue::{Crash, CrashedThread};
+use super::window_error::WindowError;
+use super::worker::Worker;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Runs a window to its end. egui panics where a lost device gives it no memory to write to: that is
+/// the device's loss, which `exit` is told, and the next window goes on. Any other panic is a fault of
+/// the program, after which no window is opened again: it could panic at the same picture for ever.
+///
+/// # Errors
+/// [`WindowError::Crashed`] with where the worker saved the scene; else what `window` returns.
+pub fn guarded(
+    worker: &Worker,
+    exit: &Exit,
+    window: impl FnOnce() -> Result<(), WindowError>,
+) -> Result<(), WindowError> {
+    match catch_unwind(AssertUnwindSafe(window)) {
+        Ok(ended) => ended,
+        Err(_) if exit.device_is_lost() => {
+            exit.leave(Leave::DeviceLost);
+            Ok(())
+        }
+        Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
+            thread: CrashedThread::Window,
+            panic: PanicReport::of(&*payload),
+            rescue: worker.rescue(),
+        }))),
+    }
+}

@@ -1,0 +1,307 @@
+//! Dialogs that ask for one path: a text field, and a native dialog where there is one.
+//!
+//! The field always works, since native dialogs need a desktop portal. Native dialogs ask by
+//! themselves before a file is replaced; the field asks here.
+
+use super::file_proposal::FileProposal;
+use super::worker::Waker;
+use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
+use std::path::{Path, PathBuf, absolute};
+use std::sync::mpsc::{Receiver, channel};
+
+/// A native dialog running on its own thread.
+struct NativeDialog(Receiver<Option<PathBuf>>);
+
+impl NativeDialog {
+    fn start(
+        waker: &Waker,
+        pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
+    ) -> Option<Self> {
+        let (sender, receiver) = channel();
+        let waker = waker.clone();
+        let thread = std::thread::Builder::new().name("dialog".into()).spawn(move || {
+            // The window may be gone when the user is done.
+            let _ = sender.send(pick());
+            waker();
+        });
+        thread.is_ok().then_some(Self(receiver))
+    }
+}
+
+/// What a path is asked for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    Open,
+    Save,
+    Export,
+}
+
+impl Purpose {
+    /// Title of the dialog and text of its button.
+    fn label(self) -> &'static str {
+        match self {
+            Purpose::Open => "Open",
+            Purpose::Save => "Save",
+            Purpose::Export => "Export",
+        }
+    }
+
+    fn hint(self) -> &'static str {
+        match self {
+            Purpose::Open => "A dataset folder, a checkpoint, a .ply, a .glb or a calibration",
+            Purpose::Save => "A file name ending in .vbgs",
+            Purpose::Export => "A file name ending in .ply or .glb",
+        }
+    }
+
+    /// The proposed file's ending; nothing is proposed to open.
+    fn ending(self) -> Option<&'static str> {
+        match self {
+            Purpose::Open => None,
+            Purpose::Save => Some("vbgs"),
+            Purpose::Export => Some("ply"),
+        }
+    }
+}
+
+/// How the user left a dialog.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PathAnswer {
+    /// By this path.
+    Path(PathBuf),
+    /// By closing it.
+    Cancelled,
+}
+
+/// Dialog for one path.
+pub struct PathDialog {
+    purpose: Purpose,
+    is_open: bool,
+    path: String,
+    /// Serial of what the proposal was made for.
+    proposed_for: u64,
+    native: Option<NativeDialog>,
+    no_native: bool,
+    /// A path that the user has let a native dialog replace.
+    approved: Option<PathBuf>,
+    /// An older file that the user is asked about.
+    replacing: Option<PathBuf>,
+    /// Why the path cannot be taken.
+    problem: Option<String>,
+}
+
+impl PathDialog {
+    /// What to open.
+    pub fn open() -> Self {
+        Self::new(Purpose::Open)
+    }
+
+    /// Where to save a checkpoint.
+    pub fn save() -> Self {
+        Self::new(Purpose::Save)
+    }
+
+    /// Where to export.
+    pub fn export() -> Self {
+        Self::new(Purpose::Export)
+    }
+
+    fn new(purpose: Purpose) -> Self {
+        Self {
+            purpose,
+            is_open: false,
+            path: String::new(),
+            proposed_for: 0,
+            native: None,
+            no_native: false,
+            approved: None,
+            replacing: None,
+            problem: None,
+        }
+    }
+
+    /// Whether it is shown.
+    pub fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// Shows the dialog from now on.
+    pub fn show(&mut self) {
+        self.is_open = true;
+    }
+
+    /// Proposes a file of what is open, whose `serial` tells it from what was open before. What the
+    /// user has entered stays until something else is opened.
+    pub fn propose(&mut self, serial: u64, files: &FileProposal) {
+        let Some(ending) = self.purpose.ending().filter(|_| self.proposed_for != serial) else {
+            return;
+        };
+        self.proposed_for = serial;
+        self.path = files.path(ending).display().to_string();
+        (self.approved, self.replacing, self.problem) = (None, None, None);
+    }
+
+    /// Draws the dialog with further `choices`; the answer, once there is one.
+    pub fn ui(
+        &mut self,
+        ui: &Ui,
+        waker: &Waker,
+        choices: impl FnOnce(&mut Ui),
+    ) -> Option<PathAnswer> {
+        if !self.is_open {
+            return None;
+        }
+        self.take_picked();
+        let mut stays = true;
+        let mut confirmed = false;
+        Window::new(self.purpose.label())
+            .open(&mut stays)
+            .collapsible(false)
+            .resizable(false)
+            .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
+            .show(ui.ctx(), |ui| confirmed = self.content(ui, waker, choices));
+        if self.replacing.is_some() {
+            return self.ask_to_replace(ui);
+        }
+        if confirmed {
+            return self.confirm();
+        }
+        if !stays || ui.input(|i| i.key_pressed(Key::Escape)) {
+            self.is_open = false;
+            return Some(PathAnswer::Cancelled);
+        }
+        None
+    }
+
+    /// What is entered, from the root.
+    fn entered(&self) -> PathBuf {
+        let path = Path::new(self.path.trim());
+        absolute(path).unwrap_or_else(|_| path.to_owned())
+    }
+
+    /// Takes the path, or asks about the file that is there.
+    fn confirm(&mut self) -> Option<PathAnswer> {
+        let path = self.entered();
+        if self.purpose != Purpose::Open {
+            if path.is_dir() {
+                let path = path.display();
+                self.problem = Some(format!("{path} is a folder: add the name of a file"));
+                return None;
+            }
+            // A link that leads nowhere is a file too: it would be replaced.
+            if path.symlink_metadata().is_ok() && self.approved.as_ref() != Some(&path) {
+                self.replacing = Some(path);
+                return None;
+            }
+        }
+        Some(self.answer(path))
+    }
+
+    fn answer(&mut self, path: PathBuf) -> PathAnswer {
+        self.is_open = false;
+        // Asked again the next time, when there is a file in any case.
+        (self.approved, self.replacing, self.problem) = (None, None, None);
+        PathAnswer::Path(path)
+    }
+
+    fn ask_to_replace(&mut self, ui: &Ui) -> Option<PathAnswer> {
+        let path = self.replacing.clone()?;
+        let (mut replace, mut keep) = (false, false);
+        let response = Modal::new(Id::unique("replace")).show(ui.ctx(), |ui| {
+            ui.heading("Replace the older file?");
+            ui.label(format!("{} exists already.", path.display()));
+            ui.add_space(8.0);
+            ui.horizontal(|ui| {
+                replace = ui.button("Replace").clicked();
+                keep = ui.button("Choose another name").clicked();
+            });
+        });
+        if replace {
+            return Some(self.answer(path));
+        }
+        if keep || response.should_close() {
+            self.replacing = None;
+        }
+        None
+    }
+
+    fn content(&mut self, ui: &mut Ui, waker: &Waker, choices: impl FnOnce(&mut Ui)) -> bool {
+        ui.label(self.purpose.hint());
+        let field =
+            ui.add(TextEdit::singleline(&mut self.path).desired_width(420.0).hint_text("path"));
+        if field.changed() {
+            self.problem = None;
+        }
+        let mut confirmed = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+        if self.purpose != Purpose::Open
+            && let Some(folder) = self.entered().parent()
+        {
+            ui.label(RichText::new(format!("Folder: {}", folder.display())).weak());
+        }
+        if let Some(problem) = &self.problem {
+            ui.colored_label(ui.visuals().error_fg_color, problem);
+        }
+        choices(ui);
+        ui.horizontal(|ui| {
+            confirmed |= ui.button(self.purpose.label()).clicked();
+            self.native_dialogs(ui, waker);
+        });
+        if self.no_native {
+            ui.label(
+                RichText::new("No path came from the system's dialog: type the path above.").weak(),
+            );
+        }
+        confirmed && !self.path.trim().is_empty()
+    }
+
+    fn native_dialogs(&mut self, ui: &mut Ui, waker: &Waker) {
+        let entered = self.entered();
+        let mut dialog = rfd::FileDialog::new();
+        if let (Some(folder), true) = (entered.parent(), self.purpose != Purpose::Open) {
+            dialog = dialog.set_directory(folder);
+        }
+        if let (Some(name), true) = (entered.file_name(), self.purpose != Purpose::Open) {
+            dialog = dialog.set_file_name(name.to_string_lossy());
+        }
+        match self.purpose {
+            Purpose::Open => {
+                let folders = dialog.clone();
+                self.browse(ui, waker, "Browse folders…", || folders.pick_folder());
+                let endings = ["vbgs", "ply", "glb", "gltf", "ron"];
+                let files = dialog.add_filter("models and calibrations", &endings);
+                self.browse(ui, waker, "Browse files…", || files.pick_file());
+            }
+            Purpose::Save => {
+                let files = dialog.add_filter("checkpoints", &["vbgs"]);
+                self.browse(ui, waker, "Browse…", || files.save_file());
+            }
+            Purpose::Export => {
+                let files = dialog.add_filter("splats", &["ply", "glb"]);
+                self.browse(ui, waker, "Browse…", || files.save_file());
+            }
+        }
+    }
+
+    fn browse(
+        &mut self,
+        ui: &mut Ui,
+        waker: &Waker,
+        label: &str,
+        pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
+    ) {
+        if ui.add_enabled(self.native.is_none(), Button::new(label)).clicked() {
+            self.native = NativeDialog::start(waker, pick);
+        }
+    }
+
+    fn take_picked(&mut self) {
+        let Some(picked) = self.native.as_ref().and_then(|p| p.0.try_recv().ok()) else { return };
+        self.native = None;
+        self.no_native = picked.is_none();
+        if let Some(path) = picked {
+            self.path = path.display().to_string();
+            self.problem = None;
+            self.approved = Some(self.entered());
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! What the user chose, stored between sessions.
+
+use super::training::TrainSettings;
+use super::viewer::settings::ViewSettings;
+
+/// Where settings are stored.
+const VIEWPORT: &str = "viewport";
+const TRAINING: &str = "training";
+
+/// Everything that was stored.
+#[derive(Default)]
+pub struct StoredSettings {
+    /// Settings of the viewport.
+    pub view: ViewSettings,
+    /// Settings of training.
+    pub training: TrainSettings,
+    /// What the user should know of what could not be read.
+    pub problems: Vec<String>,
+}
+
+impl StoredSettings {
+    /// Reads what the session before has left.
+    pub fn read(storage: Option<&dyn eframe::Storage>) -> Self {
+        let mut stored = Self::default();
+        let text = |key| storage.and_then(|storage| storage.get_string(key));
+        if let Some(text) = text(VIEWPORT) {
+            let (read, problem) = ViewSettings::from_text(&text);
+            stored.view = read;
+            stored.problems.extend(problem);
+        }
+        if let Some(text) = text(TRAINING) {
+            let (read, problem) = TrainSettings::from_text(&text);
+            stored.training = read;
+            stored.problems.extend(problem);
+        }
+        stored
+    }
+}
+
+/// Leaves settings for the next session.
+pub fn write(storage: &mut dyn eframe::Storage, view: &ViewSettings, training: &TrainSettings) {
+    for (key, text) in [(VIEWPORT, view.to_text()), (TRAINING, training.to_text())] {
+        match text {
+            Ok(text) => storage.set_string(key, text),
+            Err(error) => tracing::warn!("the settings of {key} are not stored: {error}"),
+        }
+    }
+}

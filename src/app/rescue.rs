@@ -1,0 +1,166 @@
+//! What is saved of a scene when the program is at fault.
+//!
+//! A panic must not cost what was trained. The training thread outlives panics of the window and
+//! catches its own, so it is always the one that saves: beside the dataset, where people look first,
+//! else in the platform's folder for what programs remember, else among temporary files.
+
+use super::adapter_memory::APP;
+use super::panic_report::PanicReport;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// The thread whose panic it was.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CrashedThread {
+    /// The window's.
+    Window,
+    /// The one that trains.
+    Training,
+}
+
+/// A panic, and what became of the scene.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error("{} crashed: {panic}; {rescue}", match thread {
+    CrashedThread::Window => "the window",
+    CrashedThread::Training => "training",
+})]
+pub struct Crash {
+    /// Whose.
+    pub thread: CrashedThread,
+    /// What happened.
+    pub panic: PanicReport,
+    /// What became of the scene.
+    pub rescue: Rescue,
+}
+
+/// What became of a scene after a panic.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Rescue {
+    /// There was no training that is in no checkpoint yet.
+    Nothing,
+    /// It is in a checkpoint.
+    Saved {
+        /// The file.
+        path: PathBuf,
+        /// Frames trained since the checkpoint before, all of which are in it.
+        frames: usize,
+    },
+    /// It is in no file.
+    Lost {
+        /// Frames trained since the checkpoint before.
+        frames: usize,
+        /// Why, one for each place that was tried.
+        problems: Vec<String>,
+    },
+}
+
+impl fmt::Display for Rescue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nothing => write!(f, "no training was unsaved"),
+            Self::Saved { path, frames } => {
+                let path = path.display();
+                write!(
+                    f,
+                    "the scene with its {frames} unsaved frames is in {path}: open that file to go on"
+                )
+            }
+            Self::Lost { frames, problems } => {
+                let problems = problems.join("; ");
+                write!(
+                    f,
+                    "the scene with its {frames} unsaved frames could not be saved: {problems}"
+                )
+            }
+        }
+    }
+}
+
+/// The folders that are tried after the one beside the dataset.
+pub fn fallback_folders() -> Vec<PathBuf> {
+    state_folder().into_iter().chain([std::env::temp_dir()]).collect()
+}
+
+/// Where programs keep what they remember by themselves: `$XDG_STATE_HOME` or `~/.local/state` where
+/// there is such a convention, else the folder of the window's settings.
+fn state_folder() -> Option<PathBuf> {
+    if cfg!(all(unix, not(target_os = "macos"))) {
+        let named = std::env::var_os("XDG_STATE_HOME").map(PathBuf::from);
+        let home = || std::env::home_dir().map(|home| home.join(".local/state"));
+        return named.filter(|path| path.is_absolute()).or_else(home).map(|path| path.join(APP));
+    }
+    eframe::storage_dir(APP)
+}
+
+/// Writes `<stem>-rescued.vbgs`, or a numbered one where that is taken, into the first of the folders
+/// that takes it; the fallbacks are created where they are missing.
+///
+/// # Errors
+/// What `write` said of each folder.
+pub fn save(
+    beside: Option<&Path>,
+    fallbacks: &[PathBuf],
+    stem: &str,
+    mut write: impl FnMut(&Path) -> Result<(), String>,
+) -> Result<PathBuf, Vec<String>> {
+    let mut problems = Vec::new();
+    let fallbacks = fallbacks.iter().map(|folder| (folder.as_path(), true));
+    for (folder, is_ours) in beside.map(|folder| (folder, false)).into_iter().chain(fallbacks) {
+        if is_ours {
+            // Writing says more of a folder that cannot be created than this would.
+            let _ = std::fs::create_dir_all(folder);
+        }
+        let path = free_path(folder, stem);
+        match write(&path) {
+            Ok(()) => return Ok(path),
+            Err(problem) => problems.push(problem),
+        }
+    }
+    Err(problems)
+}
+
+fn free_path(folder: &Path, stem: &str) -> PathBuf {
+    let mut path = folder.join(format!("{stem}-rescued.vbgs"));
+    let mut number = 2;
+    while path.symlink_metadata().is_ok() {
+        path = folder.join(format!("{stem}-rescued-{number}.vbgs"));
+        number += 1;
+    }
+    path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_folder_that_takes_the_file_gets_it_and_no_file_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let (gone, state) = (folder.path().join("gone"), folder.path().join("state/vbgs"));
+        let write = |path: &Path| std::fs::write(path, "scene").map_err(|e| format!("a: {e}"));
+        let fallbacks = [state.clone()];
+        for name in ["room-rescued.vbgs", "room-rescued-2.vbgs", "room-rescued-3.vbgs"] {
+            let saved = save(Some(&gone), &fallbacks, "room", write);
+            assert_eq!(saved.unwrap(), state.join(name));
+        }
+        assert!(!gone.exists(), "a dataset's folder is not created anew");
+        let saved = save(Some(folder.path()), &fallbacks, "room", write).unwrap();
+        assert_eq!(saved, folder.path().join("room-rescued.vbgs"));
+        let problems = save(Some(&gone), &[saved.join("file")], "room", write).unwrap_err();
+        assert_eq!(problems.len(), 2, "{problems:?}");
+    }
+
+    #[test]
+    fn a_crash_says_what_happened_and_where_the_scene_is() {
+        let panic = PanicReport { message: "boom".into(), place: Some("a.rs:1:2".into()) };
+        let saved = Rescue::Saved { path: "/x/room-rescued.vbgs".into(), frames: 3 };
+        let crash = Crash { thread: CrashedThread::Window, panic: panic.clone(), rescue: saved };
+        assert_eq!(
+            crash.to_string(),
+            "the window crashed: boom (a.rs:1:2); the scene with its 3 unsaved frames is in /x/room-rescued.vbgs: open that file to go on"
+        );
+        let lost = Rescue::Lost { frames: 1, problems: vec!["full".into(), "gone".into()] };
+        let crash = Crash { thread: CrashedThread::Training, panic, rescue: lost };
+        assert!(crash.to_string().ends_with("could not be saved: full; gone"), "{crash}");
+    }
+}

@@ -1,0 +1,105 @@
+//! Files that are opened and written, and what waits for them.
+
+use super::Studio;
+use super::commands::order_to_open;
+use crate::app::dialogs::{self, Decision};
+use crate::app::export_options;
+use crate::app::path_dialog::PathAnswer;
+use crate::app::pending::{AfterWrite, Continuation, Pending};
+use crate::app::state::Snapshot;
+use crate::app::worker::WorkerOrder;
+use eframe::egui::{Ui, ViewportCommand};
+
+impl Studio {
+    /// Goes ahead at once if nothing would be lost, else asks.
+    pub(super) fn discard_then(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
+        if snapshot.has_training_to_lose() {
+            self.pending = Some(Pending::Asking(Continuation::Send(order)));
+        } else {
+            self.worker.send(order);
+        }
+    }
+
+    pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
+            self.discard_then(order_to_open(path), snapshot);
+        }
+        match self.save_dialog.ui(ui, &self.waker, |_| ()) {
+            None => {}
+            Some(PathAnswer::Cancelled) => self.forget_named(),
+            Some(PathAnswer::Path(path)) => {
+                let number = self.begin_write();
+                self.worker.send(WorkerOrder::Save(number, path));
+            }
+        }
+        let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
+        let mapping = &mut self.mapping;
+        let choices = |ui: &mut Ui| {
+            if is_native {
+                export_options::ui(mapping, ui);
+            }
+        };
+        match self.export_dialog.ui(ui, &self.waker, choices) {
+            None => {}
+            Some(PathAnswer::Cancelled) => self.forget_named(),
+            Some(PathAnswer::Path(path)) => {
+                let number = self.begin_write();
+                self.worker.send(WorkerOrder::Export(number, path, self.mapping));
+            }
+        }
+        dialogs::help(ui, &mut self.help_is_open);
+        self.go_on(ui, snapshot);
+    }
+
+    /// The number of the file to write next, which is what waited for its name now waits for.
+    fn begin_write(&mut self) -> u64 {
+        let number = self.worker.new_number();
+        self.pending = self.pending.take().map(|pending| pending.named(number));
+        number
+    }
+
+    /// A file that gets no name is not written.
+    fn forget_named(&mut self) {
+        self.pending = self.pending.take().filter(|p| !matches!(p, Pending::Naming(_)));
+    }
+
+    /// Asks about unsaved training, and lets go ahead what need not wait any more.
+    fn go_on(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        let Some(pending) = self.pending.take() else { return };
+        match pending.after(snapshot.latest_write) {
+            AfterWrite::Wait(Pending::Asking(next)) => self.ask(next, ui, snapshot.unsaved_frames),
+            AfterWrite::Wait(waiting) => {
+                let is_writing = matches!(waiting, Pending::Writing(..));
+                self.pending = Some(waiting).filter(|_| !is_writing || !dialogs::wait_for_file(ui));
+            }
+            AfterWrite::GoAhead(next) => self.go_ahead(next, ui),
+            AfterWrite::GiveUp => {}
+        }
+    }
+
+    fn ask(&mut self, next: Continuation, ui: &Ui, n_frames: usize) {
+        match dialogs::confirm_discard(ui, n_frames) {
+            None => self.pending = Some(Pending::Asking(next)),
+            Some(Decision::Discard) => self.go_ahead(next, ui),
+            Some(Decision::Save) => {
+                self.pending = Some(Pending::Naming(next));
+                self.save_dialog.show();
+            }
+            Some(Decision::Export) => {
+                self.pending = Some(Pending::Naming(next));
+                self.export_dialog.show();
+            }
+            Some(Decision::Cancel) => {}
+        }
+    }
+
+    fn go_ahead(&mut self, next: Continuation, ui: &Ui) {
+        match next {
+            Continuation::Send(order) => self.worker.send(order),
+            Continuation::Close => {
+                self.may_close = true;
+                ui.ctx().send_viewport_cmd(ViewportCommand::Close);
+            }
+        }
+    }
+}

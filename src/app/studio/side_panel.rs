@@ -1,0 +1,80 @@
+//! The tabs beside the viewport, and what they ask of the window.
+
+use super::{Studio, Tab};
+use crate::app::adapter_memory;
+use crate::app::device::WindowDevice;
+use crate::app::drawing::Drawer;
+use crate::app::exit::Leave;
+use crate::app::panels::{adapter, inspector, latency, scene, settings};
+use crate::app::state::{NoticeKind, Snapshot};
+use crate::app::viewer::painter::ViewPainter;
+use crate::app::viewport::GpuViewPainter;
+use crate::app::worker::WorkerOrder;
+use eframe::egui::Ui;
+
+impl Studio {
+    pub(super) fn side_panel(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        ui.horizontal(|ui| {
+            ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
+            ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
+            ui.selectable_value(&mut self.tab, Tab::Inspector, "Inspector");
+            ui.selectable_value(&mut self.tab, Tab::Settings, "Settings");
+        });
+        ui.separator();
+        match self.tab {
+            Tab::Latency => latency::ui(snapshot, self.view.drawn(), ui),
+            Tab::Scene => scene::ui(snapshot, ui),
+            Tab::Inspector => inspector::ui(snapshot, ui),
+            Tab::Settings => self.settings(ui),
+        }
+    }
+
+    pub(super) fn settings(&mut self, ui: &mut Ui) {
+        let own_fov_deg = self.view.own_fov_deg();
+        let around = settings::SettingsContext { adapter: &self.adapter, own_fov_deg };
+        let adapters = self.device.as_ref().map(|device| adapter::Adapters {
+            there: &device.there,
+            current: &device.adapter,
+            gpu_failed: self.view.gpu_failed(),
+        });
+        let before = self.training.clone();
+        let (view, training) = (&mut self.view.settings, &mut self.training);
+        let asked = settings::ui(view, training, &around, adapters.as_ref(), ui);
+        if self.training != before {
+            self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+        }
+        match asked {
+            None => {}
+            Some(adapter::AdapterRequest::RetryGpu) => self.retry_gpu(),
+            Some(adapter::AdapterRequest::Adapter(choice)) => {
+                adapter_memory::remember(&choice);
+                self.leave(Leave::Adapter(choice), ui.ctx());
+            }
+        }
+    }
+
+    pub(super) fn retry_gpu(&mut self) {
+        let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
+        faults.take(); // what went wrong before is known
+        match GpuViewPainter::new(state, faults.clone(), self.waker.clone()) {
+            Ok(painter) => self.view.draw_by(ViewPainter::Gpu(Box::new(painter))),
+            Err(error) => {
+                let text = format!("the GPU still cannot draw the scene: {error}");
+                self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+            }
+        }
+    }
+
+    /// Faults of the window's own drawing, which nobody else takes while the CPU draws the scene.
+    pub(super) fn report_faults(&self) {
+        let is_on_cpu = self.view.drawn().drawer == Drawer::Cpu;
+        let Some(device) = self.device.as_ref().filter(|_| is_on_cpu) else { return };
+        for fault in device.faults.take() {
+            let text = format!(
+                "drawing the window failed: {}; if parts of it are missing, choose another adapter in Settings",
+                fault.message
+            );
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! The dataset's cameras as places to stand at.
+//!
+//! A reference carries its dataset: whatever is opened meanwhile, it can only ever be looked up where
+//! it belongs. As bare numbers it outlived its dataset by a picture, and a shorter one had no such
+//! frame.
+
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::{Dataset, FrameEntry, Split};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::render::compare::Area;
+use std::sync::Arc;
+
+/// One frame of one dataset, which it keeps open.
+#[derive(Clone, Debug)]
+pub struct FrameRef {
+    dataset: Arc<Dataset>,
+    split: usize,
+    index: usize,
+}
+
+impl PartialEq for FrameRef {
+    /// The same frame of the same opened dataset; the same folder opened twice counts as two.
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.dataset, &other.dataset)
+            && (self.split, self.index) == (other.split, other.index)
+    }
+}
+
+/// Where to step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// To the frame before.
+    Back,
+    /// To the frame after.
+    Forth,
+}
+
+impl FrameRef {
+    /// The first frame of a dataset, `None` if it has none.
+    pub fn first(dataset: &Arc<Dataset>) -> Option<Self> {
+        let split = dataset.splits.iter().position(|split| !split.frames.is_empty())?;
+        Some(Self { dataset: dataset.clone(), split, index: 0 })
+    }
+
+    /// The neighbouring frame; splits follow each other, the last frame is followed by the first.
+    pub fn stepped(&self, direction: Direction) -> Self {
+        let n = self.n_frames();
+        let mut index = match direction {
+            Direction::Forth => (self.number() + 1) % n,
+            Direction::Back => (self.number() + n - 1) % n,
+        };
+        let mut split = 0;
+        while index >= self.dataset.splits[split].frames.len() {
+            index -= self.dataset.splits[split].frames.len();
+            split += 1;
+        }
+        Self { dataset: self.dataset.clone(), split, index }
+    }
+
+    /// Its place among all frames of the dataset, from 0.
+    pub fn number(&self) -> usize {
+        let before =
+            self.dataset.splits[..self.split].iter().map(|s| s.frames.len()).sum::<usize>();
+        before + self.index
+    }
+
+    /// Frames of all splits of its dataset, itself included.
+    pub fn n_frames(&self) -> usize {
+        self.dataset.splits.iter().map(|s| s.frames.len()).sum()
+    }
+
+    /// Index of its split, and its index within the split.
+    pub fn position(&self) -> (usize, usize) {
+        (self.split, self.index)
+    }
+
+    /// Its dataset.
+    pub fn dataset(&self) -> &Arc<Dataset> {
+        &self.dataset
+    }
+
+    /// The split it is part of.
+    pub fn split(&self) -> &Split {
+        &self.dataset.splits[self.split]
+    }
+
+    /// The frame.
+    pub fn entry(&self) -> &FrameEntry {
+        &self.split().frames[self.index]
+    }
+
+    /// The camera that took its photograph, given where that stands if it is not the one that
+    /// measured depth.
+    pub fn photo_camera(&self, color_camera: Option<&ColorCamera>) -> Camera {
+        let depth = self.entry().camera;
+        color_camera.map_or(depth, |color| color.beside(&depth))
+    }
+}
+
+/// The camera of a viewport (pixels) in which `camera`'s image is as large as fits and in the
+/// middle, and where that image lies.
+pub fn fit(camera: &Camera, [width, height]: [u32; 2]) -> (Camera, Area) {
+    let k = &camera.intrinsics;
+    let size = [f64::from(width), f64::from(height)];
+    let image = [f64::from(k.width), f64::from(k.height)];
+    let scale = (size[0] / image[0]).min(size[1] / image[1]);
+    let margin = [0, 1].map(|axis| 0.5 * (size[axis] - scale * image[axis]));
+    let intrinsics = Intrinsics {
+        width,
+        height,
+        fx: scale * k.fx,
+        fy: scale * k.fy,
+        cx: scale * k.cx + margin[0],
+        cy: scale * k.cy + margin[1],
+    };
+    let min = [0, 1].map(|axis| (margin[axis] / size[axis]) as f32);
+    let area = Area { min, max: min.map(|share| 1.0 - share) };
+    (Camera { intrinsics, ..*camera }, area)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::pose::Pose;
+    use crate::pipeline::demo;
+
+    #[test]
+    fn stepping_visits_every_frame_and_comes_round() {
+        let dataset = demo::dataset().unwrap();
+        let first = FrameRef::first(&dataset).unwrap();
+        let mut frame = first.clone();
+        for number in 0..first.n_frames() {
+            assert_eq!(frame.number(), number);
+            let next = frame.stepped(Direction::Forth);
+            assert_eq!(next.stepped(Direction::Back), frame);
+            frame = next;
+        }
+        assert_eq!(frame, first);
+        assert!(dataset.splits.len() > 1, "splits follow each other");
+    }
+
+    #[test]
+    fn the_same_numbers_in_another_dataset_are_another_frame() {
+        let [a, b] = [(); 2].map(|()| FrameRef::first(&demo::dataset().unwrap()).unwrap());
+        assert_eq!(a.position(), b.position());
+        assert_ne!(a, b);
+        let mut empty = Dataset::clone(a.dataset());
+        empty.splits.clear();
+        assert_eq!(FrameRef::first(&Arc::new(empty)), None);
+    }
+
+    #[test]
+    fn a_fitted_image_is_centred_and_keeps_every_pixels_ray() {
+        let intrinsics =
+            Intrinsics { width: 64, height: 48, fx: 70.0, fy: 65.0, cx: 30.0, cy: 26.0 };
+        let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+        for size in [[300, 100], [100, 300], [640, 480], [33, 1]] {
+            let (fitted, area) = fit(&camera, size);
+            for (column, row) in [(0.0, 0.0), (64.0, 48.0), (10.25, 40.5)] {
+                let share = [column / 64.0, row / 48.0];
+                let at: [f64; 2] = std::array::from_fn(|axis| {
+                    let [min, max] = [area.min[axis], area.max[axis]].map(f64::from);
+                    (min + share[axis] * (max - min)) * f64::from(size[axis])
+                });
+                let k = &fitted.intrinsics;
+                let ray = [(at[0] - k.cx) / k.fx, (at[1] - k.cy) / k.fy];
+                let expected = [(column - 30.0) / 70.0, (row - 26.0) / 65.0];
+                assert!(ray.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{size:?}");
+            }
+        }
+    }
+}

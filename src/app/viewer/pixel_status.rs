@@ -1,0 +1,115 @@
+//! What became of a photograph's pixels when the frame was prepared: painted over it, and told.
+
+use crate::dataset::error::FrameError;
+use crate::dataset::frame::Frame;
+use crate::dataset::surface::{PixelStatus, Preparer, SurfaceCounts, SurfaceSettings};
+use crate::eval::views::{GroundTruth, ground_truth};
+use crate::math::image::{RgbImage, unit_to_byte};
+use crate::observation::surface::Observation;
+use eframe::egui::{
+    Align2, Area, Color32, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Ui, Vec2,
+};
+
+/// Share of a fate's colour in a pixel that made no point.
+const OVERLAY: f32 = 0.7;
+
+/// Why a pixel made no point.
+struct Reason {
+    fate: PixelStatus,
+    /// Told apart by people with red-green blindness too (Okabe and Ito 2008).
+    color: [f32; 3],
+    label: &'static str,
+    count: fn(&SurfaceCounts) -> usize,
+}
+
+/// Every reason, in the order in which pixels are looked at.
+const REASONS: [Reason; 7] = [
+    reason(PixelStatus::Hole, [0.25; 3], "no depth", |c| c.holes),
+    reason(PixelStatus::Alpha, [0.94, 0.89, 0.26], "partly transparent", |c| c.dropped_alpha),
+    reason(PixelStatus::Range, [0.34, 0.71, 0.91], "outside the trusted depth", |c| {
+        c.dropped_range
+    }),
+    reason(PixelStatus::Flying, [0.84, 0.37, 0.0], "explained by no plane", |c| c.dropped_flying),
+    reason(PixelStatus::Slant, [0.0, 0.62, 0.45], "seen at a slant", |c| c.dropped_slant),
+    reason(PixelStatus::Far, [0.0, 0.45, 0.7], "too far from the origin", |c| c.dropped_far),
+    reason(PixelStatus::NoColor, [0.8, 0.47, 0.65], "outside the photograph", |c| {
+        c.dropped_no_color
+    }),
+];
+
+const fn reason(
+    fate: PixelStatus,
+    color: [f32; 3],
+    label: &'static str,
+    count: fn(&SurfaceCounts) -> usize,
+) -> Reason {
+    Reason { fate, color, label, count }
+}
+
+/// Prepares frames as training does and paints what became of their pixels.
+pub struct PixelStatusPainter {
+    preparer: Preparer,
+    observation: Observation,
+}
+
+impl PixelStatusPainter {
+    /// No memory yet.
+    pub fn new() -> Self {
+        Self { preparer: Preparer::new(), observation: Observation::empty() }
+    }
+
+    /// The frame as training sees it: points in the colours they were given, the other pixels of the
+    /// photograph over `background` (sRGB-encoded) tinted by why they are none.
+    ///
+    /// # Errors
+    /// A frame without depth.
+    pub fn paint(
+        &mut self,
+        frame: &Frame,
+        settings: &SurfaceSettings,
+        background: [f32; 3],
+    ) -> Result<(RgbImage, SurfaceCounts), FrameError> {
+        let counts = self.preparer.prepare(frame, settings, &mut self.observation)?;
+        let mut image = ground_truth(frame, GroundTruth::Composited, background);
+        for (pixel, &fate) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
+            if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.fate == fate) {
+                *pixel = std::array::from_fn(|i| OVERLAY * color[i] + (1.0 - OVERLAY) * pixel[i]);
+            }
+        }
+        for point in &self.observation.points {
+            image.data[point.pixel as usize] = point.color;
+        }
+        Ok((image, counts))
+    }
+}
+
+/// Draws the legend with its lower right corner at `corner`: what there is of each, by its share.
+pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
+    let area = Area::new(Id::unique("fates")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
+    area.interactable(false).show(ui.ctx(), |ui| {
+        Plate::popup(ui.style()).show(ui, |ui| {
+            ui.label(RichText::new("Preparation").strong());
+            Grid::new("fates").num_columns(3).show(ui, |ui| {
+                let n_pixels = counts.kept + counts.holes + counts.dropped();
+                let share = |n: usize| n as f64 / n_pixels.max(1) as f64;
+                row(ui, None, "kept", share(counts.kept));
+                for Reason { color, label, count, .. } in REASONS {
+                    if count(counts) > 0 {
+                        row(ui, Some(color), label, share(count(counts)));
+                    }
+                }
+            });
+        });
+    });
+}
+
+fn row(ui: &mut Ui, color: Option<[f32; 3]>, label: &str, share: f64) {
+    let (swatch, _) = ui.allocate_exact_size(Vec2::splat(10.0), Sense::hover());
+    if let Some(color) = color {
+        let [r, g, b] = color.map(unit_to_byte);
+        ui.painter().rect_filled(swatch, 2.0, Color32::from_rgb(r, g, b));
+    }
+    ui.label(label);
+    ui.label(RichText::new(format!("{:.1} %", 100.0 * share)).monospace());
+    ui.end_row();
+}

@@ -1,0 +1,43 @@
+//! What the window asks of the training thread.
+
+use crate::app::rescue::Rescue;
+use crate::app::state::{NoticeKind, Subject};
+use crate::app::training::TrainSettings;
+use crate::export::mapping::Mapping;
+use crate::render::attributes::Attribute;
+use std::path::PathBuf;
+use std::sync::mpsc::Sender;
+
+/// An order to the trainer.
+#[derive(Clone, Debug)]
+pub enum WorkerOrder {
+    /// Train so what is opened or reset from now on.
+    TrainBy(Box<TrainSettings>),
+    /// Open something and, for the demo, train it at once.
+    Open(Subject),
+    /// Start over with what is open, its cameras corrected by a file.
+    Calibrate(PathBuf),
+    /// Train until paused or done.
+    Train,
+    /// Stop after the current frame.
+    Pause,
+    /// Train one frame.
+    Step,
+    /// Start over with the same subject.
+    Reset,
+    /// Write a checkpoint of the newest state; the snapshot tells the outcome by this number.
+    Save(u64, PathBuf),
+    /// Write the newest scene to a file, its outcome told by this number; how it becomes plain splats,
+    /// where it is more.
+    Export(u64, PathBuf, Mapping),
+    /// Save what no checkpoint holds yet and tell where: the window has crashed.
+    Rescue(Sender<Rescue>),
+    /// Show something that happened elsewhere in the window.
+    Report(NoticeKind, String),
+    /// Deliver what is known of components with their splats, from now on; `None` ends that.
+    Watch(Option<Attribute>),
+    /// Keep what is known of a component in the snapshots; `None` ends that.
+    Inspect(Option<u32>),
+    /// Deliver all splats again, to a window that has none yet.
+    Deliver,
+}

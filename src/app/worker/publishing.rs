@@ -1,0 +1,92 @@
+//! What the window sees of the run: snapshots, changed splats, what is known of components.
+
+use super::thread::WorkerThread;
+use crate::app::opening::Content;
+use crate::app::splat_updates::{SplatChange, SplatUpdate};
+use crate::app::state::Inspected;
+use crate::model::attributes::ComponentAttributes;
+use crate::model::splat::appearance::SplatSet;
+use crate::render::attributes::Attribute;
+use std::sync::Arc;
+use std::time::Instant;
+
+impl WorkerThread {
+    /// The newest state of the scene, whatever the viewport shows.
+    pub(super) fn splats(&self) -> SplatSet {
+        match &self.content {
+            Some(Content::Session(session)) => session.splats(),
+            Some(Content::Model(splats)) => splats.clone(),
+            None => SplatSet::default(),
+        }
+    }
+
+    /// Tells the window, at most once per interval unless `at_once`. Changed splats are converted
+    /// only when the viewport took the last ones.
+    pub(super) fn publish(&mut self, at_once: bool) {
+        let due = self.published.elapsed() >= self.shared.interval();
+        let news = self.changed || !self.dirty.is_empty();
+        if !(at_once || due && news) {
+            return;
+        }
+        self.deliver_splats();
+        self.snapshot.inspected = self.inspect();
+        self.snapshot.recent = Arc::new(self.recent.iter().cloned().collect());
+        self.shared.publish(self.snapshot.clone());
+        self.published = Instant::now();
+        self.changed = false;
+        (self.waker)();
+    }
+
+    fn deliver_splats(&mut self) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        if !self.dirty.is_empty() && self.shared.updates.is_empty() {
+            let ids = self.dirty.take();
+            let splats = session.splats_of(&ids);
+            let attributes = self.attributes_of(&ids);
+            let change = SplatChange::Some { ids, splats };
+            self.shared.updates.push(SplatUpdate { change, attributes });
+        }
+    }
+
+    pub(super) fn deliver_all(&mut self) {
+        self.dirty.take();
+        let splats = self.splats();
+        let ids: Vec<u32> = (0..splats.len() as u32).collect();
+        let attributes = self.attributes_of(&ids);
+        self.shared.updates.push(SplatUpdate { change: SplatChange::All(splats), attributes });
+    }
+
+    /// What is known of components, if the viewport asks for it.
+    fn attributes_of(&self, ids: &[u32]) -> Vec<ComponentAttributes> {
+        match &self.content {
+            Some(Content::Session(session)) if self.watched.is_some() => session.attributes_of(ids),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Everything is delivered again: what is known of components at rest has not been told.
+    pub(super) fn watch(&mut self, attribute: Option<Attribute>) {
+        self.watched = attribute;
+        let Some(Content::Session(session)) = &mut self.content else { return };
+        match attribute {
+            Some(Attribute::Elbo) => session.start_component_elbo(),
+            _ => session.stop_component_elbo(),
+        }
+        if attribute.is_some() {
+            self.dirty.mark_all(session.learner().components());
+        }
+    }
+
+    fn inspect(&self) -> Option<Arc<Inspected>> {
+        let id = self.inspecting?;
+        let inspected = match self.content.as_ref()? {
+            Content::Session(session) => Inspected::Component(Box::new(session.inspect(id)?)),
+            Content::Model(splats) => Inspected::Splat {
+                id,
+                splat: *splats.get(id as usize)?,
+                appearance: splats.appearance_of(id as usize),
+            },
+        };
+        Some(Arc::new(inspected))
+    }
+}

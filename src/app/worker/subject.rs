@@ -1,0 +1,78 @@
+//! Opening what is trained or looked at.
+
+use super::dirty::Dirty;
+use super::thread::WorkerThread;
+use crate::app::opening::{self, Content};
+use crate::app::splat_updates::SplatChange;
+use crate::app::state::{HISTORY, NoticeKind, RunState, Snapshot, Source, Subject};
+use crate::dataset::calibration::Calibration;
+use std::sync::Arc;
+
+impl WorkerThread {
+    pub(super) fn open_with(&mut self, calibration: Option<Calibration>, subject: Subject) {
+        let mut training = self.training.clone();
+        training.scene.calibration = calibration.clone();
+        let before = self.snapshot.state;
+        self.snapshot.state = RunState::Loading;
+        self.publish(true);
+        match opening::open(&subject, &training, self.next_serial) {
+            Ok(opened) => {
+                self.next_serial += 1;
+                (self.subject, self.calibration) = (Some(subject), calibration);
+                self.begin(opened);
+            }
+            Err(error) => {
+                // What was open stays open.
+                self.snapshot.state = match before {
+                    RunState::Training => RunState::Paused,
+                    RunState::Loading => RunState::Empty,
+                    other => other,
+                };
+                self.notify(NoticeKind::Error, error.to_string());
+            }
+        }
+    }
+
+    fn begin(&mut self, opened: opening::OpenedSubject) {
+        self.recent.clear();
+        self.ends.clear();
+        self.dirty = Dirty::default();
+        let notices = self.snapshot.notices.clone();
+        self.snapshot = Snapshot {
+            opened: Some(Arc::new(opened.opened)),
+            notices,
+            latest_write: self.snapshot.latest_write,
+            ..Snapshot::default()
+        };
+        (self.frames_since_checkpoint, self.rescued) = (0, None);
+        self.inspecting = None;
+        self.shared.updates.push(SplatChange::All(opened.splats).into());
+        match &opened.content {
+            Content::Session(session) => {
+                self.snapshot.source = Source::Dataset;
+                self.snapshot.n_frames = session.plan().frames.len();
+                self.snapshot.frames_done = session.learner().frames() as usize;
+                self.snapshot.state = match session.visited() {
+                    0 if self.subject == Some(Subject::Demo) => RunState::Training,
+                    0 => RunState::Ready,
+                    n if n < self.snapshot.n_frames => RunState::Paused,
+                    _ => RunState::Finished,
+                };
+                let recent = session.frames().len().saturating_sub(HISTORY);
+                self.recent.extend(session.frames()[recent..].iter().cloned());
+            }
+            Content::Model(splats) => {
+                self.snapshot.source = Source::Model;
+                self.snapshot.state = RunState::Finished;
+                self.snapshot.components = splats.len();
+                self.snapshot.used = splats.len();
+            }
+        }
+        self.content = Some(opened.content);
+        self.watch(self.watched);
+        for (kind, text) in opened.notices {
+            self.notify(kind, text);
+        }
+        self.refresh_session_info();
+    }
+}

@@ -1,0 +1,195 @@
+//! The training thread itself: its state, its loop, and what each order does.
+//!
+//! The loop outlives panics: what is open stays open and can be saved, whatever went wrong with it.
+
+use super::dirty::Dirty;
+use super::order::WorkerOrder;
+use super::shared::{Shared, Waker};
+use crate::app::opening::Content;
+use crate::app::panic_report::PanicReport;
+use crate::app::rescue::Rescue;
+use crate::app::state::{Notice, NoticeKind, RunState, Snapshot, Subject};
+use crate::app::training::TrainSettings;
+use crate::dataset::calibration::Calibration;
+use crate::eval::report::FrameReport;
+use crate::render::attributes::Attribute;
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::time::Instant;
+
+/// The thread's own state.
+pub struct WorkerThread {
+    pub(super) inbox: Receiver<WorkerOrder>,
+    pub(super) shared: Arc<Shared>,
+    pub(super) waker: Waker,
+    pub(super) published: Instant,
+    pub(super) training: TrainSettings,
+    /// Of what is open.
+    pub(super) calibration: Option<Calibration>,
+    pub(super) subject: Option<Subject>,
+    pub(super) content: Option<Content>,
+    pub(super) snapshot: Snapshot,
+    pub(super) recent: VecDeque<FrameReport>,
+    /// When recent frames ended, for the frame rate.
+    pub(super) ends: VecDeque<Instant>,
+    pub(super) dirty: Dirty,
+    /// What the viewport colours components by.
+    pub(super) watched: Option<Attribute>,
+    /// The component whose posterior snapshots show.
+    pub(super) inspecting: Option<u32>,
+    /// Whether the snapshot differs from the published one.
+    pub(super) changed: bool,
+    pub(super) next_serial: u64,
+    /// Frames trained that no checkpoint holds.
+    pub(super) frames_since_checkpoint: usize,
+    /// Where a scene is saved after a panic if not beside its dataset.
+    pub(super) rescue_folders: Vec<PathBuf>,
+    /// What became of the newest state after a panic.
+    pub(super) rescued: Option<Rescue>,
+}
+
+/// Most notices kept.
+const MAX_NOTICES: usize = 50;
+
+/// The handle was dropped.
+struct Dismissed;
+
+impl WorkerThread {
+    /// Nothing is open.
+    pub fn new(
+        inbox: Receiver<WorkerOrder>,
+        shared: Arc<Shared>,
+        waker: Waker,
+        rescue_folders: Vec<PathBuf>,
+    ) -> Self {
+        Self {
+            inbox,
+            shared,
+            waker,
+            published: Instant::now(),
+            training: TrainSettings::default(),
+            calibration: None,
+            subject: None,
+            content: None,
+            snapshot: Snapshot::default(),
+            recent: VecDeque::new(),
+            ends: VecDeque::new(),
+            dirty: Dirty::default(),
+            watched: None,
+            inspecting: None,
+            changed: true,
+            next_serial: 1,
+            frames_since_checkpoint: 0,
+            rescue_folders,
+            rescued: None,
+        }
+    }
+
+    /// Takes orders and trains until the handle is dropped.
+    pub fn run(mut self) {
+        while let Ok(order) = self.next_order() {
+            let work = catch_unwind(AssertUnwindSafe(|| self.turn(order)));
+            let Err(payload) = work else { continue };
+            let panic = PanicReport::of(&*payload);
+            // A second panic on the way out would only repeat itself.
+            if catch_unwind(AssertUnwindSafe(|| self.crashed(panic))).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// The next order; waits for it unless there is something to train.
+    fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
+        if self.snapshot.state == RunState::Training {
+            return match self.inbox.try_recv() {
+                Ok(order) => Ok(Some(order)),
+                Err(TryRecvError::Empty) => Ok(None),
+                Err(TryRecvError::Disconnected) => Err(Dismissed),
+            };
+        }
+        // Splats that could not be delivered yet are tried again while idle.
+        match self.inbox.recv_timeout(self.shared.interval()) {
+            Ok(order) => Ok(Some(order)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => Err(Dismissed),
+        }
+    }
+
+    /// Follows an order, or trains a frame where there is none, and tells the window.
+    fn turn(&mut self, order: Option<WorkerOrder>) {
+        let acted = order.is_some();
+        self.changed |= acted || self.snapshot.state == RunState::Training;
+        match order {
+            Some(order) => self.apply(order),
+            None if self.snapshot.state == RunState::Training => self.step(),
+            None => {}
+        }
+        // The first frame is shown as soon as it is there.
+        let is_first = self.snapshot.frames_done == 1 && self.changed;
+        self.publish(acted || is_first);
+    }
+
+    fn apply(&mut self, order: WorkerOrder) {
+        match order {
+            WorkerOrder::TrainBy(settings) => self.training = *settings,
+            WorkerOrder::Open(subject) => self.open_with(None, subject),
+            WorkerOrder::Calibrate(path) => self.calibrate(&path),
+            WorkerOrder::Train => self.set_state(RunState::Training),
+            WorkerOrder::Pause => {
+                self.set_state(RunState::Paused);
+                self.mark_visibility();
+            }
+            WorkerOrder::Step => {
+                self.set_state(RunState::Paused);
+                self.step();
+                self.mark_visibility();
+            }
+            WorkerOrder::Reset => {
+                if let Some(subject) = self.subject.clone() {
+                    self.open_with(self.calibration.clone(), subject);
+                }
+            }
+            WorkerOrder::Save(number, path) => self.save(number, &path),
+            WorkerOrder::Export(number, path, mapping) => self.export(number, &path, mapping),
+            WorkerOrder::Rescue(answer) => {
+                // Nobody listens any more if the window has given up waiting.
+                let _ = answer.send(self.rescue());
+            }
+            WorkerOrder::Report(kind, message) => self.notify(kind, message),
+            WorkerOrder::Watch(attribute) => self.watch(attribute),
+            WorkerOrder::Inspect(id) => self.inspecting = id,
+            WorkerOrder::Deliver => self.deliver_all(),
+        }
+    }
+
+    fn set_state(&mut self, state: RunState) {
+        // An order that crossed with the end of training must not revive it.
+        if matches!(self.snapshot.state, RunState::Ready | RunState::Training | RunState::Paused) {
+            self.snapshot.state = state;
+            self.ends.clear();
+        }
+    }
+
+    pub(super) fn fail(&mut self, message: String) {
+        self.snapshot.state = RunState::Failed;
+        self.notify(NoticeKind::Error, message);
+    }
+
+    pub(super) fn notify(&mut self, kind: NoticeKind, text: String) {
+        match kind {
+            NoticeKind::Error => tracing::error!("{text}"),
+            NoticeKind::Warning => tracing::warn!("{text}"),
+            NoticeKind::Info => tracing::info!("{text}"),
+        }
+        let mut notices = self.snapshot.notices.to_vec();
+        if notices.len() == MAX_NOTICES {
+            notices.remove(0);
+        }
+        notices.push(Notice { serial: self.next_serial, kind, text });
+        self.next_serial += 1;
+        self.snapshot.notices = Arc::new(notices);
+    }
+}

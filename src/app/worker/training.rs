@@ -1,0 +1,94 @@
+//! Training frame by frame, and what the window is told of it.
+
+use super::thread::WorkerThread;
+use crate::app::opening::Content;
+use crate::app::state::{HISTORY, NoticeKind, RunState};
+use crate::app::wording;
+use crate::eval::report::{FrameReport, Summary};
+use crate::pipeline::error::SessionError;
+use crate::pipeline::session::Step;
+use crate::train::learner::Changed;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Frames over which the frame rate is taken.
+const RATE_FRAMES: usize = 30;
+
+impl WorkerThread {
+    pub(super) fn step(&mut self) {
+        let Some(Content::Session(session)) = &mut self.content else { return };
+        // What the frame before told of them is over, whether or not the next one touches them.
+        self.dirty.mark(session.learner().component_elbo().components());
+        match session.step() {
+            Ok(Step::Trained(frame)) => {
+                let learner = session.learner();
+                match learner.changed() {
+                    Changed::Listed(ids) => self.dirty.mark(ids),
+                    Changed::All => self.dirty.mark_all(learner.components()),
+                }
+                self.learned(frame);
+            }
+            Ok(Step::Skipped(skipped)) => {
+                tracing::warn!("{}", skipped.message);
+                self.refresh_session_info();
+            }
+            Ok(Step::Finished) => self.finish(),
+            Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
+            Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
+        }
+    }
+
+    fn learned(&mut self, frame: FrameReport) {
+        if self.recent.len() == HISTORY {
+            self.recent.pop_front();
+        }
+        self.recent.push_back(frame);
+        self.snapshot.frames_done += 1;
+        self.snapshot.unsaved_frames += 1;
+        self.frames_since_checkpoint += 1;
+        self.rescued = None;
+        if self.ends.len() == RATE_FRAMES {
+            self.ends.pop_front();
+        }
+        self.ends.push_back(Instant::now());
+        if let (Some(first), Some(last)) = (self.ends.front(), self.ends.back()) {
+            let span_s = (*last - *first).as_secs_f64();
+            self.snapshot.frames_per_s =
+                if span_s > 0.0 { (self.ends.len() - 1) as f64 / span_s } else { 0.0 };
+        }
+        self.refresh_session_info();
+    }
+
+    fn finish(&mut self) {
+        self.snapshot.state = RunState::Finished;
+        self.snapshot.frames_per_s = 0.0;
+        self.mark_visibility();
+        if let Some(Content::Session(session)) = &self.content {
+            let summary = Summary::of_frames(session.frames(), 0.0);
+            tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
+            for warning in session.learner().warnings() {
+                self.notify(NoticeKind::Warning, wording::warning(&warning));
+            }
+        }
+    }
+
+    /// Components that a frame looked through differ without having received a point. The viewport
+    /// is told of them when training rests: all of them after every frame would take its time.
+    pub(super) fn mark_visibility(&mut self) {
+        if let Some(Content::Session(session)) = &self.content
+            && session.learner().changes_unseen()
+        {
+            self.dirty.mark_all(session.learner().components());
+        }
+    }
+
+    pub(super) fn refresh_session_info(&mut self) {
+        let Some(Content::Session(session)) = &self.content else { return };
+        self.snapshot.components = session.learner().components();
+        self.snapshot.used = session.learner().used();
+        self.snapshot.model_bytes = session.learner().model_bytes();
+        if self.snapshot.skipped.len() != session.skipped().len() {
+            self.snapshot.skipped = Arc::new(session.skipped().to_vec());
+        }
+    }
+}

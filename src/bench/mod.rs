@@ -1,0 +1,7 @@
+//! Benches: speed against error, each as a table, JSON, CSV and a plot.
+
+pub mod findings;
+pub mod paper;
+mod plot;
+pub mod render;
+pub mod scene;

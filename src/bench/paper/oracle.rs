@@ -1,0 +1,234 @@
+//! Distance of an engine to the f64 dense oracle, which starts from equal means and sees equal
+//! points.
+//!
+//! Reassignment is off in both: it draws points by their ELBO, where one rounding moves another
+//! component and errors of arithmetic could no longer be told from other draws. Quantiles weigh a
+//! component by its evidence, since the covariance of a component with one point is all prior and
+//! its relative error says nothing. Means are compared relative to their size, but never to less
+//! than the standard deviation of their component.
+
+use crate::bench::findings::BenchError;
+use crate::math::normalization::Normalization;
+use crate::math::sym3::Sym3;
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::observation::points::Points;
+use crate::train::paper::config::{
+    Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+};
+use crate::train::paper::engine;
+use crate::train::paper::init::InitialDraw;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Responsibilities of one point that are not zero.
+pub(super) type Shares = BTreeMap<u32, f64>;
+
+/// What the dense f64 engine makes of some frames.
+pub struct DenseOracle<'a> {
+    draw: InitialDraw,
+    frames: &'a [Points<f32>],
+    seen: Seen,
+}
+
+/// What an engine says after some frames.
+struct Seen {
+    /// ELBO of every point of the last frame, nats.
+    elbo: Vec<f64>,
+    /// Responsibilities of every point of the last frame, zeros left out.
+    responsibilities: Vec<Shares>,
+    posteriors: Vec<ComponentPosterior>,
+}
+
+/// Differences to the oracle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Errors {
+    /// Largest difference of a point's ELBO, nats.
+    pub elbo_max: f64,
+    /// Mean difference of a point's ELBO, nats.
+    pub elbo_mean: f64,
+    /// Mean over the points of the total variation between the responsibilities.
+    pub variation_mean: f64,
+    /// Largest total variation of a point's responsibilities.
+    pub variation_max: f64,
+    /// Relative errors of the posteriors.
+    pub posterior: PosteriorErrors,
+}
+
+/// Relative differences of posteriors. A quantile counts every component with its evidence `N_k`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct PosteriorErrors {
+    /// 99 % quantile of `|m − m*| / max(|m*|, sd)`.
+    pub mean_p99: f64,
+    /// Largest relative error of a posterior mean.
+    pub mean_max: f64,
+    /// 99 % quantile of `‖Σ − Σ*‖ / ‖Σ*‖`, Frobenius.
+    pub covariance_p99: f64,
+    /// Largest relative error of a posterior covariance, Frobenius.
+    pub covariance_max: f64,
+}
+
+impl PosteriorErrors {
+    /// The larger of the two quantiles: what bounds are stated on.
+    pub fn p99(&self) -> f64 {
+        self.mean_p99.max(self.covariance_p99)
+    }
+}
+
+impl<'a> DenseOracle<'a> {
+    /// Trains the oracle from `draw`, whose numbers are first rounded to f32 as every engine reads
+    /// them.
+    pub fn new(
+        config: &PaperConfig,
+        draw: &InitialDraw,
+        frames: &'a [Points<f32>],
+    ) -> Result<Self, BenchError> {
+        let rounded = |row: &[f64; 6]| row.map(|v| f64::from(v as f32));
+        let means = draw.means.iter().map(rounded).collect();
+        let draw = InitialDraw { means, alpha: draw.alpha.clone() };
+        let dense = PaperOverrides {
+            candidates: Some(Candidates::Dense),
+            precision: Some(Precision::F64),
+            reassign: Some(ReassignPolicy::Off),
+            ..PaperOverrides::default()
+        };
+        let seen = Seen::by(&config.clone().with(&dense)?, &draw, frames)?;
+        Ok(Self { draw, frames, seen })
+    }
+
+    /// How far an engine of this configuration, without reassignment, is from the oracle.
+    pub fn errors_of(&self, config: &PaperConfig) -> Result<Errors, BenchError> {
+        let fixed =
+            PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
+        let found = Seen::by(&config.clone().with(&fixed)?, &self.draw, self.frames)?;
+        let truth = &self.seen;
+        let elbo: Vec<f64> =
+            truth.elbo.iter().zip(&found.elbo).map(|(a, b)| (a - b).abs()).collect();
+        let pairs = truth.responsibilities.iter().zip(&found.responsibilities);
+        let variation: Vec<f64> = pairs.map(|(a, b)| total_variation(a, b)).collect();
+        Ok(Errors {
+            elbo_max: largest(&elbo),
+            elbo_mean: mean(&elbo),
+            variation_mean: mean(&variation),
+            variation_max: largest(&variation),
+            posterior: posterior_errors(&found.posteriors, &truth.posteriors),
+        })
+    }
+}
+
+impl Seen {
+    fn by(
+        config: &PaperConfig,
+        draw: &InitialDraw,
+        frames: &[Points<f32>],
+    ) -> Result<Self, BenchError> {
+        let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
+        for frame in frames {
+            engine.learn(frame)?;
+        }
+        let elbo = engine.point_elbo();
+        let posteriors = (0..engine.components()).map(|k| engine.posterior(k)).collect();
+        let mut responsibilities = Vec::new();
+        // Tile by tile: a dense engine lists every component for every point.
+        for tile in frames.last().map_or_else(Vec::new, tiles) {
+            let shares = engine.responsibilities(&tile).into_iter();
+            responsibilities
+                .extend(shares.map(|r| r.into_iter().filter(|(_, r)| *r != 0.0).collect()));
+        }
+        Ok(Self { elbo, responsibilities, posteriors })
+    }
+}
+
+fn tiles(points: &Points<f32>) -> Vec<Points<f32>> {
+    let tile = |t| {
+        let mut tile = Points::new();
+        for i in points.tile(t) {
+            let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
+            tile.push([x, y, z, r, g, b]);
+        }
+        tile.close_tile();
+        tile
+    };
+    (0..points.n_tiles()).map(tile).collect()
+}
+
+/// Half the sum of absolute differences.
+pub(super) fn total_variation(a: &Shares, b: &Shares) -> f64 {
+    let here = a.iter().map(|(id, r)| (r - b.get(id).unwrap_or(&0.0)).abs());
+    let only_there = b.iter().filter(|(id, _)| !a.contains_key(id)).map(|(_, r)| r.abs());
+    0.5 * (here.sum::<f64>() + only_there.sum::<f64>())
+}
+
+/// Relative differences over the components the truth has evidence for. A value that is no number
+/// counts as infinite.
+pub fn posterior_errors(
+    found: &[ComponentPosterior],
+    truth: &[ComponentPosterior],
+) -> PosteriorErrors {
+    let used = || found.iter().zip(truth).filter(|(_, t)| t.count > 0.0);
+    let means = used().map(|(f, t)| (mean_error(f, t), t.count)).collect();
+    let covariances = used().map(|(f, t)| (covariance_error(f, t), t.count)).collect();
+    let ([mean_p99, mean_max], [covariance_p99, covariance_max]) =
+        (weighted_p99_and_max(means), weighted_p99_and_max(covariances));
+    PosteriorErrors { mean_p99, mean_max, covariance_p99, covariance_max }
+}
+
+fn mean_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f64 {
+    // A mean near the origin has no size of its own to compare with.
+    let size = truth.mean_space.length().max(truth.expected_covariance().trace().sqrt());
+    number_or_infinity((found.mean_space - truth.mean_space).length() / size)
+}
+
+fn covariance_error(found: &ComponentPosterior, truth: &ComponentPosterior) -> f64 {
+    let truth = truth.expected_covariance();
+    let difference = found.expected_covariance().add_scaled(-1.0, truth);
+    number_or_infinity(frobenius(difference) / frobenius(truth))
+}
+
+fn frobenius(m: Sym3) -> f64 {
+    let diagonal = m.xx * m.xx + m.yy * m.yy + m.zz * m.zz;
+    (diagonal + 2.0 * (m.xy * m.xy + m.xz * m.xz + m.yz * m.yz)).sqrt()
+}
+
+fn number_or_infinity(value: f64) -> f64 {
+    if value.is_nan() { f64::INFINITY } else { value }
+}
+
+/// The error that 99 % of the weight stays below, and the largest one.
+fn weighted_p99_and_max(mut errors: Vec<(f64, f64)>) -> [f64; 2] {
+    errors.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let total: f64 = errors.iter().map(|(_, weight)| weight).sum();
+    let mut below = 0.0;
+    let p99 = errors.iter().find(|(_, weight)| {
+        below += weight;
+        below >= 0.99 * total
+    });
+    [p99.map_or(0.0, |e| e.0), errors.last().map_or(0.0, |e| e.0)]
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().copied().map(number_or_infinity).fold(0.0, f64::max)
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variation_lies_between_zero_and_one() {
+        let a = Shares::from([(1, 0.25), (2, 0.75)]);
+        assert_eq!(total_variation(&a, &a), 0.0);
+        assert_eq!(total_variation(&a, &Shares::from([(3, 1.0)])), 1.0);
+        assert_eq!(total_variation(&a, &Shares::from([(1, 0.75), (2, 0.25)])), 0.5);
+    }
+
+    #[test]
+    fn quantile_counts_evidence() {
+        let errors = vec![(1e-9, 985.0), (0.5, 6.0), (2.0, 9.0)];
+        assert_eq!(weighted_p99_and_max(errors), [0.5, 2.0]);
+        assert_eq!(weighted_p99_and_max(Vec::new()), [0.0, 0.0]);
+    }
+}

@@ -1,0 +1,94 @@
+//! Timing of configurations against each other: they take turns, A B C A B C, so that whatever else
+//! the machine does slows all of them alike.
+
+use crate::bench::findings::BenchError;
+use crate::eval::spread::Spread;
+use crate::math::normalization::Normalization;
+use crate::observation::points::Points;
+use crate::train::paper::config::PaperConfig;
+use crate::train::paper::engine;
+use crate::train::paper::init::InitialDraw;
+use crate::train::paper::learner::PaperLearner;
+use crate::train::stages::PAPER_STAGES;
+use crate::train::timing::StageMs;
+use rayon::ThreadPoolBuilder;
+
+/// A configuration and what it is run on.
+pub struct TimedConfiguration<'a> {
+    /// Settings of the engine.
+    pub config: PaperConfig,
+    /// Threads it may use.
+    pub threads: usize,
+    /// Initial means and weights.
+    pub draw: &'a InitialDraw,
+    /// Frames of a run.
+    pub frames: &'a [Points<f32>],
+}
+
+/// Times of one variant.
+pub struct Runs {
+    /// Per run the median over its frames, stage by stage.
+    pub runs: Vec<StageMs>,
+    /// The model after the last run.
+    pub engine: Box<dyn PaperLearner>,
+}
+
+impl Runs {
+    /// Median and quartiles over the runs.
+    pub fn spread(&self, of: impl Fn(&StageMs) -> f64) -> Spread {
+        Spread::of(self.runs.iter().map(of).collect())
+    }
+
+    /// Medians of all stages, in the order of [`PAPER_STAGES`].
+    pub fn stages(&self) -> [f64; PAPER_STAGES.len()] {
+        std::array::from_fn(|i| self.spread(|ms| ms.values()[i]).median)
+    }
+}
+
+/// Trains every variant from its start over all its frames, `repeats` times in turns. The first
+/// frame of a run warms its buffers up and does not count where there are others. `done` hears of
+/// every run.
+pub fn in_turns(
+    variants: &[TimedConfiguration],
+    repeats: usize,
+    done: &mut dyn FnMut(),
+) -> Result<Vec<Runs>, BenchError> {
+    let mut found: Vec<Option<Runs>> = variants.iter().map(|_| None).collect();
+    for _ in 0..repeats.max(1) {
+        for (variant, slot) in variants.iter().zip(&mut found) {
+            // The model of the turn before is dropped first: at most one of each variant is in
+            // memory.
+            let mut runs = slot.take().map_or_else(Vec::new, |earlier| earlier.runs);
+            let (engine, ms) = with_threads(variant.threads, || run(variant))??;
+            runs.push(ms);
+            *slot = Some(Runs { runs, engine });
+            done();
+        }
+    }
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Runs `work` on a pool of its own.
+pub fn with_threads<T: Send>(
+    threads: usize,
+    work: impl FnOnce() -> T + Send,
+) -> Result<T, BenchError> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build();
+    Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
+}
+
+fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs), BenchError> {
+    let TimedConfiguration { config, draw, frames, .. } = variant;
+    let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
+    let mut times = Vec::with_capacity(frames.len());
+    for frame in *frames {
+        times.push(engine.learn(frame)?.ms);
+    }
+    let counted = &times[usize::from(times.len() > 1)..];
+    Ok((engine, median(counted)))
+}
+
+/// Median of every stage on its own.
+pub fn median(times: &[StageMs]) -> StageMs {
+    StageMs::combine(times, |values| Spread::of(values).median)
+}

@@ -1,0 +1,195 @@
+//! What follows from the rows: exponents and speed-ups, the table, the notes and the plot.
+//!
+//! Exponents are slopes of straight lines through logarithms: over two decades a cost of `a + b·n`
+//! bends away from a power law, but the slope still tells linear from quadratic.
+
+use super::plan::ScalingPlan;
+use super::row::{EnginePath, LINES, MeanPlacement, ScalingRow, Sweep};
+use crate::bench::plot::axis::Axis;
+use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::eval::spread::Spread;
+use crate::eval::table;
+use serde::Serialize;
+
+/// The power law through the medians of one line.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fit {
+    /// Size that is swept.
+    pub sweep: Sweep,
+    /// Where the means lie.
+    pub means: MeanPlacement,
+    /// How the frame is processed.
+    pub path: EnginePath,
+    /// `ms ∝ size^exponent`, least squares of the logarithms; `None` below two sizes.
+    pub exponent: Option<f64>,
+}
+
+/// What follows from the rows.
+#[derive(Clone, Debug, Serialize)]
+pub struct ScalingSummary {
+    /// One per line of the plot.
+    pub fits: Vec<Fit>,
+    /// Where one and two threads were timed.
+    pub speedups: Vec<Speedup>,
+}
+
+/// One thread against two.
+#[derive(Clone, Debug, Serialize)]
+pub struct Speedup {
+    /// Where the means lie.
+    pub means: MeanPlacement,
+    /// How the frame is processed.
+    pub path: EnginePath,
+    /// Time of one thread over that of two.
+    pub two_over_one: f64,
+}
+
+impl ScalingSummary {
+    /// Fits and speed-ups of all lines.
+    pub fn of(rows: &[ScalingRow]) -> Self {
+        Self { fits: fits(rows), speedups: speedups(rows) }
+    }
+}
+
+fn line(
+    rows: &[ScalingRow],
+    sweep: Sweep,
+    means: MeanPlacement,
+    path: EnginePath,
+) -> Vec<&ScalingRow> {
+    rows.iter().filter(|r| (r.sweep, r.means, r.path) == (sweep, means, path)).collect()
+}
+
+fn fits(rows: &[ScalingRow]) -> Vec<Fit> {
+    let sweeps = [Sweep::Points, Sweep::Components, Sweep::Threads];
+    let fit = |sweep, (means, path)| {
+        let line = line(rows, sweep, means, path);
+        let sizes = line.iter().map(|r| (r.position(), r.ms)).collect::<Vec<_>>();
+        Fit { sweep, means, path, exponent: exponent(&sizes) }
+    };
+    sweeps.into_iter().flat_map(|sweep| LINES.map(|line| fit(sweep, line))).collect()
+}
+
+/// Slope of the least-squares line through the logarithms; `None` where it is not defined.
+fn exponent(sizes: &[(f64, f64)]) -> Option<f64> {
+    let logs: Vec<(f64, f64)> = sizes.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
+    let n = logs.len() as f64;
+    let (mx, my) = logs.iter().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / n, b + y / n));
+    let covariance: f64 = logs.iter().map(|(x, y)| (x - mx) * (y - my)).sum();
+    let variance: f64 = logs.iter().map(|(x, _)| (x - mx).powi(2)).sum();
+    let slope = covariance / variance;
+    slope.is_finite().then_some(slope)
+}
+
+fn speedups(rows: &[ScalingRow]) -> Vec<Speedup> {
+    let speedup = |(means, path)| {
+        let line = line(rows, Sweep::Threads, means, path);
+        let of = |threads| line.iter().find(|r| r.threads == threads).map(|r| r.ms);
+        Some(Speedup { means, path, two_over_one: of(1)? / of(2)? })
+    };
+    LINES.into_iter().filter_map(speedup).collect()
+}
+
+fn line_name(means: MeanPlacement, path: EnginePath) -> &'static str {
+    match (means, path) {
+        (MeanPlacement::Random, EnginePath::Fast) => "random means",
+        (MeanPlacement::Surface, EnginePath::Fast) => "means on surfaces",
+        (MeanPlacement::Random, EnginePath::Plain) => "random, plain path",
+        (MeanPlacement::Surface, EnginePath::Plain) => "on surfaces, plain path",
+    }
+}
+
+/// The rows for people.
+pub fn text(rows: &[ScalingRow]) -> String {
+    let cells = |row: &ScalingRow| {
+        [
+            line_name(row.means, row.path).to_owned(),
+            row.points.to_string(),
+            row.components.to_string(),
+            row.threads.to_string(),
+            row.spread().to_string(),
+            format!("{:.1}", row.plain_over_this),
+        ]
+    };
+    let header = ["means", "points", "N", "threads", "ms/frame [quartiles]", "plain / this"];
+    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+}
+
+/// How the numbers came about, and what follows from them.
+pub fn notes(plan: &ScalingPlan, summary: &ScalingSummary) -> Vec<String> {
+    let mut notes = vec![
+        format!(
+            "C = 4, no reassignment, {} frames each after one that warms up, in turns. Plain path: KD-tree, f64, unfused statistics.",
+            plan.repeats
+        ),
+        "MeanPlacement on surfaces are points of six other frames.".to_owned(),
+    ];
+    for fit in &summary.fits {
+        let Some(exponent) = fit.exponent else { continue };
+        let (name, of) = (line_name(fit.means, fit.path), sweep_name(fit.sweep));
+        notes.push(format!("{name}: ms grows as {of}^{exponent:.2}"));
+    }
+    for speedup in &summary.speedups {
+        let name = line_name(speedup.means, speedup.path);
+        notes.push(format!(
+            "{name}: two threads are {:.2} times as fast as one",
+            speedup.two_over_one
+        ));
+    }
+    notes
+}
+
+fn sweep_name(sweep: Sweep) -> &'static str {
+    match sweep {
+        Sweep::Points => "points",
+        Sweep::Components => "N",
+        Sweep::Threads => "threads",
+    }
+}
+
+/// One panel per sweep.
+pub fn panels(rows: &[ScalingRow], fits: &[Fit]) -> Vec<Panel> {
+    let sweeps = [Sweep::Points, Sweep::Components, Sweep::Threads];
+    let panel = |sweep| Panel {
+        title: format!("against {}", sweep_name(sweep)),
+        x: Axis::Log(match sweep {
+            Sweep::Points => "points per frame".to_owned(),
+            Sweep::Components => "components N".to_owned(),
+            Sweep::Threads => "threads".to_owned(),
+        }),
+        y: Axis::Log("ms per frame".to_owned()),
+        series: fits
+            .iter()
+            .filter(|fit| fit.sweep == sweep)
+            .map(|fit| {
+                let exponent = fit.exponent.map_or_else(String::new, |e| format!(": ^{e:.2}"));
+                Series {
+                    name: format!("{}{exponent}", line_name(fit.means, fit.path)),
+                    marks: line(rows, sweep, fit.means, fit.path)
+                        .into_iter()
+                        .map(|r| Mark {
+                            x: Spread::exact(r.position()),
+                            y: r.spread(),
+                            label: None,
+                        })
+                        .collect(),
+                    connected: true,
+                }
+            })
+            .collect(),
+    };
+    sweeps.into_iter().map(panel).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponents_of_power_laws() {
+        let law = |x: f64| (x, 3.0 * x.powf(0.7));
+        let slope = exponent(&[law(1e3), law(1e4), law(1e6)]).unwrap();
+        assert!((slope - 0.7).abs() < 1e-12, "{slope}");
+        assert_eq!(exponent(&[law(1e3)]), None);
+    }
+}

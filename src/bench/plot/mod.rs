@@ -1,0 +1,5 @@
+//! Plots of benches.
+
+pub mod axis;
+pub mod draw;
+mod labels;

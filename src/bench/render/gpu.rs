@@ -1,0 +1,133 @@
+//! Frames on a graphics adapter, without a window.
+
+use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
+use crate::math::camera::Camera;
+use crate::model::splat::splats::Splat;
+use crate::render::gpu::adapters::AdapterChoice;
+use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
+use crate::render::gpu::renderer::{self, SplatRenderer};
+use crate::render::gpu::scene::{GpuScene, OrderOf};
+use crate::render::gpu::sort::{SortScratch, back_to_front};
+use crate::render::{RenderOptions, Renderer};
+use std::rc::Rc;
+use std::time::Instant;
+
+/// Frames before the first timed one: clocks rise, and lists grow to what the scene needs.
+const WARM_UP: usize = 8;
+
+/// One path of one adapter.
+pub struct TimedGpu {
+    gpu: Rc<HeadlessGpu>,
+    path: renderer::Path,
+    /// One per method, so that each has its own times.
+    projected: TimedMethod,
+    exact: TimedMethod,
+    scene: GpuScene,
+    scratch: SortScratch,
+}
+
+struct TimedMethod {
+    renderer: SplatRenderer,
+    is_warm: bool,
+}
+
+impl TimedGpu {
+    /// Every path on the adapter chosen.
+    pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
+        let gpu = Rc::new(HeadlessGpu::new(choice)?);
+        [renderer::Path::Quads, renderer::Path::Tiles]
+            .into_iter()
+            .map(|path| Self::new(gpu.clone(), path))
+            .collect()
+    }
+
+    fn new(gpu: Rc<HeadlessGpu>, path: renderer::Path) -> Result<Self, HeadlessError> {
+        let (device, queue) = (&gpu.device, &gpu.queue);
+        let method = || -> Result<TimedMethod, HeadlessError> {
+            let mut renderer = SplatRenderer::new(device, queue, OrderOf::First)?;
+            renderer.set_path(path);
+            Ok(TimedMethod { renderer, is_warm: false })
+        };
+        Ok(Self {
+            path,
+            projected: method()?,
+            exact: method()?,
+            scene: GpuScene::new(device, queue, &[])?,
+            scratch: SortScratch::default(),
+            gpu,
+        })
+    }
+
+    /// Draws and waits; milliseconds of that.
+    fn draw(&mut self, camera: &Camera, options: &RenderOptions) -> Result<f64, TimedPaintError> {
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let method = match options.method.renderer() {
+            Renderer::Projected => &mut self.projected,
+            Renderer::Exact => &mut self.exact,
+        };
+        let frames = if method.is_warm { 1 } else { 1 + WARM_UP };
+        let mut total = 0.0;
+        for _ in 0..frames {
+            let started = Instant::now();
+            let mut encoder = device.create_command_encoder(&Default::default());
+            method.renderer.render(device, queue, &mut encoder, &self.scene, camera, options)?;
+            queue.submit([encoder.finish()]);
+            self.gpu.wait()?;
+            total = ms_since(started);
+        }
+        method.is_warm = true;
+        // A frame whose lists did not fit is not whole, and its time no time of a frame.
+        match method.renderer.shortage() {
+            Some(shortage) => Err(shortage.clone().into()),
+            None => Ok(total),
+        }
+    }
+}
+
+impl TimedPainter for TimedGpu {
+    fn path(&self) -> FramePath {
+        match self.path {
+            renderer::Path::Quads => FramePath::Quads,
+            renderer::Path::Tiles => FramePath::Tiles,
+        }
+    }
+
+    fn adapter(&self) -> Option<String> {
+        Some(self.gpu.caps.to_string())
+    }
+
+    fn load(&mut self, splats: &[Splat]) -> Result<(), TimedPaintError> {
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        // Two scenes need not fit at once.
+        self.scene = GpuScene::new(device, queue, &[])?;
+        self.scene = GpuScene::new(device, queue, splats)?;
+        // Lists grow again with every scene.
+        (self.projected.is_warm, self.exact.is_warm) = (false, false);
+        Ok(self.gpu.wait()?)
+    }
+
+    /// The order of quads is found beside the frame and is no part of its total; stages are the
+    /// GPU's own times, of a frame or two before.
+    fn frame(
+        &mut self,
+        splats: &[Splat],
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<FrameStageMs, TimedPaintError> {
+        let mut order_ms = None;
+        if self.path == renderer::Path::Quads {
+            let started = Instant::now();
+            let order = back_to_front(splats, camera, options, &mut self.scratch);
+            order_ms = Some(ms_since(started));
+            self.scene.set_order(&self.gpu.queue, OrderOf::First, order)?;
+        }
+        let total = self.draw(camera, options)?;
+        let times = match options.method.renderer() {
+            Renderer::Projected => self.projected.renderer.gpu_times(),
+            Renderer::Exact => self.exact.renderer.gpu_times(),
+        };
+        let prepare = times.and_then(|times| times.preprocess);
+        let sort = order_ms.or(times.and_then(|times| times.sort));
+        Ok(FrameStageMs { total, stages: [prepare, sort, None, times.map(|times| times.draw)] })
+    }
+}

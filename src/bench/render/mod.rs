@@ -1,0 +1,165 @@
+//! Frame time by stage against splats and resolution, by both renderers, on the CPU and on a GPU.
+//!
+//! Painters take turns frame by frame, from the same sides of the scene, so that whatever else the
+//! machine does slows all of them alike. The first round warms up and does not count: buffers grow
+//! and clocks rise in it. A painter that cannot draw a scene, for want of memory say, keeps its
+//! rows, with the reason instead of a time.
+
+#[cfg(feature = "gui")]
+mod gpu;
+mod painter;
+mod plan;
+mod report;
+mod row;
+mod scene;
+
+pub use painter::FramePath;
+pub use plan::{BenchDevice, RenderPlan};
+pub use report::Ratio;
+pub use row::RenderRow;
+pub use scene::BenchScene;
+
+use super::plot::draw;
+use crate::bench::findings::{Bench, BenchError, Findings, Progress};
+use crate::eval::spread::Spread;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::orbit::Orbit;
+use crate::model::splat::splats::{Framing, Splat, framing};
+use crate::render::{RenderOptions, Renderer};
+use glam::DVec3;
+use painter::{FrameStageMs, TimedPaintError, TimedPainter};
+use plan::RENDERERS;
+use report::{RenderSummary, notes, panels, text};
+use std::f64::consts::TAU;
+
+/// Horizontal field of view of every view, radians.
+const FOV: f64 = 1.0;
+/// Elevation of every view above the scene, radians.
+const ELEVATION: f64 = 0.45;
+
+/// Times every combination; whoever draws takes turns frame by frame.
+pub fn run(plan: &RenderPlan, scene: &BenchScene, progress: Progress) -> Result<Bench, BenchError> {
+    let mut missing = Vec::new();
+    let mut painters = plan.painters(&mut missing)?;
+    let steps = plan.splats.len() * plan.sizes.len();
+    let (mut rows, mut done) = (Vec::new(), 0);
+    for &n in &plan.splats {
+        let splats = scene.splats(n, plan.options.seed);
+        let mut turns = Turns::new(&mut painters, &splats);
+        for &size in &plan.sizes {
+            rows.extend(turns.time(plan.frames, size, scene.up()));
+            done += 1;
+            progress(done, steps);
+        }
+    }
+    let summary = RenderSummary::of(&rows);
+    let title = format!("Time per frame: {}", scene.name());
+    Findings {
+        name: "render",
+        dataset: scene.name(),
+        adapter: painters.iter().find_map(|painter| painter.adapter()),
+        options: plan.options,
+        notes: [missing, notes(plan, &rows, &summary)].concat(),
+        table: text(&rows),
+        plot: draw::draw(&title, &panels(plan, &rows))?,
+        rows,
+        summary,
+    }
+    .into_bench()
+}
+
+/// Everybody who draws one scene.
+struct Turns<'a> {
+    splats: &'a [Splat],
+    painters: &'a mut [Box<dyn TimedPainter>],
+    /// Why a painter cannot draw this scene.
+    refusals: Vec<Option<TimedPaintError>>,
+}
+
+impl<'a> Turns<'a> {
+    fn new(painters: &'a mut [Box<dyn TimedPainter>], splats: &'a [Splat]) -> Self {
+        let refusals = painters.iter_mut().map(|painter| painter.load(splats).err()).collect();
+        Self { splats, painters, refusals }
+    }
+
+    /// All renderers of all painters in turns, one frame each, from the same sides of the scene.
+    /// The first round warms up and does not count.
+    fn time(&mut self, frames: usize, size: [u32; 2], up: DVec3) -> Vec<RenderRow> {
+        let mut found: Vec<TimedTarget> = self.targets();
+        let framing = framing(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+        for round in 0..=frames {
+            let camera = view(&framing, up, size, round as f64 / frames as f64 * TAU);
+            for target in found.iter_mut().filter(|target| target.failure.is_none()) {
+                let method = target.renderer.into();
+                let options = RenderOptions::viewport(method, [0.0; 3], framing.radius);
+                let painter = &mut self.painters[target.painter];
+                match painter.frame(self.splats, &camera, &options) {
+                    Ok(ms) if round > 0 => target.times.push(ms),
+                    // The round that warms up.
+                    Ok(_) => {}
+                    Err(error) => target.failure = Some(error.to_string()),
+                }
+            }
+        }
+        found.into_iter().map(|target| target.into_row(self.splats.len(), size, frames)).collect()
+    }
+
+    fn targets(&self) -> Vec<TimedTarget> {
+        let mut targets = Vec::new();
+        for (i, (painter, refusal)) in self.painters.iter().zip(&self.refusals).enumerate() {
+            targets.extend(RENDERERS.into_iter().map(|renderer| TimedTarget {
+                painter: i,
+                path: painter.path(),
+                renderer,
+                times: Vec::new(),
+                failure: refusal.as_ref().map(ToString::to_string),
+            }));
+        }
+        targets
+    }
+}
+
+/// One renderer of one painter, and its times.
+struct TimedTarget {
+    painter: usize,
+    path: FramePath,
+    renderer: Renderer,
+    times: Vec<FrameStageMs>,
+    failure: Option<String>,
+}
+
+impl TimedTarget {
+    fn into_row(self, splats: usize, [width, height]: [u32; 2], frames: usize) -> RenderRow {
+        let is_drawn = self.failure.is_none();
+        let ms = is_drawn.then(|| Spread::of(self.times.iter().map(|ms| ms.total).collect()));
+        let stage = |i: usize| {
+            let told: Vec<f64> = self.times.iter().filter_map(|ms| ms.stages[i]).collect();
+            (is_drawn && !told.is_empty()).then(|| Spread::of(told).median)
+        };
+        RenderRow {
+            path: self.path,
+            renderer: self.renderer,
+            splats,
+            width,
+            height,
+            frames: if is_drawn { frames } else { 0 },
+            ms: ms.map(|ms| ms.median),
+            ms_q1: ms.map(|ms| ms.quartiles[0]),
+            ms_q3: ms.map(|ms| ms.quartiles[1]),
+            prepare_ms: stage(0),
+            sort_ms: stage(1),
+            bin_ms: stage(2),
+            draw_ms: stage(3),
+            skipped: self.failure,
+        }
+    }
+}
+
+/// The whole scene from a distance at which it fills the image.
+fn view(framing: &Framing, up: DVec3, [width, height]: [u32; 2], azimuth: f64) -> Camera {
+    let intrinsics = Intrinsics::from_horizontal_fov(width, height, FOV);
+    let narrower = 2.0 * (0.5 * f64::from(width.min(height)) / intrinsics.fx).atan();
+    let distance = framing.distance(narrower);
+    let orbit = Orbit { target: framing.centre, up, azimuth, elevation: ELEVATION, distance };
+    Camera { intrinsics, pose: orbit.pose() }
+}

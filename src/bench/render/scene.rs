@@ -1,0 +1,184 @@
+//! Scenes of any number of splats that cover the image alike.
+//!
+//! Sizes shrink as numbers grow, so that the image stays as covered: cost then follows the number
+//! of splats, not how much they overlap. Shapes and opacities of the synthetic scene are those of a
+//! trained one.
+
+use crate::math::rng::{Purpose, Rng};
+use crate::model::splat::splats::Splat;
+use glam::{DQuat, DVec3};
+use std::borrow::Cow;
+use std::f64::consts::{PI, TAU};
+
+/// What is drawn.
+#[derive(Clone, Debug)]
+pub struct BenchScene {
+    name: String,
+    up: DVec3,
+    /// Splats of a model, at least one; none for the synthetic scene.
+    model: Vec<Splat>,
+}
+
+/// Balls of the synthetic scene.
+const N_BALLS: usize = 12;
+/// Radius of the disc they lie on, world units.
+const DISC: f64 = 1.2;
+/// Standard deviation of a splat along its surface over the side of the square it has for itself;
+/// this and the next two as on Lego, trained with the `paper` preset.
+const SPREAD: f64 = 0.5;
+/// Standard deviation across the surface over that along it.
+const FLATNESS: f64 = 0.6;
+/// Standard deviation of the logarithm of a splat's size.
+const UNEVENNESS: f64 = 0.3;
+/// Opacity that training gives every splat.
+const OPACITY: f32 = 0.95;
+
+impl BenchScene {
+    /// Balls on a disc, their surfaces covered by flat splats as training leaves them.
+    pub fn synthetic() -> Self {
+        Self { name: "synthetic balls on a disc".to_owned(), up: DVec3::Z, model: Vec::new() }
+    }
+
+    /// A model by the name that reports give it; `up` points up in it. `None` if nothing of it can
+    /// be drawn.
+    pub fn model(name: String, up: DVec3, mut splats: Vec<Splat>) -> Option<Self> {
+        splats.retain(Splat::is_drawable);
+        (!splats.is_empty()).then_some(Self { name, up, model: splats })
+    }
+
+    /// As reports call it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Direction that points up in the views.
+    pub fn up(&self) -> DVec3 {
+        self.up
+    }
+
+    /// Splats of the model, where it is one.
+    pub fn own_count(&self) -> Option<usize> {
+        (!self.model.is_empty()).then_some(self.model.len())
+    }
+
+    /// The scene in `n` splats, the smaller the more there are.
+    pub fn splats(&self, n: usize, seed: u64) -> Cow<'_, [Splat]> {
+        match self.own_count() {
+            None => Cow::Owned(synthetic(n, seed)),
+            Some(own) if own == n => Cow::Borrowed(&self.model),
+            Some(_) => Cow::Owned(resampled(&self.model, n, seed)),
+        }
+    }
+}
+
+/// Every splat as often as the others, give or take one; its copies lie anywhere within it.
+fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
+    let share = n as f64 / splats.len() as f64;
+    let shrink = share.powf(-0.5) as f32;
+    let mut copy = |i: usize| {
+        let original = &splats[(i as f64 / share) as usize];
+        let scale = original.scale.map(|s| s * shrink);
+        // Fewer than the model has: some of its own, wider, with nothing to lie within.
+        if n <= splats.len() {
+            return Splat { scale, ..*original };
+        }
+        let [w, x, y, z] = original.rotation.map(f64::from);
+        let within = DVec3::from_array(original.scale.map(|s| f64::from(s) * rng.normal()));
+        let shift = (DQuat::from_xyzw(x, y, z, w) * within).to_array();
+        let mean = std::array::from_fn(|axis| original.mean[axis] + shift[axis] as f32);
+        Splat { mean, scale, ..*original }
+    };
+    (0..n).map(&mut copy).collect()
+}
+
+struct Ball {
+    centre: DVec3,
+    radius: f64,
+}
+
+fn synthetic(n: usize, seed: u64) -> Vec<Splat> {
+    let mut rng = Rng::new(seed, Purpose::Synthetic, 0);
+    let balls: Vec<Ball> = (0..N_BALLS)
+        .map(|_| {
+            let radius = rng.range(0.08, 0.35);
+            let (distance, angle) = (0.9 * DISC * rng.uniform().sqrt(), TAU * rng.uniform());
+            let centre = DVec3::new(distance * angle.cos(), distance * angle.sin(), radius);
+            Ball { centre, radius }
+        })
+        .collect();
+    let areas: Vec<f64> = balls.iter().map(|ball| 2.0 * TAU * ball.radius.powi(2)).collect();
+    let area = areas.iter().sum::<f64>() + PI * DISC * DISC;
+    let size = SPREAD * (area / n as f64).sqrt();
+    let splat = |_| {
+        let (at, normal) = point(&balls, &areas, area, &mut rng);
+        on_surface(at, normal, size, &mut rng)
+    };
+    (0..n).map(splat).collect()
+}
+
+/// Evenly over all surfaces: a point and the normal there.
+fn point(balls: &[Ball], areas: &[f64], area: f64, rng: &mut Rng) -> (DVec3, DVec3) {
+    let mut rest = area * rng.uniform();
+    for (ball, area) in balls.iter().zip(areas) {
+        if rest < *area {
+            let normal = direction(rng);
+            return (ball.centre + ball.radius * normal, normal);
+        }
+        rest -= area;
+    }
+    let (distance, angle) = (DISC * rng.uniform().sqrt(), TAU * rng.uniform());
+    (DVec3::new(distance * angle.cos(), distance * angle.sin(), 0.0), DVec3::Z)
+}
+
+fn direction(rng: &mut Rng) -> DVec3 {
+    let (z, angle) = (rng.range(-1.0, 1.0), TAU * rng.uniform());
+    let ring = (1.0 - z * z).sqrt();
+    DVec3::new(ring * angle.cos(), ring * angle.sin(), z)
+}
+
+/// A flat splat of standard deviation about `size`, turned as the surface is.
+fn on_surface(at: DVec3, normal: DVec3, size: f64, rng: &mut Rng) -> Splat {
+    let turn =
+        DQuat::from_rotation_arc(DVec3::Z, normal) * DQuat::from_rotation_z(TAU * rng.uniform());
+    let mut along = || size * (UNEVENNESS * rng.normal()).exp();
+    let scale = [along(), along(), FLATNESS * size].map(|s| s as f32);
+    let wave = |phase: f64| 0.5 + 0.4 * (5.0 * at.dot(DVec3::ONE) + 3.0 * normal.x + phase).sin();
+    Splat {
+        mean: at.as_vec3().to_array(),
+        opacity: OPACITY,
+        color: [0.0, 2.0, 4.0].map(|phase| (wave(phase) + rng.range(-0.1, 0.1)) as f32),
+        scale,
+        rotation: [turn.w, turn.x, turn.y, turn.z].map(|q| q as f32),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area(splats: &[Splat]) -> f64 {
+        splats.iter().map(|s| f64::from(s.scale[0] * s.scale[1])).sum()
+    }
+
+    #[test]
+    fn any_number_of_splats_covers_as_much() {
+        let few = BenchScene::synthetic().splats(2000, 7).into_owned();
+        let model = BenchScene::model("model".to_owned(), DVec3::Z, few.clone()).unwrap();
+        for scene in [&BenchScene::synthetic(), &model] {
+            for n in [500, 2000, 9000] {
+                let splats = scene.splats(n, 7);
+                assert_eq!(splats.len(), n);
+                assert!(splats.iter().all(Splat::is_drawable));
+                let ratio = area(&splats) / area(&few);
+                assert!((0.9..1.1).contains(&ratio), "{}: {n}: {ratio}", scene.name());
+            }
+        }
+        assert_eq!(*model.splats(2000, 9), few, "its own number leaves a model as it is");
+    }
+
+    #[test]
+    fn a_model_without_splats_is_no_scene() {
+        assert!(BenchScene::model("empty".to_owned(), DVec3::Z, vec![Splat::default()]).is_none());
+    }
+}

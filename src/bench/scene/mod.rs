@@ -1,0 +1,223 @@
+//! What every part of the scene preset brings (`pipeline.md`, Accuracy bench), on any dataset, and
+//! how many components buy which quality.
+//!
+//! The first two tables bracket every part: added one by one, a part is measured without those that
+//! come after it; left out of the whole, with all of them. Parts that help only beside others show
+//! in the difference. Orders of the frames are part of the measurement, since births and refinement
+//! depend on them: the spread over three orders is what a difference must exceed. All rows are
+//! judged by one camera, whatever they were trained with.
+
+mod report;
+mod row;
+mod training;
+mod variants;
+
+pub use row::{AccuracyRow, AccuracySummary};
+
+use super::paper::sample::spaced;
+use super::plot::draw;
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::dataset::Dataset;
+use crate::eval::cracks;
+use crate::eval::report::{EvalReport, SeenReport};
+use crate::eval::views::{EvalOptions, GroundTruth, evaluate};
+use crate::math::rng::{Purpose, Rng};
+use crate::pipeline::error::SessionError;
+use crate::pipeline::plan::{Plan, Selection};
+use crate::pipeline::preset::AnyPreset;
+use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
+use crate::render::{Method, RenderOptions};
+use row::Measured;
+use std::sync::Arc;
+use training::{Trained, n_sweeps, train};
+use variants::{budgets, parts, scales};
+
+/// How much of the tables is run.
+#[derive(Clone, Debug)]
+pub struct AccuracyPlan {
+    /// Training frames at most.
+    pub frames: usize,
+    /// Held-out views at most.
+    pub views: usize,
+    /// Orders of the frames: as listed, reversed, then shuffles.
+    pub orders: usize,
+    /// Structural scales, in those of the preset.
+    pub scales: Vec<f64>,
+    /// What was asked for.
+    pub options: BenchOptions,
+}
+
+impl AccuracyPlan {
+    /// Every frame and view in three orders, or a dozen frames in two.
+    pub fn new(options: BenchOptions) -> Self {
+        let (frames, views, orders, scales) = if options.quick {
+            (12, 4, 2, vec![1.0, 1.5])
+        } else {
+            (usize::MAX, usize::MAX, 3, vec![0.625, 0.75, 0.875, 1.0, 1.25, 1.5, 2.0])
+        };
+        Self {
+            frames: options.max_frames.unwrap_or(frames),
+            views,
+            orders: options.repeats.unwrap_or(orders),
+            scales,
+            options,
+        }
+    }
+}
+
+/// Frames learnt when the preset is asked what it shows of them.
+const SEEN_AFTER: [usize; 3] = [1, 10, 50];
+
+/// Everything that runs share.
+struct AccuracyRuns {
+    dataset: Arc<Dataset>,
+    plan: Plan,
+    /// Split and positions of the held-out views.
+    views: (usize, Vec<usize>),
+    /// Split and positions of the views that show cracks, where there are any.
+    crack_views: Option<(usize, Vec<usize>)>,
+    options: EvalOptions,
+}
+
+/// Runs the tables.
+pub fn run(
+    plan: &AccuracyPlan,
+    dataset: Arc<Dataset>,
+    progress: Progress,
+) -> Result<Bench, BenchError> {
+    let (stage, base) = AccuracyRuns::new(plan, dataset)?;
+    let mut rows = parts(&base);
+    let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
+    rows.extend(of_scale.map_err(SessionError::from)?);
+    rows.extend(budgets(&base, stage.born(&base)?));
+    // Equal configurations are run once.
+    let mut runs: Vec<SceneRun> = Vec::new();
+    for row in &rows {
+        if !runs.contains(&row.run) {
+            runs.push(row.run.clone());
+        }
+    }
+    let n_orders = plan.orders.max(1);
+    let (mut done, steps) = (0, n_orders * (n_sweeps(&runs) + runs.len()) + 1);
+    let mut step = || {
+        done += 1;
+        progress(done, steps);
+    };
+    let mut measured: Vec<Vec<Measured>> = runs.iter().map(|_| Vec::new()).collect();
+    for order in 0..n_orders {
+        let ordered =
+            Plan { frames: stage.ordered(order, plan.options.seed), ..stage.plan.clone() };
+        let trained = train(&stage.dataset, &ordered, &runs, &mut step)?;
+        for (trained, measured) in trained.into_iter().zip(&mut measured) {
+            let quality = stage.quality(&trained, order == 0)?;
+            measured.push(Measured { trained, quality });
+            step();
+        }
+    }
+    let seen = stage.seen(&base)?;
+    step();
+    let found: Vec<AccuracyRow> = rows
+        .iter()
+        .filter_map(|row| {
+            let at = runs.iter().position(|run| *run == row.run)?;
+            Some(AccuracyRow::of(row, &measured[at]))
+        })
+        .collect();
+    let summary = AccuracySummary {
+        base,
+        frames: stage.plan.frames.len(),
+        views: stage.views.1.len(),
+        orders: n_orders,
+        seen,
+    };
+    stage.into_bench(plan, found, summary)
+}
+
+impl AccuracyRuns {
+    fn new(plan: &AccuracyPlan, dataset: Arc<Dataset>) -> Result<(Self, SceneRun), BenchError> {
+        let everything = Selection::everything();
+        let all =
+            Plan::new(&dataset, &everything, plan.options.seed).map_err(SessionError::from)?;
+        let evaluation = dataset.evaluation(all.split);
+        let training = Plan { frames: spaced(&all.frames, plan.frames), ..all };
+        let base = SceneRun::new(&dataset, &training, &SceneOverrides::default());
+        let base = base.map_err(SessionError::from)?;
+        let views = spaced(&evaluation.frames, plan.views);
+        let crack_views = cracks::views(&dataset, evaluation.split, &views);
+        let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
+        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        // All rows are judged by the same camera, whatever they were trained with.
+        let color_camera = base.color_camera();
+        let options =
+            EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
+        let views = (evaluation.split, views);
+        Ok((Self { dataset, plan: training, views, crack_views, options }, base))
+    }
+
+    /// Components that the preset makes of the frames as listed.
+    fn born(&self, base: &SceneRun) -> Result<usize, BenchError> {
+        let trained = train(&self.dataset, &self.plan, std::slice::from_ref(base), &mut || ())?;
+        Ok(trained.first().map_or(0, |trained| trained.born))
+    }
+
+    /// The training frames as listed, reversed, or in a shuffle of its own.
+    fn ordered(&self, order: usize, seed: u64) -> Vec<usize> {
+        let mut frames = self.plan.frames.clone();
+        match order {
+            0 => {}
+            1 => frames.reverse(),
+            _ => Rng::new(seed, Purpose::Order, order as u64).shuffle(&mut frames),
+        }
+        frames
+    }
+
+    fn quality(&self, trained: &Trained, with_cracks: bool) -> Result<EvalReport, BenchError> {
+        let (dataset, splats) = (&self.dataset, trained.splats.view());
+        let (split, views) = &self.views;
+        let (mut report, _) = evaluate(splats, dataset, *split, views, &self.options, |_| ())?;
+        if let (true, Some((split, frames))) = (with_cracks, &self.crack_views) {
+            let render = &self.options.render;
+            report.cracks = cracks::measure(splats, dataset, (*split, frames), render, |_| ());
+        }
+        Ok(report)
+    }
+
+    /// Early looks at what was learnt, frames as listed.
+    fn seen(&self, base: &SceneRun) -> Result<Vec<SeenReport>, BenchError> {
+        let mut found = Vec::new();
+        for n_frames in SEEN_AFTER.into_iter().filter(|&n| n <= self.plan.frames.len()) {
+            let frames = self.plan.frames[..n_frames].to_vec();
+            let plan = Plan { frames, ..self.plan.clone() };
+            for early in train(&self.dataset, &plan, std::slice::from_ref(base), &mut || ())? {
+                let (dataset, splats) = (&self.dataset, early.splats.view());
+                let (report, _) =
+                    evaluate(splats, dataset, plan.split, &plan.frames, &self.options, |_| ())?;
+                let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
+                found.extend(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }));
+            }
+        }
+        Ok(found)
+    }
+
+    fn into_bench(
+        self,
+        plan: &AccuracyPlan,
+        rows: Vec<AccuracyRow>,
+        summary: AccuracySummary,
+    ) -> Result<Bench, BenchError> {
+        let title = format!("Accuracy: {}", self.dataset.name);
+        let is_registered = self.options.color_camera.is_none();
+        Findings {
+            name: "accuracy",
+            dataset: &self.dataset.name,
+            adapter: None,
+            options: plan.options,
+            notes: report::notes(&summary, self.crack_views.as_ref().map_or(0, |v| v.1.len())),
+            table: report::text(&rows),
+            plot: draw::draw(&title, &report::panels(&rows, is_registered))?,
+            rows,
+            summary,
+        }
+        .into_bench()
+    }
+}

@@ -1,0 +1,144 @@
+//! The tables for people, and the plot.
+
+use super::row::{AccuracyRow, AccuracySummary};
+use super::variants::Table;
+use crate::bench::plot::axis::Axis;
+use crate::bench::plot::draw::{Mark, Panel, Series};
+use crate::eval::spread::Spread;
+use crate::eval::table;
+
+/// The tables, one below the other.
+pub fn text(rows: &[AccuracyRow]) -> String {
+    let tables = [
+        (Table::Cumulative, "Every row adds to the one above:"),
+        (Table::LeaveOneOut, "One change each:"),
+        (Table::Scale, "Structural scale:"),
+        (Table::Budget, "Budget, the least useful components merged:"),
+    ];
+    let of_table = |(which, title): (Table, &str)| {
+        let rows: Vec<_> = rows.iter().filter(|r| r.table == which).map(cells).collect();
+        format!("{title}\n{}", table::text(HEADER, &rows))
+    };
+    tables.map(of_table).join("\n\n")
+}
+
+const HEADER: [&str; 11] = [
+    "configuration",
+    "drawn",
+    "born",
+    "ms/frame",
+    "PSNR dB",
+    "orders",
+    "covered",
+    "aligned",
+    "SSIM",
+    "cracks % > 0.1 (> 0.3)",
+    "at half distance",
+];
+
+fn cells(row: &AccuracyRow) -> [String; 11] {
+    let decibels = |psnr: Option<f64>| psnr.map_or_else(String::new, |v| format!("{v:.2}"));
+    let shares = |over_01: Option<f64>, over_03: Option<f64>| match (over_01, over_03) {
+        (Some(a), Some(b)) => format!("{:.2} ({:.2})", 100.0 * a, 100.0 * b),
+        _ => String::new(),
+    };
+    [
+        row.configuration.clone(),
+        format!("{:.0}", row.drawn),
+        format!("{:.0}", row.born),
+        format!("{:.1}", row.train_ms),
+        format!("{:.2}", row.psnr),
+        format!("{:.3}", row.psnr_high - row.psnr_low),
+        decibels(row.psnr_covered),
+        decibels(row.psnr_aligned_covered),
+        format!("{:.4}", row.ssim),
+        shares(row.cracks_01, row.cracks_03),
+        shares(row.cracks_half_01, row.cracks_half_03),
+    ]
+}
+
+/// What the numbers mean.
+pub fn notes(summary: &AccuracySummary, n_crack_views: usize) -> Vec<String> {
+    let AccuracySummary { frames, views, orders, seen, .. } = summary;
+    let mut notes = vec![
+        format!(
+            "{frames} frames in {orders} orders (as listed, reversed, shuffled); quality: projected renderer, black background, {views} held-out views, mean of the orders; orders: highest less lowest PSNR. ms: median over frames and orders, configurations in turns.",
+        ),
+        "covered: pixels with coverage ≥ 0.5; aligned: the same after a factor and an offset per channel were fitted to each photograph.".to_owned(),
+        format!(
+            "cracks: share of interior pixels by their transmittance, frames as listed, {n_crack_views} views; interior: more than 5 pixels from where depth jumps or ends."
+        ),
+    ];
+    for early in seen {
+        let interior = early
+            .seen
+            .coverage_interior
+            .map_or_else(String::new, |share| format!(", {:.2} % away from edges", 100.0 * share));
+        notes.push(format!(
+            "frames learnt: {}; where they saw a surface: {:.2} dB, {:.2} % covered{interior}.",
+            early.after_frames,
+            early.seen.psnr,
+            100.0 * early.seen.coverage
+        ));
+    }
+    notes
+}
+
+/// Quality of the first two tables, and components against quality.
+pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
+    // Colours of photographs that are not registered differ by exposure more than by the model.
+    let (title, measure): (_, fn(&AccuracyRow) -> Spread) = if is_registered {
+        ("PSNR, dB (range of the orders)", |row| Spread {
+            median: row.psnr,
+            quartiles: [row.psnr_low, row.psnr_high],
+        })
+    } else {
+        ("PSNR of covered pixels, colours aligned, dB", |row| {
+            Spread::exact(row.psnr_aligned_covered.unwrap_or(f64::NAN))
+        })
+    };
+    let is_curve = |row: &AccuracyRow| matches!(row.table, Table::Scale | Table::Budget);
+    let named: Vec<&AccuracyRow> = rows.iter().filter(|r| !is_curve(r)).collect();
+    let of_table = |which: Table, name: &str| {
+        let rows = named.iter().enumerate().filter(|(_, row)| row.table == which);
+        let mark = |(i, row): (usize, &&AccuracyRow)| Mark {
+            x: measure(row),
+            y: Spread::exact(i as f64),
+            label: None,
+        };
+        Series { name: name.to_owned(), marks: rows.map(mark).collect(), connected: false }
+    };
+    let parts = Panel {
+        title: "parts of the preset".to_owned(),
+        x: Axis::Linear(title.to_owned()),
+        y: Axis::Names(named.iter().map(|row| row.configuration.clone()).collect()),
+        series: vec![
+            of_table(Table::Cumulative, "added one by one"),
+            of_table(Table::LeaveOneOut, "one change each"),
+        ],
+    };
+    let curves = Panel {
+        title: "components against quality".to_owned(),
+        x: Axis::Log("components drawn".to_owned()),
+        y: Axis::Linear(title.to_owned()),
+        series: curves(rows, measure),
+    };
+    [parts, curves]
+}
+
+fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Series> {
+    let of_table = |which| rows.iter().filter(move |row| row.table == which);
+    let scales: Vec<&AccuracyRow> = of_table(Table::Scale).collect();
+    let budgets: Vec<&AccuracyRow> = of_table(Table::Budget).collect();
+    let curve = |name: String, rows: &[&AccuracyRow]| Series {
+        name,
+        marks: rows
+            .iter()
+            .map(|row| Mark { x: Spread::exact(row.drawn), y: measure(row), label: None })
+            .collect(),
+        connected: true,
+    };
+    let by_rule = scales.chunk_by(|a, b| a.births == b.births);
+    let by_rule = by_rule.map(|rule| curve(rule[0].births.to_string(), rule));
+    by_rule.chain([curve("seeds, budgets".to_owned(), &budgets)]).collect()
+}

@@ -1,0 +1,133 @@
+//! Many configurations trained on the same frames: a frame is decoded and prepared once for all
+//! that prepare it alike, and sums are formed once for all that differ only in how they are drawn.
+//!
+//! Dozens of rows share every decoded and prepared frame; without that, three orders of two hundred
+//! frames would not be affordable.
+
+use crate::bench::findings::BenchError;
+use crate::dataset::Dataset;
+use crate::model::splat::appearance::SplatSet;
+use crate::observation::surface::Observation;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::prefetch::Prefetch;
+use crate::pipeline::settings::scene::SceneRun;
+use crate::train::scene::config::SceneConfig;
+use crate::train::scene::engine;
+use crate::train::scene::learner::SceneLearner;
+use std::sync::Arc;
+
+/// A configuration after its frames.
+pub struct Trained {
+    /// What is drawn.
+    pub splats: SplatSet,
+    /// Number of components, drawn or not.
+    pub born: usize,
+    /// Bytes of the model.
+    pub model_bytes: usize,
+    /// Milliseconds of training, frame by frame.
+    pub train_ms: Vec<f64>,
+    /// Milliseconds of preparation, frame by frame.
+    pub prepare_ms: Vec<f64>,
+}
+
+impl Trained {
+    /// Components that are drawn.
+    pub fn drawn(&self) -> usize {
+        self.splats.view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+    }
+}
+
+/// Trains every run from nothing over the frames of a plan, in its order; `done` hears of every
+/// sweep over the frames.
+pub fn train(
+    dataset: &Arc<Dataset>,
+    plan: &Plan,
+    runs: &[SceneRun],
+    done: &mut dyn FnMut(),
+) -> Result<Vec<Trained>, BenchError> {
+    let mut trained: Vec<Option<Trained>> = runs.iter().map(|_| None).collect();
+    while let Some(first) = trained.iter().position(Option::is_none) {
+        let surface = &runs[first].surface;
+        let alike: Vec<usize> =
+            (first..runs.len()).filter(|&i| runs[i].surface == *surface).collect();
+        let group: Vec<&SceneRun> = alike.iter().map(|&i| &runs[i]).collect();
+        for (i, found) in alike.into_iter().zip(train_alike(dataset, plan, &group)?) {
+            trained[i] = Some(found);
+        }
+        done();
+    }
+    Ok(trained.into_iter().flatten().collect())
+}
+
+/// Number of sweeps over the frames that [`train`] takes.
+pub fn n_sweeps(runs: &[SceneRun]) -> usize {
+    (0..runs.len()).filter(|&i| runs[..i].iter().all(|r| r.surface != runs[i].surface)).count()
+}
+
+/// One engine and what it needed.
+struct TrainedSums {
+    config: SceneConfig,
+    engine: Box<dyn SceneLearner>,
+    train_ms: Vec<f64>,
+}
+
+/// Trains runs that prepare frames alike; they take turns frame by frame.
+fn train_alike(
+    dataset: &Arc<Dataset>,
+    plan: &Plan,
+    runs: &[&SceneRun],
+) -> Result<Vec<Trained>, BenchError> {
+    let Some(first) = runs.first() else { return Ok(Vec::new()) };
+    let surface = &first.surface;
+    let mut courses: Vec<TrainedSums> = Vec::new();
+    for run in runs {
+        // Runs that differ in drawing alone share their sums.
+        if !courses.iter().any(|course| course.has_sums_of(run)) {
+            let engine = engine::begin(&run.engine, surface.origin);
+            courses.push(TrainedSums { config: run.engine.clone(), engine, train_ms: Vec::new() });
+        }
+    }
+    let mut prepare_ms = Vec::with_capacity(plan.frames.len());
+    let mut first_problem = None;
+    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, surface.clone())?;
+    while let Some(frame) = prefetch.next_frame() {
+        match frame.result {
+            Ok(prepared) => {
+                prepare_ms.push(prepared.prepare_ms);
+                for course in &mut courses {
+                    course.learn(&prepared.observation)?;
+                }
+                prefetch.recycle(prepared.observation);
+            }
+            Err(problem) => drop(first_problem.get_or_insert(problem)),
+        }
+    }
+    if prepare_ms.is_empty() {
+        let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
+        return Err(BenchError::NoFrame { dataset: dataset.name.clone(), first });
+    }
+    let drawn = |run: &&SceneRun| {
+        let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
+        // Rules of drawing leave sums alone, so one model is drawn by each of them.
+        course.engine.set_splat_rule(run.engine.native);
+        Some(Trained {
+            splats: course.engine.splats(),
+            born: course.engine.components(),
+            model_bytes: course.engine.model_bytes(),
+            train_ms: course.train_ms.clone(),
+            prepare_ms: prepare_ms.clone(),
+        })
+    };
+    Ok(runs.iter().filter_map(drawn).collect())
+}
+
+impl TrainedSums {
+    fn has_sums_of(&self, run: &SceneRun) -> bool {
+        SceneConfig { native: self.config.native, ..run.engine.clone() } == self.config
+    }
+
+    fn learn(&mut self, frame: &Observation) -> Result<(), BenchError> {
+        self.train_ms.push(self.engine.learn(frame)?.ms.train);
+        Ok(())
+    }
+}

@@ -1,0 +1,193 @@
+//! The configurations of the tables: parts of the scene preset switched on one after the other,
+//! left out one at a time, and the structural scale moved under every birth rule.
+//!
+//! A part is a change that does without it, applied to the preset; a row whose change alters
+//! nothing on a dataset is left out. Constants of the changes are those of the recipe's own
+//! ablation (`scene.md`, What each part brings), so that rows can be held against it.
+
+use crate::dataset::Dataset;
+use crate::dataset::calibration::Calibration;
+use crate::dataset::surface::Sensor;
+use crate::dataset::surface::sensor::Thresholds;
+use crate::model::scene::opacity::DensityOpacity;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun, StructuralScale};
+use crate::train::scene::config::{BirthRule, VisibilityRule};
+use crate::train::scene::sum_form::SumForm;
+use serde::Serialize;
+
+/// Which table a row belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Table {
+    /// Every row adds a part to the row above.
+    Cumulative,
+    /// Every row changes one thing of the preset.
+    LeaveOneOut,
+    /// Components against quality: the structural scale under one birth rule.
+    Scale,
+    /// Components against quality: the preset's scale, merged down to a budget.
+    Budget,
+}
+
+/// A configuration by its name in a table.
+#[derive(Clone, Debug)]
+pub struct SceneVariant {
+    /// Table that it stands in.
+    pub table: Table,
+    /// What it changes.
+    pub name: String,
+    /// Every setting of its run.
+    pub run: SceneRun,
+}
+
+/// A part of the preset and how to do without it.
+type PresetChange = (&'static str, fn(&mut SceneRun));
+
+/// In the order of the table (`scene.md`, What each part brings).
+const PARTS: [PresetChange; 11] = [
+    ("plane fit and its filter", |run| {
+        run.surface.plane_fit = false;
+        run.surface.flying_pixels = false;
+    }),
+    ("cosine filter", |run| run.surface.cosine = false),
+    ("calibration", uncalibrated),
+    ("density opacity and flat tops", constant_opacity),
+    ("tight inliers", loose_inliers),
+    ("gain per frame", |run| run.engine.gain = false),
+    ("pose correction", |run| run.engine.align = false),
+    ("depth refinement", |run| run.engine.refine = false),
+    ("colour by direction", |run| run.engine.native.directional = false),
+    ("colour gradient", |run| run.engine.native.gradient = false),
+    ("closing", |run| run.engine.native.closing = 1.0),
+];
+
+/// Changes beside leaving one part out.
+const CHANGES: [PresetChange; 7] = [
+    ("one colour per component", |run| {
+        run.engine.native.gradient = false;
+        run.engine.native.directional = false;
+    }),
+    ("opacity from the number of points alone", opacity_of_count),
+    ("looks counted by returns", |run| run.engine.looks = VisibilityRule::Returned),
+    ("no prior of the covariance", |run| run.engine.native.prior_points = 0.0),
+    ("loose inliers, no calibration", |run| {
+        loose_inliers(run);
+        uncalibrated(run);
+    }),
+    ("sums in f32", |run| run.engine.sums = SumForm::F32),
+    ("sums in f64", |run| run.engine.sums = SumForm::F64),
+];
+
+/// What is added to 8-bit ray depth as decoded (`dataset.md`, Sensors), world units.
+const INVERSE8_OFFSET: f64 = 0.004;
+
+/// Neither the colour camera nor what is known of the depth's bias.
+fn uncalibrated(run: &mut SceneRun) {
+    let depth_offset = match run.surface.sensor {
+        Sensor::Inverse8Ray => -INVERSE8_OFFSET,
+        _ => 0.0,
+    };
+    let none = Calibration { depth_offset, ..Calibration::NONE };
+    if run.surface.calibration.is_some() || depth_offset != 0.0 {
+        run.surface.calibration = Some(none);
+    }
+}
+
+/// The first row (`pipeline.md`, Accuracy bench): every component with at least 30 points is drawn
+/// with opacity 0.95, as a plain Gaussian.
+fn constant_opacity(run: &mut SceneRun) {
+    let native = &mut run.engine.native;
+    native.opacity = DensityOpacity { tau: 0.95, rho0: 1e-12, doubt: 1.0, least: 0.0 };
+    native.least_points = 30.0;
+    native.scale = 1.7;
+}
+
+/// `τ·(1 − exp(−N/300))`: with that much doubt, the looks do not matter.
+fn opacity_of_count(run: &mut SceneRun) {
+    const DOUBT: f64 = 1e12;
+    let opacity = &mut run.engine.native.opacity;
+    *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
+}
+
+/// Looser thresholds (`dataset.md`, Tried and dropped), where the sensor's are tighter.
+fn loose_inliers(run: &mut SceneRun) {
+    if run.surface.sensor == Sensor::Inverse8Ray {
+        run.surface.thresholds =
+            Some(Thresholds { inlier: 1.0, residual: 0.6, deviation: 1.0, cosine: 0.4 });
+    }
+}
+
+/// The rows of the first two tables around a preset; what changes nothing on its dataset is left
+/// out.
+pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
+    let with = |changes: &[PresetChange]| {
+        let mut run = base.clone();
+        changes.iter().for_each(|(_, change)| change(&mut run));
+        run
+    };
+    let mut rows = vec![SceneVariant {
+        table: Table::Cumulative,
+        name: "measured depth, constant opacity".to_owned(),
+        run: with(&PARTS),
+    }];
+    for (i, (name, _)) in PARTS.iter().enumerate() {
+        let run = with(&PARTS[i + 1..]);
+        // A part that changes nothing on this dataset would repeat the row above.
+        if rows.last().is_none_or(|row| row.run != run) {
+            rows.push(SceneVariant { table: Table::Cumulative, name: format!("+ {name}"), run });
+        }
+    }
+    let all = SceneVariant { table: Table::LeaveOneOut, name: "all".to_owned(), run: base.clone() };
+    rows.push(all);
+    let without = PARTS.iter().map(|&(name, change)| (format!("no {name}"), change));
+    let changed = CHANGES.iter().map(|&(name, change)| (name.to_owned(), change));
+    for (name, change) in without.chain(changed) {
+        let mut run = base.clone();
+        change(&mut run);
+        if run != *base {
+            rows.push(SceneVariant { table: Table::LeaveOneOut, name, run });
+        }
+    }
+    rows
+}
+
+/// Budgets, as shares of the components born without one.
+const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
+
+/// The preset merged down from the `born` components it makes.
+pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
+    let of_share = |share: f64| {
+        let mut run = base.clone();
+        run.engine.most = ((born as f64 * share) as usize).max(1);
+        let name = format!("budget {}", run.engine.most);
+        SceneVariant { table: Table::Budget, name, run }
+    };
+    BUDGETS.map(of_share).to_vec()
+}
+
+/// The structural scale of `base` times each factor, under every birth rule; scales below what the
+/// depth resolves are left out.
+pub fn scales(
+    dataset: &Dataset,
+    plan: &Plan,
+    base: &SceneRun,
+    factors: &[f64],
+) -> Result<Vec<SceneVariant>, SceneError> {
+    let mut rows = Vec::new();
+    for births in [BirthRule::Seeds, BirthRule::Lattice, BirthRule::BodyCentred] {
+        for factor in factors {
+            let scale = Some(StructuralScale::World(base.engine.h * factor));
+            let overrides = SceneOverrides { scale, births: Some(births), ..Default::default() };
+            match SceneRun::new(dataset, plan, &overrides) {
+                Ok(run) => {
+                    let name = format!("{births}, h = {:.3}", run.engine.h);
+                    rows.push(SceneVariant { table: Table::Scale, name, run });
+                }
+                Err(SceneError::BelowNoise { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+    Ok(rows)
+}

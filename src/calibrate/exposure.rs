@@ -1,0 +1,209 @@
+//! Exposure of every view: the gains that make components look alike in all of them.
+//!
+//! Ratios of exposure are differences of logarithms, so gains are a linear least-squares problem
+//! over all views that share components; the common factor, which nothing tells, is fixed by a
+//! mean of 0. Patches are weighed by what noise of a colour becomes in its logarithm, and very
+//! dark or clipped ones are left out: they say nothing of exposure.
+//!
+//! Gain with an offset beside it was tried for training on the Kinect and was worse than gain
+//! alone (`pipeline.md`, Exposure search).
+
+use crate::math::cholesky::Cholesky;
+
+/// Least mean of a channel: darker patches say more of noise than of exposure.
+const DARKEST: f64 = 0.04;
+/// Largest mean of a channel: brighter patches are clipped in part.
+const BRIGHTEST: f64 = 0.92;
+/// Pull of every gain towards 1 against what the patches say of a view on average.
+const RIDGE: f64 = 1e-6;
+
+/// Colour of a component in a view.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch {
+    component: u32,
+    view: u32,
+    points: f64,
+    sum: [f64; 3],
+}
+
+impl Patch {
+    /// No points yet.
+    pub fn new(component: u32, view: u32) -> Self {
+        Self { component, view, points: 0.0, sum: [0.0; 3] }
+    }
+
+    /// Adds a point's colour.
+    pub fn add(&mut self, color: [f64; 3]) {
+        self.points += 1.0;
+        self.sum.iter_mut().zip(color).for_each(|(sum, c)| *sum += c);
+    }
+
+    /// Order of patches: by component, then by view.
+    pub fn key(&self) -> (u32, u32) {
+        (self.component, self.view)
+    }
+
+    /// View, weight and logarithm of a channel's mean; the weight is that of a colour's noise seen
+    /// through the logarithm.
+    fn log(&self, channel: usize) -> Option<(usize, f64, f64)> {
+        // The mean first, then its logarithm: dark noise would drag a mean of logarithms down.
+        let mean = self.sum[channel] / self.points;
+        let is_usable = (DARKEST..BRIGHTEST).contains(&mean);
+        is_usable.then(|| (self.view as usize, self.points * mean * mean, mean.ln()))
+    }
+}
+
+/// Gains and how sure they are.
+#[derive(Clone, Debug)]
+pub(super) struct FittedExposure {
+    /// By view and channel; the product over the views is 1.
+    pub gains: Vec<[f64; 3]>,
+    /// Relative standard error of a view's gains, the largest of its channels; infinite where the
+    /// view shares no component.
+    pub errors: Vec<f64>,
+    /// Share by which the gains lower the sum of squares that separates the views.
+    pub fall: f64,
+}
+
+/// By least squares of logarithms over all pairs of views that share components. `patches` are
+/// sorted by component.
+pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
+    let mut found =
+        FittedExposure { gains: vec![[1.0; 3]; views], errors: vec![0.0; views], fall: 0.0 };
+    let (mut before, mut explained) = (0.0, 0.0);
+    for channel in 0..3 {
+        let equations = GainEquations::of(patches, channel, views);
+        let (logs, errors) = equations.solve();
+        before += equations.square;
+        explained += equations.explained(&logs);
+        let mean = logs.iter().sum::<f64>() / views as f64;
+        for view in 0..views {
+            found.gains[view][channel] = (logs[view] - mean).exp();
+            found.errors[view] = errors[view].max(found.errors[view]);
+        }
+    }
+    found.fall = if before > 0.0 { explained / before } else { 0.0 };
+    found
+}
+
+/// Normal equations of the logarithms of one channel's gains.
+struct GainEquations {
+    views: usize,
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+    /// `Σ w (ln c − mean)²`.
+    square: f64,
+    /// Patches beyond one per component.
+    freedom: f64,
+}
+
+impl GainEquations {
+    fn of(patches: &[Patch], channel: usize, views: usize) -> Self {
+        let mut equations = Self {
+            views,
+            matrix: vec![0.0; views * views],
+            right: vec![0.0; views],
+            square: 0.0,
+            freedom: 0.0,
+        };
+        for run in patches.chunk_by(|a, b| a.component == b.component) {
+            let logs: Vec<_> = run.iter().filter_map(|patch| patch.log(channel)).collect();
+            if logs.len() > 1 {
+                equations.add(&logs);
+            }
+        }
+        equations
+    }
+
+    /// The patches of a component, as view, weight and logarithm.
+    fn add(&mut self, logs: &[(usize, f64, f64)]) {
+        let total: f64 = logs.iter().map(|log| log.1).sum();
+        let mean = logs.iter().map(|log| log.1 * log.2).sum::<f64>() / total;
+        self.freedom += logs.len() as f64 - 1.0;
+        for &(view, weight, log) in logs {
+            self.square += weight * (log - mean).powi(2);
+            self.right[view] -= weight * (log - mean);
+            self.matrix[view * self.views + view] += weight;
+            for &(other, others_weight, _) in logs {
+                self.matrix[view * self.views + other] -= weight * others_weight / total;
+            }
+        }
+    }
+
+    /// Logarithms of the gains, 0 in the mean, and their standard errors given each other.
+    fn solve(&self) -> (Vec<f64>, Vec<f64>) {
+        let n = self.views;
+        let own: Vec<f64> = (0..n).map(|i| self.matrix[i * n + i]).collect();
+        let scale = own.iter().sum::<f64>() / n as f64;
+        let mut matrix = self.matrix.clone();
+        // The common factor is free: a mean of 0 fixes it. A view without any match stays at 0.
+        for i in 0..n {
+            matrix[i * n + i] += RIDGE * scale + f64::MIN_POSITIVE;
+            for j in 0..n {
+                matrix[i * n + j] += scale / (n * n) as f64;
+            }
+        }
+        let logs = match Cholesky::new(n, &matrix) {
+            Some(factor) => factor.solve(&self.right),
+            None => vec![0.0; n],
+        };
+        // What the gains leave is the noise that their errors are judged by.
+        let rest = (self.square - self.explained(&logs)).max(0.0);
+        let noise = rest / (self.freedom - n as f64).max(1.0);
+        let error = |own: &f64| if *own > 0.0 { (noise / own).sqrt() } else { f64::INFINITY };
+        (logs, own.iter().map(error).collect())
+    }
+
+    /// By how much the solution lowers the square.
+    fn explained(&self, logs: &[f64]) -> f64 {
+        logs.iter().zip(&self.right).map(|(x, r)| x * r).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn patch(component: u32, view: u32, color: [f64; 3]) -> Patch {
+        let mut patch = Patch::new(component, view);
+        (0..=view).for_each(|_| patch.add(color));
+        patch
+    }
+
+    /// Views 0 to 2 share components in a chain, view 3 shares none.
+    #[test]
+    fn known_exposures_are_undone() {
+        let exposures: [f64; 4] = [0.8, 1.0, 1.25, 1.1];
+        let mut patches = Vec::new();
+        for component in 0..20 {
+            let shade = 0.2 + 0.02 * f64::from(component);
+            let views = [component % 2, component % 2 + 1];
+            let seen = views.map(|view| {
+                let bright = shade * exposures[view as usize];
+                patch(component, view, [bright, 0.5 * bright, 0.3])
+            });
+            patches.extend(seen);
+        }
+        patches.push(patch(20, 3, [0.5; 3]));
+        let found = exposure(&patches, 4);
+        for channel in 0..2 {
+            let product: f64 = found.gains.iter().map(|g| g[channel]).product();
+            assert!((product - 1.0).abs() < 1e-9);
+            for view in 0..3 {
+                let seen = found.gains[view][channel] * exposures[view];
+                let first = found.gains[0][channel] * exposures[0];
+                assert!((seen / first - 1.0).abs() < 1e-4, "{found:?}");
+            }
+        }
+        assert!(found.gains.iter().all(|g| (g[2] - 1.0).abs() < 1e-9), "{found:?}");
+        assert!(found.errors[..3].iter().all(|e| *e < 1e-3) && found.errors[3].is_infinite());
+    }
+
+    #[test]
+    fn dark_and_clipped_patches_say_nothing() {
+        let patches = [patch(0, 0, [0.01, 0.99, 0.5]), patch(0, 1, [0.03, 0.5, 0.25])];
+        let gains = exposure(&patches, 2).gains;
+        assert_eq!([gains[0][0], gains[0][1]], [1.0, 1.0]);
+        assert!((gains[1][2] / gains[0][2] - 2.0).abs() < 1e-5);
+    }
+}

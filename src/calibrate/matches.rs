@@ -1,0 +1,171 @@
+//! Points of several views, brought together by the components that own them.
+//!
+//! Components stand in for feature matching: points that one component owns lie on one patch of
+//! surface, in whatever view they were seen. The price is that they are brought together by the
+//! very depth that is in question, which is why searches begin with components several times as
+//! large.
+
+use crate::dataset::error::FrameError;
+use crate::dataset::frame::Frame;
+use crate::dataset::surface::{Preparer, SurfaceSettings};
+use crate::observation::surface::{Observation, SurfacePoint};
+use crate::train::scene::partition::Partition;
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+/// A point of a view.
+#[derive(Clone, Copy)]
+pub(super) struct MatchedPoint {
+    pub component: u32,
+    pub view: u32,
+    pub point: SurfacePoint,
+    /// A place near it on its surface, in the frame of the depth camera. Registered colours would be
+    /// looked up at texels otherwise, others between them, where interpolation makes them look more
+    /// alike.
+    pub local: DVec3,
+}
+
+/// Pose of a view's depth camera, from the world to the camera and relative to the points' origin:
+/// as the search needs it, where a `Pose` holds the opposite in the world.
+#[derive(Clone, Copy)]
+pub(super) struct CameraPose {
+    /// World to camera.
+    pub rotation: DMat3,
+    /// Relative to the origin of the points.
+    pub centre: DVec3,
+}
+
+impl CameraPose {
+    fn of(frame: &Frame, origin: DVec3) -> Self {
+        let pose = &frame.camera.pose;
+        Self { rotation: pose.rotation().transpose(), centre: pose.centre() - origin }
+    }
+
+    /// A place on the surface around a point, up to half a pixel away, in the frame of the depth
+    /// camera.
+    fn place_near(&self, point: &SurfacePoint) -> DVec3 {
+        let local = self.rotation * (point.position_vector() - self.centre);
+        let normal = self.rotation * point.normal_vector();
+        // Martin Roberts' sequence in two dimensions covers the pixel evenly.
+        let across = [0.754_877_666_246_693, 0.569_840_290_998_053]
+            .map(|ratio| (f64::from(point.pixel) * ratio).fract() - 0.5);
+        let step = f64::from(point.footprint) * DVec3::new(across[0], across[1], 0.0);
+        local + step - local * (normal.dot(step) / normal.dot(local))
+    }
+}
+
+/// Points by component, those of one component by view; components of a single view are left out.
+pub(super) struct Matches {
+    pub poses: Vec<CameraPose>,
+    samples: Vec<MatchedPoint>,
+    /// Where the components begin, and the end.
+    starts: Vec<usize>,
+    /// Components born, those of a single view among them.
+    pub births: usize,
+}
+
+impl Matches {
+    /// Of frames prepared as `settings` say; takes every `step`-th pixel of every `step`-th row.
+    /// `h` is the structural scale, world units.
+    ///
+    /// # Errors
+    /// A frame without depth.
+    pub fn new(
+        frames: &[Frame],
+        settings: &SurfaceSettings,
+        h: f64,
+        step: usize,
+    ) -> Result<Self, FrameError> {
+        let prepare = |preparer: &mut Preparer, frame| thinned(preparer, frame, settings, step);
+        let views: Vec<Vec<SurfacePoint>> =
+            frames.par_iter().map_init(Preparer::new, prepare).collect::<Result<_, _>>()?;
+        let poses = frames.iter().map(|frame| CameraPose::of(frame, settings.origin)).collect();
+        Ok(Self::together(&views, poses, h))
+    }
+
+    /// Of the points of every view.
+    pub fn together(views: &[Vec<SurfacePoint>], poses: Vec<CameraPose>, h: f64) -> Self {
+        let mut partition = Partition::new(h);
+        let mut samples = Vec::new();
+        for (view, points) in views.iter().enumerate() {
+            let owners = partition.assign(points);
+            let pose = &poses[view];
+            samples.extend(points.iter().zip(owners).filter_map(|(&point, owner)| {
+                let local = pose.place_near(&point);
+                Some(MatchedPoint { component: owner?, view: view as u32, point, local })
+            }));
+        }
+        // A stable sort: within a view points stay in the order of its tiles.
+        samples.sort_by_key(|s| (s.component, s.view));
+        let mut kept = Vec::with_capacity(samples.len());
+        let mut starts = vec![0];
+        for run in samples.chunk_by(|a, b| a.component == b.component) {
+            // Sorted by view: the ends differ if any two do.
+            if run[0].view != run[run.len() - 1].view {
+                kept.extend_from_slice(run);
+                starts.push(kept.len());
+            }
+        }
+        Self { poses, samples: kept, starts, births: partition.components() }
+    }
+
+    /// Components seen by several views.
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Points of these.
+    pub fn samples(&self) -> &[MatchedPoint] {
+        &self.samples
+    }
+
+    /// Points of a component.
+    pub fn of(&self, component: usize) -> &[MatchedPoint] {
+        &self.samples[self.starts[component]..self.starts[component + 1]]
+    }
+}
+
+/// The points of every `step`-th pixel of every `step`-th row.
+pub(super) fn thinned(
+    preparer: &mut Preparer,
+    frame: &Frame,
+    settings: &SurfaceSettings,
+    step: usize,
+) -> Result<Vec<SurfacePoint>, FrameError> {
+    let mut observation = Observation::empty();
+    preparer.prepare(frame, settings, &mut observation)?;
+    let width = observation.ranges.width;
+    observation.points.retain(|point| {
+        let (column, row) = (point.pixel as usize % width, point.pixel as usize / width);
+        // By the pixel, not by the list: which points are looked at does not hang on the filters.
+        column.is_multiple_of(step) && row.is_multiple_of(step)
+    });
+    Ok(observation.points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_lie_on_the_surface_within_half_a_pixel() {
+        let pose =
+            CameraPose { rotation: DMat3::from_rotation_y(0.3), centre: DVec3::new(1.0, 2.0, 3.0) };
+        let normal = DVec3::new(0.3, 0.2, -1.0).normalize();
+        let local = DVec3::new(0.4, -0.3, 2.0);
+        let world = pose.rotation.transpose();
+        for pixel in 0..100 {
+            let point = SurfacePoint {
+                position: (world * local + pose.centre).as_vec3().to_array(),
+                normal: (world * normal).as_vec3().to_array(),
+                footprint: 0.01,
+                pixel,
+                ..SurfacePoint::default()
+            };
+            let place = pose.place_near(&point);
+            assert!(normal.dot(place - local).abs() < 1e-6);
+            let shift = (place / place.z - local / local.z) * local.z;
+            assert!(shift.abs().max_element() < 0.0051, "{shift}");
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! Normal equations of a sum of squares over `N` unknowns: what both searches minimise.
+
+use crate::math::cholesky::Cholesky;
+
+/// A sum of weighted squares of residuals around some values of the unknowns: its cost, half its
+/// gradient and Gauss-Newton's half of its curvature.
+///
+/// Every view has its own, so that views can be left out or compared for standard errors; totals
+/// are sums over them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct NormalEquations<const N: usize> {
+    /// Sum of the weighted squares.
+    pub cost: f64,
+    /// Points that take part.
+    pub n: f64,
+    /// Lower triangle of half the curvature.
+    curvature: [[f64; N]; N],
+    /// Half the gradient of the cost.
+    pub gradient: [f64; N],
+}
+
+impl<const N: usize> NormalEquations<N> {
+    /// Of no residual.
+    pub const ZERO: Self = Self { cost: 0.0, n: 0.0, curvature: [[0.0; N]; N], gradient: [0.0; N] };
+
+    /// Adds a residual, how it changes with every unknown, and its weight.
+    #[inline(always)]
+    pub fn add_residual(&mut self, residual: f64, slope: &[f64; N], weight: f64) {
+        self.cost += weight * residual * residual;
+        for j in 0..N {
+            self.gradient[j] += weight * slope[j] * residual;
+            for k in 0..=j {
+                self.curvature[j][k] += weight * slope[j] * slope[k];
+            }
+        }
+    }
+
+    /// Adds `factor` times other equations; −1 takes a view back out of a total.
+    pub fn add(&mut self, other: &Self, factor: f64) {
+        self.cost += factor * other.cost;
+        self.n += factor * other.n;
+        for i in 0..N {
+            self.gradient[i] += factor * other.gradient[i];
+            for j in 0..=i {
+                self.curvature[i][j] += factor * other.curvature[i][j];
+            }
+        }
+    }
+
+    /// Over all views.
+    pub fn total(views: &[Self]) -> Self {
+        views.iter().fold(Self::ZERO, |mut sum, view| {
+            sum.add(view, 1.0);
+            sum
+        })
+    }
+
+    /// Mean weighted square of a point.
+    pub fn variance(&self) -> f64 {
+        self.cost / self.n
+    }
+
+    /// Curvature of the `free` unknowns, row by row.
+    pub fn curvature_of(&self, free: &[usize]) -> Vec<f64> {
+        free.iter().flat_map(|&i| free.iter().map(move |&j| self.curvature_at(i, j))).collect()
+    }
+
+    /// Curvature of a pair of unknowns.
+    pub fn curvature_at(&self, i: usize, j: usize) -> f64 {
+        self.curvature[i.max(j)][i.min(j)]
+    }
+
+    /// The change of the `free` unknowns to the minimum, in their order, the others held. `damping`
+    /// is Marquardt's: a share added to the diagonal. `None` if the data leaves a direction open.
+    pub fn step(&self, free: &[usize], damping: f64) -> Option<Vec<f64>> {
+        let n = free.len();
+        let mut matrix = self.curvature_of(free);
+        (0..n).for_each(|i| matrix[i * n + i] *= 1.0 + damping);
+        let down: Vec<f64> = free.iter().map(|&i| -self.gradient[i]).collect();
+        Some(Cholesky::new(n, &matrix)?.solve(&down))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Residuals `x + 2y − 3` and `x − y` of weights 1 and 4, around the origin.
+    fn two_lines() -> [NormalEquations<2>; 2] {
+        let mut views = [NormalEquations::ZERO; 2];
+        views[0].add_residual(-3.0, &[1.0, 2.0], 1.0);
+        views[1].add_residual(0.0, &[1.0, -1.0], 4.0);
+        views.iter_mut().for_each(|view| view.n += 1.0);
+        views
+    }
+
+    #[test]
+    fn the_step_leads_to_the_minimum_of_the_free_unknowns() {
+        let total = NormalEquations::total(&two_lines());
+        assert_eq!((total.cost, total.variance()), (9.0, 4.5));
+        let step = total.step(&[0, 1], 0.0).unwrap();
+        assert!(step.iter().all(|x| (x - 1.0).abs() < 1e-12), "{step:?}");
+        // With y held: (x − 3)² + 4x² is least at 3/5.
+        let step = total.step(&[0], 0.0).unwrap();
+        assert!((step[0] - 0.6).abs() < 1e-12, "{step:?}");
+        assert!(total.step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
+    }
+
+    #[test]
+    fn a_view_that_is_taken_out_leaves_the_others() {
+        let views = two_lines();
+        let mut rest = NormalEquations::total(&views);
+        rest.add(&views[1], -1.0);
+        assert_eq!((rest.cost, rest.n, rest.gradient), (9.0, 1.0, [-3.0, -6.0]));
+        assert_eq!(rest.curvature_of(&[0, 1]), [1.0, 2.0, 2.0, 4.0]);
+        assert!(rest.step(&[0, 1], 0.0).is_none(), "one line leaves a direction open");
+    }
+}

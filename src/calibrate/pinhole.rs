@@ -1,0 +1,157 @@
+//! A colour camera as numbers to be found: offset across the optical axis, roll, focal length and
+//! principal point.
+//!
+//! Focal lengths share one factor and enter by its logarithm, so that they stay positive under
+//! any step.
+
+use crate::dataset::calibration::ColorCamera;
+use crate::math::camera::Intrinsics;
+use glam::{DMat3, DQuat, DVec3};
+
+/// Number of unknowns.
+pub(super) const N: usize = 6;
+/// Place of the logarithm of the focal lengths' common factor among the unknowns.
+pub(super) const FOCAL: usize = 3;
+/// Place of the roll, radians, among the unknowns.
+pub(super) const ROLL: usize = 2;
+
+/// A colour camera and the numbers by which it may differ from where the search began: the offset
+/// across the optical axis, the roll, the logarithm of the focal lengths' common factor and the
+/// principal point. Offset along the axis, pitch and yaw stay as they are: a scene's depths hardly
+/// tell them from focal length and principal point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CameraUnknowns {
+    start: ColorCamera,
+    /// Offset x and y, roll from the start's, log of the factor, principal point.
+    pub values: [f64; N],
+}
+
+impl CameraUnknowns {
+    pub fn of(start: ColorCamera) -> Self {
+        let ([x, y, _], [cx, cy]) = (start.offset, start.principal);
+        Self { start, values: [x, y, 0.0, 0.0, cx, cy] }
+    }
+
+    pub fn camera(&self) -> ColorCamera {
+        let [x, y, roll, growth, cx, cy] = self.values;
+        let turned = DQuat::from_scaled_axis(DVec3::from_array(self.start.rotation));
+        // Without a turn the start's numbers come back as they were.
+        let rotation = match roll == 0.0 {
+            true => self.start.rotation,
+            false => (turned * DQuat::from_rotation_z(roll)).to_scaled_axis().to_array(),
+        };
+        ColorCamera {
+            focal: self.start.focal.map(|f| f * growth.exp()),
+            principal: [cx, cy],
+            offset: [x, y, self.start.offset[2]],
+            rotation,
+        }
+    }
+}
+
+/// The depth camera as a colour camera.
+pub(super) fn registered(depth: &Intrinsics) -> ColorCamera {
+    ColorCamera {
+        focal: [depth.fx, depth.fy],
+        principal: [depth.cx, depth.cy],
+        offset: [0.0; 3],
+        rotation: [0.0; 3],
+    }
+}
+
+/// The camera, ready to project.
+pub(super) struct Projector {
+    turn: DMat3,
+    offset: DVec3,
+    focal: [f64; 2],
+    principal: [f64; 2],
+}
+
+/// Where a point appears, and how that changes with every unknown.
+pub(super) struct ProjectedPoint {
+    pub at: [f64; 2],
+    pub slope: [[f64; N]; 2],
+}
+
+impl Projector {
+    pub fn new(unknowns: &CameraUnknowns) -> Self {
+        let ColorCamera { focal, principal, offset, rotation } = unknowns.camera();
+        let turn = DQuat::from_scaled_axis(DVec3::from_array(rotation)).inverse();
+        Self { turn: DMat3::from_quat(turn), offset: DVec3::from_array(offset), focal, principal }
+    }
+
+    /// A point of the depth camera's frame; `None` behind the colour camera.
+    #[inline]
+    pub fn project(&self, point: DVec3) -> Option<ProjectedPoint> {
+        let p = self.turn * (point - self.offset);
+        if p.z <= 0.0 {
+            return None;
+        }
+        let slant = [p.x / p.z, p.y / p.z];
+        let mut projected = ProjectedPoint { at: [0.0; 2], slope: [[0.0; N]; 2] };
+        for i in 0..2 {
+            let from_centre = self.focal[i] * slant[i];
+            projected.at[i] = from_centre + self.principal[i];
+            let mut by_place = DVec3::ZERO;
+            by_place[i] = self.focal[i] / p.z;
+            by_place.z = -from_centre / p.z;
+            let by_point = self.turn.transpose() * by_place;
+            // Turning the camera turns the points the other way: dp = p × ẑ.
+            let by_roll = by_place.dot(p.cross(DVec3::Z));
+            projected.slope[i] = [-by_point.x, -by_point.y, by_roll, from_centre, 0.0, 0.0];
+            projected.slope[i][4 + i] = 1.0;
+        }
+        Some(projected)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tilted() -> CameraUnknowns {
+        let camera = ColorCamera { rotation: [0.05, -0.08, 0.2], ..ColorCamera::KINECT };
+        let mut unknowns = CameraUnknowns::of(camera);
+        unknowns.values[ROLL] = -0.1;
+        unknowns.values[FOCAL] = 0.07;
+        unknowns
+    }
+
+    #[test]
+    fn points_appear_where_the_camera_says() {
+        for unknowns in [CameraUnknowns::of(ColorCamera::KINECT), tilted()] {
+            let point = DVec3::new(0.4, -0.3, 1.7);
+            let projected = Projector::new(&unknowns).project(point).unwrap();
+            let expected = unknowns.camera().project(point).unwrap().to_array();
+            assert!((0..2).all(|i| (projected.at[i] - expected[i]).abs() < 1e-9));
+            assert!(Projector::new(&unknowns).project(-point).is_none());
+        }
+    }
+
+    #[test]
+    fn slopes_are_those_of_finite_differences() {
+        let point = DVec3::new(0.4, -0.3, 1.7);
+        let unknowns = tilted();
+        let projected = Projector::new(&unknowns).project(point).unwrap();
+        let step = 1e-6;
+        for j in 0..N {
+            let at = |sign: f64| {
+                let mut moved = unknowns;
+                moved.values[j] += sign * step;
+                Projector::new(&moved).project(point).unwrap().at
+            };
+            let (low, high) = (at(-1.0), at(1.0));
+            for i in 0..2 {
+                let expected = (high[i] - low[i]) / (2.0 * step);
+                let error = (projected.slope[i][j] - expected).abs();
+                assert!(error < 1e-5 * expected.abs().max(1.0), "{j}: {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_start_comes_back_as_it_was() {
+        let camera = ColorCamera { rotation: [0.05, -0.08, 0.2], ..ColorCamera::KINECT };
+        assert_eq!(CameraUnknowns::of(camera).camera(), camera);
+    }
+}

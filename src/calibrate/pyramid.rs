@@ -1,0 +1,134 @@
+//! Images at halved sizes, so that cameras far from the truth still see which way it is.
+
+use crate::math::image::Image;
+
+/// Alpha from which on a texel counts as surface alone.
+const OPAQUE: u8 = 250;
+
+/// An image at every size from its own down, smoothed: slopes hold further than from texel to texel.
+pub(super) struct Pyramid(Vec<Image<[u8; 4]>>);
+
+/// Colour, 0 to 1, and how it changes by column and row, per pixel of the whole image.
+pub(super) struct InterpolatedColor {
+    pub color: [f64; 3],
+    pub slope: [[f64; 2]; 3],
+}
+
+impl Pyramid {
+    /// `levels` sizes, at least one.
+    pub fn new(image: Image<[u8; 4]>, levels: usize) -> Self {
+        let mut sizes = vec![image];
+        while sizes.len() < levels {
+            let half = halved(&sizes[sizes.len() - 1]);
+            sizes.push(half);
+        }
+        Self(sizes.iter().map(smoothed).collect())
+    }
+
+    /// Bilinear, at pixel coordinates of the whole image (centres at +½); `None` outside and where
+    /// the image is not opaque.
+    #[inline]
+    pub fn sample(&self, level: usize, [u, v]: [f64; 2]) -> Option<InterpolatedColor> {
+        let Image { width, height, data } = &self.0[level];
+        let shrink = 1.0 / (1u32 << level) as f64;
+        let (x, y) = (u * shrink - 0.5, v * shrink - 0.5);
+        if !(x >= 0.0 && y >= 0.0 && x < *width as f64 - 1.0 && y < *height as f64 - 1.0) {
+            return None;
+        }
+        let (column, row) = (x as usize, y as usize);
+        let (s, t) = (x - column as f64, y - row as f64);
+        let at = row * width + column;
+        let texels = [data[at], data[at + 1], data[at + width], data[at + width + 1]];
+        // A texel at a silhouette mixes in what lies behind, which belongs to no component.
+        if texels.iter().any(|texel| texel[3] < OPAQUE) {
+            return None;
+        }
+        let mut sample = InterpolatedColor { color: [0.0; 3], slope: [[0.0; 2]; 3] };
+        for i in 0..3 {
+            let [a, b, c, d] = texels.map(|texel| f64::from(texel[i]) / 255.0);
+            let (top, bottom) = (a + (b - a) * s, c + (d - c) * s);
+            sample.color[i] = top + (bottom - top) * t;
+            let across = (b - a) + ((d - c) - (b - a)) * t;
+            sample.slope[i] = [across * shrink, (bottom - top) * shrink];
+        }
+        Some(sample)
+    }
+}
+
+/// Means of two by two texels; an odd last row or column is left out.
+fn halved(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
+    let (width, height) = ((image.width / 2).max(1), (image.height / 2).max(1));
+    let mut data = Vec::with_capacity(width * height);
+    for row in 0..height {
+        for column in 0..width {
+            let texel = |i: usize, j: usize| {
+                image.at((2 * column + i).min(image.width - 1), (2 * row + j).min(image.height - 1))
+            };
+            let four = [texel(0, 0), texel(1, 0), texel(0, 1), texel(1, 1)];
+            data.push(std::array::from_fn(|i| {
+                ((four.iter().map(|t| u32::from(t[i])).sum::<u32>() + 2) / 4) as u8
+            }));
+        }
+    }
+    Image::from_vec(width, height, data)
+}
+
+/// Weighted means of three by three texels; as opaque as the least of them.
+fn smoothed(image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
+    const TAPS: [(isize, u32); 3] = [(-1, 1), (0, 2), (1, 1)];
+    let Image { width, height, .. } = *image;
+    // The rim repeats itself: an image keeps its size, and pixels their places.
+    let near = |at: usize, step: isize, end: usize| at.saturating_add_signed(step).min(end - 1);
+    let mut out = image.clone();
+    for row in 0..height {
+        for column in 0..width {
+            // Weights add up to 16: 8 rounds the mean to nearest.
+            let (mut sum, mut alpha) = ([8; 3], u8::MAX);
+            for (down, weight) in TAPS {
+                for (right, factor) in TAPS {
+                    let texel = image.at(near(column, right, width), near(row, down, height));
+                    (0..3).for_each(|i| sum[i] += weight * factor * u32::from(texel[i]));
+                    alpha = alpha.min(texel[3]);
+                }
+            }
+            let [r, g, b] = sum.map(|sum| (sum / 16) as u8);
+            out.data[row * width + column] = [r, g, b, alpha];
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Colour that grows by column and row alike at every size.
+    #[test]
+    fn slopes_are_per_pixel_of_the_whole_image() {
+        let ramp = |i: usize| [(2 * (i % 32)) as u8, (4 * (i / 32)) as u8, 7, 255];
+        let image = Image::from_vec(32, 24, (0..32 * 24).map(ramp).collect());
+        let pyramid = Pyramid::new(image, 3);
+        for level in 0..3 {
+            let sample = pyramid.sample(level, [15.3, 10.9]).unwrap();
+            // Averages of neighbours are rounded to bytes.
+            let near = |a: f64, b: f64| (a * 255.0 - b).abs() < 1.0;
+            assert!(
+                near(sample.color[0], 2.0 * 14.8) && near(sample.color[1], 4.0 * 10.4),
+                "{level}"
+            );
+            assert!(near(sample.slope[0][0], 2.0) && near(sample.slope[1][1], 4.0), "{level}");
+            assert_eq!((sample.slope[0][1], sample.slope[2]), (0.0, [0.0; 2]));
+        }
+    }
+
+    #[test]
+    fn neither_outside_nor_through_holes_is_anything_seen() {
+        let mut image = Image::filled(8, 8, [9, 9, 9, 255]);
+        image.data[3 * 8 + 3][3] = 0;
+        let pyramid = Pyramid::new(image, 1);
+        assert!(pyramid.sample(0, [6.0, 6.0]).is_some());
+        for at in [[0.4, 4.0], [4.0, 7.6], [3.6, 3.6], [4.6, 3.0], [f64::NAN, 4.0]] {
+            assert!(pyramid.sample(0, at).is_none(), "{at:?}");
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! What the command line says of values of the library: by its options. The library names settings,
+//! which the window has too, by panels instead.
+
+use std::error::Error;
+use vbgs_studio::bench::findings::BenchError;
+use vbgs_studio::calibrate::CalibrateError;
+use vbgs_studio::eval::views::EvalError;
+use vbgs_studio::pipeline::checkpoint::RunError;
+use vbgs_studio::pipeline::memory::MemoryError;
+use vbgs_studio::pipeline::settings::scene::{DepthAdvice, SceneError};
+use vbgs_studio::train::candidates::IndexError;
+use vbgs_studio::train::setting::ConfigError;
+use vbgs_studio::train::warnings::TrainingWarning;
+
+/// Settings of files that no option stands for.
+const NO_OPTIONS: [&str; 2] = ["operations", "closing"];
+
+/// A warning of a trained model.
+pub fn warning(warning: &TrainingWarning) -> String {
+    match warning {
+        TrainingWarning::OverBudget { points } => format!(
+            "{points} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"
+        ),
+        TrainingWarning::OutOfReach { points } => format!(
+            "{points} points lie more than a million structural scales from the scene's origin and were left out; widen --scale, or limit --depth-range"
+        ),
+    }
+}
+
+/// An error with those of its causes that its own text does not already tell.
+pub fn error(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain() {
+        let told = cause.to_string();
+        let worded = by_options(cause);
+        if let Some(worded) = &worded
+            && text.contains(&told)
+        {
+            text = text.replacen(&told, worded, 1);
+            // What lies below is part of it.
+            break;
+        }
+        if !text.contains(&told) {
+            text.push_str(": ");
+            text.push_str(worded.as_ref().unwrap_or(&told));
+        }
+    }
+    text
+}
+
+/// The text of an error whose advice or subject is an option.
+fn by_options(error: &(dyn Error + 'static)) -> Option<String> {
+    let text = || error.to_string();
+    if let Some(config) = error.downcast_ref() {
+        Some(wrong_setting(config))
+    } else if let Some(scene) = error.downcast_ref() {
+        scene_error(scene)
+    } else if error.is::<MemoryError>() {
+        Some(format!("--{}", text()))
+    } else if error.is::<IndexError>() {
+        Some(text().replace("try fewer components", "try fewer --components"))
+    } else if let Some(BenchError::Bound { .. }) = error.downcast_ref() {
+        Some(format!("--{}", text()))
+    } else if let Some(EvalError::NoViews { .. }) = error.downcast_ref() {
+        Some(text().replace("choose another split", "choose another with --split"))
+    } else if let Some(RunError::OtherDataset { .. }) = error.downcast_ref() {
+        Some(format!("{}, or use --force to go on with this one", text()))
+    } else if let Some(calibrate) = error.downcast_ref() {
+        calibrate_error(calibrate)
+    } else {
+        None
+    }
+}
+
+fn wrong_setting(error: &ConfigError) -> String {
+    let ConfigError { setting, expected, found } = error;
+    let option = match NO_OPTIONS.contains(setting) || setting.starts_with("--") {
+        true => (*setting).to_owned(),
+        false => format!("--{}", setting.replace('_', "-")),
+    };
+    let expected = expected
+        .replace("in a settings file", "in --config")
+        .replace("or precision f64", "or --precision f64")
+        .replace("with candidates dense", "with --candidates dense");
+    format!("{option}: expected {expected}, found {found}")
+}
+
+fn scene_error(error: &SceneError) -> Option<String> {
+    match error {
+        SceneError::BelowNoise { .. } => Some(
+            error
+                .to_string()
+                .replace("structural scale: ", "--scale: ")
+                .replace("set the depth scale", "say so with --depth-scale"),
+        ),
+        SceneError::NoPoints { advice, .. } => {
+            Some(error.to_string().replace(&advice.to_string(), &depth_advice(advice)))
+        }
+        SceneError::Config(_) => None,
+    }
+}
+
+fn depth_advice(advice: &DepthAdvice) -> String {
+    match advice {
+        DepthAdvice::CheckImages => advice.to_string(),
+        DepthAdvice::OtherUnit { unit, factor } => format!(
+            "the depths look like {unit} taken for metres: multiply --depth-scale by {factor}, or widen --depth-range"
+        ),
+        DepthAdvice::SetUnit => {
+            "set the unit with --depth-scale, or widen --depth-range".to_owned()
+        }
+    }
+}
+
+fn calibrate_error(error: &CalibrateError) -> Option<String> {
+    match error {
+        CalibrateError::NothingInCommon { .. } => Some(error.to_string().replace(
+            "ask for more of its frames or name another split",
+            "ask for more with --max-frames or name another split with --split",
+        )),
+        CalibrateError::TooManyExposures { .. } => Some(format!(
+            "--{}",
+            error
+                .to_string()
+                .replace("exposures: expected", "exposure: expected")
+                .replace("name a smaller one, ", "name a smaller one with --split, ")
+                .replace("to training, which", "to `train`, which")
+        )),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vbgs_studio::pipeline::error::SessionError;
+
+    fn said(found: impl Error + Send + Sync + 'static) -> String {
+        error(&anyhow::Error::new(found))
+    }
+
+    #[test]
+    fn settings_are_options_on_the_command_line() {
+        let config = |setting, expected: &str| {
+            said(ConfigError { setting, expected: expected.into(), found: "0".into() })
+        };
+        assert_eq!(config("scale_factor", "1"), "--scale-factor: expected 1, found 0");
+        assert_eq!(config("closing", "1"), "closing: expected 1, found 0");
+        assert_eq!(config("--with", "1"), "--with: expected 1, found 0");
+        let text = config("index", "grid, or precision f64: the tree measures distances in f64");
+        assert!(text.contains("or --precision f64: the tree"), "{text}");
+    }
+
+    #[test]
+    fn advice_names_options_through_every_layer() {
+        let noise = SceneError::BelowNoise { least: 0.01, found: 0.001, near: 1.0, far: 2.0 };
+        let neutral = noise.to_string();
+        let text = said(SessionError::from(noise));
+        assert!(text.starts_with("--scale: expected at least"), "{text}");
+        assert!(text.ends_with("say so with --depth-scale"), "{text}");
+        let points = |advice| SceneError::NoPoints {
+            dataset: "room".into(),
+            trusted: "range from 0.3 on".into(),
+            found: "no depth at all".into(),
+            frames: 3,
+            advice,
+        };
+        let unit = DepthAdvice::OtherUnit { unit: "millimetres", factor: 0.001 };
+        let text = said(SessionError::from(points(unit)));
+        assert!(
+            text.ends_with("multiply --depth-scale by 0.001, or widen --depth-range"),
+            "{text}"
+        );
+        let memory = MemoryError { most: 1, found: 2, available_mb: 3, needed_mb: 4 };
+        assert!(said(SessionError::from(memory.clone())).starts_with("--components: expected"));
+        for text in [neutral, points(unit).to_string(), memory.to_string()] {
+            assert!(!text.contains("--"), "the library knows no options: {text}");
+        }
+        let told = anyhow::Error::new(SessionError::from(memory)).context("the run");
+        assert!(error(&told).starts_with("the run: --components"), "{}", error(&told));
+    }
+
+    #[test]
+    fn warnings_name_options() {
+        let text = warning(&TrainingWarning::OverBudget { points: 3 });
+        assert!(text.starts_with("3 points") && text.contains("raise --budget"), "{text}");
+        let text = warning(&TrainingWarning::OutOfReach { points: 4 });
+        assert!(text.contains("--depth-range"), "{text}");
+    }
+}

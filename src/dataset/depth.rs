@@ -1,0 +1,130 @@
+//! Depth of one frame: what is stored, and the rule that makes lengths of it.
+//!
+//! Depth is kept as the file stores it. The edge filter of the published algorithm is defined on
+//! 8-bit codes, the plane fit looks lengths up in a table of all codes, and the noise of a sensor
+//! follows from the step of its code: lengths alone would have lost all three. Depth that never was
+//! a file has no codes and is kept as the lengths themselves.
+
+use super::error::FrameProblem;
+use crate::math::image::Image;
+
+/// Distance of code 0 in the classic 8-bit export, world units: `ℓ = 8·(1 − d/255)`.
+pub const INVERSE8_RANGE: f64 = 8.0;
+
+/// Largest 16-bit code: a hole, as 0 is.
+pub const HOLE16: u16 = u16::MAX;
+
+/// What a depth value measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthKind {
+    /// Distance from the camera's centre along the pixel's ray.
+    RayDistance,
+    /// Distance along the optical axis.
+    Z,
+}
+
+/// Depth codes as stored, with the rule that makes lengths of them. Codes are kept because the
+/// edge filter (`dataset.md`, Edge filter) is defined on them.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DepthCodes {
+    /// `8·(1 − d/255)` world units, `d = 0` is no surface.
+    Inverse8(Image<u8>),
+    /// `d · unit` world units, `d = 0` and `d = 65535` are holes.
+    Linear16 {
+        /// The stored values.
+        codes: Image<u16>,
+        /// World units per code step, positive.
+        unit: f64,
+    },
+    /// Lengths in world units as they are; whatever is not finite and positive is a hole.
+    Lengths(Image<f32>),
+}
+
+/// Depth image of one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Depth {
+    /// The stored values.
+    pub codes: DepthCodes,
+    /// What they measure.
+    pub kind: DepthKind,
+    /// Open interval of lengths (of `kind`, world units) that training uses; values outside are
+    /// measured but unreliable.
+    pub trusted: [f64; 2],
+}
+
+impl Depth {
+    /// Width and height in pixels.
+    pub fn size(&self) -> (usize, usize) {
+        match &self.codes {
+            DepthCodes::Inverse8(codes) => (codes.width, codes.height),
+            DepthCodes::Linear16 { codes, .. } => (codes.width, codes.height),
+            DepthCodes::Lengths(lengths) => (lengths.width, lengths.height),
+        }
+    }
+
+    /// Length at a pixel in world units, `None` at a hole; the trusted interval is not applied.
+    pub fn value_at(&self, column: usize, row: usize) -> Option<f64> {
+        match &self.codes {
+            DepthCodes::Inverse8(codes) => decode_inverse8(*codes.at(column, row)),
+            DepthCodes::Linear16 { codes, unit } => decode_linear16(*codes.at(column, row), *unit),
+            DepthCodes::Lengths(lengths) => decode_length(*lengths.at(column, row)),
+        }
+    }
+
+    /// Whether a length lies in the trusted interval.
+    pub fn trusts(&self, value: f64) -> bool {
+        value > self.trusted[0] && value < self.trusted[1]
+    }
+
+    /// Whether it fits a colour image of this width and height and holds any surface.
+    pub(super) fn check(&self, color: (u32, u32)) -> Result<(), FrameProblem> {
+        let (width, height) = self.size();
+        let depth = (width as u32, height as u32);
+        if depth != color {
+            return Err(FrameProblem::SizeMismatch { color, depth });
+        }
+        if self.is_empty() {
+            return Err(FrameProblem::NoDepthValues);
+        }
+        Ok(())
+    }
+
+    /// Whether there is no surface in the whole image.
+    fn is_empty(&self) -> bool {
+        match &self.codes {
+            DepthCodes::Inverse8(codes) => codes.data.iter().all(|d| *d == 0),
+            DepthCodes::Linear16 { codes, .. } => {
+                codes.data.iter().all(|d| *d == 0 || *d == HOLE16)
+            }
+            DepthCodes::Lengths(lengths) => {
+                lengths.data.iter().all(|length| decode_length(*length).is_none())
+            }
+        }
+    }
+}
+
+/// Length of an 8-bit code; code 255 is the camera's centre, which no surface can be at.
+pub(super) fn decode_inverse8(code: u8) -> Option<f64> {
+    (1..255).contains(&code).then(|| INVERSE8_RANGE * (1.0 - f64::from(code) / 255.0))
+}
+
+/// Length of a 16-bit code of `unit` world units a step; 0 and [`HOLE16`] are holes.
+pub(super) fn decode_linear16(code: u16, unit: f64) -> Option<f64> {
+    (code != 0 && code != HOLE16).then(|| f64::from(code) * unit)
+}
+
+/// Length in memory. Sensors' drivers mark a missing return by 0, NaN, infinity or a negative number:
+/// all are holes.
+pub(super) fn decode_length(length: f32) -> Option<f64> {
+    (length.is_finite() && length > 0.0).then(|| f64::from(length))
+}
+
+/// Noise half-width of a metric depth camera up to 1 m, metres; beyond it grows with the square of
+/// the distance (`dataset.md`, Sensors).
+pub(super) const SENSOR_NOISE: f64 = 0.003;
+
+/// Noise half-width of a metric depth camera, metres, at a depth of `value` metres.
+#[inline]
+pub(super) fn sensor_noise(value: f32) -> f32 {
+    SENSOR_NOISE as f32 * (value * value).max(1.0)
+}

@@ -1,0 +1,332 @@
+//! NeRF-synthetic: `transforms_SPLIT.json` with one field of view, RGBA images, depth beside them
+//! as `STEM_depth_NNNN.png`.
+//!
+//! 8-bit depth holds `8·(1 − d/255)` units along the ray (`dataset.md`, Depth encodings); 16-bit depth is along
+//! the ray too and needs `integer_depth_scale` (or `depth_scale`), world units per step. Training
+//! range of positions: `position_range` (`[[x,y,z],[x,y,z]]`, low and high) if the file has it,
+//! else the `[−1, 1]³` that NeRF-synthetic scenes are made for.
+//!
+//! The layout has no version, and what is in use differs: `file_path` with or without extension,
+//! matrices of three or four rows, focal lengths in place of the angle. What can be meant in one
+//! way only is accepted; what could be meant in two (an angle in degrees, 16-bit depth without
+//! its scale) is refused, with the value to write.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::listed::{ListedFrame, ListedSplit};
+use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::depth::DepthKind;
+use crate::dataset::entry::Split;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, FolderListing, relative_path};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, is_sane_field_of_view};
+use crate::dataset::matrix::{describe, from_json};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::position_range::PositionRange;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use serde_json::Value;
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+/// Files of this name are meant to be frame lists, so a broken one is reported, not passed over.
+const LIST_PREFIX: &str = "transforms";
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let lists = frame_lists(folder);
+    // Named only where it was found, so that another layout may be tried without a message.
+    (!lists.is_empty()).then(|| format!("{} with `frames` and their poses", lists.join(", ")))
+}
+
+/// JSON files in the root that are frame lists, or should be by their name.
+fn frame_lists(folder: &Folder) -> Vec<&str> {
+    let is_list = |name: &&str| {
+        name.ends_with(".json") && (name.starts_with(LIST_PREFIX) || has_frames(folder, name))
+    };
+    folder.listing.files().filter(is_list).collect()
+}
+
+fn has_frames(folder: &Folder, name: &str) -> bool {
+    let file = folder.file(Path::new(""), &folder.listing, name);
+    let text = file.ok().and_then(|file| std::fs::read(file).ok()).unwrap_or_default();
+    serde_json::from_slice::<Value>(&text).is_ok_and(|json| {
+        let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
+        json.get("frames").and_then(Value::as_array).is_some_and(|f| f.iter().any(posed))
+    })
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut parsed = ParsedFolder::default();
+    for name in frame_lists(folder) {
+        let list = FrameList::read(folder, name)?;
+        let split = list.split(folder, options, &mut parsed)?;
+        parsed.splits.extend(split);
+        if let Some(range) = list.range()? {
+            parsed.known_range = Some(range);
+        }
+    }
+    parsed.known_range.get_or_insert_with(PositionRange::nerf_synthetic);
+    Ok(parsed)
+}
+
+/// One `transforms_SPLIT.json`.
+struct FrameList {
+    file: PathBuf,
+    split: String,
+    json: Value,
+}
+
+impl FrameList {
+    fn read(folder: &Folder, name: &str) -> Result<Self, DatasetError> {
+        let path = folder.path.join(name);
+        let read = |source| DatasetError::Read { path: path.clone(), source };
+        let file = folder.file(Path::new(""), &folder.listing, name).map_err(|problem| {
+            DatasetError::Metadata {
+                file: path.clone(),
+                expected: "a file inside the dataset folder".to_owned(),
+                found: problem.to_string(),
+                hint: "copy the file into the folder".to_owned(),
+            }
+        })?;
+        let bytes = std::fs::read(&file).map_err(read)?;
+        let json = serde_json::from_slice(&bytes)
+            .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
+        let stem = name.trim_end_matches(".json");
+        let split = stem.strip_prefix(LIST_PREFIX).unwrap_or(stem).trim_matches(['_', '-', '.']);
+        let split = if split.is_empty() { "all" } else { split }.to_owned();
+        Ok(Self { file, split, json })
+    }
+
+    fn wrong(&self, expected: &str, found: String, hint: &str) -> DatasetError {
+        DatasetError::Metadata {
+            file: self.file.clone(),
+            expected: expected.to_owned(),
+            found,
+            hint: hint.to_owned(),
+        }
+    }
+
+    fn frames(&self) -> Result<&[Value], DatasetError> {
+        let expected = "an object with a list `frames` of `file_path` and `transform_matrix`";
+        let hint = "export the frame list again";
+        match self.json.get("frames").and_then(Value::as_array) {
+            None => Err(self.wrong(expected, describe(&self.json), hint)),
+            Some(frames) if frames.is_empty() => {
+                Err(self.wrong("at least one entry in `frames`", "none".to_owned(), hint))
+            }
+            Some(frames) => Ok(frames),
+        }
+    }
+
+    fn number(&self, key: &str) -> Result<Option<f64>, DatasetError> {
+        match self.json.get(key) {
+            None => Ok(None),
+            Some(value) => value.as_f64().map(Some).ok_or_else(|| {
+                let expected = format!("a number as `{key}`");
+                self.wrong(&expected, describe(value), "correct the value")
+            }),
+        }
+    }
+
+    /// The whole split: frames with files, one camera, one depth encoding. Empty if no image can
+    /// be read.
+    fn split(
+        &self,
+        folder: &Folder,
+        options: &LoadOptions,
+        parsed: &mut ParsedFolder,
+    ) -> Result<Option<Split>, DatasetError> {
+        let listed = self.listed(folder, parsed)?;
+        let Some(size) = listed.color_header() else {
+            listed.skip_unreadable(parsed);
+            return Ok(None);
+        };
+        let intrinsics = self.intrinsics(size.width, size.height)?;
+        // Where no depth image can be read any encoding will do: each frame fails by itself.
+        let bits = listed.depth_header().map_or(8, |header| header.bits_per_channel);
+        let encoding = self.depth_encoding(bits, options)?;
+        Ok(Some(listed.into_split(intrinsics, encoding, parsed)))
+    }
+
+    fn listed(
+        &self,
+        folder: &Folder,
+        parsed: &mut ParsedFolder,
+    ) -> Result<ListedSplit, DatasetError> {
+        let mut images = ImageFolders { folder, listed: BTreeMap::new() };
+        let mut frames = Vec::new();
+        for (i, frame) in self.frames()?.iter().enumerate() {
+            let named = frame.get("file_path").and_then(Value::as_str);
+            let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
+            match listed_frame(frame, &name, &mut images) {
+                Ok(frame) => frames.push(frame),
+                Err(problem) => parsed.skip(&self.split, &name, self.file.clone(), problem),
+            }
+        }
+        Ok(ListedSplit { name: self.split.clone(), frames })
+    }
+
+    /// Intrinsics (`dataset.md`, Frames of reference): focal length from the field of view, centred
+    /// principal point, unless the file gives them in pixels.
+    fn intrinsics(&self, width: u32, height: u32) -> Result<Intrinsics, DatasetError> {
+        let mut k = match (self.number("camera_angle_x")?, self.number("fl_x")?) {
+            (_, Some(fx)) => {
+                let (w, h) = (f64::from(width), f64::from(height));
+                Intrinsics { width, height, fx, fy: fx, cx: 0.5 * w, cy: 0.5 * h }
+            }
+            (Some(angle), None) => {
+                self.check_angle(angle)?;
+                Intrinsics::from_horizontal_fov(width, height, angle)
+            }
+            (None, None) => {
+                let keys = describe(&self.json);
+                let hint = "add the horizontal field of view in radians";
+                return Err(self.wrong("a number `camera_angle_x` (or `fl_x`)", keys, hint));
+            }
+        };
+        k.fy = self.number("fl_y")?.unwrap_or(k.fy);
+        k.cx = self.number("cx")?.unwrap_or(k.cx);
+        k.cy = self.number("cy")?.unwrap_or(k.cy);
+        check(&k).map_err(|IntrinsicsDefect { expected, found, hint }| {
+            self.wrong(&expected, found, hint)
+        })?;
+        Ok(k)
+    }
+
+    fn check_angle(&self, radians: f64) -> Result<(), DatasetError> {
+        let degrees = radians.to_degrees();
+        if is_sane_field_of_view(degrees) {
+            return Ok(());
+        }
+        // Up to 180 it may well be an angle in degrees.
+        let hint = if radians > 3.0 && radians < 180.0 {
+            format!("is this in degrees? then write {:.6}", radians.to_radians())
+        } else {
+            "write the horizontal field of view of the camera in radians".to_owned()
+        };
+        let expected = "`camera_angle_x` in radians, between 0.1 and 179 degrees";
+        Err(self.wrong(expected, format!("{radians} ({degrees:.3} degrees)"), &hint))
+    }
+
+    fn depth_encoding(
+        &self,
+        bits: u16,
+        options: &LoadOptions,
+    ) -> Result<DepthEncoding, DatasetError> {
+        let (codes, sensor) = if bits == 16 {
+            let stated = match self.number("integer_depth_scale")? {
+                Some(scale) => Some(scale),
+                None => self.number("depth_scale")?,
+            };
+            match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
+                Some(unit) => (CodeKind::Linear16(unit), Sensor::Exact { noise: 0.0 }),
+                None => {
+                    return Err(self.wrong(
+                        "a positive `integer_depth_scale` (world units per step) for 16-bit depth",
+                        stated.map_or("no such key".to_owned(), |s| s.to_string()),
+                        "add the key to the file or give the depth scale when opening",
+                    ));
+                }
+            }
+        } else {
+            (CodeKind::Inverse8, Sensor::Inverse8Ray)
+        };
+        let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
+        Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, sensor })
+    }
+
+    fn range(&self) -> Result<Option<PositionRange>, DatasetError> {
+        let Some(value) = self.json.get("position_range") else { return Ok(None) };
+        let corners: Option<[[f64; 3]; 2]> = serde_json::from_value(value.clone()).ok();
+        let range = corners.and_then(|[lo, hi]| {
+            PositionRange::new(lo.into(), hi.into(), "`position_range` of the frame list")
+        });
+        range.map(Some).ok_or_else(|| {
+            let expected = "`position_range` as [[x,y,z],[x,y,z]], low and high corner";
+            self.wrong(expected, describe(value), "correct the corners or remove the key")
+        })
+    }
+}
+
+fn listed_frame(
+    frame: &Value,
+    name: &str,
+    images: &mut ImageFolders,
+) -> Result<ListedFrame, FrameProblem> {
+    let Some(file_path) = frame.get("file_path").and_then(Value::as_str) else {
+        let expected = "a `file_path` in each entry of `frames`";
+        return Err(FrameProblem::Entry { expected, found: describe(frame) });
+    };
+    let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
+    let (color, depth) = images.find(file_path)?;
+    Ok(ListedFrame { name: name.to_owned(), pose, color, depth })
+}
+
+/// Image folders, each listed once however many frames lie in it.
+struct ImageFolders<'a> {
+    folder: &'a Folder,
+    listed: BTreeMap<PathBuf, (FolderListing, HashMap<String, String>)>,
+}
+
+impl ImageFolders<'_> {
+    /// Colour file of a `file_path`, which may lack the extension, and its depth file.
+    fn find(
+        &mut self,
+        file_path: &str,
+    ) -> Result<(PathBuf, Result<PathBuf, FrameProblem>), FrameProblem> {
+        let relative = relative_path(file_path)?;
+        let (Some(parent), Some(name)) =
+            (relative.parent(), relative.file_name().and_then(|n| n.to_str()))
+        else {
+            return Err(FrameProblem::MissingColor(format!("`{file_path}`")));
+        };
+        let missing = || FrameProblem::MissingColor(format!("{file_path}.png (or .jpg)"));
+        // A folder of thousands of frames is listed once, not once for every frame.
+        if !self.listed.contains_key(parent) {
+            let listing = self.folder.list(parent).map_err(|problem| match problem {
+                FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => missing(),
+                other => other,
+            })?;
+            let depth_files = depth_files(&listing);
+            self.listed.insert(parent.to_owned(), (listing, depth_files));
+        }
+        let (listing, depth_files) = &self.listed[parent];
+        let with_extension =
+            IMAGE_EXTENSIONS.iter().map(|e| format!("{name}.{e}")).find(|n| listing.has_file(n));
+        let color_name = match listing.has_file(name) {
+            true => name.to_owned(),
+            false => with_extension.ok_or_else(missing)?,
+        };
+        let color = self.folder.file(parent, listing, &color_name)?;
+        let stem = color_name.rsplit_once('.').map_or(color_name.as_str(), |(stem, _)| stem);
+        let depth = match depth_files.get(stem) {
+            Some(depth_name) => self.folder.file(parent, listing, depth_name),
+            None => Err(FrameProblem::MissingDepth(format!("{stem}_depth_NNNN.png"))),
+        };
+        Ok((color, depth))
+    }
+}
+
+/// `STEM_depth_DIGITS.png` by stem; the lowest number wins.
+fn depth_files(listing: &FolderListing) -> HashMap<String, String> {
+    let mut by_stem = HashMap::new();
+    for name in listing.files() {
+        let parts = name.strip_suffix(".png").and_then(|n| n.rsplit_once("_depth_"));
+        if let Some((stem, number)) = parts
+            && !number.is_empty()
+            && number.bytes().all(|b| b.is_ascii_digit())
+        {
+            // Names come in ascending order: the lowest number is there first.
+            by_stem.entry(stem.to_owned()).or_insert_with(|| name.to_owned());
+        }
+    }
+    by_stem
+}

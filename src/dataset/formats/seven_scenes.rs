@@ -1,0 +1,260 @@
+//! 7-Scenes: `STEM.color.{png,jpg}`, `STEM.depth.png` (16-bit, millimetres along the optical
+//! axis, 0 and 65535 are holes) and `STEM.pose.txt` (camera-to-world, OpenCV axes).
+//!
+//! Frames lie in sequence folders listed by `TrainSplit.txt` and `TestSplit.txt`, or in one
+//! folder per split, or in the root itself. Intrinsics come from `camera-intrinsics.txt` (3×3) or
+//! are the published default of the dataset.
+//!
+//! The published recordings are not registered: colour was taken by another camera beside the
+//! depth camera. The layout cannot say so, hence the note at opening and the known calibration,
+//! which is given where the depth intrinsics are the published ones and withheld elsewhere.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::listed::{ListedFrame, ListedSplit};
+use crate::dataset::calibration::{Calibration, ColorCamera};
+use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::depth::DepthKind;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, FolderListing, read_small_text};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check};
+use crate::dataset::matrix;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use std::path::{Path, PathBuf};
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "7-Scenes: `*.color.*`, `*.depth.png` and `*.pose.txt` files in the folder or one below",
+    recognise,
+    parse,
+    known_calibration,
+};
+
+const POSE_SUFFIX: &str = ".pose.txt";
+const COLOR_SUFFIXES: [&str; 3] = [".color.png", ".color.jpg", ".color.jpeg"];
+const DEPTH_SUFFIX: &str = ".depth.png";
+const SPLIT_SUFFIX: &str = "Split.txt";
+const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
+/// Metres per code where the user gives no other scale: the layout stores millimetres.
+const DEPTH_UNIT: f64 = 0.001;
+/// Metres; outside, the sensor's depth is not used for training (`dataset.md`, Depth encodings).
+const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
+
+/// The dataset's published intrinsics, for images of 640×480 only.
+const DEFAULT_INTRINSICS: Intrinsics =
+    Intrinsics { width: 640, height: 480, fx: 585.0, fy: 585.0, cx: 320.0, cy: 240.0 };
+
+/// Depth of the published Kinect comes with colour images that are not registered to it.
+fn known_calibration(depth_camera: &Intrinsics) -> Option<Calibration> {
+    let is_kinect = *depth_camera == DEFAULT_INTRINSICS;
+    is_kinect
+        .then_some(Calibration { color_camera: Some(ColorCamera::KINECT), ..Calibration::NONE })
+}
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let n_root = folder.listing.files().filter(|n| color_stem(n).is_some()).count();
+    if n_root > 0 {
+        return Some(format!("{n_root} `*.color.*` files in the folder"));
+    }
+    let with_frames: Vec<String> =
+        folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
+    if !with_frames.is_empty() {
+        return Some(format!("`*.color.*` files in {}", with_frames.join(", ")));
+    }
+    let lists = split_files(folder);
+    (!lists.is_empty()).then(|| format!("split files {}", lists.join(", ")))
+}
+
+fn holds_frames(folder: &Folder, name: &str) -> bool {
+    folder.list(Path::new(name)).is_ok_and(|l| l.files().any(|n| color_stem(n).is_some()))
+}
+
+fn color_stem(name: &str) -> Option<&str> {
+    COLOR_SUFFIXES.iter().find_map(|suffix| name.strip_suffix(suffix))
+}
+
+/// `TrainSplit.txt`, `TestSplit.txt` and the like.
+fn split_files(folder: &Folder) -> Vec<&str> {
+    let is_split = |n: &&str| n.len() > SPLIT_SUFFIX.len() && n.ends_with(SPLIT_SUFFIX);
+    folder.listing.files().filter(is_split).collect()
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut parsed = ParsedFolder::default();
+    let mut splits = Vec::new();
+    for (split, folders) in split_folders(folder, &mut parsed)? {
+        let mut listed = ListedSplit { name: split, frames: Vec::new() };
+        for frames_in in &folders {
+            collect(folder, frames_in, &mut listed, &mut parsed);
+        }
+        splits.push(listed);
+    }
+    // One camera took all splits, so the first readable image of any tells its size.
+    let Some(size) = splits.iter().find_map(ListedSplit::color_header) else {
+        splits.into_iter().for_each(|listed| listed.skip_unreadable(&mut parsed));
+        return Ok(parsed);
+    };
+    let intrinsics = intrinsics(folder, (size.width, size.height), &mut parsed.notes)?;
+    let encoding = DepthEncoding {
+        codes: CodeKind::Linear16(options.depth_scale.unwrap_or(DEPTH_UNIT)),
+        kind: DepthKind::Z,
+        trusted: options.depth_range.unwrap_or(TRUSTED_DEPTH),
+        sensor: Sensor::Kinect,
+    };
+    for listed in splits {
+        let split = listed.into_split(intrinsics, encoding, &mut parsed);
+        parsed.splits.push(split);
+    }
+    Ok(parsed)
+}
+
+/// Name of each split and the folders its frames lie in.
+fn split_folders(
+    folder: &Folder,
+    parsed: &mut ParsedFolder,
+) -> Result<Vec<(String, Vec<String>)>, DatasetError> {
+    if folder.listing.files().any(|n| color_stem(n).is_some()) {
+        return Ok(vec![("all".to_owned(), vec![String::new()])]);
+    }
+    let with_frames: Vec<String> =
+        folder.subfolders().into_iter().filter(|name| holds_frames(folder, name)).collect();
+    let lists = split_files(folder);
+    if lists.is_empty() {
+        // Sequences are parts of one recording; only a list makes splits of them.
+        if with_frames.iter().all(|name| sequence_number(name).is_some()) {
+            return Ok(vec![("all".to_owned(), with_frames)]);
+        }
+        return Ok(with_frames.into_iter().map(|name| (name.clone(), vec![name])).collect());
+    }
+    let mut splits = Vec::new();
+    for list in lists {
+        let split = list.trim_end_matches(SPLIT_SUFFIX).to_lowercase();
+        let file = folder.path.join(list);
+        let text = read_small_text(&file)
+            .map_err(|source| DatasetError::Read { path: file.clone(), source })?;
+        let mut folders = Vec::new();
+        for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
+            match with_frames.iter().find(|name| is_sequence(name, line)) {
+                Some(name) => folders.push(name.clone()),
+                None => {
+                    let problem = FrameProblem::MissingSequence(sequence_folder(line));
+                    parsed.skip(&split, line, file.clone(), problem);
+                }
+            }
+        }
+        splits.push((split, folders));
+    }
+    Ok(splits)
+}
+
+/// `sequence1` in a split file means the folder `seq-01`; a folder's own name means itself.
+fn is_sequence(folder: &str, listed: &str) -> bool {
+    folder == listed
+        || (sequence_number(folder).is_some() && sequence_number(folder) == sequence_number(listed))
+}
+
+fn sequence_number(name: &str) -> Option<u32> {
+    name.strip_prefix("seq")?.trim_start_matches(|c: char| !c.is_ascii_digit()).parse().ok()
+}
+
+fn sequence_folder(listed: &str) -> String {
+    sequence_number(listed).map_or_else(|| listed.to_owned(), |n| format!("seq-{n:02}"))
+}
+
+fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &mut ParsedFolder) {
+    let relative = Path::new(frames_in);
+    let ListedSplit { name: split, frames } = listed;
+    let listing = match folder.list(relative) {
+        Ok(listing) => listing,
+        Err(problem) => return parsed.skip(split, frames_in, folder.path.join(relative), problem),
+    };
+    for color in listing.files() {
+        let Some(stem) = color_stem(color) else { continue };
+        match listed_frame(folder, relative, &listing, color, stem) {
+            Ok(frame) => frames.push(frame),
+            Err((file, problem)) => parsed.skip(split, stem, file, problem),
+        }
+    }
+}
+
+fn listed_frame(
+    folder: &Folder,
+    relative: &Path,
+    listing: &FolderListing,
+    color: &str,
+    stem: &str,
+) -> Result<ListedFrame, (PathBuf, FrameProblem)> {
+    let pose_name = format!("{stem}{POSE_SUFFIX}");
+    let pose_file = folder.path.join(relative).join(&pose_name);
+    let pose = read_pose(folder, relative, listing, &pose_name).map_err(|p| (pose_file, p))?;
+    let checked = |name: &str| folder.file(relative, listing, name);
+    let color = checked(color).map_err(|p| (folder.path.join(relative).join(color), p))?;
+    let depth_name = format!("{stem}{DEPTH_SUFFIX}");
+    let depth = match listing.has_file(&depth_name) {
+        true => checked(&depth_name),
+        false => Err(FrameProblem::MissingDepth(depth_name)),
+    };
+    let name = relative.join(stem).display().to_string();
+    Ok(ListedFrame { name, pose, color, depth })
+}
+
+fn read_pose(
+    folder: &Folder,
+    relative: &Path,
+    listing: &FolderListing,
+    name: &str,
+) -> Result<Pose, FrameProblem> {
+    if !listing.has_file(name) {
+        return Err(FrameProblem::MissingPose(name.to_owned()));
+    }
+    let text = read_small_text(&folder.file(relative, listing, name)?)?;
+    Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
+}
+
+/// Intrinsics of the depth camera; `notes` says where they are from.
+fn intrinsics(
+    folder: &Folder,
+    (width, height): (u32, u32),
+    notes: &mut Vec<String>,
+) -> Result<Intrinsics, DatasetError> {
+    let file = folder.path.join(INTRINSICS_FILE);
+    let wrong = |expected: String, found: String, hint: &str| DatasetError::Metadata {
+        file: file.clone(),
+        expected,
+        found,
+        hint: hint.to_owned(),
+    };
+    notes.push("colour images are not registered to depth (7-Scenes)".into());
+    if !folder.listing.has_file(INTRINSICS_FILE) {
+        if (width, height) != (DEFAULT_INTRINSICS.width, DEFAULT_INTRINSICS.height) {
+            return Err(wrong(
+                format!("a 3x3 camera matrix for images of {width}x{height}"),
+                "no such file (the published default is for 640x480)".to_owned(),
+                "write fx 0 cx, 0 fy cy, 0 0 1 into it",
+            ));
+        }
+        notes.push("no camera-intrinsics.txt: the published 585, 585, 320, 240 are used".into());
+        return Ok(DEFAULT_INTRINSICS);
+    }
+    let checked = folder.file(Path::new(""), &folder.listing, INTRINSICS_FILE);
+    let text = match checked.map(|path| read_small_text(&path)) {
+        Ok(Ok(text)) => text,
+        Ok(Err(source)) => return Err(DatasetError::Read { path: file, source }),
+        Err(problem) => {
+            let expected = "a file inside the dataset folder".to_owned();
+            return Err(wrong(expected, problem.to_string(), "copy the file into the folder"));
+        }
+    };
+    let expected = || "9 numbers: fx 0 cx, 0 fy cy, 0 0 1".to_owned();
+    let m = matrix::numbers::<9>(&text)
+        .map_err(|found| wrong(expected(), found, "export the intrinsics again"))?;
+    let [fx, skew, cx, a, fy, cy, b, c, one] = m;
+    let zero = |v: f64| v.abs() < 1e-9;
+    if !(zero(skew) && zero(a) && zero(b) && zero(c) && zero(one - 1.0)) {
+        return Err(wrong(expected(), format!("{m:?}"), "undistort to a pinhole without skew"));
+    }
+    let k = Intrinsics { width, height, fx, fy, cx, cy };
+    check(&k).map_err(|IntrinsicsDefect { expected, found, hint }| wrong(expected, found, hint))?;
+    Ok(k)
+}

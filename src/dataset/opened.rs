@@ -1,0 +1,109 @@
+//! An opened dataset: its splits, what was refused, and what is known of its cameras.
+
+use super::calibration::Calibration;
+use super::entry::Split;
+use super::error::{DatasetError, FrameError, FrameProblem, Warning};
+use super::folder::Folder;
+use super::formats::{self, Layout};
+use super::frame::Frame;
+use super::options::LoadOptions;
+use super::position_range::PositionRange;
+use super::surface::sensor::Sensor;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Posed frames in named splits.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    /// Last part of the path, or the name of the procedural scene.
+    pub name: String,
+    /// The folder; `None` for the procedural scene.
+    pub path: Option<PathBuf>,
+    /// How it is stored.
+    pub layout: Layout,
+    /// Which content the layout was recognised by.
+    pub recognised_by: String,
+    /// At least one, none of them empty.
+    pub splits: Vec<Split>,
+    /// Frames that were listed but cannot be used.
+    pub warnings: Vec<Warning>,
+    /// What a user should know although nothing is wrong.
+    pub notes: Vec<String>,
+    /// Range of positions where the layout defines one; see [`super::range::estimate`].
+    pub known_range: Option<PositionRange>,
+    /// What was overridden when it was opened.
+    pub options: LoadOptions,
+}
+
+/// Opens a dataset folder: recognises the layout and reads metadata and poses.
+///
+/// # Errors
+/// A folder that cannot be read, is of no known layout, or has no usable frame; metadata that no
+/// camera has; an option outside its range.
+pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+    options.check()?;
+    let folder = Folder::open(path)?;
+    let (layout, recognised_by, parsed) = formats::parse(&folder, options)?;
+    let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
+    let dataset = Dataset {
+        name: name.unwrap_or_else(|| "dataset".to_owned()),
+        path: Some(path.to_owned()),
+        layout,
+        recognised_by,
+        // What chooses a split or its first frame need not ask whether there is one.
+        splits: parsed.splits.into_iter().filter(|s| !s.frames.is_empty()).collect(),
+        warnings: parsed.warnings,
+        notes: parsed.notes,
+        known_range: parsed.known_range,
+        options: *options,
+    };
+    if dataset.splits.is_empty() {
+        return Err(no_usable_frame(path, dataset.warnings));
+    }
+    Ok(dataset)
+}
+
+fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
+    let skipped = warnings.len();
+    match warnings.into_iter().next().and_then(|w| Arc::into_inner(w.error)) {
+        Some(first) => {
+            DatasetError::NoUsableFrame { path: path.to_owned(), skipped, first: Box::new(first) }
+        }
+        None => DatasetError::Metadata {
+            file: path.to_owned(),
+            expected: "at least one frame".to_owned(),
+            found: "none".to_owned(),
+            hint: "export the dataset again".to_owned(),
+        },
+    }
+}
+
+impl Dataset {
+    /// Loads one frame: decodes its images and checks that they agree with each other and with
+    /// the camera. `split` and `index` are positions in [`Dataset::splits`] and [`Split::frames`].
+    pub fn load(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
+        let frames = self.splits.get(split).map_or(&[][..], |s| s.frames.as_slice());
+        match frames.get(index) {
+            Some(entry) => entry.load(),
+            None => Err(FrameError {
+                file: self.path.clone().unwrap_or_default(),
+                frame: index.to_string(),
+                problem: FrameProblem::NoSuchFrame { available: frames.len(), asked: index },
+            }),
+        }
+    }
+
+    /// What its layout knows of the cameras without a calibration: the colour camera of a Kinect
+    /// where depth has the published Kinect's intrinsics. `None` where nothing is known.
+    pub fn known_calibration(&self) -> Option<Calibration> {
+        let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
+        self.layout.known_calibration(&depth_camera)
+    }
+
+    /// The sensor that its depth is from, as the first frame with depth tells; exact depth where
+    /// no frame has any.
+    pub fn sensor(&self) -> Sensor {
+        let mut frames = self.splits.iter().flat_map(|s| &s.frames);
+        frames.find_map(|frame| frame.sensor()).unwrap_or(Sensor::Exact { noise: 0.0 })
+    }
+}

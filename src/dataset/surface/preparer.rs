@@ -1,0 +1,93 @@
+//! Frames to observations, stage by stage.
+
+use super::emit::Emitter;
+use super::fit::{FitRows, Fitted};
+use super::occluders::Occluders;
+use super::planes::Planes;
+use super::recipe::TILE;
+use super::settings::SurfaceSettings;
+use super::status::{PixelStatus, SurfaceCounts};
+use crate::dataset::error::FrameError;
+use crate::dataset::frame::Frame;
+use crate::math::image::Image;
+use crate::math::simd::Isa;
+use crate::observation::surface::Observation;
+
+/// Turns frames into observations; keeps its scratch memory between frames.
+#[derive(Clone, Debug)]
+pub struct Preparer {
+    isa: Isa,
+    planes: Planes,
+    fitted: Fitted,
+    occluders: Occluders,
+    statuses: Image<PixelStatus>,
+}
+
+impl Preparer {
+    /// On the best instruction set of this machine, with no memory yet.
+    pub fn new() -> Self {
+        Self::on(Isa::best())
+    }
+
+    /// On a given instruction set; results have equal bits on all of them.
+    pub fn on(isa: Isa) -> Self {
+        let statuses = Image::filled(0, 0, PixelStatus::Hole);
+        Self {
+            isa,
+            planes: Planes::default(),
+            fitted: Fitted::default(),
+            occluders: Occluders::default(),
+            statuses,
+        }
+    }
+
+    /// Replaces `out` by the surface points and measured ranges of a frame; the share of pixels that
+    /// made none is counted by reason.
+    ///
+    /// # Errors
+    /// A frame without depth.
+    pub fn prepare(
+        &mut self,
+        frame: &Frame,
+        settings: &SurfaceSettings,
+        out: &mut Observation,
+    ) -> Result<SurfaceCounts, FrameError> {
+        let depth = frame.depth_to_use()?;
+        let profile = settings.profile(depth, &frame.camera.intrinsics);
+        let Self { isa, planes, fitted, occluders, statuses } = self;
+        let (width, height) = depth.size();
+        resize(&mut out.ranges, width, height);
+        resize(statuses, width, height);
+        let calibration = settings.calibration();
+        planes.fill(frame, depth, &profile, calibration, &mut out.ranges, statuses);
+        out.points.clear();
+        let emitter = Emitter::new(frame, planes, settings, &profile, occluders);
+        // A row of tiles at a time: what was fitted is still in the cache when points are made.
+        for top in (0..height).step_by(TILE) {
+            let rows = top..height.min(top + TILE);
+            isa.run(FitRows { planes, rows: rows.clone(), profile: &profile, out: fitted });
+            emitter.emit(fitted, rows, &mut out.points, statuses);
+        }
+        out.origin = settings.origin;
+        out.camera = frame.camera;
+        out.tolerance = profile.tolerance;
+        Ok(SurfaceCounts::of(&statuses.data))
+    }
+
+    /// Status of every pixel of the last frame that was prepared.
+    pub fn statuses(&self) -> &Image<PixelStatus> {
+        &self.statuses
+    }
+}
+
+impl Default for Preparer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Every value is to be written.
+fn resize<T: Clone + Default>(image: &mut Image<T>, width: usize, height: usize) {
+    image.data.resize(width * height, T::default());
+    (image.width, image.height) = (width, height);
+}

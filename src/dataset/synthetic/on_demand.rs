@@ -1,0 +1,52 @@
+//! The procedural room as a dataset without files.
+
+use super::params::{ParamsError, SyntheticParams};
+use super::plan::{PlannedSplit, ViewPlan};
+use super::room;
+use crate::dataset::entry::{FrameEntry, FrameSource, Split};
+use crate::dataset::formats::Layout;
+use crate::dataset::opened::Dataset;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::position_range::PositionRange;
+use crate::math::camera::Camera;
+use crate::math::pose::Pose;
+use std::sync::Arc;
+
+/// The demo: [`SyntheticParams::demo`] as a dataset.
+pub fn demo() -> Result<Dataset, ParamsError> {
+    dataset(&SyntheticParams::demo())
+}
+
+/// A dataset whose frames are rendered when they are loaded.
+pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
+    let ViewPlan { scene, splits } = ViewPlan::new(params)?;
+    let intrinsics = scene.intrinsics();
+    let split = |planned: PlannedSplit| {
+        let entry = |(i, pose): (usize, Pose)| FrameEntry {
+            name: format!("{}/{i:04}", planned.name),
+            camera: Camera { intrinsics, pose },
+            source: FrameSource::Synthetic {
+                scene: Arc::clone(&scene),
+                noise_stream: planned.noise_stream(i),
+            },
+        };
+        let frames = planned.poses.iter().copied().enumerate().map(entry).collect();
+        Split { name: planned.name.to_owned(), frames, has_depth: true }
+    };
+    Ok(Dataset {
+        name: "synthetic room".to_owned(),
+        path: None,
+        layout: Layout::Synthetic,
+        recognised_by: "generated, no files".to_owned(),
+        splits: splits.into_iter().map(split).collect(),
+        warnings: Vec::new(),
+        notes: Vec::new(),
+        known_range: position_range(),
+        options: LoadOptions::default(),
+    })
+}
+
+/// The room's walls, floor and ceiling: no point lies outside.
+pub fn position_range() -> Option<PositionRange> {
+    PositionRange::new(room::LO, room::HI, "the bounds of the synthetic room")
+}

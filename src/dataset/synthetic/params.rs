@@ -1,0 +1,64 @@
+//! What a procedural recording is made with.
+
+/// Smallest and largest image side.
+const SIDE_LIMITS: [u32; 2] = [8, 8192];
+/// Largest number of frames in a split.
+const MAX_FRAMES: usize = 100_000;
+
+/// What to generate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SyntheticParams {
+    /// Columns, 8 to 8192.
+    pub width: u32,
+    /// Rows, 8 to 8192.
+    pub height: u32,
+    /// Frames of the split `train`, 1 to 100 000.
+    pub n_train: usize,
+    /// Frames of the split `eval`, from viewpoints between those of `train`; may be 0.
+    pub n_eval: usize,
+    /// Textures, colours and the phase of the trajectory.
+    pub seed: u64,
+    /// Standard deviation of depth noise in units of the sensor's noise half-width
+    /// `max(0.003, 0.003 z²)` m; 0 is exact depth. Only `train` is noisy.
+    pub depth_noise: f64,
+}
+
+impl SyntheticParams {
+    /// The demo that the window starts with.
+    pub fn demo() -> Self {
+        Self { width: 320, height: 240, n_train: 96, n_eval: 12, seed: 0, depth_noise: 0.0 }
+    }
+
+    pub(super) fn check(&self) -> Result<(), ParamsError> {
+        let wrong =
+            |setting, expected, found: String| Err(ParamsError { setting, expected, found });
+        let [low, high] = SIDE_LIMITS;
+        for (setting, side) in [("width", self.width), ("height", self.height)] {
+            if side < low || side > high {
+                return wrong(setting, "8 to 8192 pixels", side.to_string());
+            }
+        }
+        if self.n_train == 0 || self.n_train > MAX_FRAMES {
+            return wrong("training frames", "1 to 100000", self.n_train.to_string());
+        }
+        if self.n_eval > MAX_FRAMES {
+            return wrong("evaluation frames", "0 to 100000", self.n_eval.to_string());
+        }
+        if !(0.0..=100.0).contains(&self.depth_noise) {
+            return wrong("depth noise", "0 to 100 sensor noises", self.depth_noise.to_string());
+        }
+        Ok(())
+    }
+}
+
+/// A parameter outside its range.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("setting {setting}: expected {expected}, found {found}; choose a value in this range")]
+pub struct ParamsError {
+    /// Name of the parameter.
+    pub setting: &'static str,
+    /// Legal values of the parameter, with their unit.
+    pub expected: &'static str,
+    /// The value that was given.
+    pub found: String,
+}

@@ -1,0 +1,86 @@
+//! The synthetic scene in the NeRF-synthetic layout.
+
+use super::files::{WriteError, create_folder, write_gray16, write_rgba, write_text};
+use crate::dataset::depth::INVERSE8_RANGE;
+use crate::dataset::synthetic::plan::{PlannedSplit, ViewPlan};
+use crate::dataset::synthetic::room;
+use crate::dataset::synthetic::scene::{DEPTH_UNIT, FIELD_OF_VIEW, quantise};
+use crate::dataset::synthetic::view::SyntheticView;
+use crate::math::camera::Intrinsics;
+use crate::math::image::Image;
+use crate::math::pose::Pose;
+use serde_json::json;
+use std::path::Path;
+
+/// How the Blender layout stores depth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthBits {
+    /// `8·(1 − d/255)` in RGBA, steps of 31 mm, as the classic export.
+    Eight,
+    /// Gray steps of `integer_depth_scale` = 0.25 mm.
+    Sixteen,
+}
+
+/// One `transforms_SPLIT.json` and one folder of images per split.
+pub(super) fn write(
+    plan: &ViewPlan,
+    out: &Path,
+    bits: DepthBits,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let k = plan.scene.intrinsics();
+    for split in &plan.splits {
+        create_folder(&out.join(split.name))?;
+        for i in 0..split.poses.len() {
+            let SyntheticView { color, depth_z } = plan.view(split, i);
+            let stem = out.join(split.name).join(format!("r_{i}"));
+            write_rgba(&stem.with_extension("png"), &color)?;
+            let depth_file = stem.with_file_name(format!("r_{i}_depth_0001.png"));
+            let along_ray = ray_lengths(&depth_z, &k);
+            match bits {
+                DepthBits::Eight => write_rgba(&depth_file, &inverse8(&along_ray))?,
+                DepthBits::Sixteen => {
+                    write_gray16(&depth_file, &quantise(&along_ray, DEPTH_UNIT))?;
+                }
+            }
+            on_frame();
+        }
+        let list = out.join(format!("transforms_{}.json", split.name));
+        write_text(&list, &frame_list(split, bits))?;
+    }
+    Ok(())
+}
+
+fn ray_lengths(depth_z: &Image<f64>, k: &Intrinsics) -> Image<f64> {
+    let mut lengths = depth_z.clone();
+    for (i, length) in lengths.data.iter_mut().enumerate() {
+        *length *= k.ray(i % depth_z.width, i / depth_z.width).length();
+    }
+    lengths
+}
+
+/// The classic code in the three colour channels, opaque.
+fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
+    lengths.map(|length| {
+        let code = (255.0 * (1.0 - length / INVERSE8_RANGE)).round();
+        let d = if (1.0..255.0).contains(&code) { code as u8 } else { 0 };
+        [d, d, d, 255]
+    })
+}
+
+fn frame_list(split: &PlannedSplit, bits: DepthBits) -> String {
+    let entry = |(i, pose): (usize, &Pose)| {
+        let rows = pose.to_opengl().transpose().to_cols_array_2d();
+        json!({ "file_path": format!("./{}/r_{i}", split.name), "transform_matrix": rows })
+    };
+    let frames: Vec<_> = split.poses.iter().enumerate().map(entry).collect();
+    let mut list = json!({
+        "camera_angle_x": FIELD_OF_VIEW,
+        "position_range": [room::LO.to_array(), room::HI.to_array()],
+        "frames": frames,
+    });
+    if bits == DepthBits::Sixteen {
+        list["integer_depth_scale"] = json!(DEPTH_UNIT);
+    }
+    format!("{list:#}\n")
+}

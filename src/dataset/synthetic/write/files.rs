@@ -1,0 +1,70 @@
+//! Folders, texts and images on disk, and what can go wrong with them.
+
+use crate::dataset::synthetic::params::ParamsError;
+use crate::math::image::Image;
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// Why a dataset cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// Parameters outside their range.
+    #[error("{0}")]
+    Params(#[from] ParamsError),
+    /// Nothing is overwritten.
+    #[error(
+        "{}: expected a new or empty folder, found one with files; choose another", .0.display()
+    )]
+    NotEmpty(PathBuf),
+    /// A folder or file that cannot be written.
+    #[error("{}: expected to write here, found: {source}; check free space and permissions", path.display())]
+    Io {
+        /// The folder or file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// An image that cannot be encoded.
+    #[error("{}: expected to write an image, found: {source}; check free space", path.display())]
+    Image {
+        /// The image file that was to be written.
+        path: PathBuf,
+        /// What the encoder said.
+        source: image::ImageError,
+    },
+}
+
+pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {
+    std::fs::create_dir_all(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })
+}
+
+pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {
+    std::fs::write(path, text).map_err(|source| WriteError::Io { path: path.to_owned(), source })
+}
+
+/// Writes an 8-bit RGBA PNG, straight alpha.
+pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
+    let size = (image.width, image.height);
+    write_png(path, image.data.as_flattened(), size, ExtendedColorType::Rgba8)
+}
+
+/// Writes a 16-bit gray PNG.
+pub(super) fn write_gray16(path: &Path, image: &Image<u16>) -> Result<(), WriteError> {
+    let bytes = bytemuck::cast_slice(&image.data);
+    write_png(path, bytes, (image.width, image.height), ExtendedColorType::L16)
+}
+
+fn write_png(
+    path: &Path,
+    bytes: &[u8],
+    (width, height): (usize, usize),
+    color: ExtendedColorType,
+) -> Result<(), WriteError> {
+    let file = std::fs::File::create(path)
+        .map_err(|source| WriteError::Io { path: path.to_owned(), source })?;
+    PngEncoder::new(BufWriter::new(file))
+        .write_image(bytes, width as u32, height as u32, color)
+        .map_err(|source| WriteError::Image { path: path.to_owned(), source })
+}

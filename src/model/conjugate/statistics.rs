@@ -1,0 +1,88 @@
+//! Sufficient statistics, centred about the initial means.
+
+use crate::math::real::Real;
+use crate::math::sym3::Sym3;
+use glam::DVec3;
+
+/// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), where
+/// `d = s − m_k` (`model.md`, Sufficient statistics).
+pub const N_SUMS: usize = 13;
+
+/// Sums of one component over one tile of points, not yet rounded to the form of the totals.
+#[derive(Clone, Copy, Debug)]
+pub struct TileRecord<R> {
+    /// Number of the component.
+    pub id: u32,
+    /// Position of the tile in its frame.
+    pub tile: u32,
+    /// In the order of [`N_SUMS`].
+    pub sums: [R; N_SUMS],
+}
+
+/// Adds a point of responsibility `r` at offset `d` from the component's initial mean to sums.
+#[inline(always)]
+pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]) {
+    let rd = d.map(|v| r * v);
+    let terms = [
+        r,
+        rd[0],
+        rd[1],
+        rd[2],
+        rd[0] * d[0],
+        rd[0] * d[1],
+        rd[0] * d[2],
+        rd[1] * d[1],
+        rd[1] * d[2],
+        rd[2] * d[2],
+        r * color[0],
+        r * color[1],
+        r * color[2],
+    ];
+    for (sum, term) in sums.iter_mut().zip(terms) {
+        *sum += term;
+    }
+}
+
+/// Statistics of one component in f64, still centred about its initial mean.
+///
+/// ```
+/// use vbgs_studio::model::conjugate::statistics::{Moments, N_SUMS, add_point};
+///
+/// let mut sums = [0.0f64; N_SUMS];
+/// add_point(&mut sums, 1.0, [0.1, 0.0, 0.0], [0.5; 3]);
+/// add_point(&mut sums, 1.0, [-0.1, 0.0, 0.0], [0.5; 3]);
+/// let moments = Moments::from_sums(sums);
+/// assert_eq!((moments.count, moments.first.x), (2.0, 0.0));
+/// assert!((moments.second.xx - 0.02).abs() < 1e-15);
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// `N_k = Σ r`.
+    pub count: f64,
+    /// `a' = Σ r (s − m_k)`.
+    pub first: DVec3,
+    /// `B' = Σ r (s − m_k)(s − m_k)ᵀ`.
+    pub second: Sym3,
+    /// `b = Σ r c`.
+    pub color: DVec3,
+}
+
+impl Moments {
+    /// From sums in the order of [`N_SUMS`].
+    pub fn from_sums(t: [f64; N_SUMS]) -> Self {
+        Self {
+            count: t[0],
+            first: DVec3::new(t[1], t[2], t[3]),
+            second: Sym3::from_array([t[4], t[5], t[6], t[7], t[8], t[9]]),
+            color: DVec3::new(t[10], t[11], t[12]),
+        }
+    }
+
+    /// Raw moments about the origin, `a = a' + N m` and `B = B' + a'mᵀ + m a'ᵀ + N m mᵀ`.
+    pub fn raw(&self, mean_init: DVec3) -> (DVec3, Sym3) {
+        let (a, m) = (self.first.to_array(), mean_init.to_array());
+        let cross = |i: usize, j: usize| a[i] * m[j] + m[i] * a[j] + self.count * m[i] * m[j];
+        let shift = [cross(0, 0), cross(0, 1), cross(0, 2), cross(1, 1), cross(1, 2), cross(2, 2)];
+        (self.first + mean_init * self.count, self.second.add_scaled(1.0, Sym3::from_array(shift)))
+    }
+}

@@ -1,0 +1,142 @@
+//! Adding the totals of models that started alike and saw different points: exact, so that any
+//! merge tree gives the same bits.
+
+use super::state::{Carry, Totals};
+use crate::model::conjugate::statistics::N_SUMS;
+use std::collections::BTreeMap;
+
+/// Why totals cannot be added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AddError {
+    /// Sums in floating point, which round with every addition.
+    #[error("totals that are rounded depend on the order of frames and cannot be added exactly")]
+    Inexact,
+    /// Different forms, lengths or origins.
+    #[error("totals of different forms, numbers of components or origins cannot be added")]
+    Unlike,
+    /// A sum left the range of its form.
+    #[error("a sum of component {component} exceeds the range of its form")]
+    Overflow {
+        /// Number of the component whose sum it is.
+        component: usize,
+    },
+}
+
+/// The sum of two totals of equal form and length.
+///
+/// ```
+/// use vbgs_studio::model::paper::merging::add;
+/// use vbgs_studio::model::paper::state::Totals;
+/// use vbgs_studio::model::conjugate::statistics::N_SUMS;
+///
+/// let of = |quanta| Totals::Fixed128(vec![[quanta; N_SUMS]]);
+/// assert_eq!(add(&of(2), &of(3)), Ok(of(5)));
+/// let rounded = Totals::F32(vec![[2.0; N_SUMS]]);
+/// assert!(add(&rounded, &rounded).is_err());
+/// ```
+pub fn add(a: &Totals, b: &Totals) -> Result<Totals, AddError> {
+    match (a, b) {
+        (
+            Totals::Fixed64 { rows: a, carries: carries_a },
+            Totals::Fixed64 { rows: b, carries: carries_b },
+        ) if a.len() == b.len() => add_fixed64(a, carries_a, b, carries_b),
+        (Totals::Fixed128(a), Totals::Fixed128(b)) if a.len() == b.len() => {
+            let add_rows = |(component, (a, b)): (usize, (&[i128; N_SUMS], &[i128; N_SUMS]))| {
+                let mut row = *a;
+                for (sum, term) in row.iter_mut().zip(b) {
+                    *sum = sum.checked_add(*term).ok_or(AddError::Overflow { component })?;
+                }
+                Ok(row)
+            };
+            let rows: Result<_, _> = a.iter().zip(b).enumerate().map(add_rows).collect();
+            Ok(Totals::Fixed128(rows?))
+        }
+        (Totals::F32(_), Totals::F32(_)) => Err(AddError::Inexact),
+        _ => Err(AddError::Unlike),
+    }
+}
+
+fn add_fixed64(
+    a: &[[i64; N_SUMS]],
+    carries_a: &[Carry],
+    b: &[[i64; N_SUMS]],
+    carries_b: &[Carry],
+) -> Result<Totals, AddError> {
+    // Wider than what is stored: limbs of both cannot overflow before their sum is checked.
+    let mut limbs: BTreeMap<u32, [i64; N_SUMS]> = BTreeMap::new();
+    for carry in carries_a.iter().chain(carries_b) {
+        let sums = limbs.entry(carry.id).or_default();
+        sums.iter_mut().zip(carry.limbs).for_each(|(sum, limb)| *sum += i64::from(limb));
+    }
+    let mut rows = a.to_vec();
+    for (component, (row, b)) in rows.iter_mut().zip(b).enumerate() {
+        for (i, (sum, &term)) in row.iter_mut().zip(b).enumerate() {
+            let (wrapped, overflows) = sum.overflowing_add(term);
+            if overflows {
+                // What left the row by wrapping is one whole limb, of the terms' sign.
+                limbs.entry(component as u32).or_default()[i] += term.signum();
+            }
+            *sum = wrapped;
+        }
+    }
+    let carry = |(id, limbs): (u32, [i64; N_SUMS])| {
+        let mut carry = Carry { id, limbs: [0; N_SUMS] };
+        for (to, from) in carry.limbs.iter_mut().zip(limbs) {
+            let overflow = AddError::Overflow { component: id as usize };
+            *to = i32::try_from(from).map_err(|_| overflow)?;
+        }
+        Ok(carry)
+    };
+    let any = |(_, limbs): &(u32, [i64; N_SUMS])| limbs.iter().any(|&limb| limb != 0);
+    let carries: Result<_, _> = limbs.into_iter().filter(any).map(carry).collect();
+    Ok(Totals::Fixed64 { rows, carries: carries? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A total of one component whose sums all are `value`.
+    fn fixed64(value: i128) -> Totals {
+        let row = value as i64;
+        let limb = ((value - i128::from(row)) >> 64) as i32;
+        let carry = (limb != 0).then_some(Carry { id: 0, limbs: [limb; N_SUMS] });
+        Totals::Fixed64 { rows: vec![[row; N_SUMS]], carries: carry.into_iter().collect() }
+    }
+
+    proptest! {
+        #[test]
+        fn sums_with_carries_are_exact(
+            a in -(1i128 << 90)..1i128 << 90,
+            b in -(1i128 << 66)..1i128 << 66,
+        ) {
+            prop_assert_eq!(add(&fixed64(a), &fixed64(b)), Ok(fixed64(a + b)));
+            let wide = |v| Totals::Fixed128(vec![[v; N_SUMS]]);
+            prop_assert_eq!(add(&wide(a), &wide(b)), Ok(wide(a + b)));
+        }
+    }
+
+    #[test]
+    fn carries_come_and_go() {
+        let edge = i128::from(i64::MAX);
+        assert_eq!(add(&fixed64(edge), &fixed64(1)), Ok(fixed64(edge + 1)));
+        assert_eq!(add(&fixed64(edge + 1), &fixed64(-1)), Ok(fixed64(edge)));
+        assert_eq!(add(&fixed64(1 << 80), &fixed64(-(1 << 80))), Ok(fixed64(0)));
+    }
+
+    #[test]
+    fn what_cannot_be_added() {
+        let f32s = Totals::F32(vec![[0.0; N_SUMS]]);
+        assert_eq!(add(&f32s, &f32s), Err(AddError::Inexact));
+        assert_eq!(add(&f32s, &fixed64(0)), Err(AddError::Unlike));
+        assert_eq!(
+            add(&Totals::Fixed128(Vec::new()), &Totals::Fixed128(vec![[0; N_SUMS]])),
+            Err(AddError::Unlike)
+        );
+        let most = Totals::Fixed128(vec![[i128::MAX; N_SUMS]]);
+        assert_eq!(add(&most, &most), Err(AddError::Overflow { component: 0 }));
+        let most = fixed64(i128::from(i32::MAX) << 64);
+        assert_eq!(add(&most, &most), Err(AddError::Overflow { component: 0 }));
+    }
+}

@@ -1,0 +1,9 @@
+//! The mixture of the published algorithm: a fixed number of components, their initial model and
+//! their totals.
+
+pub mod merging;
+pub mod mixture;
+mod shard;
+pub mod state;
+mod total_scalar;
+pub mod totals;

@@ -1,0 +1,143 @@
+//! The totals of consecutive components: what one thread adds to at a time.
+
+use super::total_scalar::TotalScalar;
+use crate::math::real::Real;
+use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
+use std::collections::BTreeMap;
+
+/// Records whose rows are fetched together.
+const ROWS_AHEAD: usize = 16;
+
+/// Rows of consecutive components.
+pub(super) struct TotalShard<T: TotalScalar> {
+    /// One row per component.
+    pub rows: Vec<TotalRow<T>>,
+    /// High limbs by component, where a sum has one.
+    pub carries: BTreeMap<u32, [i32; N_SUMS]>,
+    /// Bit `i` of word `j` is set if row `64 j + i` has received something.
+    pub used: Vec<u64>,
+    /// Rows that have received something.
+    pub n_used: usize,
+    /// Ids whose rows the current frame has changed, each once.
+    pub touched: Vec<u32>,
+    /// Memory for records that must be put in order.
+    sorted: Vec<TileRecord<f64>>,
+}
+
+/// Two cache lines in 64-bit form.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(super) struct TotalRow<T> {
+    /// The frame that changed it last.
+    frame: u32,
+    /// In the order of [`N_SUMS`]; low bits where high limbs are kept apart.
+    pub sums: [T; N_SUMS],
+}
+
+/// Bytes of one component.
+pub(super) fn row_bytes<T: TotalScalar>(_: &[TotalShard<T>]) -> usize {
+    size_of::<TotalRow<T>>()
+}
+
+impl<T: TotalScalar> TotalShard<T> {
+    /// Rows of `len` components that have received nothing.
+    pub fn new(len: usize) -> Self {
+        Self {
+            rows: vec![TotalRow { frame: 0, sums: [T::default(); N_SUMS] }; len],
+            carries: BTreeMap::new(),
+            used: vec![0; len.div_ceil(64)],
+            n_used: 0,
+            touched: Vec::with_capacity(len),
+            sorted: Vec::new(),
+        }
+    }
+
+    /// Forgets which frames changed which rows.
+    pub fn forget_frames(&mut self) {
+        self.rows.iter_mut().for_each(|row| row.frame = 0);
+    }
+
+    /// Adds the records of one frame to rows, whose first one is component `first`'s.
+    pub fn add_frame<R: Real>(
+        &mut self,
+        frame: u32,
+        first: usize,
+        records: impl FnOnce(&mut dyn FnMut(&[TileRecord<R>])),
+    ) {
+        self.touched.clear();
+        if !T::ORDERED {
+            return records(&mut |records| self.add_all(frame, first, records));
+        }
+        let mut sorted = std::mem::take(&mut self.sorted);
+        sorted.clear();
+        records(&mut |records| {
+            let widened = |r: &TileRecord<R>| TileRecord {
+                id: r.id,
+                tile: r.tile,
+                sums: r.sums.map(R::to_f64),
+            };
+            sorted.extend(records.iter().map(widened));
+        });
+        sorted.sort_unstable_by_key(|record| (record.id, record.tile));
+        self.add_all(frame, first, &sorted);
+        self.sorted = sorted;
+    }
+
+    /// Rows are far from the processor, so those of some records are fetched before any is added
+    /// to.
+    #[inline(always)]
+    fn add_all<R: Real>(&mut self, frame: u32, first: usize, records: &[TileRecord<R>]) {
+        for records in records.chunks(ROWS_AHEAD) {
+            for record in records {
+                self.touch(frame, record.id as usize - first, record);
+            }
+            for record in records {
+                self.add(record.id as usize - first, record);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn touch<R: Real>(&mut self, frame: u32, place: usize, record: &TileRecord<R>) {
+        let row = &mut self.rows[place];
+        // A value that nobody needs yet: reading it fetches the row's second cache line.
+        std::hint::black_box(row.sums[N_SUMS - 1]);
+        let is_new = row.frame != frame;
+        if is_new && !T::vanishes(record.sums[0].to_f64()) {
+            row.frame = frame;
+            self.touched.push(record.id);
+            self.mark_used(place);
+        }
+    }
+
+    #[inline(always)]
+    fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
+        let sums = record.sums.map(R::to_f64);
+        if T::vanishes(sums[0]) {
+            return;
+        }
+        if let Some(limbs) = T::add(&mut self.rows[place].sums, &sums) {
+            let carry = self.carries.entry(record.id).or_insert([0; N_SUMS]);
+            carry.iter_mut().zip(limbs).for_each(|(c, l)| *c = c.saturating_add(l));
+        }
+    }
+
+    /// Notes that a row has received something.
+    pub fn mark_used(&mut self, place: usize) {
+        let (word, bit) = (&mut self.used[place / 64], 1 << (place % 64));
+        self.n_used += usize::from(*word & bit == 0);
+        *word |= bit;
+    }
+
+    /// Statistics of one component of the shard, about its initial mean.
+    pub fn moments(&self, component: usize, shard_bits: u32) -> Moments {
+        let row = &self.rows[component & ((1 << shard_bits) - 1)];
+        let none = [0; N_SUMS];
+        // Hardly a model carries anything: then there is no lookup per component.
+        let limbs = match self.carries.is_empty() {
+            true => &none,
+            false => self.carries.get(&(component as u32)).unwrap_or(&none),
+        };
+        Moments::from_sums(std::array::from_fn(|i| row.sums[i].value(limbs[i], i)))
+    }
+}

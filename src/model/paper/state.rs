@@ -1,0 +1,91 @@
+//! Everything a trained mixture consists of, as plain columns: what checkpoints hold.
+
+use crate::model::conjugate::statistics::N_SUMS;
+
+/// A trained mixture at a frame boundary. Row `k` of every column is component `k`; coordinates are
+/// normalised.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelState {
+    /// Dirichlet parameters of the initial model.
+    pub alpha_init: Vec<f64>,
+    /// Initial means, moved by reassignment.
+    pub means: InitialMeans,
+    /// Sums over everything seen, about the initial spatial means.
+    pub totals: Totals,
+}
+
+/// Initial means in the precision the E-step reads them in.
+#[derive(Clone, Debug, PartialEq)]
+pub enum InitialMeans {
+    /// Means that mixed and f32 runs keep.
+    F32 {
+        /// Spatial means, one row per component.
+        space: Vec<[f32; 3]>,
+        /// Colour means, one row per component.
+        color: Vec<[f32; 3]>,
+    },
+    /// Means that f64 runs keep.
+    F64 {
+        /// Spatial means, one row per component.
+        space: Vec<[f64; 3]>,
+        /// Colour means, one row per component.
+        color: Vec<[f64; 3]>,
+    },
+}
+
+impl InitialMeans {
+    /// Rows `[s, c]`; exact.
+    pub fn rows(&self) -> Vec<[f64; 6]> {
+        let row = |s: [f64; 3], c: [f64; 3]| [s[0], s[1], s[2], c[0], c[1], c[2]];
+        match self {
+            Self::F32 { space, color } => {
+                let widened = |v: &[f32; 3]| v.map(f64::from);
+                space.iter().zip(color).map(|(s, c)| row(widened(s), widened(c))).collect()
+            }
+            Self::F64 { space, color } => {
+                space.iter().zip(color).map(|(&s, &c)| row(s, c)).collect()
+            }
+        }
+    }
+}
+
+/// Sums in the order of [`N_SUMS`].
+#[derive(Clone, Debug, PartialEq)]
+pub enum Totals {
+    /// 64-bit fixed point; quanta as in [`super::totals`].
+    Fixed64 {
+        /// Low 64 bits of every sum.
+        rows: Vec<[i64; N_SUMS]>,
+        /// What did not fit in them, by ascending id; components without one carry nothing.
+        carries: Vec<Carry>,
+    },
+    /// 128-bit fixed point.
+    Fixed128(Vec<[i128; N_SUMS]>),
+    /// Sums in f32, which depend on the order of frames.
+    F32(Vec<[f32; N_SUMS]>),
+}
+
+impl Totals {
+    /// Number of components.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Fixed64 { rows, .. } => rows.len(),
+            Self::Fixed128(rows) => rows.len(),
+            Self::F32(rows) => rows.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// High limbs of a component: a sum is `limb · 2⁶⁴ + row` quanta.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Carry {
+    /// Number of the component.
+    pub id: u32,
+    /// One limb per sum.
+    pub limbs: [i32; N_SUMS],
+}

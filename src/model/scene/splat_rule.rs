@@ -1,0 +1,123 @@
+//! From sums to what renderers draw: a splat with a flat top, a colour gradient and a colour that
+//! depends on the direction it is seen from (`model.md`, Scene splat rule).
+
+use super::opacity::{DensityOpacity, early};
+use super::sums::{SceneSums, outer};
+use crate::math::sym3::Sym3;
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// How sums become a splat.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SplatRule {
+    /// Opacity from returns.
+    pub opacity: DensityOpacity,
+    /// Fewest points of a component that is drawn.
+    pub least_points: f64,
+    /// Factor on the standard deviations.
+    pub scale: f64,
+    /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`.
+    #[serde(default = "open")]
+    pub closing: f64,
+    /// Least standard deviation, units of `h`.
+    pub least_scale: f64,
+    /// Standard deviation of the points that every component starts with, units of `h`.
+    pub prior_scale: f64,
+    /// How many such points.
+    pub prior_points: f64,
+    /// Whether colour varies over a splat.
+    pub gradient: bool,
+    /// Ridge of the regression of colour on position, units of `h²`.
+    pub gradient_ridge: f64,
+    /// Whether colour depends on the view direction.
+    pub directional: bool,
+    /// Ridge of the regression of colour on direction, and its part that falls as `1/N`.
+    pub directional_ridge: [f64; 2],
+}
+
+/// What a component's splat depends on besides its sums.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplatContext {
+    /// Seed, world units.
+    pub seed: DVec3,
+    /// Structural scale, world units.
+    pub h: f64,
+    /// Returns expected of it so far.
+    pub expected: f64,
+    /// Frames learnt so far.
+    pub frames: u64,
+}
+
+impl SplatRule {
+    /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
+    pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
+        let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
+        // The first frames cannot bring many points to any component, and must show something.
+        let least_points = (self.least_points * early(context.frames)).max(1.0);
+        if sums.count < least_points || opacity == 0.0 {
+            return Default::default();
+        }
+        let mean = sums.mean_offset();
+        let covariance = sums.covariance();
+        let (scale, rotation) =
+            decompose(self.regular(covariance, sums.count, context.h), CovarianceForm::Eigen);
+        let scale = (scale * self.scale).max(DVec3::splat(self.least_scale * context.h));
+        let mut color = sums.color / sums.count;
+        let mut appearance = Appearance::default();
+        if self.gradient {
+            appearance.gradient =
+                rows(sums.gradient(covariance, self.gradient_ridge * context.h * context.h));
+        }
+        if self.directional {
+            let weights = self.directional(sums);
+            // The constant term of the regression; renderers add the part that is linear in the
+            // direction.
+            color -= weights * (sums.view / sums.count);
+            appearance.directional = rows(weights);
+        }
+        let splat = Splat {
+            mean: (context.seed + mean).as_vec3().to_array(),
+            opacity: opacity as f32,
+            color: color.as_vec3().to_array(),
+            scale: scale.as_vec3().to_array(),
+            rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
+        };
+        (splat, appearance)
+    }
+
+    /// The covariance with the prior's points added to it.
+    fn regular(&self, covariance: Sym3, count: f64, h: f64) -> Sym3 {
+        let prior = Sym3::diagonal((self.prior_scale * h).powi(2));
+        covariance
+            // As if so many points of an isotropic Gaussian had been seen: few points of a plane
+            // have a covariance of rank two or less.
+            .scaled(count)
+            .add_scaled(self.prior_points, prior)
+            .scaled(1.0 / (count + self.prior_points))
+    }
+
+    /// Ridge regression of colour on view direction, row per channel.
+    fn directional(&self, sums: &SceneSums) -> DMat3 {
+        let n = sums.count;
+        let view = sums.view / n;
+        let joint = sums.color_view * (1.0 / n) - outer(sums.color / n, view);
+        let spread = sums.view_second.scaled(1.0 / n).add_scaled(-1.0, Sym3::outer(view));
+        let [constant, falling] = self.directional_ridge;
+        match spread.add_scaled(1.0, Sym3::diagonal(constant + falling / n)).inverse() {
+            Some(inverse) => joint * inverse.to_mat3(),
+            None => DMat3::ZERO,
+        }
+    }
+}
+
+/// Scenes written before there was a closing.
+fn open() -> f64 {
+    1.0
+}
+
+fn rows(m: DMat3) -> [[f32; 3]; 3] {
+    let rows = m.transpose();
+    [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.as_vec3().to_array())
+}

@@ -1,0 +1,114 @@
+//! How the frames that a scene was learnt from were exposed, so that a view can be drawn as bright
+//! as a camera there would have taken it.
+
+use crate::math::pose::Pose;
+use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
+
+/// Angle between view directions, radians, at which a frame counts for less by `exp(−½)`.
+const ANGLE: f64 = 0.1;
+/// Distance between cameras, structural scales, at which a frame counts for less by `exp(−½)`.
+const DISTANCE: f64 = 4.0;
+
+/// How one frame was exposed, and from where it was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FrameExposure {
+    /// Where its camera stood, world units.
+    pub centre: [f64; 3],
+    /// Unit direction it looked in, world axes.
+    pub forward: [f64; 3],
+    /// Factors that brought its red, green and blue to the scene's.
+    pub gain: [f64; 3],
+}
+
+impl FrameExposure {
+    /// A frame taken from `pose`, whose channels `gain` brought to the scene's exposure.
+    pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
+        let (centre, forward) = (pose.centre().to_array(), pose.forward().to_array());
+        Self { centre, forward, gain: gain.map(f64::from) }
+    }
+
+    /// Squared distance from a pose, one for a frame that counts for less by `exp(−½)`.
+    fn squared_distance(&self, pose: &Pose, reach: f64) -> f64 {
+        let apart = DVec3::from_array(self.centre).distance(pose.centre()) / reach;
+        let angle = DVec3::from_array(self.forward).angle_between(pose.forward()) / ANGLE;
+        apart * apart + angle * angle
+    }
+}
+
+/// The frames of a scene in the order they were learnt in.
+///
+/// ```
+/// use vbgs_studio::math::pose::Pose;
+/// use vbgs_studio::model::splat::exposure::{Exposure, ExposureLog};
+///
+/// // A frame half as bright in red as the scene.
+/// let frame = Exposure::new(&Pose::IDENTITY, [2.0, 1.0, 1.0]);
+/// let log = ExposureLog::new(vec![frame], 0.02);
+/// let [red, green, _] = log.at(&Pose::IDENTITY);
+/// assert!((red - 0.5).abs() < 1e-6 && (green - 1.0).abs() < 1e-6);
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExposureLog {
+    frames: Vec<FrameExposure>,
+    /// Distance between cameras at which a frame counts for less by `exp(−½)`, world units.
+    reach: f64,
+}
+
+impl ExposureLog {
+    /// Frames of a scene with structural scale `h`, world units.
+    pub fn new(frames: Vec<FrameExposure>, h: f64) -> Self {
+        Self { frames, reach: DISTANCE * h }
+    }
+
+    /// Factors on the scene's red, green and blue as seen from `pose`: the geometric mean of what
+    /// undoes the frames' gains, by Gaussian weights relative to the nearest frame's (Nadaraya and
+    /// Watson's regression); 1 without frames.
+    pub fn at(&self, pose: &Pose) -> [f32; 3] {
+        let away = |frame: &FrameExposure| frame.squared_distance(pose, self.reach);
+        let nearest = self.frames.iter().map(away).fold(f64::INFINITY, f64::min);
+        let (mut total, mut logs) = (0.0, DVec3::ZERO);
+        for frame in &self.frames {
+            // Relative to the nearest frame: far from all of them every weight alone would
+            // underflow.
+            let weight = (0.5 * (nearest - away(frame))).exp();
+            total += weight;
+            logs -= weight * DVec3::from_array(frame.gain).map(f64::ln);
+        }
+        match total > 0.0 {
+            true => (logs / total).to_array().map(|log| log.exp() as f32),
+            false => [1.0; 3],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn looking(x: f64) -> Pose {
+        Pose::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(x, 1.0, 0.0), DVec3::Z).unwrap()
+    }
+
+    fn log(frames: &[(f64, f32)]) -> ExposureLog {
+        let frames =
+            frames.iter().map(|&(x, gain)| FrameExposure::new(&looking(x), [gain, 1.0, 1.0]));
+        ExposureLog::new(frames.collect(), 0.025)
+    }
+
+    #[test]
+    fn views_are_as_bright_as_the_frames_around_them() {
+        let log = log(&[(0.0, 0.5), (0.1, 2.0), (5.0, 4.0)]);
+        let red = |x: f64| log.at(&looking(x))[0];
+        assert!((red(-1.0) - 2.0).abs() < 1e-3 && (red(9.0) - 0.25).abs() < 1e-6);
+        assert!((red(0.05) - 1.0).abs() < 1e-6, "half way between the first two");
+        assert!(red(0.02) > red(0.05) && red(0.05) > red(0.08));
+        assert_eq!(log.at(&looking(0.0))[1], 1.0);
+    }
+
+    #[test]
+    fn nothing_is_known_of_no_frames() {
+        assert_eq!(log(&[]).at(&looking(0.0)), [1.0; 3]);
+    }
+}

@@ -1,0 +1,261 @@
+//! The renderable view of a mixture: what every renderer, export and viewport reads.
+//!
+//! Splats are f32 in world units, as a GPU takes them. Two forms turn a covariance into scales and
+//! a rotation: the eigen-decomposition, and what the reference exporter does, which is no rotation
+//! unless the covariance is diagonal; it is kept so that the reference's figures can be reproduced.
+
+use crate::math::sym3::{Sym3, rotation_quaternion};
+use glam::{DMat3, DQuat, DVec3};
+
+/// One Gaussian splat in world units.
+///
+/// ```
+/// use vbgs_studio::model::splat::splats::Splat;
+///
+/// let disc = Splat { opacity: 0.9, scale: [0.2, 0.1, 0.01], ..Splat::default() };
+/// assert!(disc.is_drawable());
+/// assert!((disc.covariance().xx - 0.04).abs() < 1e-8);
+/// assert!(!Splat::default().is_drawable(), "an empty slot");
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Splat {
+    /// Centre, world units.
+    pub mean: [f32; 3],
+    /// Peak opacity: in `[0, 1]`, or up to 3 for a flat top (`rendering.md`, Native appearance). 0
+    /// marks an empty slot that no renderer draws.
+    pub opacity: f32,
+    /// sRGB-encoded colour in `[0, 1]`.
+    pub color: [f32; 3],
+    /// Standard deviations along the rotated axes, world units (linear, not logarithms).
+    pub scale: [f32; 3],
+    /// Unit quaternion `w x y z`: columns of its matrix are the axes of `scale`.
+    pub rotation: [f32; 4],
+}
+
+/// How a covariance becomes scales and a rotation (`model.md`, From posterior to splat).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CovarianceForm {
+    /// Eigen-decomposition: the covariance itself.
+    Eigen,
+    /// Cholesky rows taken as if they were a rotation, as the reference exporter does; right for
+    /// diagonal covariances only and kept for parity runs.
+    LegacyCholesky,
+}
+
+/// Largest coordinate or standard deviation of a valid splat, world units: fourth powers of it
+/// still fit an f32.
+pub const MAX_LENGTH: f32 = 1e9;
+/// How far the square of a rotation's norm may be from 1: rows of half floats pass.
+const UNIT_TOLERANCE: f32 = 4e-3;
+
+/// Jitter the reference adds before its Cholesky factorisation.
+const LEGACY_JITTER: f64 = 1e-10;
+/// Tries of the reference, the jitter ten times larger each time.
+const LEGACY_TRIES: i32 = 5;
+
+impl Default for Splat {
+    /// An empty slot: a ball of no opacity.
+    fn default() -> Self {
+        Self {
+            mean: [0.0; 3],
+            opacity: 0.0,
+            color: [0.0; 3],
+            scale: [1.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        }
+    }
+}
+
+impl Splat {
+    /// Whether the slot holds a splat whose every field is finite. Files can hold it: what else a
+    /// renderer could not draw is floored or normalised on the way.
+    pub fn is_finite(&self) -> bool {
+        let finite = |v: &[f32]| v.iter().all(|x| x.is_finite());
+        self.opacity > 0.0
+            && self.opacity.is_finite()
+            && finite(&self.mean)
+            && finite(&self.color)
+            && finite(&self.scale)
+            && finite(&self.rotation)
+    }
+
+    /// Whether the slot holds a splat and that can be drawn.
+    pub fn is_drawable(&self) -> bool {
+        self.opacity > 0.0 && self.is_valid()
+    }
+
+    /// Whether every field is something a renderer can work with: finite, a unit rotation, no
+    /// negative scale and one that is more than zero, nothing beyond [`MAX_LENGTH`].
+    pub fn is_valid(&self) -> bool {
+        let largest = self.scale.iter().fold(0.0f32, |a, &s| a.max(s));
+        let norm2: f32 = self.rotation.iter().map(|q| q * q).sum();
+        self.opacity.is_finite()
+            && self.mean.iter().all(|x| x.abs() <= MAX_LENGTH)
+            && self.color.iter().all(|c| c.is_finite())
+            && self.scale.iter().all(|s| (0.0..=MAX_LENGTH).contains(s))
+            && largest > 0.0
+            && (norm2 - 1.0).abs() <= UNIT_TOLERANCE
+    }
+
+    /// Covariance `Q diag(s²) Qᵀ` in f64, world units².
+    pub fn covariance(&self) -> Sym3 {
+        let [w, x, y, z] = self.rotation.map(f64::from);
+        let q = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let s = DVec3::from_array(self.scale.map(f64::from));
+        Sym3::from_mat3(q * DMat3::from_diagonal(s * s) * q.transpose())
+    }
+}
+
+/// Standard deviations (before any factor) and unit quaternion `w ≥ 0` of a covariance.
+/// Eigenvalues below zero by rounding count as zero.
+pub fn decompose(covariance: Sym3, form: CovarianceForm) -> (DVec3, DQuat) {
+    match form {
+        CovarianceForm::Eigen => eigen_form(covariance),
+        CovarianceForm::LegacyCholesky => legacy_form(covariance),
+    }
+}
+
+fn eigen_form(covariance: Sym3) -> (DVec3, DQuat) {
+    let eigen = covariance.eigen();
+    let scale = eigen.values.max(DVec3::ZERO).map(f64::sqrt);
+    (scale, rotation_quaternion(eigen.vectors))
+}
+
+fn legacy_form(covariance: Sym3) -> (DVec3, DQuat) {
+    let factor = (0..LEGACY_TRIES).find_map(|attempt| {
+        let jitter = LEGACY_JITTER * 10f64.powi(attempt);
+        covariance.add_scaled(jitter, Sym3::diagonal(1.0)).cholesky()
+    });
+    let l = factor.unwrap_or_else(|| {
+        let eigen = covariance.eigen();
+        eigen.vectors * DMat3::from_diagonal(eigen.values.max(DVec3::ZERO).map(f64::sqrt))
+    });
+    // As the reference does, though the rows of a Cholesky factor are no rotation: its figures
+    // depend on it.
+    let rows = l.transpose();
+    let scale = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
+    let unit =
+        DMat3::from_cols(rows.x_axis / scale.x, rows.y_axis / scale.y, rows.z_axis / scale.z)
+            .transpose();
+    (scale, trace_formula_quaternion(unit))
+}
+
+/// Quaternion by the usual trace / largest-diagonal formulas, normalised afterwards: on a matrix
+/// that is no rotation this differs from any projection onto rotations, and parity needs it.
+fn trace_formula_quaternion(m: DMat3) -> DQuat {
+    let e = |row: usize, column: usize| m.col(column)[row];
+    let (m00, m11, m22) = (e(0, 0), e(1, 1), e(2, 2));
+    let trace = m00 + m11 + m22;
+    let q = if trace > 0.0 {
+        let s = 2.0 * (trace + 1.0).sqrt();
+        DQuat::from_xyzw(
+            (e(2, 1) - e(1, 2)) / s,
+            (e(0, 2) - e(2, 0)) / s,
+            (e(1, 0) - e(0, 1)) / s,
+            0.25 * s,
+        )
+    } else if m00 > m11 && m00 > m22 {
+        let s = 2.0 * (1.0 + m00 - m11 - m22).sqrt();
+        DQuat::from_xyzw(
+            0.25 * s,
+            (e(0, 1) + e(1, 0)) / s,
+            (e(0, 2) + e(2, 0)) / s,
+            (e(2, 1) - e(1, 2)) / s,
+        )
+    } else if m11 > m22 {
+        let s = 2.0 * (1.0 + m11 - m00 - m22).sqrt();
+        DQuat::from_xyzw(
+            (e(0, 1) + e(1, 0)) / s,
+            0.25 * s,
+            (e(1, 2) + e(2, 1)) / s,
+            (e(0, 2) - e(2, 0)) / s,
+        )
+    } else {
+        let s = 2.0 * (1.0 + m22 - m00 - m11).sqrt();
+        DQuat::from_xyzw(
+            (e(0, 2) + e(2, 0)) / s,
+            (e(1, 2) + e(2, 1)) / s,
+            0.25 * s,
+            (e(1, 0) - e(0, 1)) / s,
+        )
+    };
+    let q = q.normalize();
+    if q.w < 0.0 { -q } else { q }
+}
+
+/// Axis-aligned bounds of the centres of finite splats, or `None` if there is none.
+pub fn bounds(splats: &[Splat]) -> Option<(DVec3, DVec3)> {
+    let mut centres =
+        splats.iter().filter(|s| s.is_finite()).map(|s| DVec3::from_array(s.mean.map(f64::from)));
+    let first = centres.next()?;
+    Some(centres.fold((first, first), |(lo, hi), c| (lo.min(c), hi.max(c))))
+}
+
+/// Where a camera should look to see a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Framing {
+    /// Median of the centres, per axis.
+    pub centre: DVec3,
+    /// Distance from there within which nine tenths of the centres lie, world units.
+    pub radius: f64,
+}
+
+/// Share of the centres that the framing radius holds: a few strays must not shrink the view.
+const FRAMED_SHARE: f64 = 0.9;
+
+impl Framing {
+    /// Distance from which the framed ball fills a field of view (radians).
+    pub fn distance(&self, fov: f64) -> f64 {
+        (self.radius / (0.5 * fov).sin()).max(1e-6)
+    }
+}
+
+/// Framing of the finite splats, or `None` if there is none.
+pub fn framing(splats: &[Splat]) -> Option<Framing> {
+    let centres: Vec<DVec3> = splats
+        .iter()
+        .filter(|s| s.is_finite())
+        .map(|s| DVec3::from_array(s.mean.map(f64::from)))
+        .collect();
+    let quantile = |mut values: Vec<f64>, share: f64| {
+        let n = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
+        Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
+    };
+    // Medians and quantiles: a few strays far out must not move or shrink the view.
+    let axis = |i: usize| quantile(centres.iter().map(|c| c[i]).collect(), 0.5);
+    let centre = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
+    let radius = quantile(centres.iter().map(|c| c.distance(centre)).collect(), FRAMED_SHARE)?;
+    Some(Framing { centre, radius: radius.max(1e-6) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eigen_form_rebuilds_the_covariance() {
+        let cov = Sym3::from_array([0.02, -0.012, 0.006, 0.03, 0.011, 0.025]);
+        let (scale, q) = decompose(cov, CovarianceForm::Eigen);
+        let splat = Splat {
+            scale: scale.as_vec3().to_array(),
+            rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
+            opacity: 1.0,
+            ..Splat::default()
+        };
+        let back = splat.covariance().to_array();
+        for (a, b) in back.iter().zip(cov.to_array()) {
+            assert!((a - b).abs() < 1e-8, "{back:?}");
+        }
+    }
+
+    #[test]
+    fn bounds_ignore_empty_and_broken_slots() {
+        let drawn = Splat { mean: [1.0, 2.0, 3.0], opacity: 0.5, ..Splat::default() };
+        let broken = Splat { mean: [f32::NAN; 3], opacity: 0.5, ..Splat::default() };
+        assert!(bounds(&[Splat::default(), broken]).is_none());
+        let (lo, hi) = bounds(&[Splat::default(), drawn, broken]).unwrap();
+        assert_eq!((lo, hi), (DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.0, 2.0, 3.0)));
+    }
+}

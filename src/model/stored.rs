@@ -1,0 +1,22 @@
+//! What a checkpoint holds of a model: everything needed to go on as if training had never stopped.
+
+use super::conjugate::prior::Hyper;
+use super::paper::state::ModelState;
+use super::scene::state::SceneState;
+use crate::math::normalization::Normalization;
+
+/// A model of either kind.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StoredModel {
+    /// Of the paper's preset.
+    Mixture {
+        /// World to model coordinates.
+        normalization: Normalization,
+        /// Prior and initial hyper-parameters.
+        hyper: Hyper,
+        /// Weights, means and statistics.
+        state: ModelState,
+    },
+    /// Of the scene preset.
+    Scene(SceneState),
+}

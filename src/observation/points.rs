@@ -1,0 +1,158 @@
+//! Coloured points of one frame in structure-of-arrays form: what the published algorithm learns
+//! from.
+
+use crate::math::real::Real;
+
+/// Points per tile when the source has no pixel structure.
+const DEFAULT_TILE: usize = 64;
+
+/// Points of one frame, normalised (see [`Normalization`](crate::math::normalization::Normalization)), grouped into tiles: sums are formed
+/// tile by tile, so results depend on the tiles and never on how they are spread over threads.
+///
+/// ```
+/// use vbgs_studio::observation::points::Points;
+///
+/// let mut points = Points::<f32>::new();
+/// points.push([0.0, 0.0, 1.0, 0.5, 0.5, 0.5]);
+/// points.push([0.1, 0.0, 1.0, 0.5, 0.5, 0.5]);
+/// points.close_tile();
+/// assert_eq!((points.len(), points.n_tiles(), points.tile(0)), (2, 1, 0..2));
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Points<R> {
+    /// Position, first axis.
+    pub x: Vec<R>,
+    /// Position, second axis.
+    pub y: Vec<R>,
+    /// Position, third axis.
+    pub z: Vec<R>,
+    /// Red, normalised as a channel.
+    pub r: Vec<R>,
+    /// Green, normalised as a channel.
+    pub g: Vec<R>,
+    /// Blue, normalised as a channel.
+    pub b: Vec<R>,
+    /// Tile `t` holds the points `tiles[t]..tiles[t + 1]`; ascending, starts at 0 and ends at
+    /// [`Points::len`] once closed. Tiles hold 1 to 64 points.
+    pub tiles: Vec<u32>,
+}
+
+impl<R: Real> Points<R> {
+    /// No points and no tiles.
+    pub fn new() -> Self {
+        Self { tiles: vec![0], ..Self::default() }
+    }
+
+    /// Points from rows `[x, y, z, r, g, b]`, in tiles of 64.
+    pub fn from_rows(rows: &[[f64; 6]]) -> Self {
+        let mut points = Self::new();
+        for chunk in rows.chunks(DEFAULT_TILE) {
+            for row in chunk {
+                points.push(row.map(R::of));
+            }
+            points.close_tile();
+        }
+        points
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.x.is_empty()
+    }
+
+    /// Number of tiles.
+    pub fn n_tiles(&self) -> usize {
+        self.tiles.len().saturating_sub(1)
+    }
+
+    /// Index range of a tile's points.
+    pub fn tile(&self, tile: usize) -> std::ops::Range<usize> {
+        self.tiles[tile] as usize..self.tiles[tile + 1] as usize
+    }
+
+    /// Forgets the points, keeps the memory.
+    pub fn clear(&mut self) {
+        for column in [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
+        {
+            column.clear();
+        }
+        // An end without a beginning is no tile: the first bound is always there.
+        self.tiles.clear();
+        self.tiles.push(0);
+    }
+
+    /// Appends `[x, y, z, r, g, b]` to the open tile.
+    #[inline]
+    pub fn push(&mut self, row: [R; 6]) {
+        self.x.push(row[0]);
+        self.y.push(row[1]);
+        self.z.push(row[2]);
+        self.r.push(row[3]);
+        self.g.push(row[4]);
+        self.b.push(row[5]);
+    }
+
+    /// Ends the open tile; an empty one is not kept.
+    pub fn close_tile(&mut self) {
+        let end = self.len() as u32;
+        // An empty tile would be summed for nothing and count as one.
+        if self.tiles.last() != Some(&end) {
+            self.tiles.push(end);
+        }
+    }
+
+    /// Position of a point.
+    #[inline(always)]
+    pub fn position(&self, i: usize) -> [R; 3] {
+        [self.x[i], self.y[i], self.z[i]]
+    }
+
+    /// Colour of a point.
+    #[inline(always)]
+    pub fn color(&self, i: usize) -> [R; 3] {
+        [self.r[i], self.g[i], self.b[i]]
+    }
+
+    /// Points and tiles rounded to another precision.
+    pub fn cast<S: Real>(&self) -> Points<S> {
+        let mut points = Points::new();
+        self.cast_into(&mut points);
+        points
+    }
+
+    /// Replaces `points` by these points rounded to another precision.
+    pub fn cast_into<S: Real>(&self, points: &mut Points<S>) {
+        let cast = |from: &[R], to: &mut Vec<S>| {
+            to.clear();
+            to.extend(from.iter().map(|v| S::of(v.to_f64())));
+        };
+        cast(&self.x, &mut points.x);
+        cast(&self.y, &mut points.y);
+        cast(&self.z, &mut points.z);
+        cast(&self.r, &mut points.r);
+        cast(&self.g, &mut points.g);
+        cast(&self.b, &mut points.b);
+        points.tiles.clone_from(&self.tiles);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_partition_the_points() {
+        let rows: Vec<[f64; 6]> = (0..150).map(|i| [i as f64; 6]).collect();
+        let points = Points::<f32>::from_rows(&rows);
+        assert_eq!(points.tiles, vec![0, 64, 128, 150]);
+        assert_eq!(points.tile(2), 128..150);
+        assert_eq!(points.position(130), [130.0; 3]);
+        assert_eq!(points.cast::<f64>().color(149), [149.0; 3]);
+        assert_eq!(Points::<f32>::from_rows(&[]).n_tiles(), 0);
+    }
+}

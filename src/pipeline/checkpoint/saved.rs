@@ -1,0 +1,105 @@
+//! A run read from a checkpoint.
+
+use super::error::RunError;
+use super::fingerprint::Fingerprint;
+use super::json::parse;
+use crate::export::checkpoint::{self, Checkpoint, Loaded};
+use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::machine;
+use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::preset::Revived;
+use crate::pipeline::run::RunConfig;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// What the `META` section says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Meta {
+    /// Program and version.
+    pub program: String,
+    /// Seconds from 1970 to the moment of saving.
+    pub saved_unix_s: u64,
+    /// Folder of the dataset, absolute; `None` for the procedural scene.
+    pub dataset: Option<PathBuf>,
+    /// What the dataset is recognised by.
+    pub fingerprint: Fingerprint,
+    /// Direction that points up in the world.
+    pub up: [f64; 3],
+    /// Frames the run was to go through.
+    pub planned_frames: usize,
+    /// Seconds spent so far.
+    pub wall_s: f64,
+}
+
+/// A run read from a checkpoint.
+#[derive(Clone, Debug)]
+pub struct SavedRun {
+    /// The file.
+    pub path: PathBuf,
+    /// Version of its format, major and minor.
+    pub version: (u16, u16),
+    /// Its size.
+    pub bytes: u64,
+    /// Every setting that shaped the run.
+    pub config: RunConfig,
+    /// Where it comes from.
+    pub meta: Meta,
+    /// Everything else.
+    pub content: Checkpoint,
+}
+
+impl SavedRun {
+    /// Reads and checks a checkpoint.
+    pub fn read(path: &Path) -> Result<Self, RunError> {
+        let Loaded { checkpoint: content, version, bytes } = checkpoint::read(path)?;
+        let config: RunConfig = parse(path, "CONF", &content.config)?;
+        let meta = parse(path, "META", &content.meta)?;
+        let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
+        run.config.method.any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
+        Ok(run)
+    }
+
+    /// Splats of all components, as the session's that was saved.
+    pub fn splats(&self) -> Result<SplatSet, RunError> {
+        Ok(self.revive()?.learner.splats())
+    }
+
+    /// The model, ready to go on, and world to model coordinates.
+    ///
+    /// # Errors
+    /// [`RunError::Form`], [`RunError::Prior`] or [`RunError::Json`] unless model and settings
+    /// belong together.
+    pub fn revive(&self) -> Result<Revived, RunError> {
+        let (model, frames) = (&self.content.model, self.content.cursor.frames);
+        self.config.method.any().revive(model, frames).map_err(|why| self.mismatch(why))
+    }
+
+    /// Names the file in which model and settings do not belong together.
+    fn mismatch(&self, why: Mismatch) -> RunError {
+        let path = self.path.clone();
+        match why {
+            Mismatch::Prior => RunError::Prior { path },
+            Mismatch::Form(expected) => RunError::Form { path, expected },
+            Mismatch::Setting(problem) => RunError::Json { path, section: "CONF", problem },
+            Mismatch::Index(error) => RunError::Index(error),
+        }
+    }
+
+    /// Direction that points up in the world.
+    pub fn up(&self) -> DVec3 {
+        DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
+    }
+
+    /// A sentence, if results on this machine may differ from those on the one that saved the run.
+    pub fn numerics_differ(&self) -> Option<String> {
+        let here = machine::numerics();
+        (here != self.content.numerics).then(|| {
+            format!(
+                "{}: saved on a machine or build with {}, going on with {here}: results may differ in the last bits",
+                self.path.display(),
+                self.content.numerics
+            )
+        })
+    }
+}

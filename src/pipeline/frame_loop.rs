@@ -1,0 +1,77 @@
+//! The heart of the training loop: prepared frames in, a learner that has learnt them out.
+
+use super::prefetch::{Prefetch, Prepared, PreparedFrame};
+use super::prepare::Prepare;
+use crate::train::candidates::IndexError;
+use crate::train::learner::{Learner, Learns};
+use crate::train::outcome::FrameOutcome;
+
+/// Frames and the learner they are for, whichever preset ties them together.
+pub(super) trait FrameLoop: Send {
+    /// Learns from the next frame, waiting for it to be decoded; `None` after the last.
+    fn step(&mut self) -> Option<SteppedFrame>;
+
+    /// The learner.
+    fn learner(&self) -> &dyn Learner;
+
+    /// The learner, to ask it for more.
+    fn learner_mut(&mut self) -> &mut dyn Learner;
+}
+
+/// A frame that was gone through.
+pub(super) struct SteppedFrame {
+    /// Position in the plan.
+    pub position: usize,
+    /// Name within the split.
+    pub name: String,
+    /// What became of it.
+    pub status: FrameStatus,
+}
+
+/// What became of a frame.
+pub(super) enum FrameStatus {
+    /// It was learnt.
+    Learnt {
+        outcome: FrameOutcome,
+        /// Measured pixels that made no point.
+        dropped: usize,
+        load_ms: f64,
+        prepare_ms: f64,
+    },
+    /// It cannot be used, and why.
+    Skipped(String),
+    /// The learner cannot go on.
+    Failed(IndexError),
+}
+
+/// A preparation and the learner of what it prepares.
+pub(super) struct PresetLoop<P: Prepare> {
+    pub prefetch: Prefetch<P>,
+    pub learner: Box<dyn Learns<P::Observation>>,
+}
+
+impl<P: Prepare> FrameLoop for PresetLoop<P> {
+    fn step(&mut self) -> Option<SteppedFrame> {
+        let Prepared { position, name, result } = self.prefetch.next_frame()?;
+        let status = match result {
+            Err(message) => FrameStatus::Skipped(message),
+            Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
+                let learnt = self.learner.learn(&observation);
+                self.prefetch.recycle(observation);
+                match learnt {
+                    Ok(outcome) => FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms },
+                    Err(error) => FrameStatus::Failed(error),
+                }
+            }
+        };
+        Some(SteppedFrame { position, name, status })
+    }
+
+    fn learner(&self) -> &dyn Learner {
+        &*self.learner
+    }
+
+    fn learner_mut(&mut self) -> &mut dyn Learner {
+        &mut *self.learner
+    }
+}

@@ -1,0 +1,145 @@
+//! The published algorithm.
+
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::error::DatasetError;
+use crate::dataset::range::PositionRange;
+use crate::dataset::unproject::{CameraConvention, UnprojectSettings, Unprojector};
+use crate::dataset::{Dataset, Layout};
+use crate::math::normalization::Normalization;
+use crate::model::paper::state::{ModelState, Totals};
+use crate::model::stored::StoredModel;
+use crate::observation::points::Points;
+use crate::pipeline::error::SessionError;
+use crate::pipeline::memory::Estimate;
+use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::preset::{AnyPreset, Beginning, OrderDependence, Revived, TypedPreset};
+use crate::pipeline::run::RunConfig;
+use crate::train::paper::config::{Init, PaperConfig, UpdateWidth};
+use crate::train::paper::engine;
+use crate::train::paper::init::InitialDraw;
+
+impl AnyPreset for PaperConfig {
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    fn color_camera(&self) -> Option<ColorCamera> {
+        None
+    }
+
+    /// The published loader's rays are part of the preset, where that loader applies.
+    fn camera_convention(&self, layout: Layout) -> CameraConvention {
+        match layout {
+            Layout::Blender => CameraConvention::Paper,
+            Layout::SevenScenes | Layout::Synthetic => CameraConvention::Exact,
+        }
+    }
+
+    fn memory(&self, pixels: usize) -> Estimate {
+        Estimate::new(self, pixels, rayon::current_num_threads())
+    }
+
+    /// A mixture depends on the order by its start and its totals alone, which merging compares.
+    fn order_dependence(&self, _: usize) -> Option<OrderDependence> {
+        None
+    }
+
+    fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {
+        self.mixture(model).map(|_| ())
+    }
+
+    fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch> {
+        let Beginning { learner, normalization } = self.restore(model, frames)?;
+        Ok(Revived { learner, normalization })
+    }
+}
+
+impl TypedPreset for PaperConfig {
+    type Preparation = UnprojectSettings;
+
+    fn preparation(&self, run: &RunConfig, normalization: Normalization) -> UnprojectSettings {
+        let RunConfig { camera_convention: convention, edge_filter: filter, .. } = *run;
+        UnprojectSettings { convention, filter, normalization }
+    }
+
+    fn begin(
+        &self,
+        dataset: &Dataset,
+        run: &RunConfig,
+        range: &PositionRange,
+        pixels: usize,
+    ) -> Result<Beginning<Points<f32>>, SessionError> {
+        let normalization = range.normalization();
+        self.memory(pixels).check(self.components)?;
+        let draw = initial_draw(dataset, run, self, normalization)?;
+        let learner = engine::begin(self, &draw, normalization)?;
+        Ok(Beginning { learner, normalization })
+    }
+
+    fn restore(
+        &self,
+        model: &StoredModel,
+        frames: u64,
+    ) -> Result<Beginning<Points<f32>>, Mismatch> {
+        let (state, normalization) = self.mixture(model)?;
+        let learner =
+            engine::restore(self, state.clone(), frames, normalization).map_err(Mismatch::Index)?;
+        Ok(Beginning { learner, normalization })
+    }
+}
+
+impl PaperConfig {
+    /// The stored mixture, if it is one of these settings.
+    fn mixture<'a>(
+        &self,
+        model: &'a StoredModel,
+    ) -> Result<(&'a ModelState, Normalization), Mismatch> {
+        let StoredModel::Mixture { normalization, hyper, state } = model else {
+            return Err(Mismatch::Form("a mixture".to_owned()));
+        };
+        // Among them the number of components, for which the engine makes room.
+        if self.hyper() != *hyper {
+            return Err(Mismatch::Prior);
+        }
+        let expected = self.operations.update;
+        if !holds(expected, &state.totals) {
+            return Err(Mismatch::Form(format!("totals of the form {expected:?}")));
+        }
+        Ok((state, *normalization))
+    }
+}
+
+/// Whether an engine that keeps totals in one form can go on with these; 128 bits hold them all.
+fn holds(update: UpdateWidth, totals: &Totals) -> bool {
+    match totals {
+        Totals::Fixed64 { .. } => update == UpdateWidth::Fixed64,
+        Totals::Fixed128(_) => true,
+        Totals::F32(_) => update == UpdateWidth::F32,
+    }
+}
+
+/// Initial means. Where they come from data it is the first usable frame of all shards, so that
+/// these start alike.
+fn initial_draw(
+    dataset: &Dataset,
+    run: &RunConfig,
+    config: &PaperConfig,
+    normalization: Normalization,
+) -> Result<InitialDraw, DatasetError> {
+    if config.init == Init::Random {
+        return Ok(InitialDraw::random(config.components, config.seed));
+    }
+    let plan = Plan::new(dataset, &run.selection.whole(), config.seed)?;
+    let settings = config.preparation(run, normalization);
+    let mut points = Points::new();
+    for &index in &plan.frames {
+        let loaded = dataset.load(plan.split, index);
+        let counts =
+            loaded.and_then(|frame| Unprojector::new().unproject(&frame, &settings, &mut points));
+        if counts.is_ok() && !points.is_empty() {
+            break;
+        }
+    }
+    Ok(InitialDraw::from_points(&points, config.components, config.seed))
+}

@@ -1,0 +1,135 @@
+//! The scene preset.
+
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::range::PositionRange;
+use crate::dataset::surface::SurfaceSettings;
+use crate::dataset::unproject::CameraConvention;
+use crate::dataset::{Dataset, Layout};
+use crate::math::normalization::Normalization;
+use crate::model::scene::state::{SceneState, StoredSums};
+use crate::model::stored::StoredModel;
+use crate::observation::surface::Observation;
+use crate::pipeline::error::SessionError;
+use crate::pipeline::memory::Estimate;
+use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::preset::{AnyPreset, Beginning, OrderDependence, Revived, TypedPreset};
+use crate::pipeline::run::RunConfig;
+use crate::pipeline::settings::scene::SceneRun;
+use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::scene::engine;
+use crate::train::scene::sum_form::SumForm;
+
+impl AnyPreset for SceneRun {
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    fn color_camera(&self) -> Option<ColorCamera> {
+        self.surface.calibration.as_ref()?.color_camera
+    }
+
+    fn camera_convention(&self, _: Layout) -> CameraConvention {
+        CameraConvention::Exact
+    }
+
+    fn memory(&self, pixels: usize) -> Estimate {
+        Estimate::of_scene(&self.engine, pixels)
+    }
+
+    fn order_dependence(&self, components: usize) -> Option<OrderDependence> {
+        let (found, advice) = dependence(&self.engine, components)?;
+        Some(OrderDependence { found, advice })
+    }
+
+    fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {
+        self.scene(model).map(|_| ())
+    }
+
+    fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch> {
+        let Beginning { learner, normalization } = self.restore(model, frames)?;
+        Ok(Revived { learner, normalization })
+    }
+}
+
+impl TypedPreset for SceneRun {
+    type Preparation = SurfaceSettings;
+
+    fn preparation(&self, _: &RunConfig, _: Normalization) -> SurfaceSettings {
+        self.surface.clone()
+    }
+
+    fn begin(
+        &self,
+        _: &Dataset,
+        _: &RunConfig,
+        _: &PositionRange,
+        _: usize,
+    ) -> Result<Beginning<Observation>, SessionError> {
+        let learner = engine::begin(&self.engine, self.surface.origin);
+        Ok(Beginning { learner, normalization: self.normalization() })
+    }
+
+    fn restore(
+        &self,
+        model: &StoredModel,
+        frames: u64,
+    ) -> Result<Beginning<Observation>, Mismatch> {
+        let state = self.scene(model)?.clone();
+        let learner = engine::restore(&self.engine, state, frames)
+            .ok_or_else(|| other_sums(self.engine.sums))?;
+        Ok(Beginning { learner, normalization: self.normalization() })
+    }
+}
+
+impl SceneRun {
+    /// The stored scene, if it is one of these settings.
+    fn scene<'a>(&self, model: &'a StoredModel) -> Result<&'a SceneState, Mismatch> {
+        let StoredModel::Scene(state) = model else {
+            return Err(Mismatch::Form("a scene".to_owned()));
+        };
+        self.engine.clone().check().map_err(|error| Mismatch::Setting(error.to_string()))?;
+        let origin = self.surface.origin.to_array();
+        if state.origin != origin {
+            return Err(Mismatch::Form(format!("the origin {origin:?}")));
+        }
+        if !holds_sums(self.engine.sums, &state.sums) {
+            return Err(other_sums(self.engine.sums));
+        }
+        Ok(state)
+    }
+}
+
+fn other_sums(expected: SumForm) -> Mismatch {
+    Mismatch::Form(format!("sums of the form {expected:?}"))
+}
+
+fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {
+    form == match sums {
+        StoredSums::Mixed { .. } => SumForm::Mixed,
+        StoredSums::F32(_) => SumForm::F32,
+        StoredSums::F64(_) => SumForm::F64,
+    }
+}
+
+/// The setting by which a scene depends on the order of frames, and the one to take in its place.
+fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
+    let SceneConfig { births, refine, align, gain, looks, sums, most, .. } = config;
+    if !births.is_order_invariant() {
+        Some(("--births seeds".to_owned(), "--births lattice"))
+    } else if *refine {
+        Some(("--with refine".to_owned(), "--without refine"))
+    } else if *align {
+        Some(("--with align".to_owned(), "--without align"))
+    } else if *gain {
+        Some(("--with gain".to_owned(), "--without gain"))
+    } else if *looks == VisibilityRule::Projected {
+        Some(("--looks projected".to_owned(), "--looks returned"))
+    } else if *sums != SumForm::Mixed {
+        Some((format!("sums of the form {sums:?}"), "--precision mixed"))
+    } else if components >= config.most_seeds() {
+        // Which components were born before it was reached depends on the order.
+        Some((format!("a budget of {most} components that was reached"), "a larger --budget"))
+    } else {
+        None
+    }
+}

@@ -1,0 +1,6 @@
+//! Settings of a run: what a user asks, and what becomes of it on a dataset.
+
+pub mod method;
+mod sample;
+pub mod scene;
+mod units;

@@ -1,0 +1,152 @@
+//! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
+
+use super::scene::{DepthAdvice, NEARER_SHARE, SceneError, StructuralScale};
+use crate::dataset::Dataset;
+use crate::dataset::surface::{Preparer, SurfaceSettings};
+use crate::observation::surface::Observation;
+use crate::pipeline::plan::Plan;
+
+/// Frames looked at before training, evenly spaced.
+const SAMPLED_FRAMES: usize = 8;
+/// Every so-many-th point of them.
+const SAMPLED_POINTS: usize = 7;
+
+/// What some frames of a plan look like.
+pub(super) struct Sample {
+    /// Width of a pixel at the typical distance, world units.
+    footprint: f64,
+    /// Distance within which depths are one surface, world units.
+    tolerance: f64,
+    /// Distances that a twentieth of the points lie below and above.
+    depths: [f64; 2],
+}
+
+impl Sample {
+    pub(super) fn of(
+        dataset: &Dataset,
+        plan: &Plan,
+        surface: &SurfaceSettings,
+    ) -> Result<Self, SceneError> {
+        let mut preparer = Preparer::new();
+        let mut observation = Observation::empty();
+        let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
+        let mut trusted = [0.0; 2];
+        let mut n = 0;
+        for index in sampled(&plan.frames) {
+            if n == SAMPLED_FRAMES {
+                break;
+            }
+            let Ok(frame) = dataset.load(plan.split, index) else { continue };
+            let Some(depth) = &frame.depth else { continue };
+            n += 1;
+            trusted = depth.trusted;
+            let (width, height) = depth.size();
+            let pixels = (0..width * height).step_by(SAMPLED_POINTS);
+            seen.extend(pixels.filter_map(|i| depth.value_at(i % width, i / width)));
+            if preparer.prepare(&frame, surface, &mut observation).is_ok() {
+                let points = observation.points.iter().step_by(SAMPLED_POINTS);
+                footprints.extend(points.clone().map(|p| f64::from(p.footprint)));
+                depths.extend(points.map(|p| f64::from(p.range)));
+            }
+        }
+        match (quantile(&mut footprints, NEARER_SHARE), quantile(&mut depths, 0.05)) {
+            (Some(footprint), Some(near)) => {
+                let far = quantile(&mut depths, 0.95).unwrap_or(near);
+                let tolerance = f64::from(observation.tolerance.refinement);
+                Ok(Self { footprint, tolerance, depths: [near, far] })
+            }
+            _ => Err(no_points(dataset, trusted, &mut seen, n)),
+        }
+    }
+
+    /// In world units; at least what noise allows.
+    pub(super) fn scale(&self, asked: StructuralScale) -> Result<f64, SceneError> {
+        match asked {
+            StructuralScale::Pixels(n) => Ok((n * self.footprint).max(self.tolerance)),
+            StructuralScale::World(h) if h >= 0.5 * self.tolerance => Ok(h),
+            StructuralScale::World(found) => {
+                let [near, far] = self.depths;
+                Err(SceneError::BelowNoise { least: 0.5 * self.tolerance, found, near, far })
+            }
+        }
+    }
+}
+
+/// All of some frames, the evenly spaced ones first: the others stand in for those that cannot be
+/// read.
+fn sampled(frames: &[usize]) -> impl Iterator<Item = usize> {
+    let n = frames.len().min(SAMPLED_FRAMES);
+    let is_chosen = move |at: &usize| (0..n).any(|i| i * frames.len() / n == *at);
+    let chosen = (0..frames.len()).filter(is_chosen);
+    chosen.chain((0..frames.len()).filter(move |at| !is_chosen(at))).map(|at| frames[at])
+}
+
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    let last = values.len().checked_sub(1)?;
+    Some(*values.select_nth_unstable_by((last as f64 * share) as usize, f64::total_cmp).1)
+}
+
+/// Says what depth there is, and which unit it seems to have.
+fn no_points(dataset: &Dataset, trusted: [f64; 2], seen: &mut [f64], frames: usize) -> SceneError {
+    let interval = |[a, b]: [f64; 2]| match b.is_finite() {
+        true => format!("range {a:.3} to {b:.3}"),
+        false => format!("range from {a:.3} on"),
+    };
+    let (near, far) = (quantile(seen, 0.05), quantile(seen, 0.95));
+    let found = match (near, far) {
+        (Some(near), Some(far)) => interval([near, far]),
+        _ => "no depth at all".to_owned(),
+    };
+    let advice = match quantile(seen, 0.5) {
+        None => DepthAdvice::CheckImages,
+        Some(middle) => unit_advice(trusted, middle),
+    };
+    SceneError::NoPoints {
+        dataset: dataset.name.clone(),
+        trusted: interval(trusted),
+        found,
+        frames,
+        advice,
+    }
+}
+
+/// The power of ten that brings a depth into the trusted interval, if one does.
+fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
+    let factors = [
+        (1e-3, "millimetres"),
+        (1e3, "kilometres"),
+        (1e-2, "centimetres"),
+        (1e-4, "tenths of millimetres"),
+    ];
+    let likely =
+        factors.iter().find(|(factor, _)| (trusted[0]..trusted[1]).contains(&(middle * factor)));
+    match likely {
+        Some(&(factor, unit)) => DepthAdvice::OtherUnit { unit, factor },
+        None => DepthAdvice::SetUnit,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_frame_is_sampled_once_the_evenly_spaced_first() {
+        let frames: Vec<usize> = (100..120).collect();
+        let order: Vec<usize> = sampled(&frames).collect();
+        assert_eq!(order[..8], [100, 102, 105, 107, 110, 112, 115, 117]);
+        assert_eq!(order[8..11], [101, 103, 104]);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, frames);
+        assert_eq!(sampled(&frames[..3]).collect::<Vec<_>>(), frames[..3]);
+        assert_eq!(sampled(&[]).count(), 0);
+    }
+
+    #[test]
+    fn a_wrong_unit_is_guessed() {
+        let advice = DepthAdvice::OtherUnit { unit: "millimetres", factor: 1e-3 };
+        assert_eq!(unit_advice([0.3, 4.0], 1500.0), advice);
+        assert_eq!(unit_advice([0.3, 4.0], 1e9), DepthAdvice::SetUnit);
+    }
+}

@@ -1,0 +1,135 @@
+//! Lengths and sizes as a user says them.
+
+use crate::train::scene::config::COMPONENT_BYTES;
+use serde::{Deserialize, Serialize};
+
+/// Structural scale: largest distance of a point from the seed of its component.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub enum StructuralScale {
+    /// Pixels, at the distance beyond which one point in twenty lies: elsewhere it is more.
+    Pixels(f64),
+    /// World units.
+    World(f64),
+}
+
+impl std::str::FromStr for StructuralScale {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (number, form): (&str, fn(f64) -> Self) = match text.strip_suffix("px") {
+            Some(number) => (number, Self::Pixels),
+            None => (text, Self::World),
+        };
+        match number.trim().parse() {
+            Ok(value) if value > 0.0 && f64::is_finite(value) => Ok(form(value)),
+            _ => Err(format!(
+                "expected pixels such as 2.5px, or world units such as 0.02, found `{text}`"
+            )),
+        }
+    }
+}
+
+impl TryFrom<String> for StructuralScale {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<StructuralScale> for String {
+    fn from(scale: StructuralScale) -> Self {
+        match scale {
+            StructuralScale::Pixels(n) => format!("{n}px"),
+            StructuralScale::World(h) => h.to_string(),
+        }
+    }
+}
+
+/// Most components of a scene.
+///
+/// ```
+/// use vbgs_studio::pipeline::settings::scene::Budget;
+///
+/// assert_eq!("25000".parse(), Ok(Budget::Components(25_000)));
+/// assert!("5MB".parse::<Budget>()?.components() > 20_000);
+/// assert!("much".parse::<Budget>().is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "String", try_from = "String")]
+pub enum Budget {
+    /// So many.
+    Components(usize),
+    /// As many as fit in so many bytes of the model.
+    Bytes(usize),
+}
+
+impl Budget {
+    /// In components.
+    pub fn components(self) -> usize {
+        match self {
+            Self::Components(n) => n,
+            Self::Bytes(n) => n / COMPONENT_BYTES,
+        }
+    }
+}
+
+impl std::str::FromStr for Budget {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!("expected components such as 25000, or megabytes such as 5MB, found `{text}`")
+        };
+        match text.strip_suffix("MB") {
+            None => text.parse().map(Self::Components).map_err(|_| wrong()),
+            Some(number) => match number.trim().parse::<f64>() {
+                Ok(mb) if mb > 0.0 && mb < 1e6 => Ok(Self::Bytes((mb * 1e6).round() as usize)),
+                _ => Err(wrong()),
+            },
+        }
+    }
+}
+
+impl TryFrom<String> for Budget {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Budget> for String {
+    fn from(budget: Budget) -> Self {
+        match budget {
+            Budget::Components(n) => n.to_string(),
+            Budget::Bytes(n) => format!("{}MB", n as f64 / 1e6),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_are_pixels_or_world_units() {
+        assert_eq!("2.5px".parse(), Ok(StructuralScale::Pixels(2.5)));
+        assert_eq!("0.02".parse(), Ok(StructuralScale::World(0.02)));
+        for wrong in ["", "px", "-1", "0px", "nan", "inf", "2 metres"] {
+            assert!(wrong.parse::<StructuralScale>().is_err(), "{wrong}");
+        }
+        let back: StructuralScale = String::from(StructuralScale::Pixels(3.0)).parse().unwrap();
+        assert_eq!(back, StructuralScale::Pixels(3.0));
+    }
+
+    #[test]
+    fn budgets_come_back_as_they_were() {
+        for text in ["25000", "5MB", "20.3MB", "0.1MB"] {
+            let budget: Budget = text.parse().unwrap();
+            assert_eq!(String::from(budget), text);
+        }
+    }
+}

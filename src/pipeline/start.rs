@@ -1,0 +1,57 @@
+//! Where a session begins: the one place that asks which preset a run follows.
+
+use super::error::SessionError;
+use super::frame_loop::{FrameLoop, PresetLoop};
+use super::plan::Plan;
+use super::prefetch::Prefetch;
+use super::preset::{Beginning, ObservationOf, TypedPreset};
+use super::run::RunConfig;
+use super::settings::method::Method;
+use crate::dataset::Dataset;
+use crate::dataset::range::PositionRange;
+use crate::math::normalization::Normalization;
+use crate::model::stored::StoredModel;
+use std::sync::Arc;
+
+/// What a learner begins with.
+pub(super) enum Origin<'a> {
+    /// Nothing; positions lie in the range.
+    Fresh(&'a PositionRange),
+    /// What a checkpoint holds, after so many frames. It must be one of the run's settings.
+    Stored(&'a StoredModel, u64),
+}
+
+/// Starts decoding the frames of a plan from position `first`, for a learner of the run's preset.
+/// Also returns world to model coordinates.
+pub(super) fn frame_loop(
+    dataset: &Arc<Dataset>,
+    run: &RunConfig,
+    plan: &Plan,
+    first: usize,
+    origin: &Origin,
+) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
+    match &run.method {
+        Method::Paper(config) => of_preset(config, dataset, run, plan, first, origin),
+        Method::Scene(scene) => of_preset(&**scene, dataset, run, plan, first, origin),
+    }
+}
+
+fn of_preset<P: TypedPreset>(
+    preset: &P,
+    dataset: &Arc<Dataset>,
+    run: &RunConfig,
+    plan: &Plan,
+    first: usize,
+    origin: &Origin,
+) -> Result<(Box<dyn FrameLoop>, Normalization), SessionError> {
+    let beginning: Beginning<ObservationOf<P>> = match origin {
+        Origin::Fresh(range) => preset.begin(dataset, run, range, plan.pixels(dataset))?,
+        Origin::Stored(model, frames) => {
+            preset.restore(model, *frames).map_err(SessionError::Stored)?
+        }
+    };
+    let Beginning { learner, normalization } = beginning;
+    let preparation = preset.preparation(run, normalization);
+    let prefetch = Prefetch::start(dataset.clone(), plan, first, preparation)?;
+    Ok((Box::new(PresetLoop { prefetch, learner }), normalization))
+}

@@ -1,0 +1,61 @@
+//! In which arithmetic each operation of the hot loop runs.
+
+pub use crate::model::paper::totals::UpdateWidth;
+use serde::{Deserialize, Serialize};
+use strum::{EnumString, VariantNames};
+
+/// A named choice of [`Operations`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Precision {
+    /// f64 throughout, points and means included: the oracle.
+    F64,
+    /// f32 in hot loops about a local centre, 64-bit fixed-point totals.
+    Mixed,
+    /// f32 throughout, totals included. These depend on the order of frames and drift.
+    F32,
+    /// Operation by operation, as [`Operations`] says.
+    #[strum(disabled)]
+    Custom,
+}
+
+/// Arithmetic of one operation on f32 points and means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Width {
+    /// Single precision.
+    F32,
+    /// Double precision.
+    F64,
+}
+
+/// Arithmetic operation by operation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Operations {
+    /// Squared distances by which candidates are ranked.
+    pub distance: Width,
+    /// Scores `q` of the candidates.
+    pub log_score: Width,
+    /// Exponentials and their sum.
+    pub normaliser: Width,
+    /// Sums over the points of a tile.
+    pub moments: Width,
+    /// Addition of a tile's sums to the totals.
+    pub update: UpdateWidth,
+}
+
+impl Operations {
+    /// All in f64 with 128-bit totals.
+    pub const F64: Self = Self::all(Width::F64, UpdateWidth::Fixed128);
+    /// All in f32 with 64-bit totals.
+    pub const MIXED: Self = Self::all(Width::F32, UpdateWidth::Fixed64);
+    /// All in f32.
+    pub const F32: Self = Self::all(Width::F32, UpdateWidth::F32);
+
+    /// The same width for the loops, and one for the totals.
+    pub const fn all(width: Width, update: UpdateWidth) -> Self {
+        Self { distance: width, log_score: width, normaliser: width, moments: width, update }
+    }
+}

@@ -1,0 +1,138 @@
+//! The choices a configuration is made of, as files and the command line spell them.
+
+use serde::{Deserialize, Serialize};
+use strum::{Display, EnumString, VariantNames};
+
+/// A named set of defaults.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Preset {
+    /// The algorithm as published.
+    Paper,
+    /// Only what a scene needs.
+    Scene,
+}
+
+/// A number or one word, as a setting that allows both is written.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum NumberOrWord {
+    Number(usize),
+    Word(String),
+}
+
+/// Which components a point is compared with; a number or `dense` in files and on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "NumberOrWord", try_from = "NumberOrWord")]
+pub enum Candidates {
+    /// All of them.
+    Dense,
+    /// The C components whose initial spatial means are nearest.
+    Nearest(usize),
+}
+
+/// Points that pass through the engine at once; a number or `frame`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(into = "NumberOrWord", try_from = "NumberOrWord")]
+pub enum Batch {
+    /// All of a frame.
+    Frame,
+    /// So many, rounded up to whole tiles of at most 64.
+    Points(usize),
+}
+
+macro_rules! number_or_word {
+    ($setting:ident, $number:ident, $word:ident, $text:literal) => {
+        impl From<$setting> for NumberOrWord {
+            fn from(setting: $setting) -> Self {
+                match setting {
+                    $setting::$word => Self::Word($text.to_owned()),
+                    $setting::$number(n) => Self::Number(n),
+                }
+            }
+        }
+
+        impl TryFrom<NumberOrWord> for $setting {
+            type Error = String;
+
+            fn try_from(text: NumberOrWord) -> Result<Self, String> {
+                match text {
+                    NumberOrWord::Number(n) => Ok(Self::$number(n)),
+                    NumberOrWord::Word(word) => word.parse(),
+                }
+            }
+        }
+
+        impl std::str::FromStr for $setting {
+            type Err = String;
+
+            fn from_str(text: &str) -> Result<Self, String> {
+                match text {
+                    $text => Ok(Self::$word),
+                    _ => text
+                        .parse()
+                        .map(Self::$number)
+                        .map_err(|_| format!("expected a number or `{}`, found `{text}`", $text)),
+                }
+            }
+        }
+    };
+}
+
+number_or_word!(Candidates, Nearest, Dense, "dense");
+number_or_word!(Batch, Points, Frame, "frame");
+
+/// Where the initial means come from (`train.md`, Initial means).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Init {
+    /// Uniform in the normalised cube, independent of the data.
+    Random,
+    /// Points of the first frame.
+    Data,
+}
+
+/// When and by which scores unused components move (`train.md`, Reassignment).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum ReassignPolicy {
+    /// Never.
+    Off,
+    /// Before the fit, from a dense pass over every point.
+    Dense,
+    /// Before the fit, from a truncated pass, among the lowest scores.
+    Truncated,
+    /// As truncated, in buffers of fixed capacity that are reserved before the first frame: the
+    /// paper's default.
+    Padded,
+    /// After the fit, from the scores of the fit itself; takes effect with the next frame.
+    Forwarded,
+}
+
+/// What happens between the responsibilities and their weighted sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum StatisticsForm {
+    /// A tile's responsibilities are summed at once and never leave the processor's caches.
+    Fused,
+    /// Candidates, scores and responsibilities of a whole batch are written out before they are
+    /// summed.
+    Unfused,
+}
+
+/// How the nearest components are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum IndexKind {
+    /// A uniform grid searched tile by tile.
+    Grid,
+    /// `kiddo`'s KD-tree, built again every frame and asked point by point: the plain path.
+    KdTree,
+}

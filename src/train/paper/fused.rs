@@ -1,0 +1,348 @@
+//! The hot path: search, E-step and sums of a tile in one go, in f32 (`train.md`, Candidate search,
+//! and what follows it).
+//!
+//! A point's nearest component wins outright where no other can come within 40 nats of it, which a
+//! lower bound on the second distance proves for nearly all points; only the others are ranked and
+//! scored against all C. Sums run over the points of a tile in their order and are handed on as one
+//! record per component and tile, so they depend on nothing but the tile and the means.
+//!
+//! Stages are fused because a tile of at most 64 points and its lists fit the first-level cache,
+//! while candidates and responsibilities of a whole frame do not. There is no fused multiply-add
+//! and no order that depends on lanes, or instruction sets would disagree and shards could not be
+//! merged.
+
+use super::slots::Slots;
+use crate::math::simd::{Kernel, Vector};
+use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
+use crate::observation::points::Points;
+use crate::train::candidates::{
+    Among, CHUNK, CandidateSearch, Columns, Lists, MeanGrid, Nearest, VisitChunk,
+};
+use crate::train::component_elbo::{NOBODY, largest};
+use crate::train::estep::{Scoring, squared_distance};
+use crate::train::timing::{Lap, StageClock};
+use std::ops::Range;
+
+/// Marks an owner that stands for shares of several components.
+const SHARED: u32 = 1 << 31;
+
+/// What a fused pass reads.
+#[derive(Clone, Copy)]
+pub(super) struct FusedInputs<'a> {
+    pub grid: &'a MeanGrid,
+    /// By entry of the grid the mean colour and the weight.
+    pub appearance: &'a [[f32; 4]],
+    pub max_weight: f32,
+    pub points: &'a Points<f32>,
+    pub scoring: &'a Scoring,
+    /// Candidates per point, at least 1 and at most the number of components.
+    pub rank: usize,
+    /// Binary logarithm of the components in a shard of the totals.
+    pub shard_bits: u32,
+}
+
+/// Some tiles of a fused pass.
+pub(super) struct FusedTiles<'a> {
+    pub inputs: FusedInputs<'a>,
+    pub memory: &'a mut FusedMemory,
+    pub tiles: Range<usize>,
+    /// Effective distances of the tiles' points.
+    pub q: &'a mut [f64],
+    /// Components of largest responsibility of the tiles' points; empty if nobody asks.
+    pub owners: &'a mut [u32],
+    /// Where the tiles' sums go, by shard; `None` if only scores are wanted.
+    pub records: Option<&'a mut [Vec<TileRecord<f32>>]>,
+    pub clock: &'a mut StageClock,
+}
+
+/// Slots that a tile has room for from the start: four for each of its points.
+const USUAL_SLOTS: usize = 256;
+
+/// Memory of a thread, grow-only. What a tile leaves never changes what the next one finds.
+#[derive(Default)]
+pub(super) struct FusedMemory {
+    search: CandidateSearch,
+    tile: TileMemory,
+    sums: Vec<[f32; N_SUMS]>,
+}
+
+impl FusedMemory {
+    /// With room for what tiles usually need of a model with so many components.
+    pub fn new(components: usize) -> Self {
+        let mut memory = Self::default();
+        memory.tile.slots.begin(components);
+        memory.tile.components.reserve(USUAL_SLOTS);
+        memory.tile.owners.reserve(USUAL_SLOTS);
+        memory.tile.shared.reserve(USUAL_SLOTS);
+        memory.tile.shares.reserve(USUAL_SLOTS);
+        memory.tile.candidates.reserve(USUAL_SLOTS);
+        memory.tile.scores.reserve(USUAL_SLOTS);
+        memory.sums.reserve(USUAL_SLOTS);
+        memory
+    }
+}
+
+#[derive(Default)]
+struct TileMemory {
+    slots: Slots,
+    components: Vec<Component>,
+    /// Per point of the tile its slot, or [`SHARED`] and a position in `shared`, or [`NOBODY`].
+    owners: Vec<u32>,
+    shared: Vec<Range<u32>>,
+    shares: Vec<(u32, f32)>,
+    /// Candidates of one point: component and entry, and their scores.
+    candidates: Vec<(u32, u32)>,
+    scores: Vec<f64>,
+}
+
+/// What a tile reads of a component, copied once.
+#[derive(Clone, Copy)]
+struct Component {
+    space: [f32; 3],
+    color: [f32; 3],
+    weight: f32,
+    id: u32,
+}
+
+impl Kernel for FusedTiles<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { inputs, memory, tiles, q, mut owners, mut records, clock } = self;
+        let FusedMemory { search, tile: tile_memory, sums } = memory;
+        let points = inputs.points;
+        let first_point = points.tiles[tiles.start] as usize;
+        for tile in tiles.clone() {
+            // Reading the clock costs as much as scoring a point, so one tile stands for all of a
+            // task.
+            clock.begin_tile(tile == tiles.start);
+            let range = points.tile(tile);
+            tile_memory.begin(inputs.grid.len(), range.len());
+            let q = &mut q[range.start - first_point..range.end - first_point];
+            let xyz =
+                [&points.x[range.clone()], &points.y[range.clone()], &points.z[range.clone()]];
+            let mut assign = Assign::new(&inputs, tile_memory, range.start, q, clock);
+            search.visit_tile::<V>(inputs.grid, xyz, inputs.rank, &mut assign);
+            if !owners.is_empty() {
+                let (own, later) = owners.split_at_mut(range.len());
+                tile_memory.find_owners(own);
+                owners = later;
+            }
+            clock.lap(Lap::Candidates);
+            if let Some(records) = &mut records {
+                tile_memory.sum(points, range, sums);
+                emit(tile, tile_memory, sums, inputs.shard_bits, records);
+                clock.lap(Lap::Stats);
+            }
+        }
+    }
+}
+
+impl TileMemory {
+    #[inline(always)]
+    fn begin(&mut self, components: usize, n_points: usize) {
+        self.slots.begin(components);
+        self.components.clear();
+        self.shared.clear();
+        self.shares.clear();
+        self.owners.clear();
+        self.owners.resize(n_points, NOBODY);
+    }
+
+    /// Writes the component of largest responsibility of every point.
+    fn find_owners(&self, owners: &mut [u32]) {
+        let id = |slot: u32| self.components[slot as usize].id;
+        for (of_point, &owner) in owners.iter_mut().zip(&self.owners) {
+            *of_point = if owner & SHARED == 0 {
+                id(owner)
+            } else if owner == NOBODY {
+                NOBODY
+            } else {
+                let shares = self.shared[(owner & !SHARED) as usize].clone();
+                let shares = &self.shares[shares.start as usize..shares.end as usize];
+                largest(shares.iter().map(|&(slot, r)| (id(slot), r.into())))
+            };
+        }
+    }
+
+    /// Adds the tile's points, in order, to one row per slot.
+    #[inline(always)]
+    fn sum(&self, points: &Points<f32>, range: Range<usize>, sums: &mut Vec<[f32; N_SUMS]>) {
+        sums.clear();
+        sums.resize(self.components.len(), [0.0; N_SUMS]);
+        for (i, &owner) in range.zip(&self.owners) {
+            let (space, color) = (points.position(i), points.color(i));
+            let mut add = |slot: u32, r: f32| {
+                let mean = self.components[slot as usize].space;
+                let d = [space[0] - mean[0], space[1] - mean[1], space[2] - mean[2]];
+                add_point(&mut sums[slot as usize], r, d, color);
+            };
+            if owner & SHARED == 0 {
+                add(owner, 1.0);
+            } else if owner != NOBODY {
+                let shares = self.shared[(owner & !SHARED) as usize].clone();
+                for &(slot, r) in &self.shares[shares.start as usize..shares.end as usize] {
+                    add(slot, r);
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn emit(
+    tile: usize,
+    memory: &TileMemory,
+    sums: &[[f32; N_SUMS]],
+    shard_bits: u32,
+    records: &mut [Vec<TileRecord<f32>>],
+) {
+    for (component, &sums) in memory.components.iter().zip(sums) {
+        // Slots are given to every component that was looked at; most of those that lost receive
+        // nothing.
+        if sums[0] > 0.0 {
+            let record = TileRecord { id: component.id, tile: tile as u32, sums };
+            records[component.id as usize >> shard_bits].push(record);
+        }
+    }
+}
+
+/// Gives the points of a chunk their owners.
+struct Assign<'a> {
+    inputs: &'a FusedInputs<'a>,
+    memory: &'a mut TileMemory,
+    first_point: usize,
+    q: &'a mut [f64],
+    clock: &'a mut StageClock,
+    color_ratio: f32,
+    hard_gap: f32,
+}
+
+impl VisitChunk for Assign<'_> {
+    #[inline(always)]
+    fn visit<V: Vector>(&mut self, lists: &mut Lists, points: &Columns, chunk: Range<usize>) {
+        let nearest: [Nearest; CHUNK] = lists.nearest::<V>(points, chunk.clone());
+        self.clock.lap(Lap::Candidates);
+        for (i, nearest) in chunk.zip(nearest) {
+            let place = points.tag[i] as usize;
+            let (space, color) =
+                (points.position(i), self.inputs.points.color(self.first_point + place));
+            let slot = self.slot(nearest.entry);
+            let q = self.distance(slot, space, color);
+            if self.wins(slot, space, q, nearest.second2) {
+                self.memory.owners[place] = slot as u32;
+                self.q[place] = q.into();
+            } else {
+                self.share::<V>(lists, place, q, space, color);
+            }
+        }
+        self.clock.lap(Lap::EStep);
+    }
+}
+
+impl<'a> Assign<'a> {
+    #[inline(always)]
+    fn new(
+        inputs: &'a FusedInputs<'a>,
+        memory: &'a mut TileMemory,
+        first_point: usize,
+        q: &'a mut [f64],
+        clock: &'a mut StageClock,
+    ) -> Self {
+        let color_ratio = inputs.scoring.color_ratio as f32;
+        let hard_gap = inputs.scoring.hard_gap() as f32;
+        Self { inputs, memory, first_point, q, clock, color_ratio, hard_gap }
+    }
+
+    /// The slot of a grid entry.
+    #[inline(always)]
+    fn slot(&mut self, entry: u32) -> usize {
+        let slot = self.memory.slots.find(entry);
+        if slot == self.memory.components.len() {
+            let [r, g, b, weight] = self.inputs.appearance[entry as usize];
+            self.memory.components.push(Component {
+                space: self.inputs.grid.mean(entry),
+                color: [r, g, b],
+                weight,
+                id: self.inputs.grid.ids()[entry as usize],
+            });
+        }
+        slot
+    }
+
+    /// `q` of a point and the component of a slot.
+    #[inline(always)]
+    fn distance(&self, slot: usize, space: [f32; 3], color: [f32; 3]) -> f32 {
+        let component = &self.memory.components[slot];
+        squared_distance(space, component.space)
+            + self.color_ratio * squared_distance(color, component.color)
+            - component.weight
+    }
+
+    /// Whether no other component can come within the hard gap of `q`: any other has at least
+    /// `second2 − w_max`, in f32 as well, since rounding is monotone. With a single candidate
+    /// being nearer is enough.
+    #[inline(always)]
+    fn wins(&self, slot: usize, space: [f32; 3], q: f32, second2: f32) -> bool {
+        if self.inputs.rank == 1 {
+            return second2 > squared_distance(space, self.memory.components[slot].space);
+        }
+        self.is_out_of_reach(q, second2)
+    }
+
+    /// Whether a component at this squared distance cannot come within the hard gap of `q`.
+    #[inline(always)]
+    fn is_out_of_reach(&self, q: f32, distance2: f32) -> bool {
+        (distance2 - self.inputs.max_weight) - q > self.hard_gap
+    }
+
+    /// Scores a point against all candidates that may come within the hard gap of the score `q` of
+    /// one of them, in ascending order of components: those left out would receive nothing.
+    #[inline(always)]
+    fn share<V: Vector>(
+        &mut self,
+        lists: &mut Lists,
+        place: usize,
+        q: f32,
+        space: [f32; 3],
+        color: [f32; 3],
+    ) {
+        let (ids, rank) = (self.inputs.grid.ids(), self.inputs.rank);
+        // Beyond this distance `is_out_of_reach`, whatever is rounded.
+        let reach2 = ((q + self.inputs.max_weight) + self.hard_gap) * (1.0 + 1e-5);
+        let (among, within2) = match rank {
+            1 => (Among::Raw, f32::INFINITY),
+            _ => (lists.covering(space, reach2), reach2),
+        };
+        let found = lists.rank::<V>(among, space, ids, rank, within2);
+        // Taken out, since `slot` needs the rest of the memory meanwhile; put back at the end.
+        let mut candidates = std::mem::take(&mut self.memory.candidates);
+        candidates.clear();
+        candidates.extend(found.iter().map(|&(key, entry)| (key as u32, entry)));
+        // By component, not by distance: sums, and who wins among equals, then do not depend on how
+        // the index lists them.
+        candidates.sort_unstable();
+        let mut scores = std::mem::take(&mut self.memory.scores);
+        scores.clear();
+        for &(_, entry) in &candidates {
+            let slot = self.slot(entry);
+            scores.push(self.distance(slot, space, color).into());
+        }
+        let q = self.inputs.scoring.responsibilities::<f32>(&mut scores);
+        self.q[place] = q;
+        if q.is_finite() {
+            let first = self.memory.shares.len() as u32;
+            for (&(_, entry), &r) in candidates.iter().zip(&scores).filter(|(_, r)| **r > 0.0) {
+                let slot = self.slot(entry) as u32;
+                self.memory.shares.push((slot, r as f32));
+            }
+            self.memory.owners[place] = SHARED | self.memory.shared.len() as u32;
+            self.memory.shared.push(first..self.memory.shares.len() as u32);
+        } else {
+            // A point that is no number has candidates, but must reach no sum.
+            self.q[place] = f64::NAN;
+        }
+        (self.memory.candidates, self.memory.scores) = (candidates, scores);
+    }
+}

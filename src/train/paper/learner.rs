@@ -1,0 +1,133 @@
+//! The published algorithm behind the seam of all presets.
+
+use super::scalar::PaperScalar;
+use super::trainer::PaperTrainer;
+use crate::math::normalization::Normalization;
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::paper::state::ModelState;
+use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::model::splat::splats::Splat;
+use crate::model::stored::StoredModel;
+use crate::observation::points::Points;
+use crate::train::candidates::IndexError;
+use crate::train::component_elbo::ComponentElbo;
+use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::outcome::FrameOutcome;
+use crate::train::stages::{PAPER_STAGES, TrainStage};
+use crate::train::warnings::TrainingWarning;
+use rayon::prelude::*;
+
+/// Components that a thread turns into splats at once, at least: fewer are not worth handing over.
+const MIN_SPLATS: usize = 1024;
+
+/// What a mixture of the published algorithm can do besides what all learners can; its precision was
+/// chosen at run time.
+pub trait PaperLearner: Learns<Points<f32>> {
+    /// ELBO of every point of the last frame under the model it was scored with, nats, point order;
+    /// NaN for points that were left out.
+    fn point_elbo(&self) -> Vec<f64>;
+
+    /// Per point its candidates and their responsibilities, without learning from it.
+    fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>>;
+
+    /// The mixture as it stands.
+    fn state(&self) -> ModelState;
+}
+
+/// A trainer in the world: its points are normalised by `normalization`.
+pub(super) struct InWorld<R: PaperScalar> {
+    pub trainer: PaperTrainer<R>,
+    pub normalization: Normalization,
+    /// The frame in the trainer's precision, where that is not the points' own.
+    pub widened: Points<R>,
+}
+
+impl<R: PaperScalar> Learns<Points<f32>> for InWorld<R> {
+    fn learn(&mut self, points: &Points<f32>) -> Result<FrameOutcome, IndexError> {
+        self.trainer.train(R::points(points, &mut self.widened))
+    }
+}
+
+impl<R: PaperScalar> PaperLearner for InWorld<R> {
+    fn point_elbo(&self) -> Vec<f64> {
+        self.trainer.elbo()
+    }
+
+    fn responsibilities(&mut self, points: &Points<f32>) -> Vec<Vec<(u32, f64)>> {
+        self.trainer.responsibilities(R::points(points, &mut self.widened))
+    }
+
+    fn state(&self) -> ModelState {
+        self.trainer.state()
+    }
+}
+
+impl<R: PaperScalar> Learner for InWorld<R> {
+    fn stages(&self) -> &'static [TrainStage] {
+        &PAPER_STAGES
+    }
+
+    fn frames(&self) -> u64 {
+        self.trainer.frames()
+    }
+
+    fn components(&self) -> usize {
+        self.trainer.components()
+    }
+
+    fn used(&self) -> usize {
+        self.trainer.used()
+    }
+
+    fn changed(&self) -> Changed<'_> {
+        Changed::Listed(self.trainer.touched())
+    }
+
+    fn changes_unseen(&self) -> bool {
+        false
+    }
+
+    fn model_bytes(&self) -> usize {
+        self.trainer.model_bytes()
+    }
+
+    fn posterior(&self, component: usize) -> ComponentPosterior {
+        self.trainer.posterior(component)
+    }
+
+    fn splat(&self, component: usize) -> (Splat, Appearance) {
+        let conversion = self.trainer.config().conversion;
+        let splat = conversion.splat(&self.posterior(component), &self.normalization);
+        (splat, Appearance::default())
+    }
+
+    fn splats(&self) -> SplatSet {
+        let ids = (0..self.components()).into_par_iter().with_min_len(MIN_SPLATS);
+        ids.map(|k| self.splat(k).0).collect::<Vec<_>>().into()
+    }
+
+    fn splats_of(&self, components: &[u32]) -> SplatSet {
+        let ids = components.par_iter().with_min_len(MIN_SPLATS);
+        ids.map(|&k| self.splat(k as usize).0).collect::<Vec<_>>().into()
+    }
+
+    fn component_elbo(&self) -> &ComponentElbo {
+        self.trainer.component_elbo()
+    }
+
+    fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
+        self.trainer.component_elbo_mut()
+    }
+
+    fn warnings(&self) -> Vec<TrainingWarning> {
+        Vec::new()
+    }
+
+    fn stored(&self) -> StoredModel {
+        StoredModel::Mixture {
+            normalization: self.normalization,
+            hyper: self.trainer.config().hyper(),
+            state: self.trainer.state(),
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! The published algorithm: candidate search, E-step, statistics, update and reassignment
+//! (`train.md`, Stages of a frame). The pass over the points changes no shared state; only the final addition of
+//! its records does, and that cannot fail: a frame is applied whole or not at all.
+
+pub mod config;
+pub mod engine;
+mod fused;
+pub mod index;
+pub mod init;
+pub mod learner;
+pub mod pass;
+mod plain;
+pub mod reassign;
+pub mod scalar;
+mod slots;
+pub mod trainer;

@@ -1,0 +1,444 @@
+//! One parallel pass over a frame's points: search, E-step and per-tile sums.
+//!
+//! Work is split by tiles, and a tile's sums depend on its points alone, so the records, and the
+//! fixed-point totals they end in, do not depend on the number of threads. Three ways lead through
+//! a pass: fused (f32, all stages of a tile at once), plain (any precision, tile by tile) and
+//! materialised (stage by stage over a batch, as the reference does it; slower, kept to measure by
+//! how much).
+//!
+//! Buffers belong to threads, not to tasks: a warm pass allocates nothing.
+
+use super::config::{Batch, Candidates, Operations, PaperConfig, StatisticsForm, Width};
+use super::fused::{FusedInputs, FusedMemory, FusedTiles};
+use super::index::Index;
+use super::plain::{PlainInputs, PlainMemory};
+use super::scalar::PaperScalar;
+use crate::math::simd::Isa;
+use crate::model::conjugate::statistics::TileRecord;
+use crate::model::paper::mixture::InitialModel;
+use crate::model::paper::totals::Statistics;
+use crate::observation::points::Points;
+use crate::train::component_elbo::NOBODY;
+use crate::train::estep::Scoring;
+use crate::train::timing::{Lap, StageClock};
+use std::ops::Range;
+use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+/// Tiles one task takes: about a thousand points.
+const TILES_PER_TASK: usize = 16;
+
+/// What a pass is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// Per-point ELBO only: the pre-pass of reassignment.
+    Elbo,
+    /// ELBO and sums.
+    ElboAndSums,
+}
+
+/// The fixed inputs of a pass.
+pub struct PassInputs<'a, R: PaperScalar> {
+    /// Initial model that points are scored against.
+    pub model: &'a InitialModel<R>,
+    /// Index over its spatial means.
+    pub index: &'a Index,
+    /// Constants of the score.
+    pub scoring: &'a Scoring,
+    /// Components each point is compared with.
+    pub candidates: Candidates,
+    /// Settings that say which path is taken.
+    pub config: &'a PaperConfig,
+    /// The totals the sums are for.
+    pub statistics: &'a Statistics,
+}
+
+/// Buffers of a pass, reused from frame to frame.
+#[derive(Default)]
+pub struct Pass {
+    /// One per thread: what a task leaves there never changes what the next one finds.
+    workers: Vec<RwLock<Worker>>,
+    /// Candidates and responsibilities of a batch, where they are materialised.
+    ids: Vec<u32>,
+    responsibilities: Vec<f64>,
+}
+
+/// Memory of one thread.
+#[derive(Default)]
+struct Worker {
+    fused: FusedMemory,
+    plain: PlainMemory,
+    ids: Vec<u32>,
+    scores: Vec<f64>,
+    /// Sums by shard of the totals, in one of the two widths.
+    narrow: Vec<Vec<TileRecord<f32>>>,
+    wide: Vec<Vec<TileRecord<f64>>>,
+    clock: StageClock,
+}
+
+impl Worker {
+    /// Records of a shard, narrow and wide.
+    fn records_of(&self, shard: usize) -> [usize; 2] {
+        [self.narrow.get(shard).map_or(0, Vec::len), self.wide.get(shard).map_or(0, Vec::len)]
+    }
+
+    /// Leaves room for as many as `seen` and a quarter more; what grows, grows well beyond.
+    fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
+        if self.narrow.len() <= shard {
+            self.narrow.resize_with(shard + 1, Vec::new);
+            self.wide.resize_with(shard + 1, Vec::new);
+        }
+        let room = |capacity: usize, seen: usize| {
+            if capacity < seen + seen / 4 + 16 { 3 * seen + 64 } else { 0 }
+        };
+        let (narrow, wide) = (&mut self.narrow[shard], &mut self.wide[shard]);
+        narrow.clear();
+        narrow.reserve(room(narrow.capacity(), seen[0]));
+        wide.clear();
+        // Most runs never sum in f64: no memory for it then.
+        wide.reserve(if seen[1] == 0 { 0 } else { room(wide.capacity(), seen[1]) });
+    }
+}
+
+fn add(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
+    [a[0] + b[0], a[1] + b[1]]
+}
+
+/// What belongs to the points of some tiles. The first two are empty where nothing is
+/// materialised, the last where nobody asks for owners.
+struct Columns<'a> {
+    ids: &'a mut [u32],
+    scores: &'a mut [f64],
+    q: &'a mut [f64],
+    owners: &'a mut [u32],
+}
+
+impl Pass {
+    /// Runs over all points. `q` receives the effective distance of every point (see
+    /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
+    /// where asked for, receives the component of largest responsibility; `u32::MAX` for points
+    /// left out.
+    pub fn run<R: PaperScalar>(
+        &mut self,
+        inputs: &PassInputs<R>,
+        points: &Points<R>,
+        output: Output,
+        q: &mut Vec<f64>,
+        mut owners: Option<&mut Vec<u32>>,
+    ) {
+        q.resize(points.len(), 0.0);
+        if let Some(owners) = &mut owners {
+            owners.resize(points.len(), NOBODY);
+        }
+        self.begin(inputs.statistics);
+        let mut tile = 0;
+        while tile < points.n_tiles() {
+            let batch = tile..batch_end(points, tile, inputs.config.batch);
+            tile = batch.end;
+            let range = points.tiles[batch.start] as usize..points.tiles[batch.end] as usize;
+            let owners = owners.as_mut().map_or(&mut [][..], |o| &mut o[range.clone()]);
+            let columns = Columns { ids: &mut [], scores: &mut [], q: &mut q[range], owners };
+            self.run_batch(inputs, points, batch, output, columns);
+        }
+    }
+
+    fn run_batch<R: PaperScalar>(
+        &mut self,
+        inputs: &PassInputs<R>,
+        points: &Points<R>,
+        batch: Range<usize>,
+        output: Output,
+        columns: Columns,
+    ) {
+        let shard_bits = inputs.statistics.shard_bits();
+        if let (Some(rank), Some(points), Some(model)) =
+            (fused_rank(inputs), R::narrow_points(points), R::narrow_model(inputs.model))
+        {
+            let inputs = FusedInputs {
+                points,
+                grid: inputs.index.grid(),
+                appearance: inputs.index.appearance(),
+                max_weight: model.max_weight,
+                scoring: inputs.scoring,
+                rank,
+                shard_bits,
+            };
+            return self.run_fused(inputs, batch, output, columns);
+        }
+        let &PassInputs { model, index, scoring, candidates, config, .. } = inputs;
+        let operations = config.operations;
+        let inputs =
+            PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
+        match config.statistics {
+            StatisticsForm::Fused => self.run_plain(inputs, batch, output, columns),
+            StatisticsForm::Unfused => self.run_materialised(inputs, batch, output, columns),
+        }
+    }
+
+    fn run_fused(
+        &self,
+        inputs: FusedInputs,
+        batch: Range<usize>,
+        output: Output,
+        columns: Columns,
+    ) {
+        for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
+            let mut worker = self.worker();
+            let Worker { fused, narrow, clock, .. } = &mut *worker;
+            let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
+            Isa::best().run(FusedTiles {
+                inputs,
+                memory: fused,
+                tiles,
+                q: columns.q,
+                owners: columns.owners,
+                records,
+                clock,
+            });
+        });
+    }
+
+    /// Tile by tile, every stage for one tile.
+    fn run_plain<R: PaperScalar>(
+        &self,
+        inputs: PlainInputs<R>,
+        batch: Range<usize>,
+        output: Output,
+        columns: Columns,
+    ) {
+        for_each_task(inputs.points, batch, 0, columns, &|tiles, columns| {
+            let mut worker = self.worker();
+            let Worker { plain, ids, scores, narrow, wide, clock, .. } = &mut *worker;
+            for_each_tile(inputs.points, tiles, 0, columns, |tile, columns| {
+                let range = inputs.points.tile(tile);
+                // Stages are long on this path, so the clock may be read for every tile.
+                clock.begin_tile(true);
+                inputs.find(plain, range.clone(), ids);
+                clock.lap(Lap::Candidates);
+                scores.resize(ids.len(), 0.0);
+                inputs.score(range, ids, scores);
+                inputs.normalise(scores, columns.q);
+                inputs.find_owners(ids, scores, columns.owners);
+                clock.lap(Lap::EStep);
+                if output == Output::ElboAndSums {
+                    sum(&inputs, plain, tile, (ids, scores), narrow, wide);
+                    clock.lap(Lap::Stats);
+                }
+            });
+        });
+    }
+
+    /// Stage by stage, every stage for the whole batch.
+    fn run_materialised<R: PaperScalar>(
+        &mut self,
+        inputs: PlainInputs<R>,
+        batch: Range<usize>,
+        output: Output,
+        columns: Columns,
+    ) {
+        let per_point = inputs.per_point();
+        // Taken out of `self`, whose workers the stages borrow beside them.
+        let mut ids = std::mem::take(&mut self.ids);
+        let mut responsibilities = std::mem::take(&mut self.responsibilities);
+        ids.resize(columns.q.len() * per_point, 0);
+        responsibilities.resize(columns.q.len() * per_point, 0.0);
+        let mut columns = Columns { ids: &mut ids, scores: &mut responsibilities, ..columns };
+        let mut stage = |lap, run: &(dyn Fn(&mut Worker, usize, Columns) + Sync)| {
+            let columns = columns.reborrow();
+            for_each_task(inputs.points, batch.clone(), per_point, columns, &|tiles, columns| {
+                let mut worker = self.worker();
+                worker.clock.begin_tile(true);
+                for_each_tile(inputs.points, tiles, per_point, columns, |tile, columns| {
+                    run(&mut worker, tile, columns);
+                });
+                worker.clock.lap(lap);
+            });
+        };
+        stage(Lap::Candidates, &|worker, tile, columns| {
+            let Worker { plain, ids, .. } = worker;
+            inputs.find(plain, inputs.points.tile(tile), ids);
+            columns.ids.copy_from_slice(ids);
+        });
+        stage(Lap::EStep, &|_, tile, columns| {
+            inputs.score(inputs.points.tile(tile), columns.ids, columns.scores);
+        });
+        stage(Lap::EStep, &|_, _, columns| {
+            inputs.normalise(columns.scores, columns.q);
+            inputs.find_owners(columns.ids, columns.scores, columns.owners);
+        });
+        if output == Output::ElboAndSums {
+            stage(Lap::Stats, &|worker, tile, columns| {
+                let Worker { plain, narrow, wide, .. } = worker;
+                sum(&inputs, plain, tile, (columns.ids, columns.scores), narrow, wide);
+            });
+        }
+        (self.ids, self.responsibilities) = (ids, responsibilities);
+    }
+
+    /// Per point its candidates and their responsibilities.
+    pub fn responsibilities<R: PaperScalar>(
+        inputs: &PassInputs<R>,
+        points: &Points<R>,
+    ) -> Vec<Vec<(u32, f64)>> {
+        let &PassInputs { model, index, scoring, candidates, config, statistics } = inputs;
+        let shard_bits = statistics.shard_bits();
+        let operations = config.operations;
+        let inputs =
+            PlainInputs { model, index, points, scoring, candidates, operations, shard_bits };
+        let (mut memory, mut ids) = (PlainMemory::default(), Vec::new());
+        let per_point = inputs.per_point();
+        let mut found = Vec::with_capacity(points.len());
+        for tile in 0..points.n_tiles() {
+            let range = points.tile(tile);
+            inputs.find(&mut memory, range.clone(), &mut ids);
+            let (mut scores, mut q) = (vec![0.0; ids.len()], vec![0.0; range.len()]);
+            inputs.score(range, &ids, &mut scores);
+            inputs.normalise(&mut scores, &mut q);
+            let pairs: Vec<(u32, f64)> = ids.iter().copied().zip(scores).collect();
+            found.extend(pairs.chunks(per_point.max(1)).map(<[_]>::to_vec));
+        }
+        found
+    }
+
+    /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
+    /// takes which tiles changes from frame to frame.
+    fn begin(&mut self, statistics: &Statistics) {
+        // Never fewer than before: a smaller pool for a while must not throw memory away.
+        let n_workers = rayon::current_num_threads().max(self.workers.len());
+        self.workers.resize_with(n_workers, || {
+            let fused = FusedMemory::new(statistics.len());
+            RwLock::new(Worker { fused, ..Worker::default() })
+        });
+        for shard in 0..statistics.shards() {
+            let seen = self.read_workers().map(|w| w.records_of(shard)).fold([0; 2], add);
+            for worker in &mut self.workers {
+                let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+                worker.clear_records(shard, seen);
+            }
+        }
+    }
+
+    fn worker(&self) -> RwLockWriteGuard<'_, Worker> {
+        // Every thread takes the memory of its own number, so the lock never waits: it is how safe
+        // code says that threads do not share it.
+        let thread = rayon::current_thread_index().unwrap_or(0) % self.workers.len();
+        self.workers[thread].write().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn read_workers(&self) -> impl Iterator<Item = RwLockReadGuard<'_, Worker>> {
+        self.workers.iter().map(|w| w.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Adds the sums of the last pass to the totals.
+    pub fn commit(&self, statistics: &mut Statistics, moments: Width) {
+        match moments {
+            Width::F32 => statistics.add_frame(|shard, add| {
+                self.read_workers().for_each(|w| add(&w.narrow[shard]));
+            }),
+            Width::F64 => statistics.add_frame(|shard, add| {
+                self.read_workers().for_each(|w| add(&w.wide[shard]));
+            }),
+        }
+    }
+
+    /// Time that threads together spent in search, E-step and sums of the last pass, where they
+    /// looked at the clock; only the proportion means something.
+    pub fn take_stage_nanos(&mut self) -> [u64; 3] {
+        let mut sum = [0; 3];
+        for worker in &mut self.workers {
+            let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+            let own = worker.clock.take();
+            sum = std::array::from_fn(|i| sum[i] + own[i]);
+        }
+        sum
+    }
+}
+
+/// Candidates per point if the fused kernels do what is asked for.
+fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
+    let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
+    let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
+    let is_fused = inputs.config.statistics == StatisticsForm::Fused;
+    match inputs.candidates {
+        Candidates::Nearest(n) if is_narrow && is_fused && inputs.index.tree().is_none() => {
+            // Fewer components than candidates is legal: all of them are candidates then.
+            Some(n.min(inputs.model.len())).filter(|&rank| rank > 0)
+        }
+        _ => None,
+    }
+}
+
+fn sum<R: PaperScalar>(
+    inputs: &PlainInputs<R>,
+    memory: &mut PlainMemory,
+    tile: usize,
+    pairs: (&[u32], &[f64]),
+    narrow: &mut [Vec<TileRecord<f32>>],
+    wide: &mut [Vec<TileRecord<f64>>],
+) {
+    match inputs.operations.moments {
+        Width::F32 => inputs.sum_narrow(memory, tile, pairs, narrow),
+        Width::F64 => inputs.sum_wide(memory, tile, pairs, wide),
+    }
+}
+
+/// Where the batch that starts with a tile ends.
+fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
+    let Batch::Points(n) = batch else { return points.n_tiles() };
+    let end = points.tiles[tile] as usize + n;
+    let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
+    // One tile at least, or a batch of fewer points than a tile has would never end.
+    tiles_before.clamp(tile + 1, points.n_tiles())
+}
+
+/// Splits tiles and their columns into tasks, `per_point` entries for each point.
+fn for_each_task<R: PaperScalar>(
+    points: &Points<R>,
+    tiles: Range<usize>,
+    per_point: usize,
+    columns: Columns,
+    task: &(impl Fn(Range<usize>, Columns) + Sync),
+) {
+    if tiles.len() <= TILES_PER_TASK {
+        return task(tiles, columns);
+    }
+    // Halves are rounded to whole tasks, so that only the last one may be small.
+    let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
+    let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
+    let (left, right) = columns.split(n_points, per_point);
+    rayon::join(
+        || for_each_task(points, tiles.start..middle, per_point, left, task),
+        || for_each_task(points, middle..tiles.end, per_point, right, task),
+    );
+}
+
+/// Hands every tile its columns.
+fn for_each_tile<R: PaperScalar>(
+    points: &Points<R>,
+    tiles: Range<usize>,
+    per_point: usize,
+    mut columns: Columns,
+    mut run: impl FnMut(usize, Columns),
+) {
+    for tile in tiles {
+        let (own, rest) = columns.split(points.tile(tile).len(), per_point);
+        columns = rest;
+        run(tile, own);
+    }
+}
+
+impl<'a> Columns<'a> {
+    fn reborrow(&mut self) -> Columns<'_> {
+        let Self { ids, scores, q, owners } = self;
+        Columns { ids, scores, q, owners }
+    }
+
+    fn split(self, n_points: usize, per_point: usize) -> (Columns<'a>, Columns<'a>) {
+        let (ids, later_ids) = self.ids.split_at_mut(n_points * per_point);
+        let (scores, later_scores) = self.scores.split_at_mut(n_points * per_point);
+        let (q, later_q) = self.q.split_at_mut(n_points);
+        let (owners, later_owners) = self.owners.split_at_mut(n_points.min(self.owners.len()));
+        let later =
+            Columns { ids: later_ids, scores: later_scores, q: later_q, owners: later_owners };
+        (Columns { ids, scores, q, owners }, later)
+    }
+}

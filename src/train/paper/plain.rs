@@ -1,0 +1,191 @@
+//! The plain path: candidates, scores, responsibilities and sums one after the other, each in the
+//! precision asked for. It serves the oracle, dense E-steps, the KD-tree and materialised
+//! responsibilities.
+//!
+//! Every stage is a function over one tile with its own width, so that `precision-search` can
+//! narrow one operation at a time. Nothing here is tuned: what it says is what faster paths are
+//! held to.
+
+use super::config::{Candidates, Operations, Width};
+use super::index::Index;
+use super::scalar::PaperScalar;
+use super::slots::Slots;
+use crate::math::real::Real;
+use crate::math::simd::Isa;
+use crate::model::conjugate::statistics::{N_SUMS, TileRecord, add_point};
+use crate::model::paper::mixture::InitialModel;
+use crate::observation::points::Points;
+use crate::train::candidates::{CandidateSearch, nearest_in_tile, nearest_in_tile_wide};
+use crate::train::component_elbo::largest;
+use crate::train::estep::Scoring;
+use std::num::NonZero;
+use std::ops::Range;
+
+/// What a plain pass reads.
+pub(super) struct PlainInputs<'a, R: PaperScalar> {
+    pub model: &'a InitialModel<R>,
+    pub index: &'a Index,
+    pub points: &'a Points<R>,
+    pub scoring: &'a Scoring,
+    pub candidates: Candidates,
+    pub operations: Operations,
+    /// Binary logarithm of the components in a shard of the totals.
+    pub shard_bits: u32,
+}
+
+impl<R: PaperScalar> Clone for PlainInputs<'_, R> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<R: PaperScalar> Copy for PlainInputs<'_, R> {}
+
+/// Memory of a thread, grow-only.
+#[derive(Default)]
+pub(super) struct PlainMemory {
+    search: CandidateSearch,
+    slots: Slots,
+    ids_by_slot: Vec<u32>,
+    narrow_sums: Vec<[f32; N_SUMS]>,
+    wide_sums: Vec<[f64; N_SUMS]>,
+}
+
+impl<R: PaperScalar> PlainInputs<'_, R> {
+    /// Candidates of every point.
+    pub fn per_point(&self) -> usize {
+        match self.candidates {
+            Candidates::Dense => self.model.len(),
+            Candidates::Nearest(n) => n.min(self.model.len()),
+        }
+    }
+
+    /// Replaces `ids` by the candidates of a tile's points.
+    pub fn find(&self, memory: &mut PlainMemory, range: Range<usize>, ids: &mut Vec<u32>) {
+        let Self { model, index, points, .. } = self;
+        ids.clear();
+        let Candidates::Nearest(n) = self.candidates else {
+            return range.for_each(|_| ids.extend(0..model.len() as u32));
+        };
+        let Some(n) = NonZero::new(n) else { return };
+        if let Some(tree) = index.tree() {
+            return range.for_each(|i| tree.nearest(points.position(i).map(R::to_f64), n, ids));
+        }
+        let (grid, search) = (index.grid(), &mut memory.search);
+        match R::narrow_points(points) {
+            // Only points and means that are stored in f32 can be compared in f32 as they are.
+            Some(points) if self.operations.distance == Width::F32 => {
+                let tile = [&points.x[range.clone()], &points.y[range.clone()], &points.z[range]];
+                nearest_in_tile(Isa::best(), grid, search, tile, n, ids);
+            }
+            _ => nearest_in_tile_wide(grid, search, &model.space, points, range, n, ids),
+        }
+    }
+
+    /// Scores of a tile's points against their candidates.
+    pub fn score(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
+        match self.operations.log_score {
+            Width::F32 => self.score_in::<f32>(range, ids, scores),
+            Width::F64 => self.score_in::<f64>(range, ids, scores),
+        }
+    }
+
+    fn score_in<S: Real>(&self, range: Range<usize>, ids: &[u32], scores: &mut [f64]) {
+        let per_point = self.per_point().max(1);
+        let of_points = ids.chunks_exact(per_point).zip(scores.chunks_exact_mut(per_point));
+        for (i, (ids, scores)) in range.zip(of_points) {
+            let (space, color) = (self.points.position(i), self.points.color(i));
+            for (&id, score) in ids.iter().zip(scores) {
+                let q: S = self.scoring.distance(self.model, id as usize, space, color);
+                *score = q.to_f64();
+            }
+        }
+    }
+
+    /// Turns the scores of some points into responsibilities, and writes their effective distances;
+    /// points whose score is no number get NaN and no responsibilities.
+    pub fn normalise(&self, scores: &mut [f64], q: &mut [f64]) {
+        let per_point = self.per_point().max(1);
+        for (scores, q) in scores.chunks_exact_mut(per_point).zip(q) {
+            *q = match self.operations.normaliser {
+                Width::F32 => self.scoring.responsibilities::<f32>(scores),
+                Width::F64 => self.scoring.responsibilities::<f64>(scores),
+            };
+            if !q.is_finite() {
+                *q = f64::NAN;
+                // Shares of nothing, not NaN: a NaN would spoil the sums of every candidate.
+                scores.fill(0.0);
+            }
+        }
+    }
+
+    /// The component of largest responsibility (the first of equals) of as many points as `owners`
+    /// has room for; `NOBODY` where there are no responsibilities.
+    pub fn find_owners(&self, ids: &[u32], responsibilities: &[f64], owners: &mut [u32]) {
+        let per_point = self.per_point().max(1);
+        let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
+        for ((ids, responsibilities), owner) in of_points.zip(owners) {
+            *owner = largest(ids.iter().copied().zip(responsibilities.iter().copied()));
+        }
+    }
+
+    /// Sums of a tile in f32.
+    pub fn sum_narrow(
+        &self,
+        memory: &mut PlainMemory,
+        tile: usize,
+        pairs: (&[u32], &[f64]),
+        records: &mut [Vec<TileRecord<f32>>],
+    ) {
+        let PlainMemory { slots, ids_by_slot, narrow_sums, .. } = memory;
+        self.sum(slots, ids_by_slot, narrow_sums, tile, pairs, records);
+    }
+
+    /// Sums of a tile in f64.
+    pub fn sum_wide(
+        &self,
+        memory: &mut PlainMemory,
+        tile: usize,
+        pairs: (&[u32], &[f64]),
+        records: &mut [Vec<TileRecord<f64>>],
+    ) {
+        let PlainMemory { slots, ids_by_slot, wide_sums, .. } = memory;
+        self.sum(slots, ids_by_slot, wide_sums, tile, pairs, records);
+    }
+
+    /// Adds one record per component the tile touches, points in order.
+    fn sum<M: Real>(
+        &self,
+        slots: &mut Slots,
+        ids_by_slot: &mut Vec<u32>,
+        sums: &mut Vec<[M; N_SUMS]>,
+        tile: usize,
+        (ids, responsibilities): (&[u32], &[f64]),
+        records: &mut [Vec<TileRecord<M>>],
+    ) {
+        let of = |v: R| M::of(v.to_f64());
+        let per_point = self.per_point().max(1);
+        slots.begin(self.model.len());
+        ids_by_slot.clear();
+        sums.clear();
+        let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
+        for (i, (ids, responsibilities)) in self.points.tile(tile).zip(of_points) {
+            let (space, color) = (self.points.position(i).map(of), self.points.color(i).map(of));
+            for (&id, &r) in ids.iter().zip(responsibilities).filter(|(_, r)| **r > 0.0) {
+                // Zero shares are filtered above: they would make records that say nothing.
+                let slot = slots.find(id);
+                if slot == sums.len() {
+                    ids_by_slot.push(id);
+                    sums.push([M::ZERO; N_SUMS]);
+                }
+                let mean = self.model.space[id as usize].map(of);
+                let d = std::array::from_fn(|axis| space[axis] - mean[axis]);
+                add_point(&mut sums[slot], M::of(r), d, color);
+            }
+        }
+        for (&id, &sums) in ids_by_slot.iter().zip(sums.iter()) {
+            let record = TileRecord { id, tile: tile as u32, sums };
+            records[id as usize >> self.shard_bits].push(record);
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Moving unused components onto badly explained points (`train.md`, Reassignment).
+//!
+//! The worst points are found by a histogram over the leading bits of their scores and one
+//! selection within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
+//! the reference does, has the law of an exponential race: every point gets a time from its own
+//! random number, and the first ones win. The race has no rounds, runs on all threads and gives
+//! equal points for any number of them.
+
+use super::config::{PaperConfig, ReassignPolicy};
+use crate::math::rng::Rng;
+use rayon::prelude::*;
+
+/// Draws one task takes at least.
+const PART: usize = 1 << 10;
+
+/// Parts of a frame that are looked through at once.
+const PARTS: usize = 8;
+/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of
+/// the mantissa tell bins apart.
+const BIN_SHIFT: u32 = 50;
+const N_BINS: usize = 1 << (64 - BIN_SHIFT);
+
+/// How many components may move and among how many points destinations are drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quota {
+    /// Components to move at most.
+    pub moves: usize,
+    /// Points with the lowest ELBO that may become destinations; the dense policy takes all.
+    pub low_elbo: usize,
+}
+
+impl Quota {
+    /// `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋` capped by each other; `None` if nothing may move.
+    pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
+        let fraction = config.reassign_fraction;
+        let share = |n: usize| (n as f64 * fraction) as usize;
+        let moves = share(config.components).min(share(unused));
+        let low_elbo = match config.reassign {
+            ReassignPolicy::Off => return None,
+            ReassignPolicy::Dense => usize::MAX,
+            ReassignPolicy::Truncated | ReassignPolicy::Padded | ReassignPolicy::Forwarded => {
+                config.low_elbo_floor.max((config.components as f64 * fraction * 4.0) as usize)
+            }
+        };
+        (moves > 0).then_some(Self { moves, low_elbo })
+    }
+}
+
+/// Chooses destinations, in memory kept from frame to frame.
+#[derive(Default)]
+pub struct DestinationChooser {
+    parts: [Part; PARTS],
+    /// Order of the score, reversed so that the lowest ELBO comes first, and the point.
+    lowest: Vec<(u64, u32)>,
+    /// Order of the draw, and the point.
+    draws: Vec<(u64, u32)>,
+    points: Vec<u32>,
+}
+
+/// What one part of a frame holds.
+#[derive(Default)]
+struct Part {
+    histogram: Vec<u32>,
+    lowest: Vec<(u64, u32)>,
+}
+
+impl DestinationChooser {
+    /// With all memory that this configuration can need, whatever the frames hold.
+    pub fn padded(config: &PaperConfig) -> Self {
+        let Some(Quota { moves, low_elbo }) = Quota::new(config, config.components) else {
+            return Self::default();
+        };
+        let part = || Part { histogram: vec![0; N_BINS], lowest: Vec::with_capacity(2 * low_elbo) };
+        Self {
+            parts: std::array::from_fn(|_| part()),
+            lowest: Vec::with_capacity(2 * low_elbo),
+            draws: Vec::with_capacity(low_elbo),
+            points: Vec::with_capacity(moves),
+        }
+    }
+
+    /// Points that receive a component, in ascending order: a D²-weighted sample without
+    /// replacement among the points of lowest ELBO, that is of largest effective distance `q`.
+    /// Points whose `q` is NaN are never chosen. `stream` gives every point its random number.
+    pub fn destinations(&mut self, q: &[f64], quota: Quota, stream: &Rng) -> &[u32] {
+        self.find_lowest(q, quota.low_elbo);
+        self.points.clear();
+        if self.lowest.len() <= quota.moves {
+            self.points.extend(self.lowest.iter().map(|&(_, point)| point));
+        } else {
+            self.draw(q, quota.moves, stream);
+            self.points.extend(self.draws.iter().map(|&(_, point)| point));
+        }
+        // In the order of points: neighbours then get neighbouring components, which lie close in
+        // memory.
+        self.points.sort_unstable();
+        &self.points
+    }
+
+    /// The `n` points of lowest ELBO (all, if there are fewer), ties by lowest index; in no order.
+    pub fn lowest_elbo(&mut self, q: &[f64], n: usize) -> impl Iterator<Item = u32> {
+        self.find_lowest(q, n);
+        self.lowest.iter().map(|&(_, point)| point)
+    }
+
+    fn find_lowest(&mut self, q: &[f64], n: usize) {
+        let Self { parts, lowest, .. } = self;
+        let size = q.len().div_ceil(PARTS).max(1);
+        let mut last_bin = N_BINS - 1;
+        // Where all points may be chosen no bin has to be found.
+        if n < q.len() {
+            parts.par_iter_mut().enumerate().for_each(|(i, part)| part.count(part_of(q, i, size)));
+            let mut found = 0;
+            let reached = (0..N_BINS).find(|&bin| {
+                found += parts.iter().map(|part| part.histogram[bin] as usize).sum::<usize>();
+                found >= n
+            });
+            last_bin = reached.unwrap_or(last_bin);
+        }
+        parts.par_iter_mut().enumerate().for_each(|(i, part)| {
+            part.collect(part_of(q, i, size), (i * size) as u32, last_bin);
+        });
+        lowest.clear();
+        parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
+        if n < lowest.len() {
+            // The last bin brings more than asked for: only its points have to be told apart, here.
+            lowest.select_nth_unstable(n);
+            lowest.truncate(n);
+        }
+    }
+
+    /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
+    /// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
+    /// Sampling without replacement). Those of probability zero come last, in uniform order.
+    fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
+        let Self { lowest, draws, .. } = self;
+        let of = |point: u32| q[point as usize];
+        let best = lowest.iter().map(|&(_, p)| of(p)).fold(f64::INFINITY, f64::min);
+        draws.resize(lowest.len(), (0, 0));
+        let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
+        pairs.for_each(|(draw, &(_, point))| {
+            let uniform = stream.uniform_at(point.into());
+            let gap = of(point) - best;
+            // The logarithm of `libm` has equal bits on every machine; the platform's need not.
+            let time = -libm::log(uniform) / gap;
+            let last = 1 << 63;
+            // A time is not negative, so its bits are in its order.
+            let order = if gap > 0.0 { time.to_bits() } else { last | uniform.to_bits() };
+            *draw = (order, point);
+        });
+        draws.select_nth_unstable(n);
+        draws.truncate(n);
+    }
+}
+
+fn part_of(q: &[f64], part: usize, size: usize) -> &[f64] {
+    let start = (part * size).min(q.len());
+    &q[start..(start + size).min(q.len())]
+}
+
+impl Part {
+    fn count(&mut self, q: &[f64]) {
+        self.histogram.clear();
+        self.histogram.resize(N_BINS, 0);
+        for &q in q.iter().filter(|q| !q.is_nan()) {
+            // Reversed, so that the largest distances come first.
+            self.histogram[(!ordered(q) >> BIN_SHIFT) as usize] += 1;
+        }
+    }
+
+    /// Takes the points, counted from `first`, down to a bin.
+    fn collect(&mut self, q: &[f64], first: u32, last_bin: usize) {
+        self.lowest.clear();
+        for (&q, point) in q.iter().zip(first..) {
+            let order = !ordered(q);
+            if (order >> BIN_SHIFT) as usize <= last_bin && !q.is_nan() {
+                self.lowest.push((order, point));
+            }
+        }
+    }
+}
+
+/// Bits in the order of the numbers.
+fn ordered(value: f64) -> u64 {
+    let bits = value.to_bits();
+    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::Purpose;
+    use crate::train::paper::config::PaperOverrides;
+
+    fn quota(unused: usize, fraction: f64) -> Option<Quota> {
+        let overrides = PaperOverrides {
+            components: Some(1000),
+            reassign_fraction: Some(fraction),
+            ..PaperOverrides::default()
+        };
+        let config = PaperConfig::paper().with(&overrides).unwrap();
+        Quota::new(&PaperConfig { low_elbo_floor: 64, ..config }, unused)
+    }
+
+    #[test]
+    fn quota_follows_the_smaller_share() {
+        assert_eq!(quota(1000, 0.05).unwrap(), Quota { moves: 50, low_elbo: 200 });
+        assert_eq!(quota(100, 0.05).unwrap().moves, 5);
+        assert_eq!(quota(19, 0.05), None);
+        assert_eq!(quota(0, 1.0), None);
+    }
+
+    #[test]
+    fn the_lowest_are_found_among_all_orders_of_magnitude() {
+        let mut rng = Rng::new(5, Purpose::Synthetic, 0);
+        let mut q: Vec<f64> =
+            (0..5000).map(|_| rng.normal() * 10f64.powi(rng.below(30) as i32 - 15)).collect();
+        q[17] = f64::NAN;
+        q[4000] = q[3000];
+        let mut expected: Vec<u32> = (0..5000).filter(|&i| i != 17).collect();
+        expected.sort_by(|&a, &b| q[b as usize].total_cmp(&q[a as usize]).then(a.cmp(&b)));
+        for n in [0, 1, 100, 4998, 4999, 5000] {
+            let mut found: Vec<u32> = DestinationChooser::default().lowest_elbo(&q, n).collect();
+            found.sort_unstable();
+            let mut first = expected[..n.min(4999)].to_vec();
+            first.sort_unstable();
+            assert_eq!(found, first, "{n}");
+        }
+    }
+
+    #[test]
+    fn destinations_prefer_badly_explained_points() {
+        let q = [1.0, 50.0, 2.0, 60.0, 70.0, 0.0];
+        let stream = Rng::new(1, Purpose::Reassign, 0);
+        let mut chooser = DestinationChooser::default();
+        let points = chooser.destinations(&q, Quota { moves: 2, low_elbo: 3 }, &stream);
+        assert_eq!(points, [3, 4], "the best explained candidate has probability zero");
+        assert_eq!(chooser.destinations(&q, Quota { moves: 6, low_elbo: 3 }, &stream), [1, 3, 4]);
+    }
+
+    #[test]
+    fn the_race_follows_the_probabilities() {
+        let (q, quota) = ([0.0, 1.0, 2.0, 5.0], Quota { moves: 1, low_elbo: 4 });
+        let mut counts = [0usize; 4];
+        for seed in 0..4000 {
+            let stream = Rng::new(seed, Purpose::Reassign, 0);
+            let mut chooser = DestinationChooser::default();
+            counts[chooser.destinations(&q, quota, &stream)[0] as usize] += 1;
+        }
+        assert_eq!(counts[0], 0);
+        for (count, p) in counts.iter().zip([0.0, 0.125, 0.25, 0.625]) {
+            assert!((*count as f64 / 4000.0 - p).abs() < 0.03, "{counts:?}");
+        }
+    }
+}

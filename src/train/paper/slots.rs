@@ -1,0 +1,54 @@
+//! The components one tile touches, numbered in order of appearance.
+
+/// Maps keys below a bound to slots, tile by tile, with a stamp instead of clearing.
+#[derive(Debug, Default)]
+pub(super) struct Slots {
+    /// Per key the tile that saw it last, and its slot there.
+    seen: Vec<(u32, u32)>,
+    tile: u32,
+    n: u32,
+}
+
+impl Slots {
+    /// Forgets all keys; those to come are below `bound`.
+    #[inline(always)]
+    pub fn begin(&mut self, bound: usize) {
+        // The stamp would wrap, and slots of the first tiles pass for this one's.
+        if self.seen.len() < bound || self.tile == u32::MAX {
+            self.seen.clear();
+            self.seen.resize(bound, (0, 0));
+            self.tile = 0;
+        }
+        self.tile += 1;
+        self.n = 0;
+    }
+
+    /// The slot of `key`; the number of slots given out before if it is new.
+    #[inline(always)]
+    pub fn find(&mut self, key: u32) -> usize {
+        let seen = &mut self.seen[key as usize];
+        if seen.0 != self.tile {
+            *seen = (self.tile, self.n);
+            self.n += 1;
+        }
+        seen.1 as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_numbered_in_order_of_appearance() {
+        let mut slots = Slots::default();
+        for tile in 0..3 {
+            if tile == 2 {
+                slots.tile = u32::MAX; // the stamp starts over
+            }
+            slots.begin(100_001);
+            let found = [7, 9, 7, 100_000, 9, 0].map(|key| slots.find(key));
+            assert_eq!(found, [0, 1, 0, 2, 1, 3]);
+        }
+    }
+}

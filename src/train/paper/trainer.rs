@@ -1,0 +1,339 @@
+//! The trainer of one precision: owns the model and applies frames to it.
+
+use super::config::{Candidates, PaperConfig, ReassignPolicy};
+use super::index::Index;
+use super::init::InitialDraw;
+use super::pass::{Output, Pass, PassInputs};
+use super::reassign::{DestinationChooser, Quota};
+use super::scalar::PaperScalar;
+use crate::math::rng::{Purpose, Rng};
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::conjugate::prior::Hyper;
+use crate::model::conjugate::statistics::Moments;
+use crate::model::paper::mixture::InitialModel;
+use crate::model::paper::state::ModelState;
+use crate::model::paper::totals::Statistics;
+use crate::observation::points::Points;
+use crate::train::candidates::IndexError;
+use crate::train::component_elbo::ComponentElbo;
+use crate::train::estep::Scoring;
+use crate::train::outcome::FrameOutcome;
+use crate::train::stages::{PAPER_STAGES, PaperStage};
+use crate::train::timing::{StageMs, Stopwatch};
+use glam::DVec3;
+
+/// Model and buffers in precision `R`.
+pub struct PaperTrainer<R: PaperScalar> {
+    config: PaperConfig,
+    hyper: Hyper,
+    model: InitialModel<R>,
+    alpha_init: Vec<f64>,
+    index: Index,
+    scoring: Scoring,
+    statistics: Statistics,
+    pass: Pass,
+    /// Effective distance of every point of the last frame.
+    q: Vec<f64>,
+    component_elbo: ComponentElbo,
+    chooser: DestinationChooser,
+    moves: Vec<(u32, u32)>,
+    /// Positions and colours that components of a reassignment came from, should it fail.
+    displaced: Vec<([R; 3], [R; 3])>,
+    frames: u64,
+}
+
+impl<R: PaperScalar> PaperTrainer<R> {
+    /// A model that has seen nothing. `draw` holds one mean and one weight per component.
+    pub fn new(config: &PaperConfig, draw: &InitialDraw) -> Result<Self, IndexError> {
+        Self::with_hyper(config, config.hyper(), draw)
+    }
+
+    /// The same with hyper-parameters of one's own instead of the preset's.
+    pub fn with_hyper(
+        config: &PaperConfig,
+        hyper: Hyper,
+        draw: &InitialDraw,
+    ) -> Result<Self, IndexError> {
+        let model = InitialModel::new(hyper, &draw.means, &draw.alpha);
+        let scoring = Scoring::new(&hyper);
+        let is_padded = config.reassign == ReassignPolicy::Padded;
+        let chooser = if is_padded {
+            DestinationChooser::padded(config)
+        } else {
+            DestinationChooser::default()
+        };
+        Ok(Self {
+            config: config.clone(),
+            hyper,
+            index: Index::new(&model, config.index)?,
+            scoring,
+            statistics: Statistics::new(model.len(), config.operations.update),
+            pass: Pass::default(),
+            q: Vec::new(),
+            component_elbo: ComponentElbo::new(scoring),
+            moves: Vec::new(),
+            displaced: Vec::new(),
+            alpha_init: draw.alpha.clone(),
+            chooser,
+            model,
+            frames: 0,
+        })
+    }
+
+    /// Learns from one frame, whole or not at all: on an error before the fit the model is as it
+    /// was; if only the forwarded reassignment after it fails, the frame is learnt and no component
+    /// has moved.
+    pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
+        let wall = Stopwatch::start();
+        let mut ms = StageMs::new(&PAPER_STAGES);
+        let reassigned = match self.config.reassign {
+            ReassignPolicy::Off => {
+                self.fit(points, &mut ms);
+                0
+            }
+            ReassignPolicy::Forwarded => {
+                self.fit(points, &mut ms);
+                self.reassign(points, self.quota(), &mut ms)?
+            }
+            ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded => {
+                let quota = self.quota();
+                if quota.is_some() {
+                    self.run_pass(points, self.scored_by(), Output::Elbo, &mut ms);
+                }
+                let reassigned = self.reassign(points, quota, &mut ms)?;
+                self.fit(points, &mut ms);
+                reassigned
+            }
+        };
+        self.frames += 1;
+        let (learnt, elbo_mean) = self.mean_elbo();
+        ms.train = wall.elapsed_ms();
+        Ok(FrameOutcome { points: learnt, elbo_mean, reassigned, ms, ..FrameOutcome::default() })
+    }
+
+    /// Candidates of the pass that scores points before the fit.
+    fn scored_by(&self) -> Candidates {
+        match self.config.reassign {
+            ReassignPolicy::Dense => Candidates::Dense,
+            _ => self.config.candidates,
+        }
+    }
+
+    fn fit(&mut self, points: &Points<R>, ms: &mut StageMs) {
+        self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
+        let mut clock = Stopwatch::start();
+        self.pass.commit(&mut self.statistics, self.config.operations.moments);
+        self.component_elbo.count(&self.q, self.model.len());
+        ms.add(PaperStage::Update as usize, clock.lap_ms());
+    }
+
+    fn run_pass(
+        &mut self,
+        points: &Points<R>,
+        candidates: Candidates,
+        output: Output,
+        ms: &mut StageMs,
+    ) {
+        let mut clock = Stopwatch::start();
+        let inputs = PassInputs {
+            model: &self.model,
+            index: &self.index,
+            scoring: &self.scoring,
+            candidates,
+            config: &self.config,
+            statistics: &self.statistics,
+        };
+        let owners = match output {
+            Output::Elbo => None,
+            Output::ElboAndSums => self.component_elbo.owners(),
+        };
+        self.pass.run(&inputs, points, output, &mut self.q, owners);
+        ms.add_pass(clock.lap_ms(), self.pass.take_stage_nanos());
+    }
+
+    /// Points that were learnt from and the mean of their ELBO; 0 without points.
+    fn mean_elbo(&self) -> (usize, f64) {
+        let mut sum = 0.0;
+        let mut n = 0;
+        for chunk in self.q.chunks(64) {
+            let (mut chunk_sum, mut chunk_n) = (0.0, 0);
+            for &q in chunk {
+                let counts = !q.is_nan();
+                chunk_sum += if counts { q } else { 0.0 };
+                chunk_n += usize::from(counts);
+            }
+            (sum, n) = (sum + chunk_sum, n + chunk_n);
+        }
+        (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
+    }
+
+    /// Before the first fit nothing is unused: the posterior is still the initial model, whose
+    /// weights are not below the prior's (`train.md`, Reassignment).
+    fn quota(&self) -> Option<Quota> {
+        if self.frames == 0 && self.statistics.used() == 0 {
+            return None;
+        }
+        Quota::new(&self.config, self.statistics.len() - self.statistics.used())
+    }
+
+    /// Moves components by the scores of the last pass; how many.
+    fn reassign(
+        &mut self,
+        points: &Points<R>,
+        quota: Option<Quota>,
+        ms: &mut StageMs,
+    ) -> Result<usize, IndexError> {
+        let Some(quota) = quota else { return Ok(0) };
+        let mut clock = Stopwatch::start();
+        let stream = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
+        let destinations = self.chooser.destinations(&self.q, quota, &stream);
+        let mut moves = std::mem::take(&mut self.moves);
+        moves.clear();
+        moves.extend(self.statistics.unused().zip(destinations.iter().copied()));
+        let moved = self.move_components(points, &moves);
+        let n = moves.len();
+        self.moves = moves;
+        ms.add(PaperStage::Reassign as usize, clock.lap_ms());
+        moved.map(|()| n)
+    }
+
+    /// Sets the initial means of components to points, `(component, point)`, and rebuilds the
+    /// index. The components must be unused, or their statistics would lose their centre. On error
+    /// nothing has moved.
+    pub fn move_components(
+        &mut self,
+        points: &Points<R>,
+        moves: &[(u32, u32)],
+    ) -> Result<(), IndexError> {
+        self.displaced.clear();
+        for &(component, point) in moves {
+            let mean = (points.position(point as usize), points.color(point as usize));
+            self.displaced.push(self.model.replace_mean(component as usize, mean));
+        }
+        let rebuilt = self.index.rebuild(&self.model);
+        if rebuilt.is_err() {
+            // Backwards, should a component move twice.
+            for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
+                self.model.replace_mean(component as usize, mean);
+            }
+        }
+        rebuilt
+    }
+
+    /// ELBO of every point of the last frame, in point order; NaN for points left out.
+    pub fn elbo(&self) -> Vec<f64> {
+        self.q.iter().map(|&q| self.scoring.elbo(q)).collect()
+    }
+
+    /// Effective distances of the points of the last frame (see [`Scoring::elbo`]).
+    pub fn effective_distances(&self) -> &[f64] {
+        &self.q
+    }
+
+    /// Scores of one point against given components, and the constants behind them.
+    pub fn scoring(&self) -> (&Scoring, &InitialModel<R>) {
+        (&self.scoring, &self.model)
+    }
+
+    /// Scores a frame's points without learning from them; the values are [`PaperTrainer::elbo`].
+    pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
+        self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
+    }
+
+    /// A model that goes on where another stopped after `frames` frames.
+    pub fn restore(
+        config: &PaperConfig,
+        state: ModelState,
+        frames: u64,
+    ) -> Result<Self, IndexError> {
+        let ModelState { alpha_init, means, totals } = state;
+        let draw = InitialDraw { means: means.rows(), alpha: alpha_init };
+        let mut trainer = Self::new(config, &draw)?;
+        trainer.statistics = Statistics::restore(&totals);
+        trainer.frames = frames;
+        Ok(trainer)
+    }
+
+    /// The model as it stands.
+    pub fn state(&self) -> ModelState {
+        ModelState {
+            alpha_init: self.alpha_init.clone(),
+            means: R::means(&self.model.space, &self.model.color),
+            totals: self.statistics.state(),
+        }
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &PaperConfig {
+        &self.config
+    }
+
+    /// Evidence by component.
+    pub fn component_elbo(&self) -> &ComponentElbo {
+        &self.component_elbo
+    }
+
+    /// See [`Self::component_elbo`].
+    pub fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
+        &mut self.component_elbo
+    }
+
+    /// Frames learnt.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Per point its candidates and their responsibilities, without learning from it.
+    pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
+        let inputs = PassInputs {
+            model: &self.model,
+            index: &self.index,
+            scoring: &self.scoring,
+            candidates: self.config.candidates,
+            config: &self.config,
+            statistics: &self.statistics,
+        };
+        Pass::responsibilities(&inputs, points)
+    }
+
+    /// Components, used or not.
+    pub fn components(&self) -> usize {
+        self.model.len()
+    }
+
+    /// Components with `N_k > 0`.
+    pub fn used(&self) -> usize {
+        self.statistics.used()
+    }
+
+    /// Totals over everything seen so far.
+    pub fn statistics(&self) -> &Statistics {
+        &self.statistics
+    }
+
+    /// Initial spatial mean of a component, normalised.
+    pub fn mean_init(&self, component: usize) -> DVec3 {
+        DVec3::from_array(self.model.space[component].map(R::to_f64))
+    }
+
+    /// Statistics of a component about its initial mean.
+    pub fn moments(&self, component: usize) -> Moments {
+        self.statistics.moments(component)
+    }
+
+    /// Posterior of a component, normalised coordinates.
+    pub fn posterior(&self, component: usize) -> ComponentPosterior {
+        ComponentPosterior::new(&self.hyper, self.mean_init(component), &self.moments(component))
+    }
+
+    /// Components whose statistics the last frame changed, each once.
+    pub fn touched(&self) -> &[u32] {
+        self.statistics.touched()
+    }
+
+    /// Bytes the model itself occupies: initial means and weights, and totals.
+    pub fn model_bytes(&self) -> usize {
+        let of_start = 7 * size_of::<R>() + size_of::<f64>();
+        self.model.len() * (of_start + self.statistics.row_bytes())
+    }
+}

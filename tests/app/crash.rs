@@ -1,0 +1,131 @@
+//! A program at fault: what it says, and where the scene is afterwards. Panics come from outside, by
+//! egui's own hooks and by the waker, so that nothing in the program can be asked to panic.
+
+use super::harness::{PATIENCE, Window, click, dataset, is, train, wait, wait_for_label, window};
+use crate::common::adapter::{turn, vulkan};
+use eframe::egui::Vec2;
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+use vbgs_studio::app::rescue::{CrashedThread, Rescue};
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
+use vbgs_studio::app::{Exit, Leave, Painting, Studio, WindowError, guarded};
+
+/// A window on a worker that outlives it, as the program has them.
+struct Hosted {
+    window: Window,
+    worker: Arc<Worker>,
+    exit: Exit,
+    device: wgpu::Device,
+}
+
+/// `None` without a Vulkan adapter. Scenes without a dataset's folder are rescued into `folder`.
+fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
+    vulkan()?;
+    let worker = Arc::new(Worker::start_with(waker, vec![folder.to_owned()]).unwrap());
+    let (exit, device) = (Exit::default(), Arc::new(Mutex::new(None)));
+    let (own, word, found) = (worker.clone(), exit.clone(), device.clone());
+    let window = Harness::builder()
+        .with_size(Vec2::new(1000.0, 640.0))
+        .with_max_steps(8)
+        .wgpu()
+        .build_eframe(move |cc| {
+            *found.lock().unwrap() = cc.wgpu_render_state.as_ref().map(|s| s.device.clone());
+            let first = vec![WorkerOrder::Open(subject)];
+            Studio::attach(cc, own, first, word, Painting::Auto, Instant::now()).unwrap()
+        });
+    let device = device.lock().unwrap().take().unwrap();
+    Some(Hosted { window, worker, exit, device })
+}
+
+/// Draws until the window ends, panicking at the end of the first picture.
+fn panic_in(hosted: &mut Hosted) -> Result<(), WindowError> {
+    hosted.window.ctx.on_end_pass("test", Arc::new(|_| panic!("injected into the window")));
+    let started = Instant::now();
+    guarded(&hosted.worker, &hosted.exit, || {
+        loop {
+            hosted.window.step();
+            assert!(started.elapsed() < PATIENCE, "the window does not panic");
+        }
+    })
+}
+
+#[test]
+fn a_panic_of_the_window_saves_the_scene_and_says_where() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let state = folder.path().join("state");
+    let Some(mut hosted) = hosted(Subject::Path(path), Arc::new(|| {}), &state) else { return };
+    wait(&mut hosted.window, "ready", is(RunState::Ready));
+    click(&mut hosted.window, "Step");
+    wait(&mut hosted.window, "a frame", |s| s.snapshot().frames_done == 1);
+
+    let Err(WindowError::Crashed(crash)) = panic_in(&mut hosted) else { panic!("a crash") };
+    let saved = folder.path().join("room-rescued.vbgs");
+    assert_eq!(crash.thread, CrashedThread::Window);
+    assert_eq!(crash.rescue, Rescue::Saved { path: saved.clone(), frames: 1 });
+    let text = crash.to_string();
+    for part in ["injected into the window", "crash.rs:", &saved.display().to_string()] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert!(!state.exists(), "its own folder took it");
+    drop(hosted);
+
+    let Some(mut again) = window(Some(Subject::Path(saved)), Painting::Auto) else { return };
+    wait(&mut again, "the run", is(RunState::Paused));
+    assert_eq!(again.state().snapshot().frames_done, 1);
+}
+
+#[test]
+fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut hosted) = hosted(Subject::Path(path), Arc::new(|| {}), folder.path()) else {
+        return;
+    };
+    train(&mut hosted.window);
+    hosted.device.destroy();
+    let ended = panic_in(&mut hosted);
+    assert!(ended.is_ok(), "{ended:?}");
+    assert_eq!(hosted.exit.why(), Leave::DeviceLost);
+    assert!(hosted.worker.crash().is_none());
+    assert!(!folder.path().join("room-rescued.vbgs").exists(), "training goes on");
+    assert_eq!(hosted.worker.snapshot().unsaved_frames, 3, "in the next window");
+}
+
+#[test]
+fn a_panic_of_training_saves_the_scene_and_leaves_the_window() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let state = folder.path().join("state");
+    let armed = Arc::new(AtomicBool::new(false));
+    let trigger = armed.clone();
+    let waker: Waker = Arc::new(move || {
+        assert!(!trigger.swap(false, Ordering::SeqCst), "injected into training");
+    });
+    let Some(mut hosted) = hosted(Subject::Demo, waker, &state) else { return };
+    let Hosted { window, worker, .. } = &mut hosted;
+    wait(window, "frames", |s| s.snapshot().frames_done >= 2);
+    armed.store(true, Ordering::SeqCst);
+    wait(window, "the crash", is(RunState::Failed));
+    let crash = worker.crash().unwrap();
+    assert_eq!(crash.thread, CrashedThread::Training);
+    let saved = state.join("demo-rescued.vbgs");
+    assert!(
+        matches!(&crash.rescue, Rescue::Saved { path, frames } if *path == saved && *frames >= 2),
+        "{crash}"
+    );
+    assert!(saved.is_file());
+    assert!(crash.to_string().contains("injected into training"), "{crash}");
+    wait_for_label(window, &crash.to_string());
+    wait(window, "splats", |s| s.n_drawn() > 100);
+    assert!(window.get_by_label("Export…").rect().is_positive());
+    assert_eq!(worker.rescue(), crash.rescue, "saved once");
+    assert!(worker.is_alive());
+}

@@ -1,0 +1,207 @@
+//! Names that are proposed for files, files that exist already, and what waits for a file.
+
+use super::harness::{
+    PATIENCE, Window, click, dataset, drop_on, enter_path, is, train, wait, window, write_to,
+};
+use super::viewer::press;
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Key, Modifiers, ViewportCommand, ViewportEvent, ViewportId};
+use egui_kittest::kittest::{NodeT, Queryable};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::export;
+
+const QUESTION: &str = "Discard the trained scene?";
+
+fn control(window: &mut Window, key: Key) {
+    window.key_press_modifiers(Modifiers::COMMAND, key);
+    window.run_steps(3);
+}
+
+/// What the open dialog proposes.
+fn proposed(window: &Window) -> PathBuf {
+    window.get_by_role(Role::TextInput).accesskit_node().value().unwrap().into()
+}
+
+/// A second dataset, in a folder of its own.
+fn other_dataset(folder: &Path) -> PathBuf {
+    let folder = folder.join("elsewhere");
+    std::fs::create_dir(&folder).unwrap();
+    let path = folder.join("kitchen");
+    std::fs::rename(dataset(&folder, 2), &path).unwrap();
+    path
+}
+
+fn name(studio: &Studio) -> String {
+    studio.snapshot().opened.as_ref().map_or_else(String::new, |opened| opened.name.clone())
+}
+
+/// The window asked to close; whether it does.
+fn close(window: &mut Window) -> bool {
+    let root = window.input_mut().viewports.entry(ViewportId::ROOT).or_default();
+    root.events.push(ViewportEvent::Close);
+    window.step();
+    !commands(window).contains(&ViewportCommand::CancelClose)
+}
+
+fn commands(window: &Window) -> Vec<ViewportCommand> {
+    window.output().viewport_output[&ViewportId::ROOT].commands.clone()
+}
+
+#[test]
+fn names_come_from_what_is_open() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().canonicalize().unwrap();
+    let (room, kitchen) = (dataset(&root, 2), other_dataset(&root));
+    let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
+    train(&mut window);
+    control(&mut window, Key::S);
+    assert_eq!(proposed(&window), root.join("room.vbgs"));
+    window.get_by_label(&format!("Folder: {}", root.display()));
+    press(&mut window, Key::Escape);
+    control(&mut window, Key::E);
+    assert_eq!(proposed(&window), root.join("room.ply"));
+    press(&mut window, Key::Escape);
+
+    // The dialogs have named something else in between.
+    drop_on(&mut window, &kitchen);
+    click(&mut window, "Discard");
+    wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
+    train(&mut window);
+    let beside = kitchen.parent().unwrap();
+    for (key, ending) in [(Key::S, "vbgs"), (Key::E, "ply")] {
+        control(&mut window, key);
+        assert_eq!(proposed(&window), beside.join("kitchen").with_extension(ending));
+        window.get_by_label(&format!("Folder: {}", beside.display()));
+        press(&mut window, Key::Escape);
+    }
+    click(&mut window, "Demo");
+    click(&mut window, "Discard");
+    wait(&mut window, "the demo", |s| s.snapshot().opened.as_ref().is_some_and(|o| o.is_demo));
+    control(&mut window, Key::E);
+    assert_eq!(proposed(&window), std::env::current_dir().unwrap().join("demo.ply"));
+}
+
+#[test]
+fn an_older_file_is_replaced_only_when_the_user_says_so() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    for (key, button, file) in [(Key::S, "Save", "old.vbgs"), (Key::E, "Export", "old.ply")] {
+        let file = folder.path().join(file);
+        std::fs::write(&file, "older").unwrap();
+        write_to(&mut window, key, button, &file);
+        window.run_steps(3);
+        window.get_by_label("Replace the older file?");
+        click(&mut window, "Choose another name");
+        assert!(window.query_by_label("Replace the older file?").is_none());
+        window.get_by_role_and_label(Role::Button, button).click();
+        window.run_steps(3);
+        press(&mut window, Key::Escape);
+        assert!(window.query_by_label("Replace the older file?").is_none());
+        window.get_by_role(Role::TextInput); // the dialog itself has stayed
+        assert_eq!(std::fs::read(&file).unwrap(), b"older");
+        window.get_by_role_and_label(Role::Button, button).click();
+        window.run_steps(3);
+        click(&mut window, "Replace");
+        wait(&mut window, "the file", |_| std::fs::read(&file).unwrap() != b"older");
+    }
+    // A folder is no file to replace.
+    write_to(&mut window, Key::E, "Export", folder.path());
+    window.run_steps(3);
+    window.get_by_label_contains("is a folder: add the name of a file");
+    assert!(window.query_by_label("Replace the older file?").is_none());
+}
+
+#[test]
+fn what_waits_goes_on_after_the_file_was_written() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (room, kitchen) = (dataset(folder.path(), 2), other_dataset(folder.path()));
+    for (choice, button, file) in
+        [("Save first…", "Save", "room.vbgs"), ("Export first…", "Export", "room.ply")]
+    {
+        let Some(mut window) = window(Some(Subject::Path(room.clone())), Painting::Auto) else {
+            return;
+        };
+        train(&mut window);
+        drop_on(&mut window, &kitchen);
+        click(&mut window, choice);
+        window.get_by_role_and_label(Role::Button, button).click();
+        wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
+        assert!(folder.path().join(file).is_file(), "beside the dataset, as proposed");
+        window.run_steps(2);
+        assert!(window.query_by_label(QUESTION).is_none());
+    }
+    assert!(export::read(&folder.path().join("room.ply")).is_ok());
+}
+
+#[test]
+fn what_waits_is_given_up_where_no_file_was_written() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (room, kitchen) = (dataset(folder.path(), 2), other_dataset(folder.path()));
+    let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
+    train(&mut window);
+
+    // Cancelled: nothing else is opened, neither now nor after a later save.
+    drop_on(&mut window, &kitchen);
+    click(&mut window, "Save first…");
+    press(&mut window, Key::Escape);
+    assert_eq!(name(window.state()), "room");
+
+    // Failed: the same, and it is said.
+    let nowhere = folder.path().join("missing/room.vbgs");
+    drop_on(&mut window, &kitchen);
+    click(&mut window, "Save first…");
+    enter_path(&mut window, &nowhere);
+    window.get_by_role_and_label(Role::Button, "Save").click();
+    let is_told = |s: &Studio| {
+        let notices = s.snapshot().notices.clone();
+        notices.last().is_some_and(|n| n.kind == NoticeKind::Error && n.text.contains("missing"))
+    };
+    wait(&mut window, "the message", is_told);
+    window.run_steps(2);
+    assert_eq!(window.state().snapshot().unsaved_frames, 2);
+
+    write_to(&mut window, Key::S, "Save", &folder.path().join("later.vbgs"));
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    window.run_steps(4);
+    assert_eq!(
+        (name(window.state()), window.state().snapshot().state),
+        ("room".into(), RunState::Finished)
+    );
+}
+
+#[test]
+fn closing_goes_on_after_the_file_was_written() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    assert!(close(&mut window), "nothing is lost");
+    train(&mut window);
+    assert!(!close(&mut window));
+    click(&mut window, "Cancel");
+    assert!(window.query_by_label(QUESTION).is_none());
+
+    assert!(!close(&mut window), "asked again");
+    click(&mut window, "Save first…");
+    assert!(!close(&mut window), "while the name is asked for");
+    window.get_by_role_and_label(Role::Button, "Save").click();
+    let started = Instant::now();
+    while !commands(&window).contains(&ViewportCommand::Close) {
+        assert!(started.elapsed() < PATIENCE, "the window stays");
+        window.step();
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(folder.path().join("room.vbgs").is_file());
+    assert!(close(&mut window));
+}
