@@ -60,7 +60,7 @@ pub fn merge_down<W: SumScalar>(
             component_sums.merge(
                 kept as usize,
                 dropped as usize,
-                b.sums.moved(b.seed - a.seed).to_array(),
+                &b.sums.moved(b.seed - a.seed).to_array(),
             );
         }
         components.merge(&pairs);
