@@ -20,9 +20,14 @@ gate() {
 gate cargo fmt --check
 gate cargo clippy --locked --release --all-targets -- -D warnings
 gate cargo clippy --locked --release --all-targets --no-default-features -- -D warnings
+gate cargo clippy --locked --release --no-default-features --features cli -- -D warnings
+gate cargo clippy --locked --release --all-targets --no-default-features --features cli,bench \
+    -- -D warnings
 gate env RUSTDOCFLAGS="-D warnings" \
     cargo doc --locked --release --no-deps --document-private-items
-gate cargo build --locked --release --no-default-features
+gate cargo build --locked --release --no-default-features --features cli,bench
+# The engine as a library: an example that feeds it from memory.
+gate cargo run --locked --release --no-default-features --example robot
 gate cargo test --release
 gate cargo test --release -- --ignored
 # What machines without AVX2 run passes the same tests.

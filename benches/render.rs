@@ -15,7 +15,7 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::{CpuRenderer, Stage};
+use vbgs_studio::render::cpu::{CpuRenderer, CpuStage};
 use vbgs_studio::render::{RenderOptions, Renderer};
 
 /// Images per row of the table; the best and the median are printed.
@@ -63,17 +63,17 @@ fn render_row(width: u32, height: u32, n_splats: usize, sigma: f64) {
 }
 
 /// Medians by stage.
-fn print_stages(mut draw: impl FnMut(&mut dyn FnMut(Stage))) {
-    let mut runs: Vec<[f64; Stage::ALL.len()]> = Vec::new();
+fn print_stages(mut draw: impl FnMut(&mut dyn FnMut(CpuStage))) {
+    let mut runs: Vec<[f64; CpuStage::ALL.len()]> = Vec::new();
     for _ in 0..REPETITIONS {
-        let (mut ms, mut from) = ([0.0; Stage::ALL.len()], Instant::now());
+        let (mut ms, mut from) = ([0.0; CpuStage::ALL.len()], Instant::now());
         draw(&mut |stage| {
             ms[stage as usize] = from.elapsed().as_secs_f64() * 1e3;
             from = Instant::now();
         });
         runs.push(ms);
     }
-    for stage in Stage::ALL {
+    for stage in CpuStage::ALL {
         let mut ms: Vec<f64> = runs.iter().map(|run| run[stage as usize]).collect();
         ms.sort_by(f64::total_cmp);
         print!("    {stage:?} {:.2}", ms[REPETITIONS / 2]);

@@ -18,9 +18,9 @@
 //! | [`eval`] | PSNR, SSIM, depth error, cracks; the report's types; tables |
 //! | [`pipeline`] | the one training loop: settings, prefetch, train, publish; runs saved, continued, merged |
 //! | [`calibrate`] | what took a recording, found from the recording itself |
-//! | [`mod@bench`] | speed against error, as tables and plots |
+//! | `bench` (feature `bench`) | speed against error, as tables and plots |
 //! | `app` (feature `gui`) | the window |
-//! | `cli` (in the binary) | the command line |
+//! | `cli` (in the binary, feature `cli`) | the command line |
 //!
 //! # Invariants
 //!
@@ -44,6 +44,7 @@ pub mod render;
 
 pub mod pipeline;
 
+#[cfg(feature = "bench")]
 pub mod bench;
 pub mod calibrate;
 

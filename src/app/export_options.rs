@@ -1,6 +1,6 @@
 //! What the export dialog asks of scenes: how their splats become plain ones.
 
-use crate::export::mapping::{Mapping, OpacityMapping, Split};
+use crate::export::mapping::{GradientSplit, Mapping, OpacityMapping};
 use eframe::egui::{Grid, Ui};
 
 /// Draws the choices.
@@ -11,9 +11,13 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
         ui.label("Splats for each");
         ui.horizontal(|ui| {
             for (split, label, tooltip) in [
-                (Split::One, "1", "Colour no longer varies over a splat"),
-                (Split::Two, "2", "Two along the longest axis, coloured by the gradient"),
-                (Split::Four, "4", "Four along both axes of the surface, coloured by the gradient"),
+                (GradientSplit::One, "1", "Colour no longer varies over a splat"),
+                (GradientSplit::Two, "2", "Two along the longest axis, coloured by the gradient"),
+                (
+                    GradientSplit::Four,
+                    "4",
+                    "Four along both axes of the surface, coloured by the gradient",
+                ),
             ] {
                 let is_chosen = mapping.split == split;
                 if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {

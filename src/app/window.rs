@@ -172,11 +172,15 @@ fn tell_caveat(
     *told = caveat;
 }
 
+/// Picture of the window in task bars, PNG.
+const ICON: &[u8] = include_bytes!("../../assets/icon.png");
+
 fn native_options(adapter: &AdapterChoice) -> eframe::NativeOptions {
     eframe::NativeOptions {
         viewport: ViewportBuilder::default()
             .with_title("VBGS Studio")
             .with_app_id("vbgs-studio")
+            .with_icon(eframe::icon_data::from_png_bytes(ICON).unwrap_or_default())
             .with_inner_size(Vec2::new(1280.0, 800.0))
             .with_min_inner_size(Vec2::new(640.0, 400.0))
             .with_drag_and_drop(true),

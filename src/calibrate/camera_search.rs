@@ -101,6 +101,7 @@ fn judge(
 ) -> FoundCamera {
     let variance = |x| NormalEquations::total(&cost.by_view(x)).variance();
     let fall = 1.0 - variance(&best) / variance(start);
+    // In pixels, because values that make up for one another may differ much and show little.
     let shift = cost.distance(start, &best);
     if fall >= MIN_FALL && shift >= MIN_SHIFT {
         let values = settle(cost, start, &mut best);
@@ -220,6 +221,7 @@ fn named(
         ROLL => x.camera().rotation[2],
         _ => x.values[unknown],
     };
+    // The error is of the logarithm; times the focal length it is in pixels.
     let per_unit = if unknown == FOCAL { natural(best) } else { 1.0 };
     CalibratedValue::determined(NAMES[unknown], natural(start), natural(best), error * per_unit)
 }

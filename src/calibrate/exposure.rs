@@ -76,6 +76,7 @@ pub(super) fn exposure(patches: &[Patch], views: usize) -> FittedExposure {
         let (logs, errors) = equations.solve();
         before += equations.square;
         explained += equations.explained(&logs);
+        // A common factor of all views is no exposure but the brightness of the scene.
         let mean = logs.iter().sum::<f64>() / views as f64;
         for view in 0..views {
             found.gains[view][channel] = (logs[view] - mean).exp();

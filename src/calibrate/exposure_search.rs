@@ -84,6 +84,7 @@ fn judge(
     let gains: Vec<[f64; 3]> = sure.iter().map(|&i| exposure.gains[i]).collect();
     let error = sure.iter().map(|&i| exposure.errors[i]).sum::<f64>() / sure.len().max(1) as f64;
     let name = "spread of exposures, relative";
+    // One number for all frames: a table of thousands of gains tells people nothing.
     let mut value = CalibratedValue::determined(name, spread(before), spread(&gains), error);
     if sure.len() < 2 {
         value.keep("the frames share too few surfaces".to_owned());

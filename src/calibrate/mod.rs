@@ -185,6 +185,7 @@ fn survey(
     // As training would prepare them, so that what is found holds there.
     let overrides = SceneOverrides { calibration: start, ..SceneOverrides::default() };
     let run = SceneRun::new(dataset, all, &overrides)?;
+    // Few large frames are thinned out, many small ones are not: time is what is held.
     let pixels: usize = frames.iter().map(|f| f.color.width * f.color.height).sum();
     let along_z = frames[0].depth.as_ref().is_some_and(|depth| depth.kind == DepthKind::Z);
     let input = CalibrationInput {
@@ -196,6 +197,7 @@ fn survey(
         frames,
     };
     let matches = Matches::new(&input.frames, &input.settings(None), COARSE * input.h, input.step)?;
+    // With coarse components: views of wrong depth still share those.
     if matches.len() < MIN_COMPONENTS {
         let (frames, n) = (input.frames.len(), matches.len());
         return Err(nothing(format!("{frames} frames with {n} patches of surface in common")));

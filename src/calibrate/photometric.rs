@@ -62,6 +62,7 @@ impl PhotometricCost<'_> {
         let view = sample.view as usize;
         let projected = projector.project(sample.local)?;
         let texel = self.images[view].sample(self.level, projected.at)?;
+        // A gain scales slopes as it scales colours.
         let gain = self.gains[view];
         let color = std::array::from_fn(|i| gain[i] * texel.color[i]);
         let slope = std::array::from_fn(|i| {

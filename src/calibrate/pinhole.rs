@@ -41,6 +41,7 @@ impl CameraUnknowns {
             false => (turned * DQuat::from_rotation_z(roll)).to_scaled_axis().to_array(),
         };
         ColorCamera {
+            // One factor for both axes: pixels keep their shape.
             focal: self.start.focal.map(|f| f * growth.exp()),
             principal: [cx, cy],
             offset: [x, y, self.start.offset[2]],

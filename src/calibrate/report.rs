@@ -65,6 +65,7 @@ impl Calibrated {
         let notes = self.notes.iter().cloned().chain((!self.changed).then(|| UNCHANGED.to_owned()));
         let notes = notes.map(|note| format!("{note}\n")).collect::<String>();
         format!("{seen}\n\n{agreement}\n\n{}\n\n{notes}", table::text(header, &rows))
+            // Without notes the text would end in empty lines.
             .trim_end()
             .to_owned()
     }

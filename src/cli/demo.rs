@@ -4,11 +4,11 @@ use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::{output, train};
 use std::path::Path;
-use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::pipeline::demo;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// Folder the demo's files go to.
 const FOLDER: &str = "vbgs-demo";
@@ -23,17 +23,17 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     let out = Path::new(FOLDER);
     output::create_folder(out)?;
     let splats = session.splats();
-    write(&out.join("scene.ply"), &splats, &WriteOptions::new(Format::Ply))?;
+    write(&out.join("scene.ply"), &splats, &WriteOptions::new(ModelFormat::Ply))?;
     write(
         &out.join("scene.glb"),
         &splats,
-        &WriteOptions { metric: true, ..WriteOptions::new(Format::Glb) },
+        &WriteOptions { metric: true, ..WriteOptions::new(ModelFormat::Glb) },
     )?;
     let camera = session.dataset().splits[session.plan().split].frames[0].camera;
     let preview = CpuRenderer::new().render(
         &splats,
         &camera,
-        &RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
+        &RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]),
     );
     output::write_png(&out.join("preview.png"), &preview.color)?;
     output::write_json(&out.join("report.json"), &session.report(None, Vec::new()))?;

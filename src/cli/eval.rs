@@ -3,7 +3,7 @@
 use super::args::EvalArgs;
 use super::failure::Failure;
 use super::model::Model;
-use super::quality::Comparison;
+use super::quality::QualityRequest;
 use super::train::announce;
 use super::{model, output, quality};
 use serde::Serialize;
@@ -27,7 +27,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let (split, frames) = choose_views(&dataset, args)?;
     let views = (split, &frames[..]);
     let color_camera = color_camera(args, &model, &dataset)?;
-    let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
+    let comparison = QualityRequest { args: &args.comparison, color_camera, methods: &methods };
     let found = quality::measure((&model.splats).into(), &dataset, views, &comparison)?;
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();

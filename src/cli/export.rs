@@ -5,18 +5,18 @@ use super::failure::Failure;
 use super::{model, output};
 use glam::DVec3;
 use vbgs_studio::export::mapping;
-use vbgs_studio::export::{Axes, Format, WriteOptions, write};
+use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, write};
 
 /// Converts as asked.
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let format = match args.format {
-        Some(FormatName::Ply) => Format::Ply,
-        Some(FormatName::PointCloud) => Format::PointCloudPly,
-        Some(FormatName::Glb) => Format::Glb,
-        None => Format::from_path(&args.output)?,
+        Some(FormatName::Ply) => ModelFormat::Ply,
+        Some(FormatName::PointCloud) => ModelFormat::PointCloudPly,
+        Some(FormatName::Glb) => ModelFormat::Glb,
+        None => ModelFormat::from_path(&args.output)?,
     };
     let asked = args.mapping.said();
-    if let (Some(option), Format::PointCloudPly) = (asked, format) {
+    if let (Some(option), ModelFormat::PointCloudPly) = (asked, format) {
         return Err(Failure::Usage(format!(
             "{option}: a setting of splats, found with the format point-cloud, which holds none; leave it out or export ply or glb"
         )));

@@ -1,6 +1,7 @@
 //! The command line: parses, calls the library, prints. It holds no algorithm.
 
 mod args;
+#[cfg(feature = "bench")]
 mod bench;
 mod calibrate;
 mod checkpoint_info;
@@ -13,6 +14,7 @@ mod interrupt;
 mod merge;
 mod model;
 mod output;
+#[cfg(feature = "bench")]
 mod precision_search;
 mod progress;
 mod quality;
@@ -57,7 +59,9 @@ fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
         Some(Command::Merge(args)) => merge::run(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Calibrate(args)) => calibrate::run(&args),
+        #[cfg(feature = "bench")]
         Some(Command::Bench(args)) => bench::run(&args),
+        #[cfg(feature = "bench")]
         Some(Command::PrecisionSearch(args)) => precision_search::run(&args),
     }
 }

@@ -14,7 +14,7 @@ use vbgs_studio::math::orbit::Orbit;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::{Framing, framing};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Lens, Look, Method, Paint, RenderOptions};
+use vbgs_studio::render::{Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
 
 /// Elevation of views that do not say otherwise, degrees.
 const DEFAULT_ELEVATION: f64 = 25.0;
@@ -118,7 +118,7 @@ struct Painter<'a> {
     splats: SplatView<'a>,
     framing: Option<Framing>,
     paint: PaintName,
-    methods: Vec<Method>,
+    methods: Vec<RenderMethod>,
     renderer: CpuRenderer,
 }
 
@@ -127,10 +127,10 @@ impl Painter<'_> {
     fn draw(
         &mut self,
         camera: &Camera,
-        options: &impl Fn(Method) -> RenderOptions,
+        options: &impl Fn(RenderMethod) -> RenderOptions,
         path: &Path,
     ) -> Result<String, Failure> {
-        let look = Look { paint: self.paint(camera), ..Look::PLAIN };
+        let look = SplatStyle { paint: self.paint(camera), ..SplatStyle::PLAIN };
         let mut names = Vec::with_capacity(self.methods.len());
         for &method in &self.methods {
             let options = RenderOptions { look, ..options(method) };
@@ -156,7 +156,7 @@ impl Painter<'_> {
 }
 
 /// `view.png` becomes `view-exact.png`.
-fn named(path: &Path, method: Method) -> PathBuf {
+fn named(path: &Path, method: RenderMethod) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{}.png", method.renderer()));
     path.with_file_name(name)

@@ -4,14 +4,15 @@ use super::args::TrainArgs;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::model::conversion_comments;
-use super::quality::{Comparison, SEEN_AFTER};
+use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
 use super::{output, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
-use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -55,7 +56,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let memory = session.memory();
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
-        "note: takes up to {} MB of memory for the model and {} MB for frames",
+        "note: takes up to {} MB of memory for as many components as the model may have, and {} MB for frames",
         megabytes(memory.model),
         megabytes(memory.frames)
     );
@@ -80,7 +81,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
     let color_camera = session.config().method.any().color_camera();
-    let comparison = Comparison { args: &args.comparison, color_camera, methods: &methods };
+    let comparison = QualityRequest { args: &args.comparison, color_camera, methods: &methods };
     let measured = match (&args.eval, &end) {
         (Some(split), Ok(true)) => measure(&session, split, &early, &comparison),
         _ => Ok(Measured::default()),
@@ -179,7 +180,7 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
         comments: &comments,
         up: session.up(),
         mapping: args.mapping.mapping(),
-        ..WriteOptions::new(Format::Ply)
+        ..WriteOptions::new(ModelFormat::Ply)
     };
     write(&args.out.join("scene.ply"), &session.stored_splats(), &options)?;
     Ok("scene.ply, checkpoint.vbgs and ")
@@ -228,7 +229,7 @@ fn measure(
     session: &Session,
     split: &str,
     early: &[(usize, SplatSet)],
-    comparison: &Comparison,
+    comparison: &QualityRequest,
 ) -> Result<Measured, Failure> {
     let (dataset, plan) = (session.dataset(), session.plan());
     let mut seen = Vec::new();

@@ -7,9 +7,12 @@ use vbgs_studio::calibrate::CalibrateError;
 use vbgs_studio::eval::views::EvalError;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::memory::MemoryError;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::pipeline::settings::scene::{DepthAdvice, SceneError};
 use vbgs_studio::train::candidates::IndexError;
+use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::ConfigError;
+use vbgs_studio::train::setting::table::SettingLayer;
 use vbgs_studio::train::warnings::TrainingWarning;
 
 /// Settings of files that no option stands for.
@@ -74,15 +77,23 @@ fn by_options(error: &(dyn Error + 'static)) -> Option<String> {
 
 fn wrong_setting(error: &ConfigError) -> String {
     let ConfigError { setting, expected, found } = error;
-    let option = match NO_OPTIONS.contains(setting) || setting.starts_with("--") {
-        true => (*setting).to_owned(),
-        false => format!("--{}", setting.replace('_', "-")),
-    };
+    let option = option_of(setting);
     let expected = expected
         .replace("in a settings file", "in --config")
         .replace("or precision f64", "or --precision f64")
         .replace("with candidates dense", "with --candidates dense");
     format!("{option}: expected {expected}, found {found}")
+}
+
+/// The option of a setting that files call by this name.
+fn option_of(setting: &str) -> String {
+    let of_scene = SceneOverrides::TABLE.iter().map(|row| &row.about);
+    let of_paper = PaperOverrides::TABLE.iter().map(|row| &row.about);
+    match of_scene.chain(of_paper).find(|about| about.field == setting) {
+        Some(about) => about.key().to_owned(),
+        None if NO_OPTIONS.contains(&setting) => setting.to_owned(),
+        None => format!("--{}", setting.replace('_', "-")),
+    }
 }
 
 fn scene_error(error: &SceneError) -> Option<String> {

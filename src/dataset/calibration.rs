@@ -197,6 +197,7 @@ impl ColorCamera {
 
     /// Rotation from the depth camera's axes to its own.
     pub(super) fn color_from_depth(&self) -> DMat3 {
+        // `rotation` takes axes from colour to depth; points of the depth camera go the other way.
         DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_array(self.rotation)).inverse())
     }
 

@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 /// Frames that belong together: a training set, a validation set.
 #[derive(Clone, Debug)]
-pub struct Split {
+pub struct DatasetSplit {
     /// As in the files: `train`, `test`, `val`, `eval`; `all` where a dataset has no splits.
     pub name: String,
     /// In the order of the dataset.

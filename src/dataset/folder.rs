@@ -38,6 +38,7 @@ impl Folder {
     /// Opens and lists the root.
     pub fn open(path: &Path) -> Result<Self, DatasetError> {
         let read = |source| DatasetError::Read { path: path.to_owned(), source };
+        // Resolved once: where links lead is compared with where the folder really is.
         let canonical = match path.canonicalize() {
             Ok(canonical) => canonical,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
@@ -102,6 +103,7 @@ impl FolderListing {
                 (false, true) => EntryKind::Folder,
                 (false, false) => EntryKind::File,
             };
+            // What is no UTF-8 no metadata can name.
             if let Ok(name) = entry.file_name().into_string() {
                 entries.insert(name, kind);
             }
@@ -137,6 +139,7 @@ impl FolderListing {
 /// Turns a path from a dataset file into a clean relative one.
 pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
     let escapes = || FrameProblem::Escapes(text.to_owned());
+    // Lists exported on Windows name their files with backslashes.
     let forward = text.replace('\\', "/");
     if forward.as_bytes().get(1) == Some(&b':') {
         return Err(escapes()); // a Windows drive is no component elsewhere

@@ -12,6 +12,7 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let is_separator = |c: char| c.is_whitespace() || c == ',';
     for token in text.split(is_separator).filter(|t| !t.is_empty()) {
         let value = token.parse().map_err(|_| format!("`{}`", shorten(token)))?;
+        // Counted to the end, so that the message can say how many numbers there are.
         if let Some(slot) = values.get_mut(count) {
             *slot = value;
         }
@@ -36,6 +37,7 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
         return wrong(describe(value));
     };
     let mut values = [0.0; 16];
+    // Three rows are an affine matrix whose last row was left out.
     values[15] = 1.0;
     for (i, row) in rows.iter().enumerate() {
         let Some(row) = row.as_array().filter(|row| row.len() == 4) else {
@@ -67,6 +69,7 @@ pub(super) fn describe(value: &Value) -> String {
 }
 
 fn shorten(text: &str) -> String {
+    // A message must not repeat a damaged file.
     text.chars().take(24).collect()
 }
 

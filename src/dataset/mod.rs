@@ -37,7 +37,7 @@ mod opened;
 mod options;
 mod position_range;
 
-pub use entry::{FrameEntry, Split};
+pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;
 pub use formats::Layout;
 pub use opened::{Dataset, open};

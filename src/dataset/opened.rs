@@ -1,7 +1,7 @@
 //! An opened dataset: its splits, what was refused, and what is known of its cameras.
 
 use super::calibration::Calibration;
-use super::entry::Split;
+use super::entry::DatasetSplit;
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::Folder;
 use super::formats::{self, Layout};
@@ -24,7 +24,7 @@ pub struct Dataset {
     /// Which content the layout was recognised by.
     pub recognised_by: String,
     /// At least one, none of them empty.
-    pub splits: Vec<Split>,
+    pub splits: Vec<DatasetSplit>,
     /// Frames that were listed but cannot be used.
     pub warnings: Vec<Warning>,
     /// What a user should know although nothing is wrong.
@@ -40,6 +40,23 @@ pub struct Dataset {
 /// # Errors
 /// A folder that cannot be read, is of no known layout, or has no usable frame; metadata that no
 /// camera has; an option outside its range.
+///
+/// ```
+/// use vbgs_studio::dataset::synthetic::SyntheticParams;
+/// use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
+/// use vbgs_studio::dataset::{Layout, LoadOptions, open};
+///
+/// let folder = tempfile::tempdir()?;
+/// let params =
+///     SyntheticParams { width: 16, height: 12, n_train: 2, n_eval: 1, ..SyntheticParams::demo() };
+/// write(&params, folder.path(), SyntheticLayout::SevenScenes, &mut |_, _| ())?;
+///
+/// let dataset = open(folder.path(), &LoadOptions::default())?;
+/// assert_eq!((dataset.layout, dataset.layout.name()), (Layout::SevenScenes, "seven-scenes"));
+/// let frame = dataset.load(dataset.training_split()?, 0)?;
+/// assert_eq!((frame.color.width, frame.color.height), (16, 12));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
     options.check()?;
     let folder = Folder::open(path)?;
@@ -80,7 +97,7 @@ fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
 
 impl Dataset {
     /// Loads one frame: decodes its images and checks that they agree with each other and with
-    /// the camera. `split` and `index` are positions in [`Dataset::splits`] and [`Split::frames`].
+    /// the camera. `split` and `index` are positions in [`Dataset::splits`] and [`DatasetSplit::frames`].
     pub fn load(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
         let frames = self.splits.get(split).map_or(&[][..], |s| s.frames.as_slice());
         match frames.get(index) {

@@ -72,6 +72,7 @@ fn sample(
     let Some(depth) = &frame.depth else { return Ok(()) };
     let (width, height) = depth.size();
     let k = &frame.camera.intrinsics;
+    // From the middle of the first stride on: no sample lies on the rim of the image.
     for row in (STRIDE / 2..height).step_by(STRIDE) {
         for column in (STRIDE / 2..width).step_by(STRIDE) {
             let value = depth.value_at(column, row).filter(|v| depth.trusts(*v));

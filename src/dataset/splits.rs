@@ -1,6 +1,6 @@
 //! Which split trains and which evaluates.
 
-use super::entry::Split;
+use super::entry::DatasetSplit;
 use super::error::DatasetError;
 use super::opened::Dataset;
 
@@ -17,7 +17,7 @@ const EVALUATION_NAMES: [&str; 3] = ["val", "eval", "test"];
 pub struct Evaluation {
     /// Position in [`Dataset::splits`].
     pub split: usize,
-    /// Positions in [`Split::frames`], ascending.
+    /// Positions in [`DatasetSplit::frames`], ascending.
     pub frames: Vec<usize>,
     /// Whether these frames belong to the training split and training must leave them out.
     pub held_out: bool,
@@ -69,7 +69,7 @@ impl Dataset {
         }
     }
 
-    fn find(&self, is_wanted: impl Fn(&Split) -> bool) -> Option<usize> {
+    fn find(&self, is_wanted: impl Fn(&DatasetSplit) -> bool) -> Option<usize> {
         self.splits.iter().position(is_wanted)
     }
 

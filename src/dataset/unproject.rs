@@ -127,6 +127,7 @@ impl<'a> RayRule<'a> {
         match convention {
             CameraConvention::Exact => Self { k, shift: 0.5, small_angle: None },
             CameraConvention::Paper => {
+                // The published formula takes the width for both axes and one pixel off its half.
                 let half_width = 0.5 * f64::from(k.width);
                 let small_angle = Some(0.5 * k.fov_x() / (half_width - 1.0));
                 Self { k, shift: 0.0, small_angle }
@@ -263,6 +264,7 @@ impl Unprojector {
         let plain: [Status; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
             (0, _) => Status::Hole,
             (_, Some(length)) if depth.trusts(length) => Status::Kept,
+            // Code 255 among them: the camera's own centre, which no sensor can have measured.
             _ => Status::Range,
         });
         let Self { levels, mixed, statuses, .. } = self;

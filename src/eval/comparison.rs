@@ -1,7 +1,12 @@
 //! One render against one photograph: as it is, over covered pixels, and after the colours were
 //! aligned (`eval.md`, Covered and aligned).
+//!
+//! Three questions, three numbers: how the frame looks, how what the model claims to know looks,
+//! and how it would look if camera and model agreed on exposure. The alignment is fitted per view
+//! by least squares, because cameras that expose by themselves change it per frame.
 
-use super::metrics::{MetricError, decibels, same_size};
+use super::metrics::decibels;
+use super::sizes::{MetricError, same_size};
 use super::ssim::{SsimPadding, ssim};
 use crate::math::image::{Image, RgbImage};
 use rayon::prelude::*;
@@ -79,6 +84,7 @@ pub fn compare(
         _ => {
             let alignment = sums.alignment();
             let aligned = alignment.applied(render, coverage);
+            // Summed again and not derived from the fit: clamping to `[0, 1]` changes the error.
             let after = Sums::of(&aligned, coverage, truth);
             Some(Covered {
                 psnr: sums.psnr_covered(),
@@ -100,6 +106,7 @@ pub fn compare(
 impl Alignment {
     fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
         let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
+            // The background is nobody's colour, and aligning it would reward guessing it.
             if coverage < COVERED {
                 return pixel;
             }
@@ -117,7 +124,7 @@ struct Sums {
     n_covered: usize,
     /// Squared errors of all pixels and channels.
     error: f64,
-    /// The same of covered pixels.
+    /// Squared errors of covered pixels, all channels.
     error_covered: f64,
     /// Of covered pixels, by channel.
     moments: [Moments; 3],
@@ -137,6 +144,8 @@ impl Sums {
     /// number of threads.
     fn of(render: &RgbImage, coverage: &Image<f32>, truth: &RgbImage) -> Self {
         let width = render.width;
+        // Collected in order and added up below: a parallel sum would differ in its last digits
+        // from run to run.
         let rows: Vec<Self> = render
             .data
             .par_chunks(width)
@@ -197,14 +206,15 @@ impl Sums {
 
 /// Variance of a channel, in (0 to 1)², below which no factor can be told: that of a channel whose
 /// pixels all have the same byte.
-const LEAST_VARIANCE: f64 = 1e-8;
+const MIN_VARIANCE: f64 = 1e-8;
 
 impl Moments {
     /// Factor and offset.
     fn fit(&self, n: f64) -> [f64; 2] {
         let (x, y) = (self.x / n, self.y / n);
         let variance = self.xx / n - x * x;
-        let gain = if variance > LEAST_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
+        // A channel of one value fits any line; the one with factor 1 is taken.
+        let gain = if variance > MIN_VARIANCE { (self.xy / n - x * y) / variance } else { 1.0 };
         [gain, y - gain * x]
     }
 }

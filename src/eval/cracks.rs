@@ -4,6 +4,10 @@
 //! Half the distance is a camera moved along its optical axis by half the median depth z of the
 //! view's interior pixels. Its interior pixels are those of the view's depth, drawn forward into the
 //! moved camera ([`Surfaces::seen_by`]): inside by the rule in both images.
+//!
+//! Half the distance shows what the distance of training hides: splats that just touch where they
+//! were learnt from come apart when the camera moves closer. Only pixels inside a surface count,
+//! because near a silhouette background is what should be seen.
 
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
@@ -89,6 +93,7 @@ pub fn measure<'a>(
         in_view(frame.name, &surfaces, splats, render, renderer)
     };
     let found = over_views(dataset, split, frames, visit, progress);
+    // Views without interior pixels say nothing of cracks and must not count as free of them.
     let found: Vec<ViewCracks> = found.into_iter().flatten().collect();
     let far: Vec<Cracks> = found.iter().map(|view| view.training_distance).collect();
     let near: Vec<Cracks> = found.iter().filter_map(|view| view.half_distance).collect();
@@ -114,6 +119,7 @@ fn in_view(
         Cracks::of(&coverage, &surfaces.interior)
     };
     let nearer = half_distance(surfaces)?;
+    // Splats are dropped by their centre, so a surface just beyond the plane would miss some.
     let near = (NEAR_PLANES * render.near) as f32;
     Some(ViewCracks {
         frame,
@@ -124,6 +130,7 @@ fn in_view(
 
 /// The view's camera, moved along its axis by half the median depth of its interior pixels.
 fn half_distance(surfaces: &Surfaces) -> Option<Camera> {
+    // The median and not the mean: a far background must not carry the camera through what is near.
     let step = 0.5 * f64::from(surfaces.median_interior_z()?);
     let Camera { intrinsics, pose } = surfaces.camera;
     Some(Camera { intrinsics, pose: pose.attached(step * DVec3::Z, DQuat::IDENTITY) })
@@ -163,7 +170,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::model::splat::splats::Splat;
-    use crate::render::Method;
+    use crate::render::RenderMethod;
     use std::ops::Range;
 
     const WIDTH: usize = 96;
@@ -204,7 +211,7 @@ mod tests {
     fn cracks(splats: &[Splat]) -> ViewCracks {
         let frame = frame();
         let surfaces = Surfaces::of(&frame, Sensor::Kinect).unwrap();
-        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let renderer = &mut CpuRenderer::new();
         in_view(frame.name, &surfaces, splats.into(), &render, renderer).unwrap()
     }

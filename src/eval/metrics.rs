@@ -3,45 +3,9 @@
 //! Images are sRGB-encoded [`RgbImage`](crate::math::image::RgbImage)s with values in `[0, 1]`, or
 //! the same in f64, where a proof needs more digits than a renderer has.
 
-use super::ssim::SSIM_WINDOW;
+use super::sizes::{MetricError, same_size};
 use crate::math::image::Image;
 use crate::math::real::Real;
-
-/// Why two images cannot be compared.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum MetricError {
-    /// The planes differ in size.
-    #[error(
-        "{what}: expected {expected_width}x{expected_height} like the prediction, found {width}x{height}; render at the size of the ground truth"
-    )]
-    SizeMismatch {
-        /// Which plane is off.
-        what: &'static str,
-        /// Columns of the prediction.
-        expected_width: usize,
-        /// Rows of the prediction.
-        expected_height: usize,
-        /// Columns found.
-        width: usize,
-        /// Rows found.
-        height: usize,
-    },
-    /// No pixel, or none under the mask.
-    #[error(
-        "expected at least one pixel to compare, found none; check the mask or the ground truth"
-    )]
-    NoPixels,
-    /// The SSIM window does not fit.
-    #[error(
-        "SSIM without padding: expected at least {SSIM_WINDOW}x{SSIM_WINDOW} pixels, found {width}x{height}; use larger images or zero padding"
-    )]
-    TooSmall {
-        /// Columns found.
-        width: usize,
-        /// Rows found.
-        height: usize,
-    },
-}
 
 /// Mean squared errors below this count as this, so equal images have 120 dB.
 const MSE_FLOOR: f64 = 1e-12;
@@ -81,11 +45,13 @@ fn psnr_of<'a, R: Real>(
     let (mut sum, mut n_values) = (0.0, 0usize);
     for (prediction, truth) in pixels {
         for (p, t) in prediction.iter().zip(truth) {
+            // A display clamps too; photographs are in range by themselves.
             let error = p.to_f64().clamp(0.0, 1.0) - t.to_f64();
             sum += error * error;
         }
         n_values += 3;
     }
+    // An empty mean is NaN, which would pass through every average unseen.
     if n_values == 0 {
         return Err(MetricError::NoPixels);
     }
@@ -133,6 +99,7 @@ pub fn depth_error(
     let (mut absolute, mut squared, mut relative) = (0.0, 0.0, 0.0);
     for ((p, a), t) in prediction.data.iter().zip(&coverage.data).zip(&truth.data) {
         let (p, t) = (f64::from(*p), f64::from(*t));
+        // Written so that NaN is missing too.
         if !(t.is_finite() && t > 0.0) {
             continue;
         }
@@ -165,21 +132,4 @@ pub fn mean_std(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / n;
     let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n;
     (mean, variance.sqrt())
-}
-
-pub(super) fn same_size<A, B>(
-    prediction: &Image<A>,
-    other: &Image<B>,
-    what: &'static str,
-) -> Result<(), MetricError> {
-    if (prediction.width, prediction.height) == (other.width, other.height) {
-        return Ok(());
-    }
-    Err(MetricError::SizeMismatch {
-        what,
-        expected_width: prediction.width,
-        expected_height: prediction.height,
-        width: other.width,
-        height: other.height,
-    })
 }

@@ -1,11 +1,14 @@
 //! Quality of a model, and how runs report themselves.
 #![doc = include_str!("eval.md")]
 
+pub mod choices;
 pub mod comparison;
 pub mod cracks;
+pub mod measure;
 pub mod metrics;
 pub mod report;
 pub mod seen;
+pub mod sizes;
 pub mod spread;
 pub mod ssim;
 pub mod surfaces;

@@ -1,11 +1,14 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
+//!
+//! Plain data without methods that compute: a report is written once and read by other programs so the names of its fields stay. Values that may be missing are `Option`, not NaN,
+//! which JSON cannot hold.
 
+use super::choices::PartialCoverage;
 use super::cracks::CrackReport;
 use super::seen::Seen;
-use super::views::PartialCoverage;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
-use crate::render::finish::Exposing;
+use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
@@ -16,7 +19,7 @@ pub const REPORT_FORMAT: &str = "vbgs-report/1";
 /// Everything a training run says about itself.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report<C> {
-    /// [`REPORT_FORMAT`].
+    /// Version tag, [`REPORT_FORMAT`], for programs that read reports.
     pub format: &'static str,
     /// What was trained on.
     pub dataset: DatasetReport,
@@ -28,7 +31,7 @@ pub struct Report<C> {
     pub frames: Vec<FrameReport>,
     /// Frames that could not be used.
     pub skipped: Vec<SkippedFrame>,
-    /// Totals.
+    /// Totals over the trained frames, and the model's size.
     pub summary: Summary,
     /// Quality, where it was asked for.
     pub eval: Vec<EvalReport>,
@@ -40,9 +43,9 @@ pub struct Report<C> {
 /// Quality on the pixels that the frames learnt so far saw.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SeenReport {
-    /// Frames learnt.
+    /// Number of frames learnt when this was measured.
     pub after_frames: usize,
-    /// Renderer.
+    /// Which renderer drew the views.
     pub renderer: Renderer,
     /// Means over those frames.
     #[serde(flatten)]
@@ -162,9 +165,9 @@ pub struct Summary {
 /// Quality over one split.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvalReport {
-    /// Split evaluated.
+    /// Name of the split whose views were scored.
     pub split: String,
-    /// Renderer.
+    /// Which renderer drew the views.
     pub renderer: Renderer,
     /// What the exact renderer did about splats thinner than a pixel; `None` for the other.
     pub antialias: Option<Antialias>,
@@ -180,13 +183,13 @@ pub struct EvalReport {
     pub color_camera: Option<ColorCamera>,
     /// Background of the render, sRGB-encoded.
     pub background: [f32; 3],
-    /// Views evaluated.
+    /// Number of views that were scored, skipped ones left out.
     pub views: usize,
     /// Views that could not be used.
     pub skipped: Vec<SkippedFrame>,
     /// Mean of the views' PSNR over the whole frame, dB.
     pub psnr_mean: f64,
-    /// Population standard deviation of the same.
+    /// Population standard deviation (ddof 0) of the views' PSNR over the whole frame, dB.
     pub psnr_std: f64,
     /// Mean of the views' PSNR over covered pixels, dB; `None` if nothing is covered in any view.
     pub psnr_covered_mean: Option<f64>,
@@ -218,7 +221,7 @@ pub struct ViewReport {
     pub index: usize,
     /// Name of the view within its split.
     pub frame: String,
-    /// Renderer.
+    /// Which renderer drew the views.
     pub renderer: Renderer,
     /// PSNR over the whole frame, dB.
     pub psnr: f64,

@@ -7,14 +7,14 @@ use crate::math::image::Image;
 pub struct Corner {
     /// Continuous pixel coordinates.
     pub at: [f32; 2],
-    /// Depth, positive.
+    /// Depth `z` in the other camera, world units, positive.
     pub z: f32,
     /// Whether it carries the mark.
     pub is_marked: bool,
 }
 
 /// The other image.
-pub struct Drawn {
+pub struct Reprojection {
     /// Depth of the nearest square; 0 where there is none.
     pub z: Image<f32>,
     /// Whether all corners of that square are marked.
@@ -31,9 +31,11 @@ pub fn draw(
     width: usize,
     is_square: impl Fn([usize; 4]) -> bool,
     [columns, rows]: [usize; 2],
-) -> Drawn {
-    let mut drawn =
-        Drawn { z: Image::filled(columns, rows, 0.0), marked: Image::filled(columns, rows, false) };
+) -> Reprojection {
+    let mut drawn = Reprojection {
+        z: Image::filled(columns, rows, 0.0),
+        marked: Image::filled(columns, rows, false),
+    };
     for upper_left in 0..corners.len().saturating_sub(width + 1) {
         let square = [upper_left, upper_left + 1, upper_left + width, upper_left + width + 1];
         let [Some(a), Some(b), Some(c), Some(d)] = square.map(|i| corners[i]) else { continue };
@@ -46,13 +48,15 @@ pub fn draw(
     drawn
 }
 
-impl Drawn {
+impl Reprojection {
     fn triangle(&mut self, corners: [Corner; 3], is_marked: bool) {
         let [a, b, c] = corners.map(|corner| corner.at);
         let area = cross(a, b, c);
+        // Squares seen edge-on cover no pixel and have no barycentric coordinates.
         if area == 0.0 {
             return;
         }
+        // Casts below saturate, so squares that reach beyond the image end at its border.
         let span = |axis: usize, size: usize| {
             let (lo, hi) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
             // Casts saturate, so what lies outside ends at the border.

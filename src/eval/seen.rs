@@ -2,7 +2,8 @@
 //! the view must show, however little of the scene it knows yet.
 
 use super::comparison::COVERED;
-use super::metrics::{MetricError, mean_std, psnr_masked};
+use super::metrics::{mean_std, psnr_masked};
+use super::sizes::MetricError;
 use super::surfaces::Surfaces;
 use crate::math::image::{Image, RgbImage};
 use serde::{Deserialize, Serialize};
@@ -14,7 +15,8 @@ pub struct Seen {
     pub psnr: f64,
     /// Share of them with coverage ≥ 0.5.
     pub coverage: f64,
-    /// The same of those inside a surface ([`Surfaces::interior`]); `None` if there is none.
+    /// Share with coverage ≥ 0.5 of those inside a surface ([`Surfaces::interior`]); `None` if
+    /// there is none.
     pub coverage_interior: Option<f64>,
 }
 
@@ -28,6 +30,7 @@ impl Seen {
         surfaces: &Surfaces,
     ) -> Result<Option<Self>, MetricError> {
         let mask = surfaces.z.map(|&z| z > 0.0);
+        // No pixel has depth: a mean over nothing would read as a score.
         let Some(share) = covered_share(coverage, &mask) else { return Ok(None) };
         Ok(Some(Self {
             psnr: psnr_masked(render, truth, &mask)?,

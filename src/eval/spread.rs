@@ -14,6 +14,7 @@ pub struct Spread {
 impl Spread {
     /// Of at least one measurement; zero for none.
     pub fn of(mut values: Vec<f64>) -> Self {
+        // A total order: a NaN among timings must not make the sort depend on where it stood.
         values.sort_by(f64::total_cmp);
         let [low, median, high] = [0.25, 0.5, 0.75].map(|q| quantile(&values, q));
         Self { median, quartiles: [low, high] }

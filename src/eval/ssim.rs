@@ -1,6 +1,11 @@
 //! Structural similarity (`eval.md`, SSIM) in f64.
+//!
+//! The window is separable: columns are summed under the window first, then rows of those sums, 22
+//! products a position instead of 121. Sums run in f64, because variances are differences of nearly
+//! equal numbers. Blocks of eight channels lie side by side so that the compiler finds vectors.
+//! Rows are added up in order: the score has equal bits for any number of threads.
 
-use super::metrics::{MetricError, same_size};
+use super::sizes::{MetricError, SSIM_WINDOW, same_size};
 use crate::math::image::Image;
 use crate::math::real::Real;
 use crate::math::simd::{Isa, Kernel, Vector};
@@ -15,8 +20,6 @@ pub enum SsimPadding {
     Zero,
 }
 
-/// Side of the SSIM window in pixels.
-pub(super) const SSIM_WINDOW: usize = 11;
 const SSIM_RADIUS: usize = SSIM_WINDOW / 2;
 /// Standard deviation of the window in pixels.
 const SSIM_SIGMA: f64 = 1.5;
@@ -40,6 +43,7 @@ pub fn ssim<R: Real>(
     if width == 0 || height == 0 {
         return Err(MetricError::NoPixels);
     }
+    // Zeros beyond the border reward dark rims, so reports use windows inside the image only.
     let pad = match padding {
         SsimPadding::Zero => SSIM_RADIUS,
         SsimPadding::Valid if width < SSIM_WINDOW || height < SSIM_WINDOW => {

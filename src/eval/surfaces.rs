@@ -1,5 +1,10 @@
 //! The surfaces that a view's depth measured: how far they are, which pixels lie well inside them,
 //! and how another camera sees them.
+//!
+//! Depth cameras err at edges and leave holes, so inside means away from both by a margin; the
+//! border of the image is no edge, because the surface goes on beyond it. Surfaces are carried into
+//! another camera as squares between pixel centres, because points alone leave gaps that would read
+//! as holes.
 
 use super::reproject::{self, Corner};
 use crate::dataset::frame::{DepthKind, Frame};
@@ -15,7 +20,7 @@ pub const EDGE_MARGIN: usize = 5;
 /// Surfaces in one camera's image.
 #[derive(Clone, Debug)]
 pub struct Surfaces {
-    /// The camera.
+    /// The camera whose image `z` and `interior` are.
     pub camera: Camera,
     /// Depth along the optical axis of every pixel, world units; 0 where no surface is known.
     pub z: Image<f32>,
@@ -35,6 +40,7 @@ impl Surfaces {
         for (i, z) in z.data.iter_mut().enumerate() {
             let (column, row) = (i % frame.color.width, i / frame.color.width);
             let is_trusted = depth.value_at(column, row).is_some_and(|value| depth.trusts(value));
+            // Alpha below full shows what lies behind, whose depth nobody measured.
             if !is_trusted || frame.color.data[i][3] < u8::MAX {
                 *z = 0.0;
             }
@@ -125,6 +131,7 @@ fn edges(z: &Image<f32>, jump: [f32; 2]) -> Image<bool> {
     let mut edges = z.map(|&z| z <= 0.0);
     let mut mark = |a: usize, b: usize| {
         if is_jump(z.data[a], z.data[b], jump) {
+            // Both sides: which of the two surfaces ends here cannot be told from depth alone.
             edges.data[a] = true;
             edges.data[b] = true;
         }

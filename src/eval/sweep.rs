@@ -21,6 +21,7 @@ pub fn over_views<T: Send>(
     let at_once = VIEWS_AT_ONCE.min(rayon::current_num_threads());
     let mut renderers: Vec<CpuRenderer> = (0..at_once).map(|_| CpuRenderer::new()).collect();
     let mut found = Vec::with_capacity(views.len());
+    // In batches of as many views as renderers: each keeps its buffers, and results come in order.
     for batch in views.chunks(at_once) {
         let visited = renderers.par_iter_mut().zip(batch).with_max_len(1);
         found.par_extend(

@@ -1,9 +1,17 @@
 //! Rendering dataset views and scoring them against their photographs (`eval.md`, Protocols).
+//!
+//! A view is rendered, compared with its photograph and forgotten: only its row of numbers stays,
+//! so that a split of any length fits in memory. Where another camera took the photograph, the
+//! render is that camera's and depth is carried into its image. Unusable files are listed, not
+//! fatal, but a split without any usable view is an error: an average over nothing would look like
+//! a result.
 
+use super::choices::{GroundTruth, PartialCoverage};
 use super::comparison::{COVERED, Comparison, compare};
-use super::metrics::{self, MetricError};
+use super::metrics;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
 use super::seen::Seen;
+use super::sizes::MetricError;
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
 use crate::dataset::Dataset;
@@ -15,33 +23,7 @@ use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
-use crate::render::{EVALUATION_NEAR, Method, RenderOptions, Renderer};
-use serde::{Deserialize, Serialize};
-use strum::{Display, EnumString, VariantNames};
-
-/// What a render is compared with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum GroundTruth {
-    /// Straight alpha over the render's background: the honest comparison.
-    Composited,
-    /// The RGB bytes with alpha dropped, as the paper does.
-    Rgb,
-}
-
-/// What a render shows where splats cover a pixel in part.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum PartialCoverage {
-    /// The background through them, as renderers draw it.
-    Composited,
-    /// The splats' colour alone, divided by its coverage, where that is at least
-    /// [`COVERED`]: what is left when cracks are filled (`eval.md`, Partial coverage).
-    Divided,
-}
+use crate::render::{EVALUATION_NEAR, RenderMethod, RenderOptions, Renderer};
 
 /// How views are rendered and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,7 +80,7 @@ pub enum EvalError {
         dataset: String,
         /// Name of the split.
         split: String,
-        /// Views skipped.
+        /// Number of views that could not be loaded.
         skipped: usize,
         /// Message of the first one.
         first: String,
@@ -126,6 +108,8 @@ pub fn evaluate<'a>(
         Ok(score.map_err(|source| EvalError::Metric { frame: frame.name, source }))
     };
     let split_name = dataset.splits[split].name.clone();
+    // Frames refused when the dataset was opened are no views any more, yet a report must list
+    // them.
     let refused = dataset.warnings.iter().filter(|w| w.split == split_name);
     let mut skipped: Vec<SkippedFrame> = refused.map(|w| SkippedFrame::from(&*w.error)).collect();
     let mut scores = Vec::with_capacity(views.len());
@@ -189,6 +173,7 @@ fn score(
         Some(surfaces) => Seen::compare(shown, coverage, &truth, surfaces)?,
     };
     let depth_mae = match measured_depth(frame, surfaces, options) {
+        // Without a covered pixel the error is a mean over nothing.
         Some(depth) if covered.is_some() => {
             let error = metrics::depth_error(&rendered.depth, coverage, &depth)?;
             error.mae.is_finite().then_some(error.mae)
@@ -215,6 +200,7 @@ fn score(
 fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
     let (color, coverage) = (&rendered.color, &rendered.coverage);
     let pixel = |(color, &coverage): (&[f32; 3], &f32)| {
+        // Too little is known of the colour to divide by its share.
         if coverage < COVERED {
             return *color;
         }
@@ -243,13 +229,14 @@ fn measured_depth(
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
     match options.color_camera {
+        // All that the file holds: reprojecting would lose the rim.
         None => frame.depth_as(kind),
         Some(_) => surfaces.map(|s| s.depth_as(kind)),
     }
 }
 
 /// What a renderer's depth plane measures: the truth is converted to it, not the render.
-fn depth_kind(method: Method) -> DepthKind {
+fn depth_kind(method: RenderMethod) -> DepthKind {
     match method.renderer() {
         Renderer::Projected => DepthKind::Z,
         Renderer::Exact => DepthKind::RayDistance,
@@ -267,8 +254,8 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
     };
     let (psnr_mean, psnr_std) = of_all(|s| s.psnr);
     let exact = match options.render.method {
-        Method::Projected(_) => None,
-        Method::Exact(exact) => Some(exact),
+        RenderMethod::Projected(_) => None,
+        RenderMethod::Exact(exact) => Some(exact),
     };
     let ground_truth = match options.ground_truth {
         GroundTruth::Composited => "composited",
@@ -334,7 +321,7 @@ mod tests {
         }
     }
 
-    fn plain(method: Method) -> EvalOptions {
+    fn plain(method: RenderMethod) -> EvalOptions {
         EvalOptions::plain(GroundTruth::Rgb, RenderOptions::evaluation(method, [0.0; 3]))
     }
 
@@ -347,8 +334,8 @@ mod tests {
             |i: usize| 2.0 * frame.camera.intrinsics.ray(i % width, i / width).length() as f32;
         let distances = (0..width * height).map(along_ray).collect();
         let planes = [
-            (Method::PROJECTED, Image::filled(width, height, 2.0)),
-            (Method::EXACT, Image::from_vec(width, height, distances)),
+            (RenderMethod::PROJECTED, Image::filled(width, height, 2.0)),
+            (RenderMethod::EXACT, Image::from_vec(width, height, distances)),
         ];
         // A colour camera in the same place must see the same.
         let k = frame.camera.intrinsics;
@@ -368,7 +355,10 @@ mod tests {
             assert!(error(*method, depth, None) < 1e-6, "{method:?}");
             assert!(error(*method, depth, Some(same)) < 1e-5, "{method:?}");
         }
-        assert!(error(Method::EXACT, &planes[0].1, None) > 0.1, "z is no distance along the ray");
+        assert!(
+            error(RenderMethod::EXACT, &planes[0].1, None) > 0.1,
+            "z is no distance along the ray"
+        );
     }
 
     #[test]
@@ -403,7 +393,7 @@ mod tests {
             offset: [0.0, 0.0, 0.5],
             rotation: [0.0; 3],
         };
-        let options = EvalOptions { color_camera: Some(wide), ..plain(Method::PROJECTED) };
+        let options = EvalOptions { color_camera: Some(wide), ..plain(RenderMethod::PROJECTED) };
         let camera = options.photo_camera(&frame);
         assert_eq!((camera.intrinsics.fx, camera.intrinsics.width), (0.5 * k.fx, k.width));
         assert_eq!(camera.pose.centre().z, 0.5);

@@ -1,4 +1,8 @@
 //! What can go wrong when a model is written or read.
+//!
+//! A [`Fault`] says what was expected, what was found and what to do; [`ExportError`] adds the
+//! file, once, where its path is known. Text of a file is escaped and cut before it enters a
+//! message: it may hold anything.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,7 +26,7 @@ pub enum Fault {
          among {n_splats}; train some frames first"
     )]
     NothingToExport {
-        /// Splats given.
+        /// Number of splats given, drawable or not.
         n_splats: usize,
     },
     /// The name does not tell the format.
@@ -124,7 +128,7 @@ pub enum Fault {
     TooMany {
         /// Rows the file declares.
         declared: u64,
-        /// The limit.
+        /// Rows that the caller allows at most.
         cap: usize,
     },
     /// Memory ran out.
@@ -161,9 +165,9 @@ impl Fault {
 
 /// Text of a file as it may appear in a message: control characters escaped, at most 60 characters.
 pub(super) fn shorten(text: &str) -> String {
-    const LONGEST: usize = 60;
-    let mut short: String = text.chars().take(LONGEST).flat_map(char::escape_default).collect();
-    if text.chars().nth(LONGEST).is_some() {
+    const MAX_CHARS: usize = 60;
+    let mut short: String = text.chars().take(MAX_CHARS).flat_map(char::escape_default).collect();
+    if text.chars().nth(MAX_CHARS).is_some() {
         short.push('…');
     }
     short

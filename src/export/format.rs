@@ -11,16 +11,16 @@ use std::str::FromStr;
 ///
 /// ```
 /// use std::path::Path;
-/// use vbgs_studio::export::Format;
+/// use vbgs_studio::export::ModelFormat;
 ///
-/// assert_eq!(Format::from_path(Path::new("scene.GLB"))?, Format::Glb);
-/// assert_eq!("point-cloud".parse::<Format>()?, Format::PointCloudPly);
-/// assert!(Format::from_path(Path::new("scene.obj")).is_err());
+/// assert_eq!(ModelFormat::from_path(Path::new("scene.GLB"))?, Format::Glb);
+/// assert_eq!("point-cloud".parse::<ModelFormat>()?, Format::PointCloudPly);
+/// assert!(ModelFormat::from_path(Path::new("scene.obj")).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Format {
+pub enum ModelFormat {
     /// Splats as PLY in the 3DGS layout (`export.md`, PLY of splats): what splat viewers open.
     Ply,
     /// Centres as coloured points in PLY (`export.md`, Point cloud): for MeshLab, CloudCompare,
@@ -31,24 +31,25 @@ pub enum Format {
     Glb,
 }
 
-impl Format {
+impl ModelFormat {
     /// Every format, in the order menus show them.
-    pub const ALL: [Format; 3] = [Format::Ply, Format::PointCloudPly, Format::Glb];
+    pub const ALL: [ModelFormat; 3] =
+        [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb];
 
     /// The name used by the command line and settings.
     pub fn name(self) -> &'static str {
         match self {
-            Format::Ply => "ply",
-            Format::PointCloudPly => "point-cloud",
-            Format::Glb => "glb",
+            ModelFormat::Ply => "ply",
+            ModelFormat::PointCloudPly => "point-cloud",
+            ModelFormat::Glb => "glb",
         }
     }
 
     /// The usual file name extension, without a dot.
     pub fn extension(self) -> &'static str {
         match self {
-            Format::Ply | Format::PointCloudPly => "ply",
-            Format::Glb => "glb",
+            ModelFormat::Ply | ModelFormat::PointCloudPly => "ply",
+            ModelFormat::Glb => "glb",
         }
     }
 
@@ -59,14 +60,15 @@ impl Format {
     pub fn from_path(path: &Path) -> Result<Self, ExportError> {
         let found = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match found.as_deref() {
-            Some("ply") => Ok(Format::Ply),
-            Some("glb") => Ok(Format::Glb),
+            // Splats, not points: what a user means by PLY here; points are asked for by name.
+            Some("ply") => Ok(ModelFormat::Ply),
+            Some("glb") => Ok(ModelFormat::Glb),
             _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.at(path)),
         }
     }
 }
 
-impl fmt::Display for Format {
+impl fmt::Display for ModelFormat {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
@@ -77,11 +79,11 @@ impl fmt::Display for Format {
 #[error("expected ply, point-cloud or glb, found {0:?}")]
 pub struct UnknownFormat(pub String);
 
-impl FromStr for Format {
+impl FromStr for ModelFormat {
     type Err = UnknownFormat;
 
     fn from_str(name: &str) -> Result<Self, UnknownFormat> {
-        let known = Format::ALL.into_iter().find(|format| format.name() == name);
+        let known = ModelFormat::ALL.into_iter().find(|format| format.name() == name);
         known.ok_or_else(|| UnknownFormat(name.to_owned()))
     }
 }
@@ -102,7 +104,7 @@ pub enum Axes {
 #[derive(Clone, Debug)]
 pub struct WriteOptions<'a> {
     /// The file's format.
-    pub format: Format,
+    pub format: ModelFormat,
     /// Axes of both PLY formats.
     pub axes: Axes,
     /// 45 coefficients per splat above degree 0 (248 instead of 68 or 104 bytes), zeros above degree
@@ -126,7 +128,7 @@ pub struct WriteOptions<'a> {
 
 impl WriteOptions<'_> {
     /// Axes as they are, z up, no padding, one splat for each, no comments, no normals, no confidence, unknown units.
-    pub fn new(format: Format) -> Self {
+    pub fn new(format: ModelFormat) -> Self {
         Self {
             format,
             axes: Axes::AsIs,

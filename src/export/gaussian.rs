@@ -1,4 +1,8 @@
 //! A splat on its way to or from a file: f64, floored, normalised, turned to other axes.
+//!
+//! Conversions run in f64 and are narrowed once, at the file: a logit near 1 and a turned
+//! quaternion would lose digits in f32. Turns only permute and negate coordinates, so positions
+//! survive them exactly; a general rotation would not, and round trips are tested for equality.
 
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
@@ -11,7 +15,7 @@ pub(super) const SCALE_FLOOR: f64 = 1e-7;
 /// to file).
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Quaternions shorter than this have no direction.
-const SHORTEST_QUATERNION: f64 = 1e-12;
+const MIN_QUATERNION: f64 = 1e-12;
 /// Colours this far outside `[0, 1]` are reported when clamped; less is rounding.
 const COLOR_SLACK: f64 = 1e-4;
 
@@ -46,14 +50,16 @@ impl Gaussian {
             mean: wide(splat.mean),
             opacity: f64::from(splat.opacity),
             color: wide(splat.color),
+            // A logarithm of 0 is no number in a file.
             scale: wide(splat.scale).max(DVec3::splat(SCALE_FLOOR)),
+            // A splat of no direction is drawn unrotated, and its file must say what is seen.
             rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
             directional: from_rows(appearance.directional),
         };
         Self { color: raw.bounded_color(), ..raw }
     }
 
-    /// The same splat seen in turned axes.
+    /// The splat in turned axes: position, rotation and view dependence all turn.
     pub fn turned(self, turn: &Turn) -> Self {
         Self {
             mean: turn.vector(self.mean),
@@ -87,7 +93,7 @@ impl Gaussian {
         is_finite.then_some((splat, appearance))
     }
 
-    /// Whether the colour is the same from everywhere.
+    /// Whether the colour does not depend on the direction it is seen from.
     fn is_diffuse(&self) -> bool {
         self.directional == DMat3::ZERO
     }
@@ -110,7 +116,8 @@ impl Gaussian {
 pub(super) fn unit_quaternion([w, x, y, z]: [f64; 4]) -> Option<DQuat> {
     let q = DQuat::from_xyzw(x, y, z, w);
     let length = q.length();
-    (length.is_nan() || length >= SHORTEST_QUATERNION).then(|| q / length)
+    // NaN is kept, so that the row is counted as broken and not as unrotated.
+    (length.is_nan() || length >= MIN_QUATERNION).then(|| q / length)
 }
 
 /// The components in the order `w x y z`.
@@ -152,7 +159,7 @@ pub(super) struct Turn {
 }
 
 impl Turn {
-    /// Nothing changes.
+    /// No turn: the file has the model's own axes.
     pub const NONE: Turn = Turn { matrix: DMat3::IDENTITY, quaternion: DQuat::IDENTITY };
 
     /// z-up to the y-up of glTF: `(x, y, z)` becomes `(x, z, −y)`.

@@ -1,7 +1,7 @@
 //! Golden files byte for byte. They were made from f64 values, which a [`Splat`] rounds to f32
 //! first, so the encoders are fed directly; `tests/export/golden.rs` compares the public path.
 
-use super::format::{Format, WriteOptions};
+use super::format::{ModelFormat, WriteOptions};
 use super::gaussian::Gaussian;
 use super::{glb, ply};
 use glam::{DMat3, DQuat, DVec3};
@@ -48,9 +48,9 @@ fn gaussians(folder: &std::path::Path) -> Vec<Gaussian> {
 fn ply_files_are_equal_byte_for_byte() {
     let Some(folder) = golden_folder() else { return };
     for (name, sh3_padding) in [("two_splats.ply", false), ("two_splats_sh3.ply", true)] {
-        let options = WriteOptions { sh3_padding, ..WriteOptions::new(Format::Ply) };
+        let options = WriteOptions { sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
         let rows = gaussians(&folder).into_iter();
-        let layout = ply::write::Layout::new(rows.clone(), &options).unwrap();
+        let layout = ply::write::PlyLayout::new(rows.clone(), &options).unwrap();
         let mut bytes = Vec::new();
         layout.write(&mut bytes, rows).unwrap();
         assert!(bytes == std::fs::read(folder.join(name)).unwrap(), "{name} differs");
@@ -62,7 +62,7 @@ fn glb_file_is_equal_byte_for_byte_except_the_generator() {
     let Some(folder) = golden_folder() else { return };
     let rows = gaussians(&folder).into_iter();
     let mut layout =
-        glb::write::Layout::new(rows.clone(), &WriteOptions::new(Format::Glb)).unwrap();
+        glb::write::GlbLayout::new(rows.clone(), &WriteOptions::new(ModelFormat::Glb)).unwrap();
     let mine = concat!(r#""generator":"vbgs-studio "#, env!("CARGO_PKG_VERSION"), '"');
     assert!(layout.json.contains(mine), "{}", layout.json);
     layout.json = layout.json.replace(mine, r#""generator":"vbgs""#);

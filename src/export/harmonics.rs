@@ -22,6 +22,7 @@ pub(super) enum Degree {
 impl Degree {
     /// What some splats need.
     pub fn of(mut gaussians: impl Iterator<Item = Gaussian>) -> Self {
+        // One degree for the whole file: rows have one layout.
         match gaussians.any(|g| g.directional != DMat3::ZERO) {
             true => Self::One,
             false => Self::Zero,

@@ -1,4 +1,8 @@
 //! What a model file held.
+//!
+//! A row that is not finite is skipped and counted, not an error: one broken splat must not lose a
+//! model of a million. What else was ignored, guessed or converted is a [`Note`], which window and
+//! command line word for the user.
 
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
@@ -41,7 +45,7 @@ impl Imported {
 /// What a file's rows describe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelKind {
-    /// Gaussian splats.
+    /// Gaussian splats: rows with scales and a rotation.
     Splats,
     /// Coloured points without extent.
     PointCloud,
@@ -58,12 +62,12 @@ pub enum Note {
     },
     /// Quaternions of length zero were read as the identity.
     ZeroRotation {
-        /// How many.
+        /// Number of splats that this happened to.
         n_splats: usize,
     },
     /// Colours outside `[0, 1]` were clamped.
     ColorClamped {
-        /// How many.
+        /// Number of splats that this happened to.
         n_splats: usize,
     },
     /// The third scale is missing: splats are flat.
@@ -74,7 +78,7 @@ pub enum Note {
     LinearColorEncoded,
     /// Parts of a glTF that are not what was imported.
     PrimitivesSkipped {
-        /// How many.
+        /// Number of primitives left out.
         n_primitives: usize,
     },
 }
@@ -127,6 +131,7 @@ impl Rows {
     /// Adds a row, or counts it as skipped.
     pub fn push(&mut self, row: Gaussian) {
         match row.to_splat() {
+            // Colours are noted only for rows that stay.
             Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.has_wild_color());
                 self.splats.push(splat, appearance);
@@ -142,6 +147,7 @@ impl Rows {
         mut notes: Vec<Note>,
         comments: Vec<String>,
     ) -> Result<Imported, Fault> {
+        // An empty scene would open and show nothing; better to say why.
         if self.splats.is_empty() {
             return Err(Fault::NothingToImport { skipped: self.skipped });
         }
@@ -164,6 +170,7 @@ impl Rows {
 fn give_points_a_size(points: &mut [Splat]) {
     let diagonal = bounds(points).map_or(0.0, |(lo, hi)| (hi - lo).length());
     let spacing = diagonal / (points.len() as f64).sqrt();
+    // One point, or all in one place, has no spacing; a millimetre in metres can at least be seen.
     let scale = if spacing > 0.0 { (0.5 * spacing) as f32 } else { 1e-3 };
     for point in points {
         point.scale = [scale; 3];

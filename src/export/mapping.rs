@@ -3,7 +3,7 @@
 //! gradient several splats.
 //!
 //! ```
-//! use vbgs_studio::export::mapping::{Mapping, Split, to_plain};
+//! use vbgs_studio::export::mapping::{Mapping, GradientSplit, to_plain};
 //! use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
 //! use vbgs_studio::model::splat::splats::Splat;
 //!
@@ -13,7 +13,7 @@
 //! let mut native = SplatSet::default();
 //! native.push(splat, Appearance { gradient: [[10.0, 0.0, 0.0], [0.0; 3], [0.0; 3]], ..Appearance::default() });
 //!
-//! let plain = to_plain(native.view(), Mapping::of(Split::Two)).ok_or("plain already")?;
+//! let plain = to_plain(native.view(), Mapping::of(GradientSplit::Two)).ok_or("plain already")?;
 //! assert_eq!(plain.len(), 2);
 //! assert!(plain.iter().all(|s| s.opacity <= 0.99));
 //! assert!(plain[0].color[0] < 0.4 && plain[1].color[0] > 0.6);
@@ -36,7 +36,7 @@ pub struct Mapping {
     /// What becomes of opacities above 1.
     pub opacity: OpacityMapping,
     /// What becomes of colour gradients.
-    pub split: Split,
+    pub split: GradientSplit,
 }
 
 /// What becomes of opacities above 0.99.
@@ -46,14 +46,14 @@ pub enum OpacityMapping {
     /// 0.99, and standard deviations that give the splat the area which its flat top covered.
     #[default]
     EqualArea,
-    /// 0.99.
+    /// Opacity cut to 0.99, standard deviations kept: flat tops shrink.
     Clip,
 }
 
 /// Plain splats for each native one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Split {
+pub enum GradientSplit {
     /// One: the colour gradient is lost.
     #[default]
     One,
@@ -65,43 +65,43 @@ pub enum Split {
 
 impl Mapping {
     /// The opacity mapping that measured best with a split.
-    pub fn of(split: Split) -> Self {
+    pub fn of(split: GradientSplit) -> Self {
         let opacity = match split {
-            Split::One | Split::Two => OpacityMapping::EqualArea,
-            Split::Four => OpacityMapping::Clip,
+            GradientSplit::One | GradientSplit::Two => OpacityMapping::EqualArea,
+            GradientSplit::Four => OpacityMapping::Clip,
         };
         Self { opacity, split }
     }
 
     /// Factor on standard deviations. Single splats without a gradient look best wider than native
-    /// ones: at 1.3 and 1.5 times the deviation of the points where those have 1.2. What closing adds
+    /// ones: at 1.3 and 1.5 times the deviation of the points where those have 1.2. What crack filling adds
     /// to opacity widens a splat too, by less than it would if its neighbours were not there.
-    fn scale(self, closing: f64) -> f64 {
-        let narrower = closing.powf(0.25);
+    fn scale(self, full_coverage: f64) -> f64 {
+        let narrower = full_coverage.powf(0.25);
         match (self.split, self.opacity) {
-            (Split::One, OpacityMapping::EqualArea) => 1.3 / 1.2 * narrower,
-            (Split::One, OpacityMapping::Clip) => 1.5 / 1.2,
-            (Split::Two | Split::Four, _) => narrower,
+            (GradientSplit::One, OpacityMapping::EqualArea) => 1.3 / 1.2 * narrower,
+            (GradientSplit::One, OpacityMapping::Clip) => 1.5 / 1.2,
+            (GradientSplit::Two | GradientSplit::Four, _) => narrower,
         }
     }
 }
 
-impl Split {
+impl GradientSplit {
     /// Axes along which a splat is split, the longest first.
     fn n_axes(self) -> usize {
         match self {
-            Split::One => 0,
-            Split::Two => 1,
-            Split::Four => 2,
+            GradientSplit::One => 0,
+            GradientSplit::Two => 1,
+            GradientSplit::Four => 2,
         }
     }
 
     /// Distance of the centres from the mean along each of these axes, in standard deviations.
     fn reach(self) -> f64 {
         match self {
-            Split::One => 0.0,
-            Split::Two => 0.75,
-            Split::Four => 0.6,
+            GradientSplit::One => 0.0,
+            GradientSplit::Two => 0.75,
+            GradientSplit::Four => 0.6,
         }
     }
 }
@@ -120,11 +120,11 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
     }
-    let closing = f64::from(view.finishing().closing);
+    let full_coverage = f64::from(view.finishing().closing);
     let mut plain = SplatSet::default();
     for (i, native) in drawable(view) {
         for piece in pieces(native, gradient(view, i), mapping.split) {
-            if let Some((splat, appearance)) = plain_of(piece, closing, mapping).to_splat() {
+            if let Some((splat, appearance)) = plain_of(piece, full_coverage, mapping).to_splat() {
                 plain.push(splat, appearance);
             }
         }
@@ -137,8 +137,9 @@ fn gradient(view: SplatView, i: usize) -> DMat3 {
 }
 
 /// A splat as several, whose centres, covariances and colours together are its own.
-fn pieces(native: Gaussian, gradient: DMat3, split: Split) -> Vec<Gaussian> {
+fn pieces(native: Gaussian, gradient: DMat3, split: GradientSplit) -> Vec<Gaussian> {
     let frame = DMat3::from_quat(native.rotation);
+    // Along the longest axes, where a gradient changes the colour most.
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| native.scale[b].total_cmp(&native.scale[a]));
     let (mut scale, mut offsets) = (native.scale, vec![DVec3::ZERO]);
@@ -146,6 +147,8 @@ fn pieces(native: Gaussian, gradient: DMat3, split: Split) -> Vec<Gaussian> {
     for axis in order.into_iter().take(split.n_axes()).filter(|&i| native.scale[i] > SCALE_FLOOR) {
         let step = split.reach() * native.scale[axis] * frame.col(axis);
         offsets = offsets.into_iter().flat_map(|o| [o - step, o + step]).collect();
+        // What the centres' spread adds to the variance, the pieces give up: together they have the
+        // splat's own.
         scale[axis] *= (1.0 - split.reach().powi(2)).sqrt();
     }
     let limit = DVec3::splat(GRADIENT_LIMIT);
@@ -159,10 +162,10 @@ fn pieces(native: Gaussian, gradient: DMat3, split: Split) -> Vec<Gaussian> {
 }
 
 /// The splat with an opacity that plain files can hold.
-fn plain_of(splat: Gaussian, closing: f64, mapping: Mapping) -> Gaussian {
-    let mut factor = mapping.scale(closing);
-    // Where one splat alone covers a pixel, that is what closing makes of it.
-    let splat = Gaussian { opacity: splat.opacity / closing, ..splat };
+fn plain_of(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
+    let mut factor = mapping.scale(full_coverage);
+    // Where one splat alone covers a pixel, that is what crack filling makes of it.
+    let splat = Gaussian { opacity: splat.opacity / full_coverage, ..splat };
     if splat.opacity > OPAQUE && mapping.opacity == OpacityMapping::EqualArea {
         // ∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c)): a Gaussian of peak c covers 2πc.
         factor *= (1.0 + (splat.opacity / OPAQUE).ln()).sqrt();

@@ -4,7 +4,7 @@
 //! [`crate::model::splat::splats::Splat`].
 //!
 //! ```
-//! use vbgs_studio::export::{Format, ModelKind, WriteOptions, read, write};
+//! use vbgs_studio::export::{ModelFormat, ModelKind, WriteOptions, read, write};
 //! use vbgs_studio::model::splat::splats::Splat;
 //!
 //! let splat = Splat {
@@ -17,7 +17,7 @@
 //! let folder = tempfile::tempdir()?;
 //! for name in ["scene.ply", "scene.glb"] {
 //!     let path = folder.path().join(name);
-//!     let summary = write(&path, &[splat], &WriteOptions::new(Format::from_path(&path)?))?;
+//!     let summary = write(&path, &[splat], &WriteOptions::new(ModelFormat::from_path(&path)?))?;
 //!     assert_eq!((summary.n_written, summary.n_skipped), (1, 0));
 //!
 //!     let model = read(&path)?;
@@ -42,7 +42,7 @@ mod harmonics;
 mod ply;
 
 pub use error::{ExportError, Fault};
-pub use format::{Axes, Format, WriteOptions};
+pub use format::{Axes, ModelFormat, WriteOptions};
 pub use imported::{Imported, ModelKind, Note};
 
 use crate::model::splat::appearance::SplatView;
@@ -84,8 +84,8 @@ pub fn write<'a>(
         return Err(Fault::NothingToExport { n_splats }.at(path));
     }
     let mapped = match options.format {
-        Format::Ply | Format::Glb => mapping::to_plain(view, options.mapping),
-        Format::PointCloudPly => None,
+        ModelFormat::Ply | ModelFormat::Glb => mapping::to_plain(view, options.mapping),
+        ModelFormat::PointCloudPly => None,
     };
     let n_written = mapped.as_ref().map_or(n_drawable, |plain| plain.len());
     let view = mapped.as_ref().map_or(view, Into::into);
@@ -101,16 +101,16 @@ fn prepare<'a>(view: SplatView<'a>, options: &'a WriteOptions) -> Result<Content
     check_comments(options.comments)?;
     let rows = move || drawable(view).map(|(_, gaussian)| gaussian);
     Ok(match options.format {
-        Format::Ply => {
-            let layout = ply::write::Layout::new(rows(), options)?;
+        ModelFormat::Ply => {
+            let layout = ply::write::PlyLayout::new(rows(), options)?;
             Box::new(move |out| layout.write(out, rows()))
         }
-        Format::PointCloudPly => {
+        ModelFormat::PointCloudPly => {
             let header = ply::points::header(rows().count(), view.splats().len(), options)?;
             Box::new(move |out| ply::points::points(out, &header, view, options))
         }
-        Format::Glb => {
-            let layout = glb::write::Layout::new(rows(), options)?;
+        ModelFormat::Glb => {
+            let layout = glb::write::GlbLayout::new(rows(), options)?;
             Box::new(move |out| layout.write(out, rows()))
         }
     })

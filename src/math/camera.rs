@@ -51,6 +51,7 @@ impl Intrinsics {
     pub fn scaled(&self, factor: f64) -> Self {
         let width = ((self.width as f64 * factor).round() as u32).max(1);
         let height = ((self.height as f64 * factor).round() as u32).max(1);
+        // Sides round by themselves: each axis is scaled by what its side became.
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         Self {
             width,

@@ -31,11 +31,13 @@ pub fn to_fixed(value: f64) -> i128 {
     let mantissa = ((bits & ((1 << 52) - 1)) | (1 << 52)) as i128;
     // value = mantissa * 2^(biased - 1075)
     let shift = biased - 1075 + FRACTION_BITS;
+    // A mantissa of 53 bits moved up by 73 fills 126: the last that an i128 surely holds.
     let magnitude = if biased == 0x7FF || shift > 73 {
         if value.is_nan() { 0 } else { i128::MAX / 2 }
     } else if shift >= 0 {
         mantissa << shift
     } else if shift >= -54 {
+        // One bit more than wanted is kept and rounds the rest, halves away from zero.
         ((mantissa >> (-shift - 1)) + 1) >> 1
     } else {
         0

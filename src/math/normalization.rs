@@ -34,6 +34,7 @@ impl Normalization {
 
     /// From the range of positions, `lo < hi` on every axis.
     pub fn from_range(lo: DVec3, hi: DVec3) -> Self {
+        // √12: a uniform law of width 1 has variance 1/12.
         let scale = (hi - lo) / 12f64.sqrt();
         Self { offset: ((lo + hi) * 0.5).to_array(), scale: scale.to_array() }
     }

@@ -42,6 +42,7 @@ impl Orbit {
             target: pose.centre() + pose.forward() * distance,
             up,
             azimuth: back.dot(ahead).atan2(back.dot(right)),
+            // Rounding may carry the product past 1, where the arc sine is NaN.
             elevation: back.dot(up).clamp(-1.0, 1.0).asin(),
             distance,
         }

@@ -33,6 +33,7 @@ pub fn mv_digamma3(a: f64) -> f64 {
 
 /// `ln Γ_3(a) = 3/2 · ln π + Σ_{i=0..2} ln Γ(a − i/2)`, for `a > 1`.
 pub fn mv_ln_gamma3(a: f64) -> f64 {
+    // D(D − 1)/4 = 3/2 for D = 3.
     1.5 * std::f64::consts::PI.ln() + ln_gamma(a) + ln_gamma(a - 0.5) + ln_gamma(a - 1.0)
 }
 

@@ -149,6 +149,7 @@ impl Sym3 {
     /// Inverse through the Cholesky factor, `None` if not positive definite.
     pub fn inverse(self) -> Option<Self> {
         let l = self.cholesky()?;
+        // The factor is inverted, then multiplied with its transpose: symmetric by construction.
         let i00 = 1.0 / l.x_axis.x;
         let i11 = 1.0 / l.y_axis.y;
         let i22 = 1.0 / l.z_axis.z;
@@ -202,6 +203,7 @@ fn jacobi_rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usiz
     let t = if theta.abs() > 1e150 {
         0.5 / theta
     } else {
+        // The smaller root turns by at most 45 degrees, which is what makes sweeps converge.
         theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt())
     };
     let c = 1.0 / (t * t + 1.0).sqrt();

@@ -323,9 +323,5 @@ impl Session {
 
 /// As reports and `info` spell it.
 pub fn layout_name(layout: Layout) -> &'static str {
-    match layout {
-        Layout::Blender => "blender",
-        Layout::SevenScenes => "seven-scenes",
-        Layout::Synthetic => "synthetic",
-    }
+    layout.name()
 }

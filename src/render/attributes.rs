@@ -1,4 +1,9 @@
 //! Colours that show what is known of a component: a value, its place in a range, a colour.
+//!
+//! A range is taken from the middle of the values, because one stray would flatten all others to
+//! one colour, and it stays while a new one would look alike, because every change of range
+//! recolours and uploads all splats. Evidence and uncertainty span many powers of ten and are
+//! coloured by their logarithm.
 
 use super::paint::ramp;
 use crate::model::attributes::ComponentAttributes;
@@ -6,7 +11,7 @@ use crate::model::attributes::ComponentAttributes;
 /// What splats can be coloured by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
-    /// Points received.
+    /// Points that the component received over all frames, a soft count; coloured by its logarithm.
     Evidence,
     /// Standard deviation of the mean's position.
     Uncertainty,
@@ -72,6 +77,7 @@ pub struct Range {
 impl Range {
     /// The middle 96 % of the known values; `None` if none is known.
     pub fn of(attribute: Attribute, values: &[ComponentAttributes]) -> Option<Self> {
+        // Over the whole list, because neighbours in it were often born together.
         let stride = values.len().div_ceil(MAX_SAMPLES).max(1);
         let sample = values.iter().step_by(stride);
         let mut known: Vec<f64> = sample.filter_map(|v| attribute.position(v)).collect();
@@ -87,7 +93,7 @@ impl Range {
         Some(Self { attribute, ends: [quantile(TAIL), quantile(1.0 - TAIL)] })
     }
 
-    /// Whether splats coloured by this range look the same by another one.
+    /// Whether recolouring all splats by the other range would be too small a change to see.
     pub fn is_close_to(&self, other: &Self) -> bool {
         let slack = SLACK * (self.ends[1] - self.ends[0]);
         let is_near = |i: usize| (self.ends[i] - other.ends[i]).abs() <= slack;
@@ -98,7 +104,9 @@ impl Range {
     pub fn color(&self, of: &ComponentAttributes) -> [f32; 3] {
         let [lo, hi] = self.ends;
         match self.attribute.position(of) {
+            // Gray, which the ramp does not contain: not known must not look like little.
             None => UNKNOWN,
+            // One value alone is neither the least nor the largest.
             Some(_) if hi <= lo => ramp(0.5),
             Some(value) => ramp(((value - lo) / (hi - lo)) as f32),
         }

@@ -1,5 +1,9 @@
 //! Two pictures of one viewport as one: a wipe from one to the other, or what differs between them.
 //! `shaders/composite.wgsl` has the same formulas.
+//!
+//! Pictures are combined after they were finished and laid over the background, so that a wipe
+//! compares what each would show alone; the second is sampled bilinearly, since photographs and
+//! renders seldom have equal sizes.
 
 use crate::math::image::RgbImage;
 use rayon::prelude::*;
@@ -53,6 +57,7 @@ pub const OUTSIDE: f32 = 0.35;
 /// ```
 pub fn combine(first: &mut RgbImage, second: &RgbImage, area: Area, how: Combination) {
     let (width, height) = (first.width, first.height);
+    // A chunk of width 0 would panic, and an empty picture has no pixel to sample.
     if width == 0 || second.data.is_empty() {
         return;
     }
@@ -88,6 +93,7 @@ fn combined(
 /// centres, the border repeated.
 fn bilinear(image: &RgbImage, share: [f32; 2]) -> [f32; 3] {
     let axis = |share: f32, n: usize| {
+        // Half a pixel off, because centres and not corners hold the values.
         let at = share * n as f32 - 0.5;
         let below = at.floor();
         let index = |i: f32| (i.max(0.0) as usize).min(n - 1);

@@ -1,30 +1,16 @@
-//! What becomes of a pixel once its splats are blended: closing, then exposure.
+//! What becomes of a pixel once its splats are blended: cracks are filled, then exposure is applied.
 //!
 //! Neighbouring splats never cover a surface whole: light comes through where their rims meet. Wider
 //! splats close such cracks and blur what they show. Instead a pixel counts as covered in full from a
-//! coverage below 1 on, the scene's closing; below that coverage and colour rise in proportion.
+//! coverage below 1 on, the scene's `closing` (1 fills no crack); below that coverage and colour rise
+//! in proportion.
 //!
 //! Exposure multiplies the splats' colour as the camera that saw the scene exposed it thereabouts
 //! ([`crate::model::splat::exposure`]).
 
-use super::RenderOptions;
+use super::options::{Exposing, RenderOptions};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Finishing;
-use serde::{Deserialize, Serialize};
-use strum::{Display, EnumString, VariantNames};
-
-/// How bright a scene is drawn whose cameras exposed by themselves.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum Exposing {
-    /// As the first frames were exposed, from everywhere.
-    Neutral,
-    /// As frames that were recorded thereabouts.
-    Recorded,
-}
 
 /// What becomes of an image's pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,7 +25,7 @@ impl Finish {
     /// Pixels as they are.
     pub const NONE: Self = Self { closing: 1.0, exposure: [1.0; 3] };
 
-    /// Of one view of a scene.
+    /// What the pixels of one view of a scene become: its crack filling, and its exposure there.
     pub fn new(finishing: &Finishing, camera: &Camera, options: &RenderOptions) -> Self {
         let exposure = match (options.exposing, &finishing.exposures) {
             (Exposing::Recorded, Some(log)) => log.at(&camera.pose),
@@ -52,6 +38,8 @@ impl Finish {
     /// `min(1/closing, 1/A)`, so that coverage ends at 1.
     #[inline(always)]
     pub fn apply(&self, [r, g, b, coverage]: [f32; 4]) -> [f32; 4] {
+        // The second bound holds coverage at 1; where nothing covers it is infinite and the first
+        // one counts.
         let factor = (1.0 / self.closing).min(1.0 / coverage);
         let [red, green, blue] = self.exposure;
         [r * factor * red, g * factor * green, b * factor * blue, coverage * factor]

@@ -1,6 +1,6 @@
 //! How pixels map to rays, both ways.
 
-use super::Lens;
+use super::options::Lens;
 use crate::math::camera::Intrinsics;
 use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
@@ -15,6 +15,7 @@ impl Lens {
             Self::Pinhole => Some(offset.extend(1.0)),
             Self::Fisheye => {
                 let angle = offset.length();
+                // sin(θ)/θ has its limit 1 on the axis, where the division would give NaN.
                 let sinc = if angle > 0.0 { angle.sin() / angle } else { 1.0 };
                 (angle <= PI).then(|| (offset * sinc).extend(angle.cos()))
             }
@@ -34,6 +35,7 @@ impl Lens {
             }
         };
         let position = offset * DVec2::new(k.fx, k.fy) + DVec2::new(k.cx, k.cy);
+        // Points beyond any float would otherwise be drawn as lines across the image.
         position.is_finite().then_some(position)
     }
 }

@@ -1,7 +1,11 @@
 //! What a view needs besides splats and camera.
+//!
+//! [`RenderMethod`] says which formulas apply, [`SplatStyle`] what a viewer changes about all
+//! splats, [`RenderOptions`] ties both to near plane, background and exposure. Two constructors,
+//! [`RenderOptions::evaluation`] and [`RenderOptions::viewport`], and no `Default`: a measured
+//! image must not take a setting by accident that people only look through.
 
-use super::finish::Exposing;
-use super::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
+use super::constants::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
 use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -77,7 +81,7 @@ pub enum Lens {
 
 /// Settings of the exact renderer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Exact {
+pub struct ExactOptions {
     /// Ray or line.
     pub response: Response,
     /// What becomes of splats thinner than a pixel.
@@ -88,19 +92,19 @@ pub struct Exact {
 
 /// A renderer with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Method {
+pub enum RenderMethod {
     /// The covariance projected to the image (`rendering.md`, Projected renderer).
     Projected(Support),
     /// The response along each true ray (`rendering.md`, Exact renderer).
-    Exact(Exact),
+    Exact(ExactOptions),
 }
 
-impl Method {
+impl RenderMethod {
     /// The projected renderer, nothing visible lost.
     pub const PROJECTED: Self = Self::Projected(Support::Alpha);
 
     /// The exact renderer through a pinhole, antialiased.
-    pub const EXACT: Self = Self::Exact(Exact {
+    pub const EXACT: Self = Self::Exact(ExactOptions {
         response: Response::Ray,
         antialias: Antialias::Footprint,
         lens: Lens::Pinhole,
@@ -123,7 +127,7 @@ impl Method {
     }
 }
 
-impl From<Renderer> for Method {
+impl From<Renderer> for RenderMethod {
     /// With the settings that measured images have.
     fn from(renderer: Renderer) -> Self {
         match renderer {
@@ -133,10 +137,23 @@ impl From<Renderer> for Method {
     }
 }
 
+/// How bright a scene is drawn whose cameras exposed by themselves.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum Exposing {
+    /// As the first frames were exposed, from everywhere.
+    Neutral,
+    /// As frames that were recorded thereabouts.
+    Recorded,
+}
+
 /// What colour a splat gets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Paint {
-    /// Its own, with gradient and view dependence where the scene has them.
+    /// The splat's stored colour, with gradient and view dependence where the scene has them.
     Stored,
     /// Its distance from the camera between two ends (world units) on the ramp of
     /// [`super::paint::ramp`].
@@ -147,7 +164,7 @@ pub enum Paint {
 
 /// What a viewer may change about every splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct SplatStyle {
     /// Factor on the standard deviations, more than 0.
     pub scale: f32,
     /// Splats with a smaller peak opacity are not drawn.
@@ -156,7 +173,7 @@ pub struct Look {
     pub paint: Paint,
 }
 
-impl Look {
+impl SplatStyle {
     /// Splats as they are.
     pub const PLAIN: Self = Self { scale: 1.0, opacity_cut: 0.0, paint: Paint::Stored };
 
@@ -164,6 +181,8 @@ impl Look {
     /// `rendering.md`, Conventions, applied.
     pub fn scales(&self, splat: &Splat) -> DVec3 {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
+        // Whitening divides by the scales: a flat splat would give 0/0 in the f32 of the inner
+        // loop.
         scales.max(DVec3::splat(SCALE_FLOOR * scales.max_element().max(1.0)))
     }
 }
@@ -177,23 +196,23 @@ pub struct RenderOptions {
     /// world units. Negative values count as 0.
     pub near: f64,
     /// Which renderer, and how.
-    pub method: Method,
+    pub method: RenderMethod,
     /// What to change about every splat.
-    pub look: Look,
+    pub look: SplatStyle,
     /// How bright the splats are drawn.
     pub exposing: Exposing,
 }
 
 impl RenderOptions {
     /// The settings of measured images: near plane 0.2, splats as they are.
-    pub fn evaluation(method: Method, background: [f32; 3]) -> Self {
+    pub fn evaluation(method: RenderMethod, background: [f32; 3]) -> Self {
         let exposing = Exposing::Neutral;
-        Self { background, near: EVALUATION_NEAR, method, look: Look::PLAIN, exposing }
+        Self { background, near: EVALUATION_NEAR, method, look: SplatStyle::PLAIN, exposing }
     }
 
     /// The settings of a view people move in: the near plane shrinks with small scenes, whose
     /// radius is in world units.
-    pub fn viewport(method: Method, background: [f32; 3], scene_radius: f64) -> Self {
+    pub fn viewport(method: RenderMethod, background: [f32; 3], scene_radius: f64) -> Self {
         let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
         Self { near, ..Self::evaluation(method, background) }
     }

@@ -1,6 +1,6 @@
 //! The rim of a splat as a camera sees it.
 
-use super::{Look, Method};
+use super::options::{RenderMethod, SplatStyle};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -19,8 +19,8 @@ const N_CORNERS: usize = 96;
 pub fn outline(
     splat: &Splat,
     camera: &Camera,
-    method: Method,
-    look: &Look,
+    method: RenderMethod,
+    look: &SplatStyle,
     radius: f64,
 ) -> Vec<[DVec2; 2]> {
     if !splat.is_valid() {
@@ -33,6 +33,7 @@ pub fn outline(
     let mean = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
     let p = rotation.transpose_mul_vec3(mean) / scale;
     let depth = 1.0 - radius * radius / p.length_squared();
+    // The camera is inside the ellipsoid, or in its centre: there is no tangent cone.
     if depth.is_nan() || depth <= 0.0 {
         return Vec::new();
     }
@@ -43,6 +44,7 @@ pub fn outline(
         let point = axes * ((centre + (u * cos + v * sin) * size) * scale);
         method.lens().project(&camera.intrinsics, point)
     };
+    // One corner more than there are, so that the last piece closes the rim.
     let corners: Vec<Option<DVec2>> = (0..=N_CORNERS).map(corner).collect();
     corners.windows(2).filter_map(|pair| Some([pair[0]?, pair[1]?])).collect()
 }
@@ -52,7 +54,8 @@ mod tests {
     use super::*;
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
-    use crate::render::{Antialias, Exact, Lens, RenderOptions, Response, cpu::CpuRenderer};
+    use crate::render::cpu::CpuRenderer;
+    use crate::render::options::{Antialias, ExactOptions, Lens, RenderOptions, Response};
 
     fn camera() -> Camera {
         let intrinsics = Intrinsics::from_horizontal_fov(200, 160, 1.2);
@@ -79,10 +82,11 @@ mod tests {
     fn the_rim_is_where_the_exact_response_says() {
         let (camera, splat) = (camera(), splat());
         for lens in [Lens::Pinhole, Lens::Fisheye] {
-            let settings = Exact { response: Response::Ray, antialias: Antialias::None, lens };
-            let method = Method::Exact(settings);
+            let settings =
+                ExactOptions { response: Response::Ray, antialias: Antialias::None, lens };
+            let method = RenderMethod::Exact(settings);
             for radius in [1.0, 2.0] {
-                let rim = outline(&splat, &camera, method, &Look::PLAIN, radius);
+                let rim = outline(&splat, &camera, method, &SplatStyle::PLAIN, radius);
                 assert_eq!(rim.len(), N_CORNERS);
                 for [corner, _] in rim {
                     let options = RenderOptions::evaluation(method, [0.0; 3]);
@@ -96,9 +100,9 @@ mod tests {
         let image = CpuRenderer::new().render(
             &[splat],
             &camera,
-            &RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]),
+            &RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]),
         );
-        let rim = outline(&splat, &camera, Method::PROJECTED, &Look::PLAIN, 1.0);
+        let rim = outline(&splat, &camera, RenderMethod::PROJECTED, &SplatStyle::PLAIN, 1.0);
         let [corner, _] = rim[0];
         let there = *image.coverage.at(corner.x as usize, corner.y as usize);
         assert!((there - 0.9 * (-0.5f32).exp()).abs() < 0.1, "{there}");
@@ -107,10 +111,17 @@ mod tests {
     #[test]
     fn what_cannot_be_outlined_is_left_out() {
         let around = Splat { mean: [0.0, -4.0, 1.0], ..splat() };
-        assert!(outline(&around, &camera(), Method::EXACT, &Look::PLAIN, 1.0).is_empty());
+        assert!(
+            outline(&around, &camera(), RenderMethod::EXACT, &SplatStyle::PLAIN, 1.0).is_empty()
+        );
         let broken = Splat { mean: [f32::NAN; 3], ..splat() };
-        assert!(outline(&broken, &camera(), Method::EXACT, &Look::PLAIN, 1.0).is_empty());
+        assert!(
+            outline(&broken, &camera(), RenderMethod::EXACT, &SplatStyle::PLAIN, 1.0).is_empty()
+        );
         let behind = Splat { mean: [0.0, -40.0, 1.0], ..splat() };
-        assert!(outline(&behind, &camera(), Method::PROJECTED, &Look::PLAIN, 1.0).is_empty());
+        assert!(
+            outline(&behind, &camera(), RenderMethod::PROJECTED, &SplatStyle::PLAIN, 1.0)
+                .is_empty()
+        );
     }
 }

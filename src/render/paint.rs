@@ -15,6 +15,7 @@ pub const RAMP: [[f32; 3]; 7] = [
 
 /// Colour of a share from 0 (dark violet) to 1 (yellow); others are clamped, NaN is dark.
 pub fn ramp(share: f32) -> [f32; 3] {
+    // `clamp` keeps NaN, and a NaN colour would spread through blending.
     let t = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
     std::array::from_fn(|channel| {
         let sum = RAMP.iter().rev().fold(0.0, |sum, row| sum * t + row[channel]);

@@ -1,9 +1,18 @@
 //! Which splat a pixel shows: the one with the largest weight in the blend (`rendering.md`,
 //! Picking) and (c), for that one pixel, in f64.
+//!
+//! One pixel needs no tiles, no sorting of the whole scene and no speed: every splat is asked for
+//! its alpha in parallel, the few that answer are sorted and blended. In f64 from the formulas, not
+//! from the fast paths' records, so that a click means the splat and not a rounding; that the fast
+//! paths agree is a test. Depth was not taken instead: the first splat of a pixel is often a faint
+//! one.
 
-use super::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, Lens,
-    Look, Method, REFERENCE_VARIANCE, RenderOptions, Response, TRANSMITTANCE_STOP,
+use super::constants::{
+    ALPHA_CAP, ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2, REFERENCE_VARIANCE,
+    TRANSMITTANCE_STOP,
+};
+use super::options::{
+    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response, SplatStyle,
 };
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
@@ -13,9 +22,9 @@ use rayon::prelude::*;
 /// A splat in a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
-    /// Its position in the list.
+    /// Position of the splat in the list that was searched.
     pub index: usize,
-    /// Its share of the pixel's colour, in `[0, 1]`.
+    /// Share `α·T` of the pixel's colour that is this splat's, in `[0, 1]`.
     pub weight: f64,
 }
 
@@ -34,11 +43,13 @@ pub fn pick(
         .filter_map(|(index, splat)| Some((index, eye.sees(splat)?)))
         .map(|(index, (depth, alpha))| Layer { index, depth, alpha })
         .collect();
+    // Ties by position in the list: the renderers sort stably.
     layers.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
     let mut transmittance = 1.0;
     let mut best: Option<Pick> = None;
     for Layer { index, alpha, .. } in layers {
         let left = transmittance * (1.0 - alpha);
+        // Stops before this splat, as the renderers do: what they do not blend cannot be picked.
         if left < TRANSMITTANCE_STOP {
             break;
         }
@@ -66,8 +77,8 @@ struct Eye {
     /// Through the pixel, camera space; any length.
     ray: DVec3,
     near: f64,
-    method: Method,
-    look: Look,
+    method: RenderMethod,
+    look: SplatStyle,
 }
 
 impl Eye {
@@ -92,6 +103,7 @@ impl Eye {
         if is_cut || !splat.is_drawable() {
             return None;
         }
+        // Subtracted before anything is rotated: far from the origin the difference would be lost.
         let mean = DVec3::from_array(splat.mean.map(f64::from)) - self.centre;
         let m = self.camera_from_world * mean;
         let near_depth = match self.method.lens() {
@@ -106,8 +118,8 @@ impl Eye {
             self.camera_from_world * DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
         let scale = self.look.scales(splat);
         let (depth, opacity, distance2) = match self.method {
-            Method::Projected(_) => (m.z, opacity, self.projected(m, axes, scale)?),
-            Method::Exact(exact) => {
+            RenderMethod::Projected(_) => (m.z, opacity, self.projected(m, axes, scale)?),
+            RenderMethod::Exact(exact) => {
                 let (opacity, distance2) = self.exact(exact, m, axes, scale, opacity)?;
                 (m.length(), opacity, distance2)
             }
@@ -141,7 +153,7 @@ impl Eye {
     /// Opacity and squared distance of the ray (`rendering.md`, Exact renderer).
     fn exact(
         &self,
-        exact: Exact,
+        exact: ExactOptions,
         m: DVec3,
         axes: DMat3,
         scale: DVec3,
@@ -160,6 +172,7 @@ impl Eye {
         };
         let p = axes.transpose_mul_vec3(m) / widened;
         let g = axes.transpose_mul_vec3(self.ray) / widened;
+        // Behind the camera the largest response on the ray is at the camera itself.
         let is_ahead = exact.response == Response::Line || g.dot(p) >= 0.0;
         let distance2 = if is_ahead {
             g.cross(p).length_squared() / g.length_squared()
@@ -184,8 +197,8 @@ mod tests {
         Splat { mean: [x, 0.0, z], opacity, color: [1.0; 3], scale: [0.2; 3], ..Splat::default() }
     }
 
-    fn exact(lens: Lens, antialias: Antialias) -> Method {
-        Method::Exact(Exact { response: Response::Ray, antialias, lens })
+    fn exact(lens: Lens, antialias: Antialias) -> RenderMethod {
+        RenderMethod::Exact(ExactOptions { response: Response::Ray, antialias, lens })
     }
 
     #[test]
@@ -193,7 +206,9 @@ mod tests {
         let splats =
             [ball(0.0, 5.0, 0.9), ball(0.0, 3.0, 0.3), Splat::default(), ball(1.0, 3.0, 0.9)];
         let centre = DVec2::new(32.0, 24.0);
-        for method in [Method::PROJECTED, Method::EXACT, exact(Lens::Fisheye, Antialias::None)] {
+        for method in
+            [RenderMethod::PROJECTED, RenderMethod::EXACT, exact(Lens::Fisheye, Antialias::None)]
+        {
             let options = RenderOptions::evaluation(method, [0.0; 3]);
             let pick_at = |at| pick(&splats, &camera(), at, &options);
             let found = pick_at(centre).unwrap();
@@ -202,7 +217,7 @@ mod tests {
             let seen = method.lens().project(&camera().intrinsics, DVec3::new(1.0, 0.0, 3.0));
             assert_eq!(pick_at(seen.unwrap()).unwrap().index, 3);
             assert_eq!(pick_at(DVec2::new(1.0, 1.0)), None);
-            let look = Look { opacity_cut: 0.5, ..Look::PLAIN };
+            let look = SplatStyle { opacity_cut: 0.5, ..SplatStyle::PLAIN };
             let cut = RenderOptions { look, ..options };
             assert!((pick(&splats, &camera(), centre, &cut).unwrap().weight - 0.9).abs() < 1e-6);
         }
@@ -214,7 +229,7 @@ mod tests {
         let q = DQuat::from_euler(glam::EulerRot::XYZ, 0.4, -0.7, 1.1);
         let rotation = [q.w, q.x, q.y, q.z].map(|v| v as f32);
         let splat = Splat { scale: [0.5, 0.1, 0.02], rotation, ..ball(0.7, 2.0, 0.8) };
-        let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let image = CpuRenderer::new().render(&[splat], &camera(), &options);
         for (x, y) in [(50, 24), (56, 20), (44, 28), (54, 26)] {
             let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
@@ -234,7 +249,7 @@ mod tests {
             ball(f32::NAN, 3.0, 0.9),
             ball(0.0, 3.0, 0.001),
         ];
-        for method in [Method::PROJECTED, Method::EXACT] {
+        for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
             let options = RenderOptions::evaluation(method, [0.0; 3]);
             assert_eq!(pick(&hidden, &camera(), DVec2::new(32.0, 24.0), &options), None);
         }

@@ -13,7 +13,7 @@ use vbgs_studio::app::color_mode::ColorMode;
 use vbgs_studio::app::drawing::Drawer;
 use vbgs_studio::app::state::{Inspected, RunState, Subject};
 use vbgs_studio::app::{Leave, Painting, Studio};
-use vbgs_studio::export::{Format, WriteOptions};
+use vbgs_studio::export::{ModelFormat, WriteOptions};
 use vbgs_studio::model::splat::splats::Splat;
 
 /// Middle of the viewport.
@@ -103,7 +103,7 @@ fn a_splat_of_a_file_is_picked_where_it_is_and_nothing_beside_it() {
         ..Splat::default()
     };
     let splats = [splat(-3.0), splat(0.0), splat(3.0)];
-    vbgs_studio::export::write(&file, &splats, &WriteOptions::new(Format::Ply)).unwrap();
+    vbgs_studio::export::write(&file, &splats, &WriteOptions::new(ModelFormat::Ply)).unwrap();
     let Some(mut window) = window(Some(Subject::Path(file)), Painting::Auto) else { return };
     wait(&mut window, "splats", |s| s.n_drawn() == 3);
     click_at(&mut window, MIDDLE);

@@ -15,4 +15,5 @@ mod scene;
 mod states;
 mod switching;
 mod viewer;
+#[cfg(feature = "cli")]
 mod window;

@@ -13,7 +13,7 @@ use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::dataset::{self, LoadOptions};
-use vbgs_studio::export::{Format, WriteOptions};
+use vbgs_studio::export::{ModelFormat, WriteOptions};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::Session;
@@ -56,7 +56,7 @@ fn subjects(folder: &Path) -> Vec<(Subject, usize)> {
     let kitchen = one_split(folder);
     let model = folder.join("model.ply");
     let splat = Splat { opacity: 0.9, scale: [0.2; 3], ..Splat::default() };
-    vbgs_studio::export::write(&model, &[splat], &WriteOptions::new(Format::Ply)).unwrap();
+    vbgs_studio::export::write(&model, &[splat], &WriteOptions::new(ModelFormat::Ply)).unwrap();
     let run = folder.join("run.vbgs");
     let opened = Arc::new(dataset::open(&room, &LoadOptions::default()).unwrap());
     let mut session =

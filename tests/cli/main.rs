@@ -1,4 +1,5 @@
 //! The command line as a user meets it: the real binary in a scratch folder.
+#![cfg(all(feature = "cli", feature = "bench"))]
 #![allow(clippy::unwrap_used)]
 
 mod bad_input;

@@ -3,7 +3,7 @@
 
 use super::runner::Scratch;
 use std::fs;
-use vbgs_studio::export::{Format, ModelKind, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, ModelKind, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splat::splats::Splat;
 
@@ -83,7 +83,7 @@ fn view_dependent_colour_passes_through() {
     let directional = [[0.5, -0.25, 0.0], [0.0, 0.125, 0.75], [-0.5, 0.0, 0.25]];
     let mut splats = SplatSet::default();
     splats.push(splat, Appearance { directional, ..Appearance::default() });
-    write(&scratch.path("a.ply"), &splats, &WriteOptions::new(Format::Ply)).unwrap();
+    write(&scratch.path("a.ply"), &splats, &WriteOptions::new(ModelFormat::Ply)).unwrap();
     for (from, to) in [("a.ply", "b.glb"), ("b.glb", "c.ply")] {
         scratch.run(&format!("export {from} -o {to}")).succeeds();
         let model = scratch.model(to);

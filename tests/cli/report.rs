@@ -2,7 +2,7 @@
 
 use super::runner::Scratch;
 use serde_json::Value;
-use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::splats::Splat;
 
 /// Every field of `report.json` with one evaluated split; the names of the product's contract and
@@ -318,7 +318,7 @@ fn what_cannot_be_measured_is_null() {
         rotation: [1.0, 0.0, 0.0, 0.0],
         ..Splat::default()
     };
-    write(&scratch.path("far.ply"), &[far], &WriteOptions::new(Format::Ply)).unwrap();
+    write(&scratch.path("far.ply"), &[far], &WriteOptions::new(ModelFormat::Ply)).unwrap();
     let eval = scratch.run("eval far.ply room --json").succeeds().json();
     let (total, view) = (&eval["eval"][0], &eval["views"][0]);
     assert!(total["psnr_covered_mean"].is_null() && total["depth_mae_mean"].is_null(), "{eval}");

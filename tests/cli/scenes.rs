@@ -81,7 +81,9 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
         ("--scale 3px", &["--scale: expected 2.5px", "out/checkpoint.vbgs", "found 3px"][..]),
         ("--config other.ron", &["--scale: expected 2.5px", "found 4px"]),
         ("--births lattice", &["--births: expected seeds", "found lattice"]),
-        ("--budget 5MB", &["--budget: expected no such option", "found 5MB"]),
+        ("--budget 5MB", &["--budget: expected 2000000", "found 5MB"]),
+        ("--visibility returned", &["--visibility: expected projected", "found returned"]),
+        ("--without closing", &["--with or --without crack-filling: expected true"]),
         ("--without refine", &["--with or --without refine: expected true", "found false"]),
         ("--precision f64", &["--precision: expected mixed", "found f64"]),
         ("--preset paper", &["--preset: expected scene", "found paper"]),
@@ -93,7 +95,7 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
         scratch.run(&run).fails(2, parts);
     }
     assert!(scratch.bytes("out/checkpoint.vbgs") == before);
-    let repeated = "--preset scene --scale 2.5px --births seeds --with refine --precision mixed";
+    let repeated = "--preset scene --scale 2.5px --births seeds --with refine,closing --precision mixed --budget 2000000";
     scratch.run(&format!("train room --out on --resume out/checkpoint.vbgs {repeated}")).succeeds();
 }
 

@@ -2,6 +2,9 @@
 
 use super::runner::Scratch;
 use std::fs;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::train::paper::config::PaperOverrides;
+use vbgs_studio::train::setting::table::{About, SettingLayer, Spelling};
 
 fn config_of(scratch: &Scratch, options: &str) -> serde_json::Value {
     scratch
@@ -91,4 +94,74 @@ fn the_kinects_calibration_is_taken_unless_another_is_given() {
     assert_eq!(focal(), None);
     let run = scratch.run("train room --out out --preset paper --components 500").succeeds();
     assert!(!run.stderr.contains(note), "{}", run.stderr);
+}
+
+fn scene_config_of(scratch: &Scratch, options: &str) -> serde_json::Value {
+    scratch.run(&format!("train room --out out --max-frames 1 {options}")).succeeds();
+    scratch.json("out/report.json")["config"].clone()
+}
+
+#[test]
+fn names_of_older_versions_are_understood() {
+    let scratch = Scratch::with_room();
+    fs::write(scratch.path("old.ron"), "(looks: returned, closing: false)").unwrap();
+    fs::write(scratch.path("new.ron"), "(visibility: returned, crack_filling: false)").unwrap();
+    let new = scene_config_of(&scratch, "--visibility returned --without crack-filling");
+    assert_eq!((&new["looks"], &new["native"]["closing"]), (&"returned".into(), &1.0.into()));
+    for options in ["--looks returned --without closing", "--config old.ron", "--config new.ron"] {
+        assert_eq!(scene_config_of(&scratch, options), new, "{options}");
+    }
+    let both = "(looks: returned, visibility: returned)";
+    fs::write(scratch.path("both.ron"), both).unwrap();
+    scratch.run("train room --out no --config both.ron").fails(1, &["both.ron", "visibility"]);
+}
+
+#[test]
+fn a_preset_is_a_file_by_its_name() {
+    let scratch = Scratch::with_room();
+    let plain = scene_config_of(&scratch, "");
+    let mut named = scene_config_of(&scratch, "--config scene");
+    assert_eq!(named["budget"], "2000000");
+    named["budget"] = plain["budget"].clone();
+    assert_eq!(named, plain);
+    assert_eq!(config_of(&scratch, "--config paper"), config_of(&scratch, ""));
+    fs::write(scratch.path("paper"), "(seed: 7)").unwrap();
+    assert_eq!(config_of(&scratch, "--config paper --components 500")["seed"], 7, "a file wins");
+}
+
+#[test]
+fn options_of_the_other_preset_are_wrong_usage() {
+    let scratch = Scratch::with_room();
+    for (options, option, preset) in [
+        ("--components 5", "--components", "--preset paper"),
+        ("--conversion right", "--conversion", "--preset paper"),
+        ("--preset paper --budget 5", "--budget", "--preset scene"),
+        ("--preset paper --without align", "--with or --without align", "--preset scene"),
+    ] {
+        let run = scratch.run(&format!("train room --out out {options}"));
+        run.fails(2, &[&format!("{option}: expected {preset} beside it")]);
+    }
+}
+
+#[test]
+fn help_lists_every_setting_with_its_default() {
+    let scratch = Scratch::empty();
+    let help = scratch.run("train --help").succeeds().stdout;
+    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
+    let abouts = |abouts: &mut dyn Iterator<Item = &About>| {
+        for about in abouts {
+            let listed = match about.spelling {
+                Spelling::Option(option, value) => format!("{option} <{value}>"),
+                Spelling::Part(part) => format!("{part}: {}", about.help()),
+                Spelling::File => continue,
+            };
+            assert!(help.contains(&listed), "`{listed}` is missing in {help}");
+            assert!(help.contains(about.help()), "{}", about.field);
+        }
+    };
+    abouts(&mut SceneOverrides::TABLE.iter().map(|setting| &setting.about).filter(|about| {
+        // The paper's help stands where both presets have the option.
+        PaperOverrides::TABLE.iter().all(|other| other.about.key() != about.key())
+    }));
+    abouts(&mut PaperOverrides::TABLE.iter().map(|setting| &setting.about));
 }

@@ -12,7 +12,8 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, Lens, Method, RenderOptions, Response,
+    ALPHA_CAP, ALPHA_CUT, Antialias, ExactOptions, FOOTPRINT_PX2, Lens, RenderMethod,
+    RenderOptions, Response,
 };
 
 /// Splats in all.
@@ -157,10 +158,10 @@ impl Case {
         Ray { alpha, is_integrated: integral.is_some() }
     }
 
-    fn settings(&self) -> Exact {
+    fn settings(&self) -> ExactOptions {
         match self.options.method {
-            Method::Exact(settings) => settings,
-            Method::Projected(_) => unreachable!("every case is one of the exact renderer"),
+            RenderMethod::Exact(settings) => settings,
+            RenderMethod::Projected(_) => unreachable!("every case is one of the exact renderer"),
         }
     }
 

@@ -6,7 +6,7 @@ use glam::{DMat4, DQuat, DVec3};
 use serde_json::Value;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response, Support};
+use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response, Support};
 
 /// One scene seen by one renderer.
 pub struct GoldenView {
@@ -63,10 +63,10 @@ fn view(case: &Value, variant: &'static str) -> Option<GoldenView> {
     })
 }
 
-fn method(variant: &str, lens: Lens) -> Method {
+fn method(variant: &str, lens: Lens) -> RenderMethod {
     match variant {
-        "projected" => Method::Projected(Support::Alpha),
-        "projected_tile3s" => Method::Projected(Support::Tile3Sigma),
+        "projected" => RenderMethod::Projected(Support::Alpha),
+        "projected_tile3s" => RenderMethod::Projected(Support::Tile3Sigma),
         "exact" => exact(Response::Ray, Antialias::None, lens),
         "exact_line" => exact(Response::Line, Antialias::None, lens),
         "exact_ref" => exact(Response::Line, Antialias::Reference, lens),

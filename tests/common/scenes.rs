@@ -6,7 +6,9 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::Appearance;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{Antialias, Exact, Lens, Method, RenderOptions, Response, Support};
+use vbgs_studio::render::{
+    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Response, Support,
+};
 
 /// A random scene around the origin: centres in a cube of twice `radius`, standard deviations even
 /// in their logarithm.
@@ -104,9 +106,9 @@ pub fn random_appearance(splats: &[Splat], seed: u64) -> Vec<Appearance> {
 }
 
 /// Every renderer with every setting that changes its formulas.
-pub const METHODS: [Method; 8] = [
-    Method::Projected(Support::Alpha),
-    Method::Projected(Support::Tile3Sigma),
+pub const METHODS: [RenderMethod; 8] = [
+    RenderMethod::Projected(Support::Alpha),
+    RenderMethod::Projected(Support::Tile3Sigma),
     exact(Response::Ray, Antialias::Footprint, Lens::Pinhole),
     exact(Response::Ray, Antialias::None, Lens::Pinhole),
     exact(Response::Line, Antialias::None, Lens::Pinhole),
@@ -116,8 +118,8 @@ pub const METHODS: [Method; 8] = [
 ];
 
 /// The exact renderer with its settings.
-pub const fn exact(response: Response, antialias: Antialias, lens: Lens) -> Method {
-    Method::Exact(Exact { response, antialias, lens })
+pub const fn exact(response: Response, antialias: Antialias, lens: Lens) -> RenderMethod {
+    RenderMethod::Exact(ExactOptions { response, antialias, lens })
 }
 
 /// Neither side is a multiple of a tile, and the principal point is off centre.
@@ -130,7 +132,7 @@ pub fn camera() -> Camera {
 }
 
 /// The same camera through the method's lens; the fisheye sees 190° from among the splats.
-pub fn camera_of(method: Method) -> Camera {
+pub fn camera_of(method: RenderMethod) -> Camera {
     let mut camera = camera();
     if method.lens() == Lens::Fisheye {
         let k = &mut camera.intrinsics;
@@ -142,6 +144,6 @@ pub fn camera_of(method: Method) -> Camera {
     camera
 }
 
-pub fn options(method: Method) -> RenderOptions {
+pub fn options(method: RenderMethod) -> RenderOptions {
     RenderOptions::evaluation(method, [0.1, 0.5, 0.9])
 }

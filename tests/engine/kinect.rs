@@ -5,12 +5,13 @@
 use crate::common::shared;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
+use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::report::{EvalReport, Summary};
-use vbgs_studio::eval::views::{EvalOptions, GroundTruth, evaluate};
+use vbgs_studio::eval::views::{EvalOptions, evaluate};
 use vbgs_studio::model::conjugate::posterior::Conversion;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::PaperConfig;
 
 fn quality(session: &Session, scale_factor: f64) -> EvalReport {
@@ -18,7 +19,7 @@ fn quality(session: &Session, scale_factor: f64) -> EvalReport {
     let learner = session.learner();
     let splat = |k| conversion.splat(&learner.posterior(k), session.normalization());
     let splats: Vec<_> = (0..learner.components()).map(splat).collect();
-    let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let options = EvalOptions::plain(GroundTruth::Composited, render);
     let dataset = session.dataset();
     let split = dataset.split_named("eval").unwrap();

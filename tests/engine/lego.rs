@@ -10,10 +10,11 @@ use std::fs::File;
 use std::io::BufReader;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
+use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::metrics::psnr;
 use vbgs_studio::eval::report::Summary;
-use vbgs_studio::eval::views::{GroundTruth, ground_truth};
-use vbgs_studio::export::{self, Format, WriteOptions};
+use vbgs_studio::eval::views::ground_truth;
+use vbgs_studio::export::{self, ModelFormat, WriteOptions};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::model::conjugate::posterior::Conversion;
@@ -21,7 +22,7 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Distance from a published figure that differing initial draws may cause, dB.
@@ -102,7 +103,7 @@ fn converted(session: &Session, conversion: Conversion) -> Vec<Splat> {
 
 /// Mean PSNR over the views against either ground truth, dB.
 fn measure(splats: &[Splat], views: &[View]) -> [f64; 2] {
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let mut renderer = CpuRenderer::new();
     let mut sums = [0.0; 2];
     for view in views {
@@ -247,7 +248,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     let splats = session.splats();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
-    let summary = export::write(&path, &splats, &WriteOptions::new(Format::Ply)).unwrap();
+    let summary = export::write(&path, &splats, &WriteOptions::new(ModelFormat::Ply)).unwrap();
     assert_eq!(summary.n_written, session.learner().used());
 
     let mut file = BufReader::new(File::open(&path).unwrap());
@@ -257,7 +258,7 @@ fn the_ply_reads_back_with_an_independent_reader() {
     let drawn = splats.iter().filter(|s| s.is_drawable());
     assert!(drawn.zip(&back).all(|(ours, theirs)| ours.mean == theirs.mean));
 
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     for view in &views(&dataset)[..3] {
         let picture =
             |splats: &[Splat]| CpuRenderer::new().render(splats, &view.camera, &options).color;

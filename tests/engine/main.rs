@@ -4,6 +4,7 @@
 
 mod allocations;
 mod attributes;
+#[cfg(feature = "bench")]
 mod benches;
 mod candidates;
 mod checkpoint;
@@ -12,5 +13,6 @@ mod common;
 mod inference;
 mod kinect;
 mod lego;
+#[cfg(feature = "bench")]
 mod stability;
 mod variants;

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 use vbgs_studio::export::atomic::{write_atomic, write_keeping_old};
-use vbgs_studio::export::{Fault, Format, WriteOptions, write};
+use vbgs_studio::export::{Fault, ModelFormat, WriteOptions, write};
 
 fn names(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(folder)
@@ -62,7 +62,7 @@ fn a_missing_folder_and_a_folder_as_target_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let splats = super::random_splats(1, 1);
     let missing = folder.path().join("no/such/scene.ply");
-    let options = WriteOptions::new(Format::Ply);
+    let options = WriteOptions::new(ModelFormat::Ply);
     let error = write(&missing, &splats, &options).unwrap_err();
     assert!(matches!(&error.fault, Fault::NoFolder { folder } if folder.ends_with("no/such")));
     assert!(error.to_string().contains("scene.ply: the folder"), "{error}");

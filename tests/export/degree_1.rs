@@ -9,14 +9,14 @@ use glam::{DQuat, DVec2, DVec3};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 use serde_json::json;
-use vbgs_studio::export::{Axes, Format, WriteOptions};
+use vbgs_studio::export::{Axes, ModelFormat, WriteOptions};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// Splats whose colour depends on the direction, without gradients. No opacity is below a half, so
 /// that each shows.
@@ -69,7 +69,7 @@ fn shown(splats: &SplatSet, i: usize, eye: DVec3) -> DVec3 {
         intrinsics: Intrinsics::from_horizontal_fov(64, 64, 0.5),
         pose: Pose::look_at(eye, mean, up).unwrap(),
     };
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let [r, g, b, alpha] = Oracle::of(&alone, &camera, &options).at(DVec2::splat(32.0)).rgba;
     DVec3::new(r, g, b) / alpha
 }
@@ -104,7 +104,7 @@ fn assert_same_colors(
 fn ply_coefficients_mean_what_the_renderer_shows() {
     let splats = directed(40, 61);
     for (axes, sh3_padding) in [(Axes::AsIs, false), (Axes::AsIs, true), (Axes::Viewer, false)] {
-        let options = WriteOptions { axes, sh3_padding, ..WriteOptions::new(Format::Ply) };
+        let options = WriteOptions { axes, sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
         let bytes = written(&splats, &options);
         assert_same_colors(&splats, &harmonics(&bytes), |v| match axes {
             Axes::AsIs => v,
@@ -116,7 +116,7 @@ fn ply_coefficients_mean_what_the_renderer_shows() {
 #[test]
 fn glb_coefficients_mean_what_the_renderer_shows() {
     let splats = directed(40, 62);
-    let glb = Glb::parse(&written_as(Format::Glb, &splats));
+    let glb = Glb::parse(&written_as(ModelFormat::Glb, &splats));
     let rows = |name: &str| -> Vec<[f32; 3]> {
         let rows = glb.floats(name).into_iter();
         rows.map(|row| row.try_into().unwrap()).collect()
@@ -133,7 +133,7 @@ fn glb_coefficients_mean_what_the_renderer_shows() {
 fn files_without_degree_1_do_not_mention_it() {
     let splats = random_splats(3, 63);
     let zeros = set(&splats, &[Appearance::default(); 3]);
-    for format in [Format::Ply, Format::Glb] {
+    for format in [ModelFormat::Ply, ModelFormat::Glb] {
         let bytes = written_as(format, &zeros);
         assert!(bytes == written_as(format, &splats));
         let text = String::from_utf8_lossy(&bytes);
@@ -149,11 +149,13 @@ fn appearance_comes_back_and_looks_the_same() {
         pose: Pose::look_at(DVec3::new(60.0, -90.0, 40.0), DVec3::ZERO, DVec3::Z).unwrap(),
     };
     camera.intrinsics.cx += 3.5;
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.2; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.2; 3]);
     let draw = |set: &SplatSet| CpuRenderer::new().render(set, &camera, &options).color;
     let original = draw(&splats);
     assert!(original.data.iter().filter(|c| distance(**c, [0.2; 3]) > 0.1).count() > 1000);
-    for (format, sh3_padding) in [(Format::Ply, false), (Format::Ply, true), (Format::Glb, false)] {
+    for (format, sh3_padding) in
+        [(ModelFormat::Ply, false), (ModelFormat::Ply, true), (ModelFormat::Glb, false)]
+    {
         let written = written(&splats, &WriteOptions { sh3_padding, ..WriteOptions::new(format) });
         let back = read_bytes(&written).unwrap().splats;
         for (a, b) in splats.view().appearance().iter().zip(back.view().appearance()) {
@@ -177,13 +179,13 @@ fn constant_terms_outside_0_to_1_survive() {
     let splat = Splat { opacity: 0.9, color: [-0.4, 1.7, 0.5], ..Splat::default() };
     let directional = [[0.8, 0.0, 0.0], [0.0, -0.9, 0.0], [0.0; 3]];
     let native = set(&[splat], &[Appearance { directional, ..Appearance::default() }]);
-    for format in [Format::Ply, Format::Glb] {
+    for format in [ModelFormat::Ply, ModelFormat::Glb] {
         let model = read_bytes(&written_as(format, &native)).unwrap();
         assert!(distance(model.splats[0].color, splat.color) < 1e-6, "{format}");
         assert_eq!(model.notes, [], "{format}");
     }
     // What viewers without the extension draw is a colour.
-    let glb = Glb::parse(&written_as(Format::Glb, &native));
+    let glb = Glb::parse(&written_as(ModelFormat::Glb, &native));
     let at = glb.clone().view("COLOR_0")["byteOffset"].as_u64().unwrap() as usize;
     let channel = |i: usize| u16::from_le_bytes([glb.bin[at + 2 * i], glb.bin[at + 2 * i + 1]]);
     assert_eq!((channel(0), channel(1)), (0, u16::MAX));
@@ -196,8 +198,10 @@ fn points_have_the_colour_seen_from_the_nearest_camera() {
     let native = set(&[splat], &[Appearance { directional, ..Appearance::default() }]);
     let centres = [DVec3::new(0.0, 9.0, 0.0), DVec3::new(-3.0, 0.0, 0.0)];
     let color = |centres: &[DVec3]| {
-        let options =
-            WriteOptions { camera_centres: centres, ..WriteOptions::new(Format::PointCloudPly) };
+        let options = WriteOptions {
+            camera_centres: centres,
+            ..WriteOptions::new(ModelFormat::PointCloudPly)
+        };
         read_bytes(&written(&native, &options)).unwrap().splats[0].color
     };
     assert!(distance(color(&[]), [0.5; 3]) < 0.003);
@@ -211,7 +215,7 @@ fn points_have_the_colour_seen_from_the_nearest_camera() {
 #[test]
 fn nodes_turn_the_colour_along() {
     let splats = directed(20, 65);
-    let mut glb = Glb::parse(&written_as(Format::Glb, &splats));
+    let mut glb = Glb::parse(&written_as(ModelFormat::Glb, &splats));
     let turn = DQuat::from_xyzw(0.2, -0.5, 0.3, 0.7).normalize();
     glb.json["nodes"][0] =
         json!({"mesh": 0, "rotation": turn.to_array(), "scale": [2.0, 3.0, 0.5]});
@@ -232,12 +236,12 @@ fn nodes_turn_the_colour_along() {
 #[test]
 fn coefficients_that_are_no_numbers_leave_their_rows_out() {
     let splats = directed(3, 66);
-    let mut ply = written_as(Format::Ply, &splats);
+    let mut ply = written_as(ModelFormat::Ply, &splats);
     let row = 4 * 26;
     // The first coefficient of degree 1 of the second splat stands behind nine other numbers.
     let at = ply.len() - 2 * row + 4 * 9;
     ply[at..at + 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    let mut glb = Glb::parse(&written_as(Format::Glb, &splats));
+    let mut glb = Glb::parse(&written_as(ModelFormat::Glb, &splats));
     let view = glb.view("KHR_gaussian_splatting:SH_DEGREE_1_COEF_2");
     let at = view["byteOffset"].as_u64().unwrap() as usize + 16;
     glb.bin[at..at + 4].copy_from_slice(&f32::INFINITY.to_le_bytes());

@@ -2,10 +2,10 @@
 
 use super::glb_file::Glb;
 use super::{random_splats, written, written_as};
-use vbgs_studio::export::{Format, WriteOptions};
+use vbgs_studio::export::{ModelFormat, WriteOptions};
 
 fn sample(n: usize) -> Glb {
-    Glb::parse(&written_as(Format::Glb, &random_splats(n, 21)))
+    Glb::parse(&written_as(ModelFormat::Glb, &random_splats(n, 21)))
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn the_fallback_colour_is_linear_and_16_bits_wide() {
     let mut splat = random_splats(1, 22)[0];
     splat.color = [0.5, 0.02, 1.0];
     splat.opacity = 0.5;
-    let mut glb = Glb::parse(&written_as(Format::Glb, &[splat]));
+    let mut glb = Glb::parse(&written_as(ModelFormat::Glb, &[splat]));
     assert_eq!(glb.accessor("COLOR_0")["normalized"], true);
     let start = glb.view("COLOR_0")["byteOffset"].as_u64().unwrap() as usize;
     let values: Vec<u16> =
@@ -87,7 +87,7 @@ fn the_fallback_colour_is_linear_and_16_bits_wide() {
 fn units_and_comments_are_said_only_when_asked() {
     let comments = ["vbgs legacy-cov".to_owned()];
     let options =
-        WriteOptions { metric: true, comments: &comments, ..WriteOptions::new(Format::Glb) };
+        WriteOptions { metric: true, comments: &comments, ..WriteOptions::new(ModelFormat::Glb) };
     let glb = Glb::parse(&written(&random_splats(1, 23), &options));
     let expected = serde_json::json!({"units": "metres", "comments": ["vbgs legacy-cov"]});
     assert_eq!(glb.json["asset"]["extras"], expected);

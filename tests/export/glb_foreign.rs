@@ -6,7 +6,7 @@ use super::round_trip::assert_same;
 use super::{assert_fails, distance, random_splats, read_bytes, written_as};
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
-use vbgs_studio::export::{Format, ModelKind, Note, read};
+use vbgs_studio::export::{ModelFormat, ModelKind, Note, read};
 use vbgs_studio::model::splat::splats::Splat;
 
 const ROTATION: &str = "KHR_gaussian_splatting:ROTATION";
@@ -16,7 +16,7 @@ const SH_0: &str = "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0";
 
 fn sample(n: usize) -> (Vec<Splat>, Glb) {
     let splats = random_splats(n, 31);
-    let glb = Glb::parse(&written_as(Format::Glb, &splats));
+    let glb = Glb::parse(&written_as(ModelFormat::Glb, &splats));
     (splats, glb)
 }
 

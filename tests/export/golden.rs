@@ -4,7 +4,7 @@ use super::{golden, written};
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
 use std::path::Path;
-use vbgs_studio::export::{Axes, Format, WriteOptions, read};
+use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, read};
 use vbgs_studio::math::sym3::Sym3;
 use vbgs_studio::model::splat::splats::{CovarianceForm, Splat, decompose};
 
@@ -173,7 +173,7 @@ fn ply_files_of_two_splats() {
     {
         let golden = std::fs::read(golden(name).unwrap()).unwrap();
         assert_eq!(golden.len() as u64, cases["files"][name]["bytes"].as_u64().unwrap());
-        let options = WriteOptions { sh3_padding, ..WriteOptions::new(Format::Ply) };
+        let options = WriteOptions { sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
         let ours = written(&splats(&cases), &options);
         let header = golden.len() - 2 * row_floats * 4;
         assert_eq!(ours[..header], golden[..header], "{name}: header");
@@ -187,7 +187,7 @@ fn ply_files_of_two_splats() {
 fn glb_file_of_two_splats() {
     let Some(cases) = cases() else { return };
     let golden = std::fs::read(golden("two_splats.glb").unwrap()).unwrap();
-    let ours = written(&splats(&cases), &WriteOptions::new(Format::Glb));
+    let ours = written(&splats(&cases), &WriteOptions::new(ModelFormat::Glb));
     let (ours, golden) = (super::glb_file::Glb::parse(&ours), super::glb_file::Glb::parse(&golden));
     let mut json = ours.json.clone();
     assert!(json["asset"]["generator"].as_str().unwrap().starts_with("vbgs-studio "));
@@ -216,7 +216,7 @@ fn golden_files_read_back_as_the_golden_splats() {
 fn axis_changes_move_covariances_as_a_sigma_a_transposed() {
     let Some(cases) = cases() else { return };
     let splats = super::random_splats(20, 5);
-    let options = WriteOptions { axes: Axes::Viewer, ..WriteOptions::new(Format::Ply) };
+    let options = WriteOptions { axes: Axes::Viewer, ..WriteOptions::new(ModelFormat::Ply) };
     let ply = super::read_bytes(&written(&splats, &options)).unwrap();
     let a = DMat3::from_cols_slice(&numbers(&cases["zup_to_ply_ydown"]["matrix"])).transpose();
     for (before, after) in splats.iter().zip(ply.splats.iter()) {
@@ -225,7 +225,7 @@ fn axis_changes_move_covariances_as_a_sigma_a_transposed() {
         assert_turned(a, before.covariance(), after.covariance());
     }
     // GLB is turned back on import, so the file itself is looked at.
-    let bytes = written(&splats, &WriteOptions::new(Format::Glb));
+    let bytes = written(&splats, &WriteOptions::new(ModelFormat::Glb));
     let a = DMat3::from_cols_slice(&numbers(&cases["zup_to_yup"]["matrix"])).transpose();
     let raw = super::glb_file::Glb::parse(&bytes).splats();
     for (before, after) in splats.iter().zip(&raw) {

@@ -5,15 +5,15 @@ use super::glb_file::Glb;
 use super::{assert_fails, random_splats, set, written, written_as};
 use crate::common::scenes::random_appearance;
 use std::path::Path;
-use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read};
+use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read};
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Small files of every kind that can be read.
 fn files() -> Vec<(&'static str, Vec<u8>)> {
     let splats = random_splats(2, 41);
     let native = set(&splats, &random_appearance(&splats, 41));
-    let padded = WriteOptions { sh3_padding: true, ..WriteOptions::new(Format::Ply) };
-    let glb = written_as(Format::Glb, &splats);
+    let padded = WriteOptions { sh3_padding: true, ..WriteOptions::new(ModelFormat::Ply) };
+    let glb = written_as(ModelFormat::Glb, &splats);
     let mut gltf = Glb::parse(&glb);
     gltf.json["buffers"][0]["uri"] = format!("data:;base64,{}", "AAAA".repeat(43)).into();
     let text = "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int i\nelement vertex 2\n\
@@ -21,14 +21,14 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
                 property uchar green\nproperty uchar blue\nend_header\n3 0 1 2\n\
                 1 2 3 4 5 6\n-1e-3 2 3 4 5 6\n";
     vec![
-        ("ply", written_as(Format::Ply, &splats)),
-        ("ply sh1", written_as(Format::Ply, &native)),
+        ("ply", written_as(ModelFormat::Ply, &splats)),
+        ("ply sh1", written_as(ModelFormat::Ply, &native)),
         ("ply sh3", written(&native, &padded)),
-        ("point cloud", written_as(Format::PointCloudPly, &splats)),
+        ("point cloud", written_as(ModelFormat::PointCloudPly, &splats)),
         ("ascii", text.as_bytes().to_vec()),
         ("ascii big", text.replace("ascii", "binary_big_endian").into_bytes()),
         ("glb", glb),
-        ("glb sh1", written_as(Format::Glb, &native)),
+        ("glb sh1", written_as(ModelFormat::Glb, &native)),
         ("gltf", gltf.json.to_string().into_bytes()),
     ]
 }

@@ -18,7 +18,7 @@ mod ply_foreign;
 mod round_trip;
 
 use std::path::PathBuf;
-use vbgs_studio::export::{ExportError, Format, Imported, WriteOptions, read, write};
+use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read, write};
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
@@ -46,7 +46,7 @@ fn written<'a>(splats: impl Into<SplatView<'a>>, options: &WriteOptions) -> Vec<
     bytes
 }
 
-fn written_as<'a>(format: Format, splats: impl Into<SplatView<'a>>) -> Vec<u8> {
+fn written_as<'a>(format: ModelFormat, splats: impl Into<SplatView<'a>>) -> Vec<u8> {
     written(splats, &WriteOptions::new(format))
 }
 

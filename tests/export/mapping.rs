@@ -4,17 +4,17 @@
 use super::{distance, read_bytes, set, written};
 use crate::common::scenes::{NATIVE_SCENES, Scene, random_appearance};
 use glam::{DMat3, DQuat, DVec3};
-use vbgs_studio::export::mapping::{Mapping, OpacityMapping, Split, is_plain, to_plain};
-use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::export::mapping::{GradientSplit, Mapping, OpacityMapping, is_plain, to_plain};
+use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-const SPLITS: [Split; 3] = [Split::One, Split::Two, Split::Four];
+const SPLITS: [GradientSplit; 3] = [GradientSplit::One, GradientSplit::Two, GradientSplit::Four];
 const OPACITIES: [OpacityMapping; 2] = [OpacityMapping::EqualArea, OpacityMapping::Clip];
 
 fn mappings() -> impl Iterator<Item = Mapping> {
@@ -48,7 +48,7 @@ fn what_plain_files_hold_passes_unchanged() {
     let directed = set(&splats, &directional);
     for view in [SplatView::from(&splats), directed.view()] {
         assert!(is_plain(view));
-        for format in [Format::Ply, Format::Glb] {
+        for format in [ModelFormat::Ply, ModelFormat::Glb] {
             let plain = written(view, &WriteOptions::new(format));
             for mapping in mappings() {
                 assert!(to_plain(view, mapping).is_none());
@@ -66,9 +66,9 @@ fn mapped_scenes_are_plain_and_keep_their_view_dependence() {
     for mapping in mappings() {
         let plain = to_plain(native.view(), mapping).unwrap();
         let n = match mapping.split {
-            Split::One => 1,
-            Split::Two => 2,
-            Split::Four => 4,
+            GradientSplit::One => 1,
+            GradientSplit::Two => 2,
+            GradientSplit::Four => 4,
         };
         assert_eq!(plain.len(), n * native.len());
         assert!(is_plain(plain.view()) && plain.iter().all(|s| s.is_drawable()));
@@ -92,7 +92,7 @@ fn covered_area(opacity: f64) -> f64 {
 #[test]
 fn equal_area_covers_what_the_flat_top_covered() {
     // Split splats are not widened further, so what is left is the factor of the flat top.
-    let mapping = Mapping { opacity: OpacityMapping::EqualArea, split: Split::Two };
+    let mapping = Mapping { opacity: OpacityMapping::EqualArea, split: GradientSplit::Two };
     let widened = |opacity: f32| {
         let splat = Splat { opacity, scale: [0.3, 0.2, 0.1], ..Splat::default() };
         let gradient = [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]];
@@ -117,7 +117,7 @@ fn single_splats_are_widened_as_measured() {
     for (opacity, factor) in
         [(OpacityMapping::EqualArea, 1.3 / 1.2), (OpacityMapping::Clip, 1.5 / 1.2)]
     {
-        let mapping = Mapping { opacity, split: Split::One };
+        let mapping = Mapping { opacity, split: GradientSplit::One };
         let plain = to_plain(native.view(), mapping).unwrap();
         for (a, b) in native.iter().zip(plain.iter()) {
             assert_eq!(a.mean, b.mean);
@@ -126,7 +126,7 @@ fn single_splats_are_widened_as_measured() {
         }
     }
     let opaque = Splat { opacity: 3.0, scale: [0.2; 3], ..Splat::default() };
-    let clipped = Mapping { opacity: OpacityMapping::Clip, split: Split::One };
+    let clipped = Mapping { opacity: OpacityMapping::Clip, split: GradientSplit::One };
     let plain = to_plain(SplatView::from(&[opaque]), clipped).unwrap();
     assert_eq!((plain[0].opacity, plain[0].scale), (0.99, [0.25; 3]));
 }
@@ -134,7 +134,7 @@ fn single_splats_are_widened_as_measured() {
 /// Pieces of equal weight together have the mean, covariance, colour and gradient of the whole.
 #[test]
 fn pieces_have_the_moments_of_the_whole() {
-    for (split, n) in [(Split::Two, 2), (Split::Four, 4)] {
+    for (split, n) in [(GradientSplit::Two, 2), (GradientSplit::Four, 4)] {
         let native = native((0.3, 0.9), 4);
         let plain = to_plain(native.view(), Mapping::of(split)).unwrap();
         let mut worst = [0f64; 4];
@@ -180,14 +180,14 @@ fn the_longest_axes_are_split() {
     let splat = Splat { opacity: 0.5, scale: [0.1, 0.001, 0.4], rotation, ..Splat::default() };
     let gradient = [[0.1, 0.0, 0.0], [0.0; 3], [0.0; 3]];
     let native = set(&[splat], &[Appearance { gradient, ..Appearance::default() }]);
-    let two = to_plain(native.view(), Mapping::of(Split::Two)).unwrap();
+    let two = to_plain(native.view(), Mapping::of(GradientSplit::Two)).unwrap();
     for (piece, sign) in two.iter().zip([-1.0, 1.0]) {
         let expected = q * DVec3::Z * (0.75 * 0.4 * sign);
         assert!((wide(piece.mean) - expected).length() < 1e-6, "{piece:?}");
         let shrunk = 0.4 * (1.0f32 - 0.75 * 0.75).sqrt();
         assert!(distance(piece.scale, [0.1, 0.001, shrunk]) < 1e-6);
     }
-    let four = to_plain(native.view(), Mapping::of(Split::Four)).unwrap();
+    let four = to_plain(native.view(), Mapping::of(GradientSplit::Four)).unwrap();
     for piece in four.iter() {
         let local = (q.inverse() * wide(piece.mean)).abs();
         assert!((local - DVec3::new(0.06, 0.0, 0.24)).length() < 1e-6, "{local}");
@@ -222,14 +222,14 @@ fn awkward_splats() {
     let expected: usize = cases.iter().map(|c| c.2).sum();
     let folder = tempfile::tempdir().unwrap();
     for opacity in OPACITIES {
-        let mapping = Mapping { opacity, split: Split::Four };
+        let mapping = Mapping { opacity, split: GradientSplit::Four };
         let plain = to_plain(native.view(), mapping).unwrap();
         assert_eq!(plain.len(), expected);
         for splat in plain.iter() {
             assert!(splat.is_drawable() && splat.opacity == 0.99, "{splat:?}");
             assert!(splat.color.iter().all(|c| (0.0..=1.0).contains(c)), "{splat:?}");
         }
-        for format in [Format::Ply, Format::Glb] {
+        for format in [ModelFormat::Ply, ModelFormat::Glb] {
             let path = folder.path().join(format.name());
             let options = WriteOptions { mapping, ..WriteOptions::new(format) };
             let summary = write(&path, &native, &options).unwrap();
@@ -244,9 +244,9 @@ fn awkward_splats() {
 fn point_clouds_are_not_mapped() {
     let native = native((0.5, 3.0), 5);
     let options = WriteOptions {
-        mapping: Mapping::of(Split::Four),
+        mapping: Mapping::of(GradientSplit::Four),
         confidence: Some(&vec![1.0; native.len()]),
-        ..WriteOptions::new(Format::PointCloudPly)
+        ..WriteOptions::new(ModelFormat::PointCloudPly)
     };
     let cloud = read_bytes(&written(&native, &options)).unwrap();
     assert_eq!(cloud.splats.len(), native.len());
@@ -293,7 +293,7 @@ fn mapped_scenes_look_like_native_ones() {
     let eye = DVec3::new(1.5, -2.0, 3.0);
     let pose = Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
     let camera = Camera { intrinsics: Intrinsics::from_horizontal_fov(160, 120, 0.4), pose };
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let draw = |view: SplatView| CpuRenderer::new().render(view, &camera, &options);
     let native = textured_plane();
     let reference = draw(native.view());

@@ -4,7 +4,7 @@ use super::{random_splats, read_bytes, written, written_as};
 use glam::DVec3;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
-use vbgs_studio::export::{Axes, Format, ModelKind, WriteOptions};
+use vbgs_studio::export::{Axes, ModelFormat, ModelKind, WriteOptions};
 use vbgs_studio::math::image::unit_to_byte;
 use vbgs_studio::model::splat::splats::Splat;
 
@@ -30,7 +30,7 @@ fn byte(vertex: &DefaultElement, name: &str) -> u8 {
 fn an_independent_reader_finds_every_splat() {
     let splats = random_splats(50, 11);
     for (sh3_padding, n_properties) in [(false, 17), (true, 62)] {
-        let options = WriteOptions { sh3_padding, ..WriteOptions::new(Format::Ply) };
+        let options = WriteOptions { sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
         let ply = parse(&written(&splats, &options));
         assert_eq!(ply.header.elements["vertex"].properties.len(), n_properties);
         let vertices = &ply.payload["vertex"];
@@ -60,7 +60,8 @@ fn an_independent_reader_finds_every_splat() {
 fn headers_keep_what_the_pickiest_readers_ask_for() {
     let splats = random_splats(3, 12);
     for axes in [Axes::AsIs, Axes::Viewer] {
-        let options = WriteOptions { axes, sh3_padding: true, ..WriteOptions::new(Format::Ply) };
+        let options =
+            WriteOptions { axes, sh3_padding: true, ..WriteOptions::new(ModelFormat::Ply) };
         let bytes = written(&splats, &options);
         let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
         let header = std::str::from_utf8(&bytes[..end]).unwrap();
@@ -88,7 +89,7 @@ fn point_clouds_hold_colour_normals_and_confidence() {
     let options = WriteOptions {
         camera_centres: &centres,
         confidence: Some(&[1.5, 99.0, 2.5, 1e6]),
-        ..WriteOptions::new(Format::PointCloudPly)
+        ..WriteOptions::new(ModelFormat::PointCloudPly)
     };
     let bytes = written(&splats, &options);
     let ply = parse(&bytes);
@@ -112,7 +113,7 @@ fn point_clouds_hold_colour_normals_and_confidence() {
 #[test]
 fn plain_point_clouds_come_back_with_position_and_colour() {
     let splats = random_splats(200, 13);
-    let bytes = written_as(Format::PointCloudPly, &splats);
+    let bytes = written_as(ModelFormat::PointCloudPly, &splats);
     let vertex = &parse(&bytes).payload["vertex"][0];
     assert_eq!(vertex.len(), 6);
     let model = read_bytes(&bytes).unwrap();
@@ -134,7 +135,7 @@ fn viewer_axes_turn_normals_along() {
     let options = WriteOptions {
         axes: Axes::Viewer,
         camera_centres: &[DVec3::new(1.0, 2.0, 9.0)],
-        ..WriteOptions::new(Format::PointCloudPly)
+        ..WriteOptions::new(ModelFormat::PointCloudPly)
     };
     let vertex = &parse(&written(&[splat], &options)).payload["vertex"][0];
     assert_eq!(["x", "y", "z"].map(|n| float(vertex, n)), [-1.0, -3.0, -2.0]);

@@ -1,7 +1,7 @@
 //! What is written comes back (`export.md`, From splat to file: mean exact, the rest to 1e-6).
 
 use super::{distance, random_splats, read_bytes, written};
-use vbgs_studio::export::{Axes, Format, ModelKind, Note, WriteOptions, read_up_to, write};
+use vbgs_studio::export::{Axes, ModelFormat, ModelKind, Note, WriteOptions, read_up_to, write};
 use vbgs_studio::model::splat::splats::Splat;
 
 /// The tolerances of a round trip.
@@ -18,7 +18,9 @@ pub fn assert_same(a: &Splat, b: &Splat, name: &str) {
 #[test]
 fn splats_come_back_from_every_splat_format() {
     let splats = random_splats(3000, 1);
-    for (format, sh3_padding) in [(Format::Ply, false), (Format::Ply, true), (Format::Glb, false)] {
+    for (format, sh3_padding) in
+        [(ModelFormat::Ply, false), (ModelFormat::Ply, true), (ModelFormat::Glb, false)]
+    {
         let options = WriteOptions { sh3_padding, ..WriteOptions::new(format) };
         let model = read_bytes(&written(&splats, &options)).unwrap();
         assert_eq!((model.kind, model.skipped), (ModelKind::Splats, 0));
@@ -36,7 +38,7 @@ fn splats_come_back_from_every_splat_format() {
 #[test]
 fn a_second_round_trip_changes_nothing() {
     let splats = random_splats(500, 2);
-    for format in [Format::Ply, Format::Glb] {
+    for format in [ModelFormat::Ply, ModelFormat::Glb] {
         let once = read_bytes(&super::written_as(format, &splats)).unwrap();
         let twice = read_bytes(&super::written_as(format, &once.splats)).unwrap();
         for (a, b) in once.splats.iter().zip(twice.splats.iter()) {
@@ -55,7 +57,7 @@ fn undrawable_splats_are_left_out_and_counted() {
     splats[6].rotation[3] = f32::NAN;
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model");
-    for format in Format::ALL {
+    for format in ModelFormat::ALL {
         let summary = write(&path, &splats, &WriteOptions::new(format)).unwrap();
         assert_eq!((summary.n_written, summary.n_skipped), (6, 4), "{format}");
         assert_eq!(read_up_to(&path, 6).unwrap().splats.len(), 6, "{format}");
@@ -69,7 +71,7 @@ fn an_empty_model_is_refused_and_no_file_appears() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.ply");
     for splats in [vec![], vec![Splat::default(); 3]] {
-        for format in Format::ALL {
+        for format in ModelFormat::ALL {
             let error = write(&path, &splats, &WriteOptions::new(format)).unwrap_err().to_string();
             assert!(error.contains("scene.ply: nothing to export"), "{error}");
             assert!(!path.exists());
@@ -86,7 +88,7 @@ fn extremes_are_floored_not_broken() {
         scale: [0.0, 1e-12, 1e6],
         rotation: [0.0; 4],
     };
-    for format in [Format::Ply, Format::Glb] {
+    for format in [ModelFormat::Ply, ModelFormat::Glb] {
         let model = read_bytes(&super::written_as(format, &[splat])).unwrap();
         let back = model.splats[0];
         assert_eq!(back.mean, splat.mean, "{format}");
@@ -101,7 +103,7 @@ fn extremes_are_floored_not_broken() {
 #[test]
 fn comments_travel_with_the_file() {
     let comments = ["vbgs legacy-cov".to_owned(), "k = 3".to_owned()];
-    for format in Format::ALL {
+    for format in ModelFormat::ALL {
         let options = WriteOptions { comments: &comments, ..WriteOptions::new(format) };
         let model = read_bytes(&written(&random_splats(2, 4), &options)).unwrap();
         for comment in &comments {
@@ -115,7 +117,7 @@ fn options_that_make_no_sense_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let splats = random_splats(2, 5);
     let (broken, long) = (["a\nend_header".to_owned()], ["x".repeat(5000)]);
-    let base = WriteOptions::new(Format::PointCloudPly);
+    let base = WriteOptions::new(ModelFormat::PointCloudPly);
     let cases = [
         (WriteOptions { comments: &broken, ..base.clone() }, "comment: expected one line"),
         (WriteOptions { comments: &long, ..base.clone() }, "a PLY header below 4096 bytes"),
@@ -131,15 +133,15 @@ fn options_that_make_no_sense_are_named() {
 #[test]
 fn formats_by_name_and_extension() {
     use std::path::Path;
-    for format in Format::ALL {
+    for format in ModelFormat::ALL {
         assert_eq!(format.name().parse(), Ok(format));
         let json = serde_json::to_string(&format).unwrap();
         assert_eq!(json, format!("\"{format}\""));
     }
-    assert_eq!(Format::from_path(Path::new("a/B.PLY")).unwrap(), Format::Ply);
-    assert_eq!(Format::from_path(Path::new("x.glb")).unwrap(), Format::Glb);
-    let error = Format::from_path(Path::new("scene.obj")).unwrap_err().to_string();
+    assert_eq!(ModelFormat::from_path(Path::new("a/B.PLY")).unwrap(), ModelFormat::Ply);
+    assert_eq!(ModelFormat::from_path(Path::new("x.glb")).unwrap(), ModelFormat::Glb);
+    let error = ModelFormat::from_path(Path::new("scene.obj")).unwrap_err().to_string();
     assert!(error.contains("scene.obj: expected a name ending in .ply or .glb, found \"obj\""));
-    assert!("gltf".parse::<Format>().unwrap_err().to_string().contains("point-cloud"));
+    assert!("gltf".parse::<ModelFormat>().unwrap_err().to_string().contains("point-cloud"));
     assert_eq!(serde_json::to_string(&Axes::AsIs).unwrap(), "\"as-is\"");
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, Method, RenderOptions, Response};
+use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 const N_SPLATS: usize = 250;
 
@@ -41,9 +41,9 @@ fn no_pixel_of_a_splat_is_outside_its_quad() {
     (fisheye.intrinsics.fx, fisheye.intrinsics.fy) = (13.0, 11.0);
     let (mut scene, mut renderer) = (gpu.scene(&[Splat::default()]), gpu.renderer());
     for (name, view, method) in [
-        ("projected", narrow, Method::PROJECTED),
+        ("projected", narrow, RenderMethod::PROJECTED),
         ("exact", narrow, exact(Response::Ray, Antialias::None, Lens::Pinhole)),
-        ("exact, wide", wide, Method::EXACT),
+        ("exact, wide", wide, RenderMethod::EXACT),
         ("fisheye", fisheye, exact(Response::Ray, Antialias::Footprint, Lens::Fisheye)),
     ] {
         let options = RenderOptions { method, ..PLAIN };

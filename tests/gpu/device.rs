@@ -9,12 +9,12 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::finish::Exposing;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// A device and what draws on it.
 pub struct Gpu(Fixture);
@@ -98,8 +98,8 @@ impl Gpu {
 pub const PLAIN: RenderOptions = RenderOptions {
     background: [0.0; 3],
     near: 0.2,
-    method: Method::PROJECTED,
-    look: vbgs_studio::render::Look::PLAIN,
+    method: RenderMethod::PROJECTED,
+    look: vbgs_studio::render::SplatStyle::PLAIN,
     exposing: Exposing::Neutral,
 };
 

@@ -3,7 +3,7 @@
 use super::device::Gpu;
 use crate::common::exactness::{Tolerance, check};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::gpu::renderer::Path;
+use vbgs_studio::render::gpu::DrawPath;
 
 /// Half floats hold alpha to 5e-4; a real driver's arithmetic adds a little.
 const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };
@@ -12,7 +12,7 @@ const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };
 #[ignore = "half a minute or more: two thousand pictures"]
 fn no_awkward_splat_is_wrong_or_missing() {
     let Some(gpu) = Gpu::new() else { return };
-    for path in [Path::Quads, Path::Tiles] {
+    for path in [DrawPath::Quads, DrawPath::Tiles] {
         let mut renderer = gpu.renderer();
         renderer.set_path(path);
         // One scene throughout: its pipelines take longer than a picture.

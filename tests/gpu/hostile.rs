@@ -4,7 +4,7 @@ use super::compare::{TOLERANCE, error, largest_difference, oracle};
 use super::device::{Gpu, PLAIN, camera, outside, random_scene};
 use glam::DVec3;
 use vbgs_studio::model::splat::splats::{MAX_LENGTH, Splat};
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 #[test]
 fn empty_scenes_and_viewports() {
@@ -83,7 +83,7 @@ fn enormous_splats_fill_the_picture() {
     let wall = Splat { opacity: 0.7, color: [0.3; 3], scale: [MAX_LENGTH; 3], ..Splat::default() };
     let sheet = Splat { scale: [MAX_LENGTH, MAX_LENGTH, 1e-3], ..wall };
     for splat in [wall, sheet] {
-        for method in [Method::PROJECTED, Method::EXACT] {
+        for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
             let options = RenderOptions { method, ..PLAIN };
             let image = gpu.image(&[splat], &view, &options);
             let truth = oracle(&[splat], &view, &options).render();

@@ -9,13 +9,13 @@ use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Finishing, SplatSet, SplatView};
 use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::finish::Exposing;
-use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
+use vbgs_studio::render::Exposing;
+use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 /// Every renderer with every setting that changes the shaders' formulas.
-const METHODS: [Method; 6] = [
-    Method::PROJECTED,
-    Method::EXACT,
+const METHODS: [RenderMethod; 6] = [
+    RenderMethod::PROJECTED,
+    RenderMethod::EXACT,
     exact(Response::Ray, Antialias::None, Lens::Pinhole),
     exact(Response::Ray, Antialias::Reference, Lens::Pinhole),
     exact(Response::Ray, Antialias::Footprint, Lens::Fisheye),
@@ -39,7 +39,7 @@ fn random_scenes_agree_with_f64() {
             let mut view = camera(width, height, eye, fov);
             view.intrinsics.cx += 5.3;
             view.intrinsics.fy *= 1.1;
-            for method in [Method::PROJECTED, Method::EXACT] {
+            for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
                 let options = RenderOptions { method, ..PLAIN };
                 let image = gpu.image(&splats, &view, &options);
                 let label = format!("scene {seed}, {width}x{height}, {method:?}");
@@ -56,8 +56,10 @@ fn every_method_agrees_with_the_oracle() {
     for (seed, scene) in SCENES.iter().enumerate() {
         // Needles of a hundredth of a pixel that nothing widens are beyond f32's pixel positions.
         let resolves = |method| match method {
-            Method::Projected(_) => true,
-            Method::Exact(exact) => exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3,
+            RenderMethod::Projected(_) => true,
+            RenderMethod::Exact(exact) => {
+                exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3
+            }
         };
         for method in METHODS.into_iter().filter(|method| resolves(*method)) {
             let mut splats = scene.splats(seed as u64);
@@ -113,7 +115,7 @@ fn wide_fields_of_view_agree_with_the_oracle() {
     let Some(gpu) = Gpu::new() else { return };
     let splats = SCENES[3].splats(21);
     let view = camera(160, 90, DVec3::new(0.3, -0.4, 0.1), 150f64.to_radians());
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let options = options(method);
         let image = gpu.image(&splats, &view, &options);
         assert_close(&image, &oracle(&splats, &view, &options), &format!("150 degrees {method:?}"));
@@ -135,7 +137,7 @@ fn long_needles_keep_their_width_in_f32() {
             scale: [100.0, 1e-4, 1e-4],
             rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
         };
-        for method in [Method::PROJECTED, Method::EXACT] {
+        for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
             let options = RenderOptions { method, ..PLAIN };
             let image = gpu.image(&[needle], &view, &options);
             let label = format!("{angle} {method:?}");
@@ -164,7 +166,7 @@ fn a_scene_far_from_the_origin_looks_the_same() {
         DVec3::Z,
     )
     .unwrap();
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let options = RenderOptions { method, ..PLAIN };
         let image = gpu.image(&far, &far_view, &options);
         let label = format!("{method:?} at 4096");
@@ -192,7 +194,7 @@ fn a_camera_inside_a_splat_sees_it_everywhere() {
         for (found, expected) in image.data.iter().zip(&oracle.render().data) {
             assert!(error(found, expected) < TOLERANCE, "{method:?}: {found:?} {expected:?}");
             // Beyond half a turn a fisheye sees nothing; 190° across is less.
-            assert!(method == Method::PROJECTED || found[3] > 0.1, "{method:?}: {found:?}");
+            assert!(method == RenderMethod::PROJECTED || found[3] > 0.1, "{method:?}: {found:?}");
         }
     }
     gpu.assert_no_faults();

@@ -11,8 +11,8 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::gpu::renderer::Path;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::gpu::DrawPath;
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 
 /// Frames learnt: enough to cover every side.
@@ -26,14 +26,14 @@ const LEAST_PSNR: f64 = 50.0;
 fn a_view_of_lego_is_what_the_oracle_sees() {
     let (Some(path), Some(gpu)) = (shared("data/lego400"), Gpu::new()) else { return };
     let (splats, camera) = trained(&path);
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let options = RenderOptions::evaluation(method, [0.0; 3]);
         let expected = Oracle::of(&splats, &camera, &options)
             .render()
             .map(|sample| [sample.rgba[0], sample.rgba[1], sample.rgba[2]]);
         let cpu = CpuRenderer::new().render(&splats, &camera, &options).color;
         report("CPU", method, &cpu.map(|&color| color.map(f64::from)), &expected);
-        for path in [Path::Quads, Path::Tiles] {
+        for path in [DrawPath::Quads, DrawPath::Tiles] {
             let mut renderer = gpu.renderer();
             renderer.set_path(path);
             let mut scene = gpu.scene(&splats);
@@ -67,7 +67,7 @@ fn trained(path: &std::path::Path) -> (Vec<Splat>, Camera) {
 /// Mean absolute error and PSNR.
 fn report(
     who: &str,
-    method: Method,
+    method: RenderMethod,
     found: &Image<[f64; 3]>,
     expected: &Image<[f64; 3]>,
 ) -> (f64, f64) {

@@ -5,7 +5,7 @@ use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{Look, Method, Paint, RenderOptions};
+use vbgs_studio::render::{Paint, RenderMethod, RenderOptions, SplatStyle};
 
 /// Two compilations of the same formulas may round apart, by one step of a half float.
 const ROUNDING: f32 = 1e-3;
@@ -18,12 +18,12 @@ fn looks_and_paints_agree_with_the_oracle() {
     let appearance = random_appearance(&splats, 14);
     let native = SplatView::new(&splats, &appearance).unwrap();
     let looks = [
-        Look { scale: 0.5, ..Look::PLAIN },
-        Look { scale: 2.0, opacity_cut: 0.5, ..Look::PLAIN },
-        Look { paint: Paint::Depth([3.0, 7.0]), ..Look::PLAIN },
-        Look { paint: Paint::Normal, ..Look::PLAIN },
+        SplatStyle { scale: 0.5, ..SplatStyle::PLAIN },
+        SplatStyle { scale: 2.0, opacity_cut: 0.5, ..SplatStyle::PLAIN },
+        SplatStyle { paint: Paint::Depth([3.0, 7.0]), ..SplatStyle::PLAIN },
+        SplatStyle { paint: Paint::Normal, ..SplatStyle::PLAIN },
     ];
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let plain = gpu.image(native, &view, &RenderOptions { method, ..PLAIN });
         for look in looks {
             let options = RenderOptions { method, look, ..PLAIN };
@@ -49,7 +49,7 @@ fn an_appearance_of_zeros_is_none() {
     let splats = random_scene(16, 200, 0.2);
     let zeros = vec![Default::default(); splats.len()];
     let native = SplatView::new(&splats, &zeros).unwrap();
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let options = RenderOptions { method, ..PLAIN };
         let plain = gpu.image(&splats, &view, &options);
         let difference = largest_difference(&plain, &gpu.image(native, &view, &options));
@@ -69,7 +69,7 @@ fn a_capped_extent_only_loses_tails() {
         scale: [0.2; 3],
         rotation: [1.0, 0.0, 0.0, 0.0],
     };
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         let options = RenderOptions { method, ..PLAIN };
         let whole = gpu.image(&[splat], &view, &options);
         let mut renderer = gpu.renderer();

@@ -7,7 +7,7 @@ use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
 use vbgs_studio::render::compare::OUTSIDE;
 use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
-    Composite, GpuAppearance, GpuSplat, SparseAppearance, SparseSplat, View, shader,
+    Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
 };
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
@@ -147,7 +147,7 @@ fn shared_structs_agree_with_rust() {
         rust_layout!("SparseSplat", SparseSplat, splat, index),
         rust_layout!(
             "View",
-            View,
+            GpuView,
             right,
             near,
             down,
@@ -192,7 +192,7 @@ fn shared_structs_agree_with_rust() {
     }
     assert_eq!(size_of::<GpuSplat>(), 64, "`rendering.md`, Splat record");
     assert_eq!(size_of::<GpuAppearance>(), 80, "`rendering.md`, Splat record");
-    assert!(size_of::<View>() <= 256, "`rendering.md`, Splat record");
+    assert!(size_of::<GpuView>() <= 256, "`rendering.md`, Splat record");
 }
 
 /// Files of the tile path that others are built on.

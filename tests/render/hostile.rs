@@ -8,7 +8,7 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::splats::{MAX_LENGTH, Splat};
 use vbgs_studio::render::cpu::Rendered;
-use vbgs_studio::render::{Method, RenderOptions, Response};
+use vbgs_studio::render::{RenderMethod, RenderOptions, Response};
 
 fn is_empty(image: &Rendered, background: [f32; 3]) -> bool {
     let planes = image.coverage.data.iter().chain(&image.depth.data);
@@ -64,7 +64,7 @@ fn broken_splats_are_counted_and_not_drawn() {
 
 #[test]
 fn extreme_splats_draw_what_the_formulas_say() {
-    for method in [Method::PROJECTED, Method::EXACT] {
+    for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
         assert_extremes(|splats| draw(splats, &camera(), &options(method)));
     }
 }
@@ -153,7 +153,7 @@ proptest! {
         let image = draw(&hostile, &camera, &options);
         prop_assert!(image.color.data.as_flattened().iter().all(|v| (0.0..=1.0).contains(v)));
         prop_assert!(image.coverage.data.iter().all(|v| (0.0..=0.9999).contains(v)));
-        let looks_behind = matches!(method, Method::Exact(e) if e.response == Response::Line);
+        let looks_behind = matches!(method, RenderMethod::Exact(e) if e.response == Response::Line);
         let in_front = |depth: f32| depth.is_finite() && (looks_behind || depth >= 0.0);
         prop_assert!(image.depth.data.iter().all(|depth| in_front(*depth)));
         prop_assert_eq!(image.n_invalid, hostile.iter().filter(|s| is_broken(s)).count());

@@ -9,7 +9,7 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::{CpuRenderer, Rendered};
-use vbgs_studio::render::{Antialias, Method, RenderOptions};
+use vbgs_studio::render::{Antialias, RenderMethod, RenderOptions};
 
 #[test]
 fn whole_images_agree_with_the_oracle() {
@@ -30,10 +30,12 @@ fn whole_images_agree_with_the_oracle() {
 
 /// Whether f32 can place pixels on every splat: needles of a hundredth of a pixel that nothing
 /// widens change within the rounding of a pixel's position.
-fn resolves(method: Method, scene: &Scene) -> bool {
+fn resolves(method: RenderMethod, scene: &Scene) -> bool {
     match method {
-        Method::Projected(_) => true,
-        Method::Exact(exact) => exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3,
+        RenderMethod::Projected(_) => true,
+        RenderMethod::Exact(exact) => {
+            exact.antialias == Antialias::Footprint || scene.scale.0 > 1e-3
+        }
     }
 }
 
@@ -56,7 +58,7 @@ fn thread_count_and_history_do_not_show() {
 }
 
 fn render(splats: &[Splat]) -> Rendered {
-    draw(splats, &camera(), &options(Method::PROJECTED))
+    draw(splats, &camera(), &options(RenderMethod::PROJECTED))
 }
 
 #[test]

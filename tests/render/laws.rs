@@ -9,16 +9,16 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
+use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
-const RAY: Method = exact(Response::Ray, Antialias::None, Lens::Pinhole);
-const LINE: Method = exact(Response::Line, Antialias::None, Lens::Pinhole);
-const FISHEYE: Method = exact(Response::Ray, Antialias::None, Lens::Fisheye);
+const RAY: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Pinhole);
+const LINE: RenderMethod = exact(Response::Line, Antialias::None, Lens::Pinhole);
+const FISHEYE: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Fisheye);
 /// Below the cap, so that alpha tells the response everywhere.
 const OPACITY: f64 = 0.9;
 
 /// Alpha along a unit direction of the world, uncut, through a camera whose lens can see it.
-fn alpha(splat: &SplatF64, camera: &Camera, method: Method, direction: DVec3) -> f64 {
+fn alpha(splat: &SplatF64, camera: &Camera, method: RenderMethod, direction: DVec3) -> f64 {
     let options = RenderOptions::evaluation(method, [0.0; 3]);
     let oracle = Oracle::new(std::slice::from_ref(splat), camera, &options);
     let point = image_point(camera, method.lens(), direction);
@@ -180,7 +180,7 @@ fn the_integral_of_the_normal_density_has_its_closed_form() {
 
 #[test]
 fn turning_the_camera_changes_no_alpha_but_the_projected_one() {
-    let turned = |method: Method| -> f64 {
+    let turned = |method: RenderMethod| -> f64 {
         let mut spread = 0f64;
         for index in 0..40 {
             let mut rng = rng(4000 + index);
@@ -200,7 +200,7 @@ fn turning_the_camera_changes_no_alpha_but_the_projected_one() {
     };
     let footprint = exact(Response::Ray, Antialias::Footprint, Lens::Pinhole);
     let spreads = [RAY, footprint, FISHEYE].map(turned);
-    let projected = turned(Method::PROJECTED);
+    let projected = turned(RenderMethod::PROJECTED);
     println!("turning the camera: exact {spreads:?}, projected {projected:.2}");
     assert!(spreads.iter().all(|spread| *spread <= 1e-12), "{spreads:?}");
     assert!(projected > 0.1, "the projected renderer should show why the exact one exists");

@@ -9,9 +9,13 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{Look, Method, Paint, RenderOptions, paint};
+use vbgs_studio::render::{Paint, RenderMethod, RenderOptions, SplatStyle, paint};
 
-fn image<'a>(splats: impl Into<SplatView<'a>>, method: Method, look: Look) -> Image<Sample> {
+fn image<'a>(
+    splats: impl Into<SplatView<'a>>,
+    method: RenderMethod,
+    look: SplatStyle,
+) -> Image<Sample> {
     let options = RenderOptions { look, ..options(method) };
     Oracle::of(splats, &camera_of(method), &options).render()
 }
@@ -24,10 +28,10 @@ fn scale_and_opacity_cut_are_what_they_say() {
     let solid: Vec<Splat> = splats.iter().filter(|s| s.opacity >= 0.3).copied().collect();
     assert!(!solid.is_empty() && solid.len() < splats.len());
     for method in METHODS {
-        let scaled = image(&splats, method, Look { scale: 2.0, ..Look::PLAIN });
-        assert_eq!(scaled, image(&large, method, Look::PLAIN), "{method:?}");
-        let cut = image(&splats, method, Look { opacity_cut: 0.3, ..Look::PLAIN });
-        assert_eq!(cut, image(&solid, method, Look::PLAIN), "{method:?}");
+        let scaled = image(&splats, method, SplatStyle { scale: 2.0, ..SplatStyle::PLAIN });
+        assert_eq!(scaled, image(&large, method, SplatStyle::PLAIN), "{method:?}");
+        let cut = image(&splats, method, SplatStyle { opacity_cut: 0.3, ..SplatStyle::PLAIN });
+        assert_eq!(cut, image(&solid, method, SplatStyle::PLAIN), "{method:?}");
         assert_ne!(cut, scaled);
     }
 }
@@ -35,10 +39,10 @@ fn scale_and_opacity_cut_are_what_they_say() {
 #[test]
 fn whole_changed_images_agree_with_the_oracle() {
     let looks = [
-        Look { scale: 1.7, ..Look::PLAIN },
-        Look { opacity_cut: 0.3, ..Look::PLAIN },
-        Look { paint: Paint::Depth([2.0, 5.0]), ..Look::PLAIN },
-        Look { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
+        SplatStyle { scale: 1.7, ..SplatStyle::PLAIN },
+        SplatStyle { opacity_cut: 0.3, ..SplatStyle::PLAIN },
+        SplatStyle { paint: Paint::Depth([2.0, 5.0]), ..SplatStyle::PLAIN },
+        SplatStyle { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
     ];
     let splats = SCENES[1].splats(9);
     let appearance = random_appearance(&splats, 9);
@@ -55,11 +59,11 @@ fn whole_changed_images_agree_with_the_oracle() {
 }
 
 /// The colour in the middle of one splat 4 ahead of a camera that looks along z.
-fn painted(splat: Splat, method: Method, paint: Paint) -> [f64; 3] {
+fn painted(splat: Splat, method: RenderMethod, paint: Paint) -> [f64; 3] {
     let splat = Splat { mean: [0.0, 0.0, 4.0], ..splat };
     let camera = Camera { pose: Pose::IDENTITY, ..camera_of(method) };
     let options = RenderOptions {
-        look: Look { paint, ..Look::PLAIN },
+        look: SplatStyle { paint, ..SplatStyle::PLAIN },
         ..RenderOptions::evaluation(method, [0.0; 3])
     };
     let view = [splat];

@@ -2,7 +2,8 @@
 
 use crate::common::render_cases::golden_json;
 use crate::common::shared;
-use vbgs_studio::eval::metrics::{MetricError, depth_error, mean_std, psnr, psnr_masked};
+use vbgs_studio::eval::metrics::{depth_error, mean_std, psnr, psnr_masked};
+use vbgs_studio::eval::sizes::MetricError;
 use vbgs_studio::eval::ssim::{SsimPadding, ssim};
 use vbgs_studio::math::image::{Image, RgbImage};
 

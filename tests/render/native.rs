@@ -12,12 +12,12 @@ use std::sync::Arc;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet, SplatView};
-use vbgs_studio::model::splat::exposure::{Exposure, ExposureLog};
+use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::finish::Exposing;
-use vbgs_studio::render::{Antialias, Lens, Method, RenderOptions, Response};
+use vbgs_studio::render::Exposing;
+use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
-const EXACT: Method = exact(Response::Ray, Antialias::None, Lens::Pinhole);
+const EXACT: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Pinhole);
 
 #[test]
 fn no_appearance_and_one_of_zeros_look_the_same() {
@@ -91,7 +91,7 @@ fn color(sample: Sample) -> Option<DVec3> {
     (alpha > 0.05).then(|| DVec3::new(r, g, b) / alpha)
 }
 
-fn alone(splat: &Splat, appearance: &Appearance, method: Method) -> Oracle {
+fn alone(splat: &Splat, appearance: &Appearance, method: RenderMethod) -> Oracle {
     let view = SplatView::new(std::slice::from_ref(splat), std::slice::from_ref(appearance));
     Oracle::of(view.unwrap(), &camera(), &RenderOptions::evaluation(method, [0.0; 3]))
 }
@@ -134,7 +134,7 @@ fn projected_gradient_is_tangent_to_the_exact_one() {
         let splat = Splat { color: [0.5; 3], ..*splat };
         let appearance = Appearance { directional: [[0.0; 3]; 3], ..appearance };
         let (centre, _) = camera().project(SplatF64::from(&splat).mean);
-        let [projected, exact] = [Method::PROJECTED, EXACT].map(|method| {
+        let [projected, exact] = [RenderMethod::PROJECTED, EXACT].map(|method| {
             let oracle = alone(&splat, &appearance, method);
             let h = 1e-3;
             [DVec2::X, DVec2::Y].map(|axis| {
@@ -157,7 +157,7 @@ fn projected_gradient_is_tangent_to_the_exact_one() {
 fn view_dependence_is_linear_in_the_direction_and_clamped() {
     let directional = [[0.3, 0.0, 0.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]];
     let appearance = Appearance { directional, ..Appearance::default() };
-    for method in [Method::PROJECTED, EXACT] {
+    for method in [RenderMethod::PROJECTED, EXACT] {
         // The direction is (x, 0, 4)/5.
         for (x, expected) in [(-3.0, [0.32, 0.5, 1.0]), (3.0, [0.68, 0.5, 0.0])] {
             let splat = Splat { mean: [x, 0.0, 4.0], ..blob() };

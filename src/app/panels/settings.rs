@@ -6,7 +6,7 @@ use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
 };
-use crate::render::finish::Exposing;
+use crate::render::Exposing;
 use crate::render::{Antialias, Lens, Renderer};
 use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, Ui};
 

@@ -1,11 +1,11 @@
 //! How what is opened or reset next is trained.
 
 use crate::app::training::TrainSettings;
-use crate::pipeline::settings::scene::{
-    Budget, DEFAULT_PIXELS, NEARER_SHARE, SceneOverrides, StructuralScale,
-};
+use crate::pipeline::settings::scene::{Budget, DEFAULT_PIXELS, SceneOverrides, StructuralScale};
 use crate::train::paper::config::Preset;
 use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
+use crate::train::setting::table::{Setting, SettingLayer, Spelling};
+use crate::train::setting::value::{Choice, SettingValue};
 use eframe::egui::{Button, DragValue, Grid, RichText, Ui};
 use std::ops::RangeInclusive;
 
@@ -25,23 +25,33 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
         }
     });
     if settings.preset == Preset::Scene {
-        ui.collapsing("Details", |ui| {
-            Grid::new("training").num_columns(2).show(ui, |ui| {
-                scale(&mut settings.scene, ui);
-                births(&mut settings.scene, ui);
-                budget(&mut settings.scene, ui);
-            });
-            stages(&mut settings.scene, ui);
-        });
+        ui.collapsing("Details", |ui| details(&mut settings.scene, ui));
     }
     ui.label(RichText::new("Holds for what is opened next, and after Reset").weak());
 }
 
+/// The settings that the table gives a label: first those with values, then what is on or off.
+fn details(scene: &mut SceneOverrides, ui: &mut Ui) {
+    let listed = || SceneOverrides::TABLE.iter().filter(|setting| setting.about.label.is_some());
+    let is_part = |setting: &&Setting<_>| matches!(setting.about.spelling, Spelling::Part(_));
+    Grid::new("training").num_columns(2).show(ui, |ui| {
+        for Setting { about, .. } in listed().filter(|setting| !is_part(setting)) {
+            ui.label(about.label.unwrap_or_default()).on_hover_text(about.help());
+            match about.field {
+                "scale" => scale(scene, ui),
+                "births" => births(scene, ui),
+                "budget" => budget(scene, ui),
+                _ => {}
+            }
+            ui.end_row();
+        }
+    });
+    ui.label("Preparation of frames")
+        .on_hover_text("The view “Preparation” shows what becomes of every pixel");
+    listed().filter(is_part).for_each(|setting| part(setting, scene, ui));
+}
+
 fn scale(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.label("Structural scale").on_hover_text(format!(
-        "Largest distance of a point from the seed of its component, in pixels at the distance that {:.0} % of the points are nearer than",
-        100.0 * NEARER_SHARE
-    ));
     ui.horizontal(|ui| {
         let mut pixels = match scene.scale {
             Some(StructuralScale::Pixels(n)) => n,
@@ -55,36 +65,21 @@ fn scale(scene: &mut SceneOverrides, ui: &mut Ui) {
             scene.scale = None;
         }
     });
-    ui.end_row();
 }
 
 fn births(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.label("Births");
     ui.horizontal(|ui| {
-        for (rule, label, tooltip) in [
-            (BirthRule::Seeds, "Seeds", "Where a point has no seed within the structural scale"),
-            (
-                BirthRule::Lattice,
-                "Cubic",
-                "Cells of a lattice: the order of frames does not matter",
-            ),
-            (
-                BirthRule::BodyCentred,
-                "Body-centred",
-                "Cells of a lattice: the order of frames does not matter",
-            ),
-        ] {
+        for Choice { name, label, help } in BirthRule::choices() {
+            let rule = name.parse().unwrap_or(BirthRule::Seeds);
             let is_chosen = scene.births.unwrap_or(BirthRule::Seeds) == rule;
-            if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {
+            if ui.selectable_label(is_chosen, label).on_hover_text(help).clicked() {
                 scene.births = (rule != BirthRule::Seeds).then_some(rule);
             }
         }
     });
-    ui.end_row();
 }
 
 fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.label("Budget").on_hover_text("Most components of a scene");
     ui.horizontal(|ui| {
         let mut is_set = scene.budget.is_some();
         if ui.checkbox(&mut is_set, "At most").changed() {
@@ -99,24 +94,14 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
             }
         }
     });
-    ui.end_row();
 }
 
-fn stages(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.label("Preparation of frames")
-        .on_hover_text("The view “Preparation” shows what becomes of every pixel");
-    for (stage, label, tooltip) in [
-        (
-            &mut scene.plane_fit,
-            "Fit planes",
-            "Depth of the plane around each pixel, else as measured",
-        ),
-        (&mut scene.flying_pixels, "Drop flying pixels", "Pixels that no plane explains"),
-        (&mut scene.cosine, "Drop slanted surfaces", "Surfaces seen nearly from their edge"),
-    ] {
-        let mut is_on = stage.unwrap_or(true);
-        if ui.checkbox(&mut is_on, label).on_hover_text(tooltip).changed() {
-            *stage = (!is_on).then_some(false);
-        }
+/// What is on unless it is left out.
+fn part(setting: &Setting<SceneOverrides>, scene: &mut SceneOverrides, ui: &mut Ui) {
+    let Some(part) = (setting.flag)(scene) else { return };
+    let mut is_on = part.unwrap_or(true);
+    let checkbox = ui.checkbox(&mut is_on, setting.about.label.unwrap_or_default());
+    if checkbox.on_hover_text(setting.about.help()).changed() {
+        *part = (!is_on).then_some(false);
     }
 }

@@ -3,7 +3,8 @@
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
 use crate::dataset::surface::{PixelStatus, Preparer, SurfaceCounts, SurfaceSettings};
-use crate::eval::views::{GroundTruth, ground_truth};
+use crate::eval::choices::GroundTruth;
+use crate::eval::views::ground_truth;
 use crate::math::image::{RgbImage, unit_to_byte};
 use crate::observation::surface::Observation;
 use eframe::egui::{

@@ -2,8 +2,10 @@
 
 use crate::app::color_mode::ColorMode;
 use crate::app::stored_text;
-use crate::render::finish::Exposing;
-use crate::render::{Antialias, Exact, Lens, Look, Method, RenderOptions, Renderer, Response};
+use crate::render::Exposing;
+use crate::render::{
+    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, Renderer, Response, SplatStyle,
+};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -137,20 +139,22 @@ impl ViewSettings {
     }
 
     /// A renderer as it is set here, through a lens.
-    pub fn method(&self, renderer: Renderer, lens: Lens) -> Method {
+    pub fn method(&self, renderer: Renderer, lens: Lens) -> RenderMethod {
         match renderer {
-            Renderer::Projected => Method::PROJECTED,
-            Renderer::Exact => {
-                Method::Exact(Exact { response: Response::Ray, antialias: self.antialias, lens })
-            }
+            Renderer::Projected => RenderMethod::PROJECTED,
+            Renderer::Exact => RenderMethod::Exact(ExactOptions {
+                response: Response::Ray,
+                antialias: self.antialias,
+                lens,
+            }),
         }
     }
 
     /// Everything else a picture depends on. `radius` is the scene's, in world units, `distance` the
     /// camera's from its middle.
-    pub fn options(&self, method: Method, radius: f64, distance: f64) -> RenderOptions {
+    pub fn options(&self, method: RenderMethod, radius: f64, distance: f64) -> RenderOptions {
         let range = [(distance - radius).max(0.0), distance + radius].map(|d| d as f32);
-        let look = Look {
+        let look = SplatStyle {
             scale: self.scale,
             opacity_cut: self.opacity_cut,
             paint: self.color_mode.paint(range),

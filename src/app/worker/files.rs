@@ -5,7 +5,7 @@ use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::dataset::Layout;
 use crate::export::mapping::Mapping;
-use crate::export::{self, Format, WriteOptions};
+use crate::export::{self, ModelFormat, WriteOptions};
 use crate::pipeline::session::Session;
 use glam::DVec3;
 use std::path::Path;
@@ -31,7 +31,7 @@ impl WorkerThread {
 
     pub(super) fn export(&mut self, number: u64, path: &Path, mapping: Mapping) {
         self.begin_write(number);
-        let written = Format::from_path(path).and_then(|format| {
+        let written = ModelFormat::from_path(path).and_then(|format| {
             let options = WriteOptions {
                 metric: self.is_metric(),
                 up: self.up(),

@@ -2,14 +2,15 @@
 
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
-use crate::eval::views::{self, EvalOptions, GroundTruth};
+use crate::eval::choices::GroundTruth;
+use crate::eval::views::{self, EvalOptions};
 use crate::math::normalization::Normalization;
 use crate::observation::points::Points;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::prefetch::Prefetch;
 use crate::pipeline::preset::TypedPreset;
 use crate::pipeline::session::Session;
-use crate::render::{Method, RenderOptions};
+use crate::render::{RenderMethod, RenderOptions};
 use crate::train::paper::config::{PaperConfig, PaperOverrides};
 use crate::train::paper::learner::PaperLearner;
 use std::sync::Arc;
@@ -71,7 +72,7 @@ impl TrainingSample {
         // The timed engine knows no world: its frames were normalised here.
         let splat = |k| config.conversion.splat(&engine.posterior(k), &self.normalization);
         let splats: Vec<_> = (0..engine.components()).map(splat).collect();
-        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         let options = EvalOptions::plain(GroundTruth::Rgb, render);
         let (split, views) = &self.views;
         let (report, _) = views::evaluate(&splats, &self.dataset, *split, views, &options, |_| ())?;

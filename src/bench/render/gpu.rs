@@ -3,9 +3,10 @@
 use super::painter::{FramePath, FrameStageMs, TimedPaintError, TimedPainter, ms_since};
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
+use crate::render::gpu::DrawPath;
 use crate::render::gpu::adapters::AdapterChoice;
 use crate::render::gpu::headless::{HeadlessError, HeadlessGpu};
-use crate::render::gpu::renderer::{self, SplatRenderer};
+use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::{GpuScene, OrderOf};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
 use crate::render::{RenderOptions, Renderer};
@@ -18,7 +19,7 @@ const WARM_UP: usize = 8;
 /// One path of one adapter.
 pub struct TimedGpu {
     gpu: Rc<HeadlessGpu>,
-    path: renderer::Path,
+    path: DrawPath,
     /// One per method, so that each has its own times.
     projected: TimedMethod,
     exact: TimedMethod,
@@ -35,13 +36,13 @@ impl TimedGpu {
     /// Every path on the adapter chosen.
     pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
-        [renderer::Path::Quads, renderer::Path::Tiles]
+        [DrawPath::Quads, DrawPath::Tiles]
             .into_iter()
             .map(|path| Self::new(gpu.clone(), path))
             .collect()
     }
 
-    fn new(gpu: Rc<HeadlessGpu>, path: renderer::Path) -> Result<Self, HeadlessError> {
+    fn new(gpu: Rc<HeadlessGpu>, path: DrawPath) -> Result<Self, HeadlessError> {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let method = || -> Result<TimedMethod, HeadlessError> {
             let mut renderer = SplatRenderer::new(device, queue, OrderOf::First)?;
@@ -87,8 +88,8 @@ impl TimedGpu {
 impl TimedPainter for TimedGpu {
     fn path(&self) -> FramePath {
         match self.path {
-            renderer::Path::Quads => FramePath::Quads,
-            renderer::Path::Tiles => FramePath::Tiles,
+            DrawPath::Quads => FramePath::Quads,
+            DrawPath::Tiles => FramePath::Tiles,
         }
     }
 
@@ -115,7 +116,7 @@ impl TimedPainter for TimedGpu {
         options: &RenderOptions,
     ) -> Result<FrameStageMs, TimedPaintError> {
         let mut order_ms = None;
-        if self.path == renderer::Path::Quads {
+        if self.path == DrawPath::Quads {
             let started = Instant::now();
             let order = back_to_front(splats, camera, options, &mut self.scratch);
             order_ms = Some(ms_since(started));

@@ -4,7 +4,7 @@ use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
 use crate::pipeline::machine;
 use crate::render::RenderOptions;
-use crate::render::cpu::{CpuRenderer, Stage};
+use crate::render::cpu::{CpuRenderer, CpuStage};
 #[cfg(feature = "gui")]
 use crate::render::gpu::{GpuError, headless::HeadlessError};
 use serde::Serialize;
@@ -35,7 +35,7 @@ pub struct FrameStageMs {
 }
 
 /// Stages of a frame: splats to image records, their order, lists of tiles, pixels.
-pub const STAGES: [&str; Stage::ALL.len()] = ["prepare", "sort", "bin", "draw"];
+pub const STAGES: [&str; CpuStage::ALL.len()] = ["prepare", "sort", "bin", "draw"];
 
 /// Why a frame is not drawn.
 #[derive(Debug, thiserror::Error)]

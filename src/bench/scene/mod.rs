@@ -18,15 +18,17 @@ use super::paper::sample::spaced;
 use super::plot::draw;
 use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
 use crate::dataset::Dataset;
+use crate::eval::choices::GroundTruth;
 use crate::eval::cracks;
+use crate::eval::measure::{self, SEEN_AFTER};
 use crate::eval::report::{EvalReport, SeenReport};
-use crate::eval::views::{EvalOptions, GroundTruth, evaluate};
+use crate::eval::views::EvalOptions;
 use crate::math::rng::{Purpose, Rng};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::preset::AnyPreset;
 use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
-use crate::render::{Method, RenderOptions};
+use crate::render::{RenderMethod, RenderOptions};
 use row::Measured;
 use std::sync::Arc;
 use training::{Trained, n_sweeps, train};
@@ -64,9 +66,6 @@ impl AccuracyPlan {
         }
     }
 }
-
-/// Frames learnt when the preset is asked what it shows of them.
-const SEEN_AFTER: [usize; 3] = [1, 10, 50];
 
 /// Everything that runs share.
 struct AccuracyRuns {
@@ -145,7 +144,7 @@ impl AccuracyRuns {
         let views = spaced(&evaluation.frames, plan.views);
         let crack_views = cracks::views(&dataset, evaluation.split, &views);
         let crack_views = crack_views.map(|(split, frames)| (split, spaced(&frames, plan.views)));
-        let render = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
         // All rows are judged by the same camera, whatever they were trained with.
         let color_camera = base.color_camera();
         let options =
@@ -173,13 +172,12 @@ impl AccuracyRuns {
 
     fn quality(&self, trained: &Trained, with_cracks: bool) -> Result<EvalReport, BenchError> {
         let (dataset, splats) = (&self.dataset, trained.splats.view());
-        let (split, views) = &self.views;
-        let (mut report, _) = evaluate(splats, dataset, *split, views, &self.options, |_| ())?;
-        if let (true, Some((split, frames))) = (with_cracks, &self.crack_views) {
-            let render = &self.options.render;
-            report.cracks = cracks::measure(splats, dataset, (*split, frames), render, |_| ());
-        }
-        Ok(report)
+        let views = (self.views.0, self.views.1.as_slice());
+        let crack_views = self.crack_views.as_ref().filter(|_| with_cracks);
+        let crack_views = crack_views.map(|(split, frames)| (*split, frames.as_slice()));
+        let options = &self.options;
+        let measured = measure::quality(splats, dataset, views, crack_views, options, |_| ())?;
+        Ok(measured.0)
     }
 
     /// Early looks at what was learnt, frames as listed.
@@ -190,10 +188,8 @@ impl AccuracyRuns {
             let plan = Plan { frames, ..self.plan.clone() };
             for early in train(&self.dataset, &plan, std::slice::from_ref(base), &mut || ())? {
                 let (dataset, splats) = (&self.dataset, early.splats.view());
-                let (report, _) =
-                    evaluate(splats, dataset, plan.split, &plan.frames, &self.options, |_| ())?;
-                let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
-                found.extend(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }));
+                let frames = (plan.split, plan.frames.as_slice());
+                found.extend(measure::seen(splats, dataset, frames, &self.options)?);
             }
         }
         Ok(found)

@@ -1,6 +1,7 @@
 //! Arguments of `calibrate`.
 
-use super::{DepthArgs, parse_count};
+use super::depth::DepthArgs;
+use super::parse::parse_count;
 use clap::Args;
 use std::path::PathBuf;
 use vbgs_studio::calibrate::DEFAULT_FRAMES;

@@ -1,11 +1,12 @@
 //! Arguments of `eval`.
 
-use super::parse::parse_color;
-use super::{DepthArgs, RendererArgs, choice, parse_count};
+use super::depth::DepthArgs;
+use super::parse::{choice, parse_color, parse_count};
+use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
-use vbgs_studio::eval::views::PartialCoverage;
-use vbgs_studio::render::finish::Exposing;
+use vbgs_studio::eval::choices::PartialCoverage;
+use vbgs_studio::render::Exposing;
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum GroundTruthName {

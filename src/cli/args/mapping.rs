@@ -1,7 +1,7 @@
 //! How splats of native appearance become plain ones: shared by everything that writes models.
 
 use clap::{Args, ValueEnum};
-use vbgs_studio::export::mapping::{Mapping, OpacityMapping, Split};
+use vbgs_studio::export::mapping::{GradientSplit, Mapping, OpacityMapping};
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum MappingName {
@@ -45,9 +45,9 @@ impl MappingArgs {
 
     pub fn mapping(&self) -> Mapping {
         let split = match self.export_split {
-            None | Some(SplitName::One) => Split::One,
-            Some(SplitName::Two) => Split::Two,
-            Some(SplitName::Four) => Split::Four,
+            None | Some(SplitName::One) => GradientSplit::One,
+            Some(SplitName::Two) => GradientSplit::Two,
+            Some(SplitName::Four) => GradientSplit::Four,
         };
         let opacity = match self.export_mapping {
             None => Mapping::of(split).opacity,

@@ -1,29 +1,34 @@
 //! Arguments of every command.
 
+#[cfg(feature = "bench")]
+mod bench;
 mod calibrate;
+mod depth;
 mod eval;
 mod mapping;
 mod parse;
+#[cfg(feature = "bench")]
+mod precision_search;
 mod render;
 mod renderer;
-mod scene;
+mod settings;
 mod train;
 
+#[cfg(feature = "bench")]
+pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
 pub use calibrate::CalibrateArgs;
+pub use depth::DepthArgs;
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
-pub use mapping::MappingArgs;
-pub use parse::{choice, parse_count, parse_size};
+#[cfg(feature = "bench")]
+pub use precision_search::PrecisionSearchArgs;
 pub use render::{AxisName, PaintName, RenderArgs};
-pub use renderer::RendererArgs;
-pub use scene::{Part, SceneArgs, SensorName};
-pub use train::{ConversionName, TrainArgs};
+pub use train::TrainArgs;
 
-use super::bench::BenchArgs;
-use super::precision_search::PrecisionSearchArgs;
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
+use mapping::MappingArgs;
+use parse::{parse_count, parse_size};
 use std::path::PathBuf;
-use vbgs_studio::dataset::LoadOptions;
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
 ///
@@ -78,28 +83,12 @@ pub enum Command {
     Info(InfoArgs),
     /// Find colour camera, depth bias and exposures from the data itself; writes a RON file
     Calibrate(CalibrateArgs),
+    #[cfg(feature = "bench")]
     /// Measure speed against error; writes a table, JSON, CSV and a plot
     Bench(BenchArgs),
+    #[cfg(feature = "bench")]
     /// Find the cheapest precision of every operation within an error bound
     PrecisionSearch(PrecisionSearchArgs),
-}
-
-/// How depth files are read.
-#[derive(Args)]
-pub struct DepthArgs {
-    /// World units per step of 16-bit depth, instead of what the dataset says
-    #[arg(long, value_name = "UNITS", allow_negative_numbers = true)]
-    pub depth_scale: Option<f64>,
-    /// Nearest and farthest depth to trust, world units
-    #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
-    pub depth_range: Option<Vec<f64>>,
-}
-
-impl DepthArgs {
-    pub fn load_options(&self) -> LoadOptions {
-        let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
-        LoadOptions { depth_scale: self.depth_scale, depth_range }
-    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]

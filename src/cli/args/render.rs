@@ -1,11 +1,11 @@
 //! Arguments of `render`.
 
-use super::parse::parse_color;
-use super::{RendererArgs, choice, parse_count, parse_size};
+use super::parse::{choice, parse_color, parse_count, parse_size};
+use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
+use vbgs_studio::render::Exposing;
 use vbgs_studio::render::Lens;
-use vbgs_studio::render::finish::Exposing;
 
 #[derive(Args)]
 pub struct RenderArgs {

@@ -1,9 +1,9 @@
 //! Which renderers draw, and how: shared by everything that makes or measures pictures.
 
-use super::choice;
+use super::parse::choice;
 use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
-use vbgs_studio::render::{Antialias, Exact, Lens, Method, Response};
+use vbgs_studio::render::{Antialias, ExactOptions, Lens, RenderMethod, Response};
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum RendererName {
@@ -31,7 +31,7 @@ pub struct RendererArgs {
 
 impl RendererArgs {
     /// The renderers asked for, at least one, none twice.
-    pub fn methods(&self, lens: Lens) -> Result<Vec<Method>, Failure> {
+    pub fn methods(&self, lens: Lens) -> Result<Vec<RenderMethod>, Failure> {
         let Self { renderer, antialias, response } = *self;
         let of_exact = [("--antialias", antialias.is_some()), ("--response", response.is_some())];
         if let Some((option, _)) = of_exact.iter().find(|(_, is_said)| *is_said)
@@ -46,15 +46,15 @@ impl RendererArgs {
                 "--lens: the projected renderer has no fisheye; add --renderer exact".to_owned(),
             ));
         }
-        let exact = Method::Exact(Exact {
+        let exact = RenderMethod::Exact(ExactOptions {
             response: response.unwrap_or(Response::Ray),
             antialias: antialias.unwrap_or(Antialias::Footprint),
             lens,
         });
         Ok(match renderer {
-            RendererName::Projected => vec![Method::PROJECTED],
+            RendererName::Projected => vec![RenderMethod::PROJECTED],
             RendererName::Exact => vec![exact],
-            RendererName::Both => vec![Method::PROJECTED, exact],
+            RendererName::Both => vec![RenderMethod::PROJECTED, exact],
         })
     }
 }

@@ -1,20 +1,15 @@
 //! Arguments of `train`.
 
-use super::{ComparisonArgs, DepthArgs, MappingArgs, RendererArgs, SceneArgs, choice, parse_count};
-use clap::{Args, ValueEnum};
+use super::depth::DepthArgs;
+use super::eval::ComparisonArgs;
+use super::mapping::MappingArgs;
+use super::parse::{choice, parse_count};
+use super::renderer::RendererArgs;
+use super::settings::SettingsArgs;
+use clap::Args;
 use std::path::PathBuf;
 use vbgs_studio::pipeline::plan::{Order, Shard};
-use vbgs_studio::train::paper::config::{
-    Batch, Candidates, IndexKind, Init, Precision, Preset, ReassignPolicy, StatisticsForm,
-};
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum ConversionName {
-    /// Eigen-decomposition, scale 1, unused components dropped
-    Right,
-    /// As the reference exporter: Cholesky rows, scale 1.41, unused components kept
-    LegacyCov,
-}
+use vbgs_studio::train::paper::config::Preset;
 
 #[derive(Args)]
 pub struct TrainArgs {
@@ -45,9 +40,6 @@ pub struct TrainArgs {
     /// Set of defaults [default: scene]
     #[arg(long, value_parser = choice::<Preset>())]
     pub preset: Option<Preset>,
-    /// Seed of every random stream [default: 0]
-    #[arg(long)]
-    pub seed: Option<u64>,
     /// Frames at most; with --resume those already trained count
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
@@ -63,50 +55,12 @@ pub struct TrainArgs {
     /// Print the report as JSON on stdout
     #[arg(long)]
     pub json: bool,
-    /// Settings from a RON file; options on the command line win
+    /// Settings from a RON file, or `scene` or `paper` for the preset's own; options on the command
+    /// line win
     #[arg(long, value_name = "FILE.ron")]
     pub config: Option<PathBuf>,
-    /// Number of components [default: 100000]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, help_heading = "Paper preset")]
-    pub components: Option<usize>,
-    /// Candidate components per point, or `dense` [default: 4]
-    #[arg(long, value_name = "C", allow_negative_numbers = true, help_heading = "Paper preset")]
-    pub candidates: Option<Candidates>,
-    /// Points that pass through the engine at once, or `frame` [default: frame]
-    #[arg(
-        long,
-        value_name = "POINTS",
-        allow_negative_numbers = true,
-        help_heading = "Paper preset"
-    )]
-    pub batch: Option<Batch>,
-    /// Whether responsibilities are summed at once or written out first [default: fused]
-    #[arg(long, value_parser = choice::<StatisticsForm>(), help_heading = "Paper preset")]
-    pub statistics: Option<StatisticsForm>,
-    /// How candidates are found [default: grid]
-    #[arg(long, value_parser = choice::<IndexKind>(), help_heading = "Paper preset")]
-    pub index: Option<IndexKind>,
-    /// Where initial means come from [default: random]
-    #[arg(long, value_parser = choice::<Init>(), help_heading = "Paper preset")]
-    pub init: Option<Init>,
-    /// When unused components move onto badly explained points: forwarded after the fit, the others
-    /// before it [default: padded]
-    #[arg(long, value_parser = choice::<ReassignPolicy>(), help_heading = "Paper preset")]
-    pub reassign: Option<ReassignPolicy>,
-    /// Share of the unused components that may move per frame [default: 0.05]
-    #[arg(long, value_name = "F", allow_negative_numbers = true, help_heading = "Paper preset")]
-    pub reassign_fraction: Option<f64>,
-    /// Arithmetic of the hot loops [default: mixed]
-    #[arg(long, value_parser = choice::<Precision>())]
-    pub precision: Option<Precision>,
-    /// How covariances become splats [default: right]
-    #[arg(long, value_enum, help_heading = "Paper preset")]
-    pub conversion: Option<ConversionName>,
-    /// Factor on the splats' standard deviations [default: that of the conversion]
-    #[arg(long, value_name = "X", allow_negative_numbers = true, help_heading = "Paper preset")]
-    pub scale_factor: Option<f64>,
     #[command(flatten)]
-    pub scene: SceneArgs,
+    pub settings: SettingsArgs,
     #[command(flatten)]
     pub mapping: MappingArgs,
     #[command(flatten)]

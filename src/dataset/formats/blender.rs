@@ -15,7 +15,7 @@ use super::format::{DatasetFormat, ParsedFolder};
 use super::listed::{ListedFrame, ListedSplit};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
-use crate::dataset::entry::Split;
+use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, relative_path};
 use crate::dataset::intrinsics::{IntrinsicsDefect, check, is_sane_field_of_view};
@@ -55,6 +55,7 @@ fn frame_lists(folder: &Folder) -> Vec<&str> {
 }
 
 fn has_frames(folder: &Folder, name: &str) -> bool {
+    // Read to the end: a list under another name is told by its content alone.
     let file = folder.file(Path::new(""), &folder.listing, name);
     let text = file.ok().and_then(|file| std::fs::read(file).ok()).unwrap_or_default();
     serde_json::from_slice::<Value>(&text).is_ok_and(|json| {
@@ -100,6 +101,7 @@ impl FrameList {
         let json = serde_json::from_slice(&bytes)
             .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
         let stem = name.trim_end_matches(".json");
+        // `transforms_train.json`, `transforms-train.json`: one split; `transforms.json`: all.
         let split = stem.strip_prefix(LIST_PREFIX).unwrap_or(stem).trim_matches(['_', '-', '.']);
         let split = if split.is_empty() { "all" } else { split }.to_owned();
         Ok(Self { file, split, json })
@@ -143,7 +145,7 @@ impl FrameList {
         folder: &Folder,
         options: &LoadOptions,
         parsed: &mut ParsedFolder,
-    ) -> Result<Option<Split>, DatasetError> {
+    ) -> Result<Option<DatasetSplit>, DatasetError> {
         let listed = self.listed(folder, parsed)?;
         let Some(size) = listed.color_header() else {
             listed.skip_unreadable(parsed);

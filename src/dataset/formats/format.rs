@@ -1,7 +1,7 @@
 //! What a layout's file tells the registry.
 
 use crate::dataset::calibration::Calibration;
-use crate::dataset::entry::Split;
+use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameError, FrameProblem, Warning};
 use crate::dataset::folder::Folder;
 use crate::dataset::options::LoadOptions;
@@ -26,7 +26,7 @@ pub(in crate::dataset) struct DatasetFormat {
 #[derive(Default)]
 pub(in crate::dataset) struct ParsedFolder {
     /// May be empty; the caller drops such splits.
-    pub splits: Vec<Split>,
+    pub splits: Vec<DatasetSplit>,
     pub warnings: Vec<Warning>,
     pub notes: Vec<String>,
     pub known_range: Option<PositionRange>,

@@ -7,7 +7,7 @@
 use super::format::ParsedFolder;
 use crate::dataset::decode;
 use crate::dataset::decode::{DepthEncoding, ImageHeader};
-use crate::dataset::entry::{FrameEntry, FrameSource, Split};
+use crate::dataset::entry::{DatasetSplit, FrameEntry, FrameSource};
 use crate::dataset::error::FrameProblem;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
@@ -49,7 +49,7 @@ impl ListedSplit {
         intrinsics: Intrinsics,
         encoding: DepthEncoding,
         parsed: &mut ParsedFolder,
-    ) -> Split {
+    ) -> DatasetSplit {
         let has_depth = self.has_depth();
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {
@@ -64,7 +64,7 @@ impl ListedSplit {
             let source = FrameSource::Files { color, depth };
             frames.push(FrameEntry { name, camera: Camera { intrinsics, pose }, source });
         }
-        Split { name: self.name, frames, has_depth }
+        DatasetSplit { name: self.name, frames, has_depth }
     }
 
     /// Without a readable header there is no camera: each frame gets its own message.

@@ -1,6 +1,6 @@
 //! The registry of layouts. A new layout is one file in this folder, its `mod` line and one row of
 //! the table below: recognition, metadata, poses, depth encoding, sensor and what is known of its
-//! cameras all stand in that file, and nothing else in the crate names a layout to learn of them.
+//! cameras all stand in that file, and nothing else in `dataset` asks which layout it reads.
 
 mod blender;
 mod format;
@@ -19,8 +19,9 @@ use format::{DatasetFormat, ParsedFolder};
 macro_rules! layouts {
     ($($(#[$doc:meta])* $name:ident: $format:path,)*) => {
         /// Layout of a dataset's files.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, strum::IntoStaticStr)]
         #[serde(rename_all = "kebab-case")]
+        #[strum(serialize_all = "kebab-case")]
         pub enum Layout {
             $($(#[$doc])* $name,)*
             /// Frames made on demand; no files.
@@ -58,9 +59,31 @@ pub(super) fn parse(
 }
 
 impl Layout {
+    /// The name that reports and messages give it, such as `seven-scenes`.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
     /// What is known, without a calibration, of cameras whose depth has these intrinsics.
     pub(super) fn known_calibration(self, depth_camera: &Intrinsics) -> Option<Calibration> {
         let (_, format) = FORMATS.iter().find(|(layout, _)| *layout == self)?;
         (format.known_calibration)(depth_camera)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Checkpoints and reports hold these names.
+    #[test]
+    fn names_are_those_of_files() {
+        let names = ["blender", "seven-scenes", "synthetic"];
+        for (layout, name) in
+            [Layout::Blender, Layout::SevenScenes, Layout::Synthetic].iter().zip(names)
+        {
+            assert_eq!(layout.name(), name);
+            assert_eq!(serde_json::to_value(layout).unwrap(), name);
+        }
     }
 }

@@ -225,6 +225,7 @@ fn intrinsics(
         found,
         hint: hint.to_owned(),
     };
+    // Said of every recording: nothing in the files tells a registered one.
     notes.push("colour images are not registered to depth (7-Scenes)".into());
     if !folder.listing.has_file(INTRINSICS_FILE) {
         if (width, height) != (DEFAULT_INTRINSICS.width, DEFAULT_INTRINSICS.height) {

@@ -153,6 +153,7 @@ impl<'a> Emitter<'a> {
     fn tilt(&self, fitted: &Fitted, place: usize, ray: Vec3) -> Tilt {
         let along = 1.0 + fitted.excess[place];
         let (x, y) = (fitted.step_x[place] * self.focal[0], fitted.step_y[place] * self.focal[1]);
+        // The plane gives the normal even where depth stays as measured.
         let stretch = if self.settings.plane_fit { 1.0 / along } else { 1.0 };
         Tilt { stretch, normal: Vec3::new(x, y, along - x * ray.x - y * ray.y), along }
     }

@@ -14,6 +14,20 @@ use crate::math::simd::Isa;
 use crate::observation::surface::Observation;
 
 /// Turns frames into observations; keeps its scratch memory between frames.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::dataset::surface::{Preparer, SurfaceSettings};
+/// use vbgs_studio::observation::surface::Observation;
+///
+/// let demo = vbgs_studio::dataset::synthetic::demo()?;
+/// let settings = SurfaceSettings::new(&demo, DVec3::ZERO);
+/// let mut observation = Observation::empty();
+/// let counts = Preparer::new().prepare(&demo.load(0, 0)?, &settings, &mut observation)?;
+/// assert_eq!(counts.kept, observation.points.len());
+/// assert!(counts.kept > 10 * counts.dropped(), "edges and slants are few: {counts:?}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Preparer {
     isa: Isa,

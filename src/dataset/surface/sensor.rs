@@ -142,6 +142,7 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
         DepthCodes::Lengths(_) => 0.0,
     };
     let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
+    // Generated noise is given in units of the half-width at 1 m.
     let noisy = DEVIATIONS * noise * SENSOR_NOISE;
     let margin = [2.0 * unit + 10.0 * noisy, STEEPEST / camera.fx + 6.0 * noisy];
     Profile {

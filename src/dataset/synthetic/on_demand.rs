@@ -3,7 +3,7 @@
 use super::params::{ParamsError, SyntheticParams};
 use super::plan::{PlannedSplit, ViewPlan};
 use super::room;
-use crate::dataset::entry::{FrameEntry, FrameSource, Split};
+use crate::dataset::entry::{DatasetSplit, FrameEntry, FrameSource};
 use crate::dataset::formats::Layout;
 use crate::dataset::opened::Dataset;
 use crate::dataset::options::LoadOptions;
@@ -31,7 +31,7 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
             },
         };
         let frames = planned.poses.iter().copied().enumerate().map(entry).collect();
-        Split { name: planned.name.to_owned(), frames, has_depth: true }
+        DatasetSplit { name: planned.name.to_owned(), frames, has_depth: true }
     };
     Ok(Dataset {
         name: "synthetic room".to_owned(),

@@ -42,6 +42,7 @@ pub(super) struct Lamp {
 
 /// The window in the wall at low y, as light: daylight.
 pub(super) const WINDOW_LIGHT: Lamp = Lamp {
+    // Before the pane, which would keep its own light out of the room.
     corner: dvec3(-0.9, -2.15, 0.9),
     edges: [dvec3(1.8, 0.0, 0.0), dvec3(0.0, 0.0, 1.2)],
     normal: DVec3::Y,
@@ -50,6 +51,7 @@ pub(super) const WINDOW_LIGHT: Lamp = Lamp {
 
 /// The panel under the ceiling, as light: warm.
 pub(super) const CEILING_LIGHT: Lamp = Lamp {
+    // Below the panel for that reason too.
     corner: dvec3(-0.7, -0.5, 2.55),
     edges: [dvec3(1.4, 0.0, 0.0), dvec3(0.0, 1.0, 0.0)],
     normal: DVec3::NEG_Z,

@@ -144,6 +144,7 @@ fn damask(m: Vec2, blur: f32) -> f32 {
 fn wood(m: Vec2, color: Vec3, at: &Place) -> Vec3 {
     let long = if at.size.x >= at.size.y { m } else { Vec2::new(m.y, m.x) };
     let bend = noise2(long * Vec2::new(1.5, 5.0), at.seed) * 0.06;
+    // Rings finer than a pixel would alias into others that no two views agree on.
     let fade = (1.0 - at.blur / 0.02).clamp(0.0, 1.0);
     let rings = ((long.y + bend) * 240.0).sin() * 0.12 * fade;
     let grain = noise2(long * Vec2::new(6.0, 90.0), at.seed ^ 0x3) - 0.5;
@@ -324,6 +325,7 @@ fn noise2(p: Vec2, seed: u32) -> f32 {
     let floor = p.floor();
     let (x, y) = (floor.x as i32, floor.y as i32);
     let f = p - floor;
+    // Flat at the lattice points: no crease shows where cells meet.
     let s = f * f * (3.0 - 2.0 * f);
     let row = |y: i32| {
         let (a, b) = (hash(x, y, seed), hash(x.wrapping_add(1), y, seed));

@@ -18,6 +18,7 @@ const PHASE: u64 = u64::MAX - 1;
 
 /// Poses of the training frames: smooth, one closed turn or several.
 pub(super) fn train(n_frames: usize, seed: u64) -> Vec<Pose> {
+    // Whole turns, so that the walk closes.
     let turns = (n_frames as f64 / FRAMES_PER_TURN).round().max(1.0);
     let phase = phase(seed);
     (0..n_frames).filter_map(|i| pose(phase + turns * i as f64 / n_frames as f64, turns)).collect()

@@ -129,6 +129,7 @@ impl Reach {
             return Self { solid: index, columns: 0..width, rows: 0..height, nearest_z: 0.0 };
         }
         // Casts saturate: what is left of the image gets 0..0.
+        // A pixel more on each side forgives the rounding of a projection.
         let range = |low: f64, high: f64, n: usize| {
             (low - 1.0).max(0.0) as usize..((high + 1.0).max(0.0) as usize).min(n)
         };

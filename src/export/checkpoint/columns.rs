@@ -45,6 +45,7 @@ pub(super) fn totals<'a>(totals: &Totals) -> Vec<Section<'a>> {
 }
 
 fn split<'a, T: Stored>(rows: &[[T; N_SUMS]]) -> Vec<Section<'a>> {
+    // Columns rather than rows, because a section of the file holds numbers of one kind.
     let mut counts = Vec::with_capacity(rows.len());
     let mut first = Vec::with_capacity(rows.len() * N_FIRST);
     let mut second = Vec::with_capacity(rows.len() * N_SECOND);

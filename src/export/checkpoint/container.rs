@@ -1,15 +1,18 @@
 //! Header, table of sections and checksums: the frame around a checkpoint's content.
+//!
+//! Checks run from the outside in and take memory only for what the file is known to hold
+//! (`export.md`, Checkpoint container), so that no length in a damaged file can ask for memory.
+//! Sections lie at multiples of 64, a line of the cache, and in the order of the table with nothing
+//! but zeros between: a file has one form only.
 
 use super::super::error::{reserved, shorten};
-use super::element::{Element, Stored};
+use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
 use super::tag;
+use super::version::VERSION;
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
 use std::io::{self, Write};
-
-/// Version of the format this program writes, major and minor. Scenes came with 1.1.
-pub const VERSION: (u16, u16) = (1, 1);
 
 /// The line ends and the high bit show damage by transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
@@ -41,7 +44,7 @@ struct Entry {
 /// A section to be written.
 pub(super) struct Section<'a> {
     tag: [u8; 4],
-    element: Element,
+    element: ElementType,
     parts: Vec<Cow<'a, [u8]>>,
 }
 
@@ -65,7 +68,7 @@ impl<'a> Section<'a> {
         Self { tag, element: T::ELEMENT, parts: vec![Cow::Owned(bytes)] }
     }
 
-    /// The same followed by more elements.
+    /// Appends more elements of the section's type.
     pub fn and<T: Stored>(mut self, elements: &'a [T]) -> Self {
         debug_assert!(T::ELEMENT == self.element);
         self.parts.push(Cow::Borrowed(bytemuck::cast_slice(elements)));
@@ -143,6 +146,7 @@ impl<'a> Container<'a> {
         if header.major != VERSION.0 {
             return Err(Defect::Version { major: header.major, minor: header.minor });
         }
+        // Compared before the table is looked for: it sizes the table.
         let n = header.n_sections as usize;
         if n > MAX_SECTIONS {
             let expected = format!("at most {MAX_SECTIONS} sections");
@@ -152,6 +156,7 @@ impl<'a> Container<'a> {
         let Some(crc) = bytes.get(table_end..table_end + CRC_BYTES) else {
             return Err(Defect::Truncated { expected: (table_end + CRC_BYTES) as u64, found });
         };
+        // From here on the table's numbers are what was written, not damage.
         if crc32fast::hash(&bytes[..table_end]).to_le_bytes() != crc {
             return Err(Defect::Checksum { place: "header".into() });
         }
@@ -175,6 +180,7 @@ impl<'a> Container<'a> {
             if !tag::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
                 return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
             }
+            // The second of two would never be read, whatever it holds.
             if sections.iter().any(|(other, _): &(Entry, &[u8])| other.tag == entry.tag) {
                 return Err(Defect::malformed(tag_text(entry.tag), "one such section", "two"));
             }
@@ -208,13 +214,14 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     if !entry.offset.is_multiple_of(ALIGNMENT) {
         return refuse(&format!("an offset divisible by {ALIGNMENT}"), entry.offset.to_string());
     }
+    // Sections that overlap could be read as two things at once.
     if range.start < end {
         return refuse(&format!("an offset of {end} or more"), entry.offset.to_string());
     }
     if range.start - end >= ALIGNMENT as usize || bytes[end..range.start].iter().any(|&b| b != 0) {
         return refuse("zeros up to the next multiple of 64 before it", "something else".into());
     }
-    let size = Element::of_code(entry.element).map_or(1, Element::size);
+    let size = ElementType::of_code(entry.element).map_or(1, ElementType::size);
     if !range.len().is_multiple_of(size) {
         return refuse(
             &format!("whole elements of {size} bytes"),

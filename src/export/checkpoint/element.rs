@@ -6,43 +6,43 @@ use bytemuck::Pod;
 /// program's additions to the published codes (`export.md`, Checkpoint container).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Element {
-    /// JSON.
+pub enum ElementType {
+    /// Bytes of UTF-8 text: JSON.
     Bytes = 0,
-    /// Double precision.
+    /// Floats of double precision, 8 bytes each.
     F64 = 1,
-    /// Single precision.
+    /// Floats of single precision, 4 bytes each.
     F32 = 2,
-    /// Unsigned 32-bit.
+    /// Unsigned integers of 4 bytes.
     U32 = 3,
-    /// Unsigned 64-bit.
+    /// Unsigned integers of 8 bytes.
     U64 = 4,
-    /// Signed 64-bit.
+    /// Signed integers of 8 bytes.
     I64 = 5,
     /// Signed 128-bit: the low 64 bits, then the high ones.
     I128 = 6,
-    /// Signed 32-bit.
+    /// Signed integers of 4 bytes.
     I32 = 7,
 }
 
 /// Rust types that are elements.
 pub(super) trait Stored: Pod {
-    const ELEMENT: Element;
+    const ELEMENT: ElementType;
 }
 
 macro_rules! stored {
     ($($type:ty => $element:ident),*) => {
         $(impl Stored for $type {
-            const ELEMENT: Element = Element::$element;
+            const ELEMENT: ElementType = ElementType::$element;
         })*
     };
 }
 
 stored!(u8 => Bytes, f64 => F64, f32 => F32, u32 => U32, u64 => U64, i64 => I64, i128 => I128, i32 => I32);
 
-impl Element {
+impl ElementType {
     pub(super) fn of_code(code: u32) -> Option<Self> {
-        use Element::{Bytes, F32, F64, I32, I64, I128, U32, U64};
+        use ElementType::{Bytes, F32, F64, I32, I64, I128, U32, U64};
         [Bytes, F64, F32, U32, U64, I64, I128, I32].into_iter().find(|e| *e as u32 == code)
     }
 

@@ -1,7 +1,7 @@
 //! What can go wrong when a checkpoint is written or read.
 
 use super::super::error::{ExportError, Fault};
-use super::container::VERSION;
+use super::version::VERSION;
 use std::path::PathBuf;
 
 /// A checkpoint that could not be written or read.
@@ -10,10 +10,10 @@ pub enum CheckpointError {
     /// The file itself.
     #[error(transparent)]
     File(#[from] ExportError),
-    /// Its content.
+    /// The file can be read, but what it holds is no usable checkpoint.
     #[error("{}: {defect}", path.display())]
     Content {
-        /// The file.
+        /// Path of the file that was read.
         path: PathBuf,
         /// What is wrong and what to do about it.
         defect: Defect,
@@ -23,7 +23,7 @@ pub enum CheckpointError {
 /// Why bytes are no usable checkpoint.
 #[derive(Debug, thiserror::Error)]
 pub enum Defect {
-    /// Something else.
+    /// The file does not begin as a checkpoint does.
     #[error("expected a checkpoint (.vbgs), found {found}; name a file that `train` wrote")]
     NotACheckpoint {
         /// The first bytes.
@@ -57,7 +57,7 @@ pub enum Defect {
         /// Bytes there are.
         found: u64,
     },
-    /// Bytes changed.
+    /// A CRC-32 does not match the bytes it stands for.
     #[error(
         "{place}: the checksum does not match, so bytes are damaged; use another copy, such as the \
          .bak beside it"
@@ -72,7 +72,7 @@ pub enum Defect {
          {}.{}; use a newer program", VERSION.0, VERSION.1, version.0, version.1
     )]
     UnknownSection {
-        /// Its tag.
+        /// Four-letter tag of the unknown section.
         tag: String,
         /// Version of the file.
         version: (u16, u16),

@@ -6,11 +6,12 @@ use super::container::Section;
 use super::element::Stored;
 use super::error::Defect;
 use super::sections::{F32, F64, I64, I128, Sections, check_size, rows, wrong_type};
-use super::{StoredModel, check, tag};
+use super::{check, tag};
 use crate::math::normalization::Normalization;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::state::{InitialMeans, ModelState, Totals};
+use crate::model::stored::StoredModel;
 
 /// In the order of the file.
 pub(super) fn sections<'a>(
@@ -96,6 +97,7 @@ fn means_of<T: Stored>(sections: &Sections, n: usize) -> Result<[Vec<[T; 3]>; 2]
 
 fn totals(sections: &Sections, n: usize) -> Result<Totals, Defect> {
     let (_, form) = sections.find(tag::COUNTS)?;
+    // Carries extend 64-bit sums; beside wider ones they mean nothing.
     if form != I64 && sections.has(tag::CARRY_IDS) {
         let expected = "I64 sums beside carries";
         return Err(wrong_type(tag::COUNTS, expected, form));

@@ -2,10 +2,12 @@
 
 use super::super::error::Fault;
 use super::container::{Container, MAGIC, is_text_damaged};
+use super::content::{Checkpoint, Cursor, Loaded};
 use super::error::{CheckpointError, Defect, tag_text};
 use super::sections::Sections;
-use super::{Checkpoint, Cursor, Loaded, StoredModel, check, mixture, scene, tag};
+use super::{check, mixture, scene, tag};
 use crate::export::read_file;
+use crate::model::stored::StoredModel;
 use std::io::Read;
 use std::path::Path;
 
@@ -24,6 +26,7 @@ pub fn is_checkpoint(path: &Path) -> bool {
 /// the [`Defect`] says where.
 pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
     let bytes = read_file(path).map_err(|fault| {
+        // A missing checkpoint is not a missing model: the advice differs.
         let fault = match fault {
             Fault::Missing => Fault::NoCheckpoint,
             other => other,

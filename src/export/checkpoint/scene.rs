@@ -23,6 +23,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     match &state.sums {
         StoredSums::Mixed { rows, wide } => {
             sections.push(Section::new(tag::SUMS, rows.as_flattened()));
+            // Few scenes spill; those that do not have no such section.
             if !wide.is_empty() {
                 let ids = wide.iter().map(|row| row.id).collect();
                 let sums = wide.iter().flat_map(|row| row.sums).collect();
@@ -36,6 +37,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
     sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.visibility)));
+    // Scenes without fitted gains keep the bytes that files had before gains existed.
     if !state.exposures.is_empty() {
         let numbers = bytemuck::cast_slice(&state.exposures);
         sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));

@@ -2,12 +2,12 @@
 
 use super::super::error::reserved;
 use super::container::Container;
-use super::element::{Element, Stored};
+use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
 use crate::export::DEFAULT_MAX_SPLATS;
 
 /// Most bytes of a JSON section.
-const MAX_JSON: usize = 64 << 20;
+const MAX_JSON_BYTES: usize = 64 << 20;
 
 /// The sections of a file whose frame is sound.
 pub(super) struct Sections<'a>(pub &'a Container<'a>);
@@ -72,6 +72,7 @@ impl<'a> Sections<'a> {
         count: Option<usize>,
     ) -> Result<Vec<[T; N]>, Defect> {
         let bytes = self.bytes::<T>(tag, count.map(|count| N * count))?;
+        // Rows are read as they lie; a torn one would shift all that follow.
         if !bytes.len().is_multiple_of(N * size_of::<T>()) {
             let expected = format!("whole rows of {N} elements");
             let found = (bytes.len() / size_of::<T>()).to_string();
@@ -88,11 +89,12 @@ impl<'a> Sections<'a> {
         Ok(numbers)
     }
 
-    /// JSON.
+    /// Text of a JSON section.
     pub fn text(&self, tag: [u8; 4]) -> Result<String, Defect> {
         let (bytes, _) = self.find(tag)?;
-        if bytes.len() > MAX_JSON {
-            let expected = format!("at most {MAX_JSON} bytes");
+        // Settings are some kB; a parser fed gigabytes would take the machine with it.
+        if bytes.len() > MAX_JSON_BYTES {
+            let expected = format!("at most {MAX_JSON_BYTES} bytes");
             return Err(Defect::malformed(tag_text(tag), expected, bytes.len().to_string()));
         }
         String::from_utf8(self.elements::<u8>(tag, None)?)
@@ -115,15 +117,15 @@ pub(super) fn rows<T: Stored, const N: usize>(bytes: &[u8]) -> Result<Vec<[T; N]
 }
 
 /// Codes of the elements that sections are told apart by.
-pub(super) const F32: u32 = Element::F32 as u32;
-pub(super) const F64: u32 = Element::F64 as u32;
-pub(super) const I32: u32 = Element::I32 as u32;
-pub(super) const I64: u32 = Element::I64 as u32;
-pub(super) const I128: u32 = Element::I128 as u32;
+pub(super) const F32: u32 = ElementType::F32 as u32;
+pub(super) const F64: u32 = ElementType::F64 as u32;
+pub(super) const I32: u32 = ElementType::I32 as u32;
+pub(super) const I64: u32 = ElementType::I64 as u32;
+pub(super) const I128: u32 = ElementType::I128 as u32;
 
 /// A section of elements it never has.
 pub(super) fn wrong_type(tag: [u8; 4], expected: &str, code: u32) -> Defect {
-    let found = Element::of_code(code).map_or(format!("type {code}"), |e| format!("{e:?}"));
+    let found = ElementType::of_code(code).map_or(format!("type {code}"), |e| format!("{e:?}"));
     Defect::malformed(tag_text(tag), format!("elements of type {expected}"), found)
 }
 

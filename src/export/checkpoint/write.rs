@@ -2,8 +2,10 @@
 
 use super::super::atomic;
 use super::container::{self, Section};
+use super::content::Checkpoint;
 use super::error::CheckpointError;
-use super::{Checkpoint, StoredModel, mixture, scene, tag};
+use super::{mixture, scene, tag};
+use crate::model::stored::StoredModel;
 use std::io::{self, Write};
 use std::path::Path;
 

@@ -1,4 +1,8 @@
 //! Attribute values behind accessors, buffer views and buffers, checked before any is read.
+//!
+//! Everything a file says about places is compared with the bytes that are there before anything is
+//! read or reserved: files come from anywhere. The types that an attribute may have are a table
+//! after the extension's text, because a wrong `normalized` changes every value.
 
 use super::schema::{Accessor, Root};
 use super::{COLOR_0, OPACITY, POSITION, ROTATION, SCALE, SH_0, SH_1};
@@ -49,9 +53,9 @@ pub(super) struct Column<'a> {
     stride: usize,
     component: u32,
     normalized: bool,
-    /// Rows.
+    /// Number of rows, one per splat or point.
     pub count: usize,
-    /// For messages.
+    /// Number and attribute of the accessor, as messages name it.
     pub place: String,
 }
 
@@ -100,6 +104,8 @@ impl<'a> Column<'a> {
     }
 
     fn component(&self, bytes: &[u8]) -> f64 {
+        // Largest positive value of the type, as glTF 2.0, 3.11 divides; −128 becomes −1 by the
+        // bound below.
         let (value, largest) = match (self.component, bytes) {
             (I8, &[a]) => (f64::from(a as i8), 127.0),
             (U8, &[a]) => (f64::from(a), 255.0),

@@ -36,6 +36,7 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     if version != 2 {
         return Err(Fault::malformed("GLB header", "version 2", format!("version {version}")));
     }
+    // A longer file hides something, a shorter one was cut.
     if u64::from(total) != bytes.len() as u64 {
         let found = format!("{} bytes", bytes.len());
         return Err(Fault::malformed("GLB header", format!("a file of {total} bytes"), found));

@@ -1,4 +1,8 @@
 //! Splats or points of a glTF whose JSON and buffers are loaded.
+//!
+//! If any primitive holds splats, those are the model and the rest is noted as skipped; else points
+//! are. All columns are opened and all rows counted before memory is taken, because many nodes may
+//! show one mesh and a small file may ask for any number of rows.
 
 use super::accessor::Column;
 use super::nodes::{Placement, placed_meshes};
@@ -18,7 +22,7 @@ const DEFAULT_MODE: u32 = 4;
 
 /// Most primitives imported from one scene. Nodes times primitives can ask for any number of them
 /// in a small file.
-const MOST_PARTS: usize = 100_000;
+const MAX_PARTS: usize = 100_000;
 
 /// A primitive of the scene and where it stands.
 struct Part<'a> {
@@ -74,9 +78,10 @@ fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
             Fault::malformed(format!("mesh {index}"), "a mesh of that number", found)
         })?;
         for (i, primitive) in mesh.primitives.iter().enumerate() {
-            if parts.len() == MOST_PARTS {
+            // Nodes share meshes, so a small file can ask for billions.
+            if parts.len() == MAX_PARTS {
                 return Err(Fault::Unsupported {
-                    feature: format!("more than {MOST_PARTS} primitives in the scene"),
+                    feature: format!("more than {MAX_PARTS} primitives in the scene"),
                     advice: "join the primitives before exporting",
                 });
             }
@@ -96,7 +101,7 @@ fn total(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
     }
 }
 
-/// The attributes of one part, all of the same length.
+/// The attributes of one part, all with as many rows as its positions.
 struct Columns<'a> {
     position: Column<'a>,
     color: Color<'a>,
@@ -142,6 +147,7 @@ impl<'a> Columns<'a> {
         };
         let above_0 = |name: &&str| name.starts_with(SH_PREFIX) && *name != SH_0;
         let names = part.primitive.attributes.0.iter().map(|(name, _)| name.as_str());
+        // Harmonics above degree 1 are noted, not refused: the splat is right but for its sheen.
         let n_read = shape.degree_1.as_ref().map_or(0, |columns| columns.len());
         let n_coefficients = 3 * (names.filter(above_0).count() - n_read);
         if n_coefficients > 0 {

@@ -27,6 +27,7 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
         let node = root.nodes.get(index).ok_or_else(|| {
             Fault::malformed(place(), "a node of that number", format!("{} nodes", seen.len()))
         })?;
+        // A node reached twice is a cycle or a lattice; following it may never end.
         if std::mem::replace(&mut seen[index], true) {
             return Err(Fault::malformed(place(), "a tree of nodes", "a node with two parents"));
         }
@@ -83,10 +84,13 @@ impl Placement {
                 advice: "apply the node's transform before exporting",
             })
         };
+        // A last row other than (0, 0, 0, 1) is a perspective, which moves points but no splat can
+        // follow.
         if !matrix.is_finite() || matrix.row(3).xyz() != DVec3::ZERO {
             return fault("a matrix that is not finite or not affine");
         }
         let (x, y, z) = (linear.x_axis, linear.y_axis, linear.z_axis);
+        // A mirrored rotation is no rotation, and a flat one cannot be undone.
         if linear.determinant() <= 0.0 {
             return fault("a negative or zero scale, which mirrors or flattens splats");
         }

@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use std::path::Path;
 
 /// Longest JSON read from a GLB (`export.md`, Limits).
-const LONGEST_JSON: usize = 64 << 20;
+const MAX_JSON_BYTES: usize = 64 << 20;
 /// Deepest nesting of JSON arrays and objects (`export.md`, Limits).
-const DEEPEST_JSON: usize = 64;
+const MAX_JSON_DEPTH: usize = 64;
 /// Extensions a file may require: ours, and those that do not change what is imported.
 const KNOWN_EXTENSIONS: [&str; 2] = [EXTENSION, "KHR_materials_unlit"];
 
@@ -21,9 +21,13 @@ pub(in crate::export) fn glb(
     max_splats: usize,
 ) -> Result<Imported, Fault> {
     let (json, bin) = container::split(bytes)?;
-    if json.len() > LONGEST_JSON {
+    if json.len() > MAX_JSON_BYTES {
         let found = format!("{} bytes", json.len());
-        return Err(Fault::malformed("JSON chunk", format!("{LONGEST_JSON} bytes at most"), found));
+        return Err(Fault::malformed(
+            "JSON chunk",
+            format!("{MAX_JSON_BYTES} bytes at most"),
+            found,
+        ));
     }
     document(json, bin, folder, max_splats)
 }
@@ -43,6 +47,7 @@ fn document(
     folder: &Path,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
+    // Before the parser, whose own limit has a message that names neither file nor cause.
     check_nesting(json)?;
     let root: Root = serde_json::from_slice(json)
         .map_err(|e| Fault::malformed("JSON", "glTF 2.0", shorten_error(&e)))?;
@@ -50,6 +55,7 @@ fn document(
         let found = format!("\"{}\"", shorten(&root.asset.version));
         return Err(Fault::malformed("asset.version", "2.0", found));
     }
+    // An extension that a file requires changes what its data mean.
     let unknown = |name: &&String| !KNOWN_EXTENSIONS.contains(&name.as_str());
     if let Some(name) = root.extensions_required.iter().find(unknown) {
         return Err(Fault::Unsupported {
@@ -102,8 +108,8 @@ fn check_nesting(json: &[u8]) -> Result<(), Fault> {
             b'}' | b']' if !in_string => depth = depth.saturating_sub(1),
             _ => {}
         }
-        if depth > DEEPEST_JSON {
-            let expected = format!("at most {DEEPEST_JSON} nested levels");
+        if depth > MAX_JSON_DEPTH {
+            let expected = format!("at most {MAX_JSON_DEPTH} nested levels");
             return Err(Fault::malformed("JSON", expected, "more"));
         }
     }

@@ -1,4 +1,8 @@
 //! The JSON of glTF as far as splats need it. Fields stand in the order they are written in.
+//!
+//! Own structs rather than the `gltf` crate, which takes only core attribute names and those with
+//! an underscore: `KHR_gaussian_splatting:SCALE` fails its validation and loses its name. One set
+//! of structs reads and writes, so that a file of ours is always one we read.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,7 +21,7 @@ pub(super) struct Root {
     pub extensions_required: Vec<String>,
     pub scene: Option<usize>,
     #[serde(default)]
-    pub scenes: Vec<Scene>,
+    pub scenes: Vec<GltfScene>,
     #[serde(default)]
     pub nodes: Vec<Node>,
     #[serde(default)]
@@ -40,7 +44,7 @@ pub(super) struct Asset {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Scene {
+pub(super) struct GltfScene {
     #[serde(default)]
     pub nodes: Vec<usize>,
 }

@@ -24,6 +24,7 @@ fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Faul
         Ok(_) => return Err(Fault::malformed(place, expected(), "something that is no file")),
         Err(e) => return Err(Fault::malformed(place, expected(), e.to_string())),
     };
+    // Asked before reading: a buffer may be a file of any size.
     if size < length as u64 {
         return Err(Fault::malformed(place, expected(), format!("{size} bytes")));
     }

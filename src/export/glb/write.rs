@@ -1,4 +1,9 @@
 //! Splats as GLB: floats, one tightly packed buffer view per attribute.
+//!
+//! Attributes are described by one table of columns, each with its declaration and its encoder, so
+//! that accessor, buffer view and bytes cannot disagree. Rows are encoded column by column from an
+//! iterator that is run again for each: memory stays at one row whatever the size of the model.
+//! Everything that can be refused is refused before a file is created.
 
 use super::schema::*;
 use super::{
@@ -15,7 +20,7 @@ use std::io::{self, Write};
 
 const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
-/// `ARRAY_BUFFER`.
+/// `ARRAY_BUFFER`, the target of a buffer view of vertex attributes (glTF 2.0, 5.11.5).
 const VERTEX_DATA: u32 = 34962;
 const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
@@ -79,13 +84,13 @@ fn put_fallback_color(splat: &Gaussian, row: &mut Vec<u8>) {
 }
 
 /// A file before its columns.
-pub(in crate::export) struct Layout {
+pub(in crate::export) struct GlbLayout {
     pub(in crate::export) json: String,
     columns: Vec<&'static Column>,
     bin_length: u64,
 }
 
-impl Layout {
+impl GlbLayout {
     /// For these splats; fails if the file would not fit GLB's 32-bit lengths.
     pub fn new(
         gaussians: impl Iterator<Item = Gaussian> + Clone,
@@ -100,6 +105,7 @@ impl Layout {
         let json = serde_json::to_string(&root)
             .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
         let bin_length = n as u64 * columns.iter().map(|c| c.row_bytes as u64).sum::<u64>();
+        // GLB counts in 32 bits; a wrapped length would be a broken file without an error.
         let needed = container::file_size(json.len(), bin_length);
         if needed > u64::from(u32::MAX) {
             return Err(Fault::TooLargeForGlb { n_splats: n, needed });
@@ -156,6 +162,7 @@ fn root(
             component_type: column.component,
             count: n,
             kind: column.kind.to_owned(),
+            // The only integers written are colours, which glTF reads as shares.
             normalized: column.component != FLOAT,
             min: is_position.then_some(min),
             max: is_position.then_some(max),
@@ -181,7 +188,7 @@ fn root(
         extensions_used: vec![EXTENSION.to_owned()],
         extensions_required: Vec::new(),
         scene: Some(0),
-        scenes: vec![Scene { nodes: vec![0] }],
+        scenes: vec![GltfScene { nodes: vec![0] }],
         nodes: vec![Node { mesh: Some(0), ..Node::default() }],
         meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,

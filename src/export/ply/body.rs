@@ -1,6 +1,10 @@
 //! The rows behind a PLY header, in any of the three encodings.
+//!
+//! Every value becomes an f64 whatever its type, which holds all of them exactly; which columns
+//! matter is for the caller to say. Counts are compared with the bytes left before rows are
+//! reserved: a header costs nothing to forge.
 
-use super::header::{Element, Encoding, Kind, Property, Scalar};
+use super::header::{Encoding, Kind, PlyElement, Property, Scalar};
 use crate::export::error::{Fault, shorten};
 
 /// Reads values one after the other.
@@ -18,7 +22,7 @@ impl<'a> Body<'a> {
     }
 
     /// Passes over a whole element, lists included.
-    pub fn skip(&mut self, element: &Element) -> Result<(), Fault> {
+    pub fn skip(&mut self, element: &PlyElement) -> Result<(), Fault> {
         if element.properties.is_empty() {
             return Ok(());
         }
@@ -41,6 +45,7 @@ impl<'a> Body<'a> {
             Kind::List { length, item } => (length, item),
         };
         let n = self.value(length)?;
+        // Text may hold any number where a length should be.
         if n.is_nan() || n < 0.0 {
             return Err(format!("a list of length {n}"));
         }
@@ -54,19 +59,21 @@ impl<'a> Body<'a> {
     }
 
     /// Number of rows of an element without lists, once the file is known to hold them all.
-    pub fn n_rows(&self, element: &Element) -> Result<usize, Fault> {
+    pub fn n_rows(&self, element: &PlyElement) -> Result<usize, Fault> {
         let row = row_size(element).ok_or_else(|| Fault::Unsupported {
             feature: format!("a list among the properties of element {}", element.name),
             advice: "export the vertices without lists",
         })?;
         // In text a value takes one character and the white space before it.
         let ascii = self.encoding == Encoding::Ascii;
+        // Even the shortest text has that many bytes a row, so a false count shows before memory is
+        // taken.
         let row = if ascii { 2 * element.properties.len() } else { row };
         self.checked_size(element, row)?;
         Ok(element.count as usize)
     }
 
-    fn checked_size(&self, element: &Element, row: usize) -> Result<usize, Fault> {
+    fn checked_size(&self, element: &PlyElement, row: usize) -> Result<usize, Fault> {
         // The last row of a text may end without a line break.
         let slack = usize::from(self.encoding == Encoding::Ascii);
         let size = element.count.checked_mul(row as u64);
@@ -83,7 +90,7 @@ impl<'a> Body<'a> {
     /// Fills `values` with row number `row` of an element without lists, one value per property.
     pub fn read_row(
         &mut self,
-        element: &Element,
+        element: &PlyElement,
         row: usize,
         values: &mut [f64],
     ) -> Result<(), Fault> {
@@ -139,7 +146,7 @@ impl<'a> Body<'a> {
 }
 
 /// Bytes of a binary row, if it has no lists.
-fn row_size(element: &Element) -> Option<usize> {
+fn row_size(element: &PlyElement) -> Option<usize> {
     element
         .properties
         .iter()
@@ -154,6 +161,6 @@ fn end_of_file() -> Found {
     "the end of the file".to_owned()
 }
 
-fn broken(element: &Element, row: u64, found: Found) -> Fault {
+fn broken(element: &PlyElement, row: u64, found: Found) -> Fault {
     Fault::malformed(format!("element {}, row {row}", element.name), "a number", found)
 }

@@ -1,16 +1,19 @@
 //! The text at the start of a PLY: elements, properties, comments.
+//!
+//! A hand-written parser, because messages must name the line and because the size of a header is
+//! bounded before it is searched for its end.
 
 use crate::export::error::{Fault, shorten};
 
 /// Longest header read: SuperSplat's limit too (`export.md`, PLY of splats); 62 properties take 1.5
 /// KB.
-const LONGEST_HEADER: usize = 128 * 1024;
+const MAX_HEADER_BYTES: usize = 128 * 1024;
 
-/// Parsed header.
+/// A parsed header: what the rows hold and where they start.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(super) struct PlyHeader {
     pub encoding: Encoding,
-    pub elements: Vec<Element>,
+    pub elements: Vec<PlyElement>,
     pub comments: Vec<String>,
     /// Where the rows start.
     pub body_offset: usize,
@@ -25,7 +28,7 @@ pub(super) enum Encoding {
 
 /// A table: its name, number of rows and columns.
 #[derive(Debug)]
-pub(super) struct Element {
+pub(super) struct PlyElement {
     pub name: String,
     pub count: u64,
     pub properties: Vec<Property>,
@@ -91,10 +94,10 @@ impl Scalar {
     }
 }
 
-impl Header {
+impl PlyHeader {
     /// Parses the header of a file that starts with `ply`.
     pub fn parse(bytes: &[u8]) -> Result<Self, Fault> {
-        let mut header = Header {
+        let mut header = PlyHeader {
             encoding: Encoding::Ascii,
             elements: Vec::new(),
             comments: Vec::new(),
@@ -117,6 +120,8 @@ impl Header {
                 Some("comment") => {
                     header.comments.push(line.text["comment".len()..].trim().to_owned());
                 }
+                // Old scanners write `obj_info`, editors leave empty lines; neither says anything
+                // of the rows.
                 Some("obj_info") | None => {}
                 Some("element") => header.elements.push(line.element()?),
                 Some("property") => match header.elements.last_mut() {
@@ -149,10 +154,10 @@ impl Line<'_> {
         }
     }
 
-    fn element(&self) -> Result<Element, Fault> {
+    fn element(&self) -> Result<PlyElement, Fault> {
         let expected = "element NAME COUNT";
         match self.words().as_slice() {
-            ["element", name, count] => Ok(Element {
+            ["element", name, count] => Ok(PlyElement {
                 name: (*name).to_owned(),
                 count: count.parse().map_err(|_| self.fault(expected))?,
                 properties: Vec::new(),
@@ -194,10 +199,10 @@ impl Line<'_> {
 
 /// The line at `offset`, without its end; moves `offset` behind it.
 fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
-    let searched = &bytes[*offset..bytes.len().min(LONGEST_HEADER).max(*offset)];
+    let searched = &bytes[*offset..bytes.len().min(MAX_HEADER_BYTES).max(*offset)];
     let Some(length) = searched.iter().position(|&b| b == b'\n') else {
-        let found = match bytes.len() > LONGEST_HEADER {
-            true => format!("no end within {LONGEST_HEADER} bytes"),
+        let found = match bytes.len() > MAX_HEADER_BYTES {
+            true => format!("no end within {MAX_HEADER_BYTES} bytes"),
             false => "the end of the file".to_owned(),
         };
         return Err(Fault::malformed("header", "a line \"end_header\"", found));

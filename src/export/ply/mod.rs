@@ -8,5 +8,5 @@ pub(super) mod write;
 
 /// Coefficients per channel above degree 0 when degree 1 is all there is.
 const N_REST_DEGREE_1: usize = 3;
-/// The same for the full degree 3.
+/// Coefficients per channel above degree 0 of the full degree 3.
 const N_REST_DEGREE_3: usize = 15;

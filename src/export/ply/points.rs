@@ -15,6 +15,7 @@ pub(in crate::export) fn header(
     n_splats: usize,
     options: &WriteOptions,
 ) -> Result<String, Fault> {
+    // A list of another length would give every point a stranger's count.
     if let Some(confidence) = options.confidence.filter(|c| c.len() != n_splats) {
         return Err(Fault::Setting {
             setting: "confidence",
@@ -53,6 +54,7 @@ pub(in crate::export) fn points(
         if let Some(camera) = camera {
             out.write_all(vector(normal(&point, camera)).as_flattened())?;
         }
+        // A point has one colour: what the nearest camera saw is what was there to be seen.
         let color = camera.map_or(point.color, |camera| point.color_from(camera));
         out.write_all(&color.to_array().map(|c| unit_to_byte(c as f32)))?;
         if let Some(confidence) = options.confidence {

@@ -1,8 +1,12 @@
 //! PLY of other programs and our own: splats if there are scales and rotations, points otherwise.
+//!
+//! Properties are found by name and never by place: programs write them in any order and with any
+//! of their own between. A vertex is a splat if it has scales and a rotation, whatever the file is
+//! called.
 
 use super::N_REST_DEGREE_1;
 use super::body::Body;
-use super::header::{Element, Header, Kind};
+use super::header::{Kind, PlyElement, PlyHeader};
 use crate::export::error::Fault;
 use crate::export::gaussian::{Gaussian, sigmoid};
 use crate::export::harmonics;
@@ -14,11 +18,11 @@ use glam::{DMat3, DQuat, DVec3};
 const FLATNESS: f64 = 1e-6;
 
 /// Highest degree of harmonics that trainers write.
-const HIGHEST_DEGREE: usize = 4;
+const MAX_DEGREE: usize = 4;
 
 /// Reads the model in a PLY of at most `max_splats` vertices.
 pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
-    let header = Header::parse(bytes)?;
+    let header = PlyHeader::parse(bytes)?;
     if header.elements.iter().any(|e| e.name == "chunk") {
         return Err(Fault::Unsupported {
             feature: "this is SuperSplat's compressed PLY (element chunk)".to_owned(),
@@ -37,7 +41,7 @@ pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported
 
 fn vertices(
     body: &mut Body,
-    element: &Element,
+    element: &PlyElement,
     comments: Vec<String>,
     max_splats: usize,
 ) -> Result<Imported, Fault> {
@@ -45,6 +49,7 @@ fn vertices(
     let columns = Columns { element };
     let mut notes = Vec::new();
     let layout = Layout::find(&columns, &mut notes)?;
+    // After the layout was found: a wrong kind of file is the better message.
     if n_rows > max_splats {
         return Err(Fault::TooMany { declared: element.count, cap: max_splats });
     }
@@ -55,13 +60,14 @@ fn vertices(
         let gaussian = layout.decode(&values, &mut rows);
         rows.push(gaussian);
     }
+    // By what its columns are, not by its name.
     let kind = if layout.shape.is_some() { ModelKind::Splats } else { ModelKind::PointCloud };
     rows.finish(kind, notes, comments)
 }
 
 /// Finds properties of the vertex element by name.
 struct Columns<'a> {
-    element: &'a Element,
+    element: &'a PlyElement,
 }
 
 impl Columns<'_> {
@@ -82,7 +88,7 @@ impl Columns<'_> {
         let names = self.element.properties.iter().map(|p| p.name.as_str());
         let n = names.filter(|name| name.starts_with("f_rest_")).count();
         // Channel by channel, each with the coefficients of whole degrees.
-        let mut counts = (1..=HIGHEST_DEGREE).map(|degree| (degree + 1) * (degree + 1) - 1);
+        let mut counts = (1..=MAX_DEGREE).map(|degree| (degree + 1) * (degree + 1) - 1);
         let found = counts.find(|per_channel| 3 * per_channel == n).and_then(|k| {
             let column = |i, channel| self.find(&format!("f_rest_{}", channel * k + i));
             let mut columns = [[0; 3]; N_REST_DEGREE_1];

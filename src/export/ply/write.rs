@@ -11,21 +11,21 @@ use std::io::{self, Write};
 
 /// antimatter15/splat reads headers up to 10 KB, others more; 4 KB leaves room (`export.md`, PLY of
 /// splats).
-const LONGEST_HEADER: usize = 4096;
+const MAX_HEADER_BYTES: usize = 4096;
 
 const BEFORE_REST: [&str; 9] = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
 const AFTER_REST: [&str; 8] =
     ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
 
 /// A file of splats before its rows.
-pub(in crate::export) struct Layout {
+pub(in crate::export) struct PlyLayout {
     header: String,
     /// Coefficients per channel above degree 0.
     n_rest: usize,
     turn: Turn,
 }
 
-impl Layout {
+impl PlyLayout {
     /// For these splats.
     pub fn new(
         gaussians: impl Iterator<Item = Gaussian> + Clone,
@@ -101,12 +101,13 @@ pub(super) fn push_property(header: &mut String, kind: &str, name: &str) {
 
 pub(super) fn end_header(mut header: String) -> Result<String, Fault> {
     header.push_str("end_header\n");
-    if header.len() < LONGEST_HEADER {
+    // Comments are the caller's and of any length; a header too long opens nowhere.
+    if header.len() < MAX_HEADER_BYTES {
         return Ok(header);
     }
     Err(Fault::Setting {
         setting: "comments",
-        expected: format!("a PLY header below {LONGEST_HEADER} bytes"),
+        expected: format!("a PLY header below {MAX_HEADER_BYTES} bytes"),
         found: format!("{} bytes", header.len()),
     })
 }

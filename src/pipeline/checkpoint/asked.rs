@@ -1,25 +1,29 @@
 //! Settings a user gives beside a checkpoint: they must be the ones the run was begun with.
+//!
+//! Every comparison is between values of the setting's own type: those of a model by its preset's
+//! table, those of frames and depth here. Comparing the stored JSON instead would let pass whatever
+//! has another name or place there.
 
 use super::error::RunError;
 use super::saved::SavedRun;
 use crate::dataset::LoadOptions;
-use crate::pipeline::plan::{Order, Shard};
+use crate::pipeline::plan::{Order, Selection, Shard};
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::paper::config::{PaperOverrides, Preset};
+use crate::train::setting::table::{Conflict, SettingLayer};
+use crate::train::setting::value::text_of;
 use serde::Serialize;
-use serde_json::Value;
+use std::fmt::Debug;
 
 /// What a user asks of a run that goes on; what is not asked for is as it was.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default)]
 pub struct Asked {
     /// Origin of the defaults.
     pub preset: Option<Preset>,
     /// Settings of a model of the paper's preset.
-    #[serde(skip)]
     pub paper: PaperOverrides,
     /// Settings of a model of the scene's.
-    #[serde(skip)]
     pub scene: SceneOverrides,
     /// Split to train on.
     pub split: Option<String>,
@@ -30,71 +34,80 @@ pub struct Asked {
     /// Share of the frames.
     pub shard: Option<Shard>,
     /// How depth files are read.
-    #[serde(flatten)]
     pub load: LoadOptions,
     /// Frames at most, those gone through included: the one setting that may change.
-    #[serde(skip)]
     pub max_frames: Option<usize>,
 }
 
-/// Settings of either preset that have the same option.
-const SHARED: [&str; 3] = ["seed", "precision", "sums"];
-
 impl SavedRun {
     /// Refuses the first setting that contradicts the run's.
+    ///
+    /// # Errors
+    /// [`RunError::Conflict`] names the option, the run's value and the one asked for.
     pub fn check(&self, asked: &Asked) -> Result<(), RunError> {
-        let [paper, scene] =
-            [serde_json::to_value(&asked.paper), serde_json::to_value(&asked.scene)];
-        let (own, foreign) = match &self.config.method {
-            Method::Paper(_) => (paper, scene),
-            Method::Scene(_) => (scene, paper),
-        };
-        let (Ok(Value::Object(asked)), Ok(Value::Object(own)), Ok(Value::Object(foreign))) =
-            (serde_json::to_value(asked), own, foreign)
-        else {
-            return Ok(()); // settings are always JSON objects
-        };
-        let Ok(stored) = serde_json::to_value(&self.config) else { return Ok(()) };
-        let closes = stored["native"]["closing"].as_f64().map(|coverage| coverage < 1.0);
-        let closes = Value::from(closes);
-        // What one option says to both presets is judged by the run's own.
-        let foreign = foreign.iter().filter(|(name, _)| !SHARED.contains(&name.as_str()));
-        let given = asked.iter().chain(&own).chain(foreign).filter(|(_, value)| !value.is_null());
-        for (name, value) in given {
-            let before = match name.as_str() {
-                "covariance_form" => &stored["conversion"]["form"],
-                "scale_factor" => &stored["conversion"]["scale_factor"],
-                "gradient" | "directional" => &stored["native"][name],
-                "closing" => &closes,
-                "plane_fit" | "flying_pixels" | "cosine" | "sensor" | "calibration" => {
-                    &stored["surface"][name]
-                }
-                other => &stored[other],
-            };
-            if before != value {
-                return Err(RunError::Conflict {
-                    setting: option_name(name),
-                    path: self.path.clone(),
-                    stored: if before.is_null() { "no such option".into() } else { text(before) },
-                    asked: text(value),
-                });
+        let method = &self.config.method;
+        let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
+            .or_else(|| of_model(&asked.paper, &asked.scene, method))
+            .or_else(|| of_frames(asked, &self.config.selection))
+            .or_else(|| of_depth(&asked.load, &self.config.load));
+        match conflict {
+            None => Ok(()),
+            Some(Conflict { setting, stored, asked }) => {
+                Err(RunError::Conflict { setting, path: self.path.clone(), stored, asked })
             }
         }
-        Ok(())
     }
 }
 
-/// As the command line spells it.
-fn option_name(name: &str) -> String {
-    match name {
-        "covariance_form" => "--conversion".to_owned(),
-        "sums" => "--precision".to_owned(),
-        "refine" | "align" | "gain" | "closing" | "gradient" | "directional" | "plane_fit"
-        | "flying_pixels" | "cosine" => format!("--with or --without {}", name.replace('_', "-")),
-        other => format!("--{}", other.replace('_', "-")),
+/// Settings of the run's preset against the run's; of the other, only those with an option of both
+/// may be given.
+fn of_model(paper: &PaperOverrides, scene: &SceneOverrides, method: &Method) -> Option<Conflict> {
+    match method {
+        Method::Paper(config) => {
+            paper.conflict(config).or_else(|| foreign::<_, PaperOverrides>(scene))
+        }
+        Method::Scene(run) => scene.conflict(run).or_else(|| foreign::<_, SceneOverrides>(paper)),
     }
 }
 
-fn text(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+fn foreign<Other: SettingLayer, Own: SettingLayer>(layer: &Other) -> Option<Conflict> {
+    let (about, asked) = layer.foreign_to::<Own>()?;
+    Some(Conflict { setting: about.name(), stored: "no such option".to_owned(), asked })
+}
+
+/// Which frames, and in which order.
+fn of_frames(asked: &Asked, stored: &Selection) -> Option<Conflict> {
+    // Taken apart whole, so that a new field asks to be compared; a limit of frames may change.
+    let Asked {
+        preset: _,
+        paper: _,
+        scene: _,
+        split,
+        order,
+        stride,
+        shard,
+        load: _,
+        max_frames: _,
+    } = asked;
+    differs("--split", split.as_ref(), stored.split.as_ref())
+        .or_else(|| differs("--order", order.as_ref(), Some(&stored.order)))
+        .or_else(|| differs("--stride", stride.as_ref(), Some(&stored.stride)))
+        .or_else(|| differs("--shard", shard.as_ref(), stored.shard.as_ref()))
+}
+
+fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
+    let LoadOptions { depth_scale, depth_range } = asked;
+    differs("--depth-scale", depth_scale.as_ref(), stored.depth_scale.as_ref())
+        .or_else(|| differs("--depth-range", depth_range.as_ref(), stored.depth_range.as_ref()))
+}
+
+/// A value asked for that is not the stored one.
+fn differs<T: PartialEq + Serialize + Debug>(
+    option: &str,
+    asked: Option<&T>,
+    stored: Option<&T>,
+) -> Option<Conflict> {
+    let asked = asked.filter(|_| asked != stored)?;
+    let stored = stored.map_or_else(|| "none".to_owned(), text_of);
+    Some(Conflict { setting: option.to_owned(), stored, asked: text_of(asked) })
 }

@@ -32,7 +32,7 @@ impl AnyPreset for PaperConfig {
     fn camera_convention(&self, layout: Layout) -> CameraConvention {
         match layout {
             Layout::Blender => CameraConvention::Paper,
-            Layout::SevenScenes | Layout::Synthetic => CameraConvention::Exact,
+            _ => CameraConvention::Exact,
         }
     }
 

@@ -123,7 +123,7 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
     } else if *gain {
         Some(("--with gain".to_owned(), "--without gain"))
     } else if *looks == VisibilityRule::Projected {
-        Some(("--looks projected".to_owned(), "--looks returned"))
+        Some(("--visibility projected".to_owned(), "--visibility returned"))
     } else if *sums != SumForm::Mixed {
         Some((format!("sums of the form {sums:?}"), "--precision mixed"))
     } else if components >= config.most_seeds() {

@@ -1,6 +1,8 @@
 //! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
 
-use super::scene::{DepthAdvice, NEARER_SHARE, SceneError, StructuralScale};
+use super::scene::error::{DepthAdvice, SceneError};
+use super::scene::start::NEARER_SHARE;
+use super::units::StructuralScale;
 use crate::dataset::Dataset;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::observation::surface::Observation;

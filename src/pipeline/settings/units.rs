@@ -13,6 +13,14 @@ pub enum StructuralScale {
     World(f64),
 }
 
+impl StructuralScale {
+    /// Whether it is a length that a component can have.
+    pub fn is_positive(&self) -> bool {
+        let (Self::Pixels(length) | Self::World(length)) = self;
+        length.is_finite() && *length > 0.0
+    }
+}
+
 impl std::str::FromStr for StructuralScale {
     type Err = String;
 
@@ -62,7 +70,7 @@ impl From<StructuralScale> for String {
 pub enum Budget {
     /// So many.
     Components(usize),
-    /// As many as fit in so many bytes of the model.
+    /// As many as fit in so many bytes of the model, at [`COMPONENT_BYTES`] each.
     Bytes(usize),
 }
 

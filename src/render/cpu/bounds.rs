@@ -2,15 +2,15 @@
 //! bounds).
 
 use super::record::Rect;
-use super::view::{Placed, View};
-use crate::render::Response;
+use super::view::{CameraSplat, CpuView};
+use crate::render::options::Response;
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Pixels that the ellipsoid of the alpha cut covers; tight through a pinhole.
 pub(super) fn pinhole(
-    view: &View,
-    placed: &Placed,
+    view: &CpuView,
+    placed: &CameraSplat,
     extent_squared: f64,
     response: Response,
 ) -> Option<Rect> {
@@ -36,10 +36,12 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
     let (t00, t02, t22) = (xx - x * x, xz - x * z, zz - z * z);
     // T₀₂² − T₂₂T₀₀ without the terms that cancel.
     let disc = zz * x * x - 2.0 * xz * x * z + xx * z * z - (xx * zz - xz * xz);
+    // Everything is seen in some direction; the exact test per pixel still decides.
     if disc <= 0.0 || t22 == 0.0 {
         return (f64::NEG_INFINITY, f64::INFINITY); // the camera is in the shadow on this plane
     }
     let q = t02 + disc.sqrt().copysign(t02);
+    // Two divisions instead of two differences: neither root cancels.
     let (a, b) = (q / t22, t00 / q);
     let (r0, r1) = (a.min(b), a.max(b));
     if t22 < 0.0 {
@@ -57,8 +59,8 @@ fn tangent_range(x: f64, z: f64, xx: f64, xz: f64, zz: f64) -> (f64, f64) {
 /// centre's direction, one side along growing `θ`. Straight lines there are great circles, on which
 /// `θ` and the azimuth are largest and smallest at the corners or half way, see [`FisheyeBox`].
 pub(super) fn fisheye(
-    view: &View,
-    placed: &Placed,
+    view: &CpuView,
+    placed: &CameraSplat,
     extent_squared: f64,
     response: Response,
 ) -> Option<Rect> {
@@ -97,15 +99,19 @@ struct FisheyeBox {
 }
 
 impl FisheyeBox {
-    /// Its box in an equidistant fisheye, radians from the principal point.
+    /// Bounding box of the rectangle's image in an equidistant fisheye, radians from the principal
+    /// point.
     fn bounds(&self, azimuth: f64) -> (DVec2, DVec2) {
         let (sin, cos) = self.theta.sin_cos();
         let (mut inner, mut outer) = (f64::INFINITY, 0.0f64);
+        // Azimuths are relative to the centre's, so that a box across ±π stays one interval.
         let (mut first, mut last, mut holds_axis) = (0.0f64, 0.0f64, false);
         for a in [self.radial.0, self.radial.1] {
             let (out, ahead) = (sin + a * cos, cos - a * sin);
             // On the axis or past it: every azimuth.
             holds_axis |= out <= 0.0;
+            // Half way too: along a great circle the angle to the axis is least there, not at a
+            // corner.
             for b in [self.tangential.0, 0.0, self.tangential.1] {
                 let theta = out.hypot(b).atan2(ahead);
                 inner = inner.min(theta);

@@ -18,6 +18,7 @@ impl Buckets {
         records: impl Iterator<Item = u32> + Clone,
         touched: impl Fn(u32) -> Range<usize>,
     ) {
+        // Cleared and not made anew: the lists of the next image need about as much room.
         self.ends.clear();
         self.ends.resize(n_buckets, 0);
         for record in records.clone() {

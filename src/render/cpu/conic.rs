@@ -2,7 +2,7 @@
 //! conic), in f64 and once per splat, so that the f32 of the inner loop starts from correctly
 //! rounded numbers.
 
-use super::view::Placed;
+use super::view::CameraSplat;
 use glam::{DVec2, DVec3};
 
 /// A plane through a point of the splat's line of sight, in camera axes.
@@ -28,7 +28,8 @@ pub(super) struct Conic {
 impl Conic {
     /// With whitening `M = diag(1/s)·(RQ)ᵀ`, `g₀ = M·x₀` and `A = M·steps`:
     /// `N = δᵀQδ` with `Q = reach²·BᵀB/|g₀|²` of `B = [A₁×g₀, A₂×g₀]`, and `l = 2Aᵀg₀/|g₀|²`.
-    pub(super) fn new(placed: &Placed, tangent: &Tangent) -> Self {
+    pub(super) fn new(placed: &CameraSplat, tangent: &Tangent) -> Self {
+        // The floor on scales keeps this finite (`rendering.md`, Conventions).
         let sharpness = placed.scale.recip();
         let white = |v: DVec3| placed.axes.transpose_mul_vec3(v) * sharpness;
         let g0 = white(tangent.x0);

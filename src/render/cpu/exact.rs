@@ -3,22 +3,26 @@
 
 use super::bounds;
 use super::conic::{Conic, Tangent};
-use super::prepare::Drawn;
-use super::record::Frame;
-use super::view::{Placed, View};
+use super::drawn::ImageSplat;
+use super::record::TangentFrame;
+use super::view::{CameraSplat, CpuView};
 use crate::math::camera::Intrinsics;
-use crate::render::Exact;
+use crate::render::options::ExactOptions;
 use glam::{DVec2, DVec3};
 
 /// The splat through a pinhole, or `None` if no pixel can see it.
-pub(super) fn pinhole(view: &View, placed: Placed, exact: Exact) -> Option<Drawn> {
+pub(super) fn pinhole(
+    view: &CpuView,
+    placed: CameraSplat,
+    exact: ExactOptions,
+) -> Option<ImageSplat> {
     let k = &view.intrinsics;
     let placed = placed.antialiased(exact, k)?;
     let extent_squared = placed.extent_squared();
     let rect = bounds::pinhole(view, &placed, extent_squared, exact.response)?;
     let tangent = pinhole_tangent(&placed, k);
     let conic = Conic::new(&placed, &tangent);
-    Some(Drawn {
+    Some(ImageSplat {
         centre: DVec2::new(k.fx * tangent.x0.x + k.cx, k.fy * tangent.x0.y + k.cy),
         conic,
         reach: tangent.reach,
@@ -30,12 +34,18 @@ pub(super) fn pinhole(view: &View, placed: Placed, exact: Exact) -> Option<Drawn
 }
 
 /// The splat through a fisheye, with its frame.
-pub(super) fn fisheye(view: &View, placed: Placed, exact: Exact) -> Option<(Drawn, Frame)> {
+pub(super) fn fisheye(
+    view: &CpuView,
+    placed: CameraSplat,
+    exact: ExactOptions,
+) -> Option<(ImageSplat, TangentFrame)> {
     let placed = placed.antialiased(exact, &view.intrinsics)?;
     let extent_squared = placed.extent_squared();
     let rect = bounds::fisheye(view, &placed, extent_squared, exact.response)?;
     let tangent = fisheye_tangent(&placed);
-    let drawn = Drawn {
+    let drawn = ImageSplat {
+        // A fisheye's offsets are direction cosines in the splat's frame: there is no centre in
+        // pixels.
         centre: DVec2::ZERO,
         conic: Conic::new(&placed, &tangent),
         reach: tangent.reach,
@@ -45,11 +55,11 @@ pub(super) fn fisheye(view: &View, placed: Placed, exact: Exact) -> Option<(Draw
         rect,
     };
     let rows = [tangent.steps[0], tangent.steps[1], tangent.x0];
-    Some((drawn, Frame { rows: rows.map(|row| row.as_vec3().to_array()) }))
+    Some((drawn, TangentFrame { rows: rows.map(|row| row.as_vec3().to_array()) }))
 }
 
 /// The plane `z = 1`, with `δ` in pixels.
-pub(super) fn pinhole_tangent(placed: &Placed, k: &Intrinsics) -> Tangent {
+pub(super) fn pinhole_tangent(placed: &CameraSplat, k: &Intrinsics) -> Tangent {
     Tangent {
         x0: placed.m / placed.m.z,
         steps: [DVec3::X / k.fx, DVec3::Y / k.fy],
@@ -58,7 +68,7 @@ pub(super) fn pinhole_tangent(placed: &Placed, k: &Intrinsics) -> Tangent {
 }
 
 /// The plane that touches the unit sphere where the centre is seen.
-pub(super) fn fisheye_tangent(placed: &Placed) -> Tangent {
+pub(super) fn fisheye_tangent(placed: &CameraSplat) -> Tangent {
     let reach = placed.m.length();
     let x0 = placed.m / reach;
     let (e1, e2) = x0.any_orthonormal_pair();

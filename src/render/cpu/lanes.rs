@@ -16,6 +16,7 @@ pub(super) const EXP2_MIN: f32 = -126.0;
 /// `2^x` for `x` from [`EXP2_MIN`] to 126; other lanes hold any bits, so the caller masks them.
 #[inline(always)]
 pub(super) fn exp2<V: Vector>(x: V) -> V {
+    // Rounding by an addition works in every instruction set; a rounding instruction does not.
     let shifted = x + V::splat(ROUND);
     let f = x - (shifted - V::splat(ROUND));
     let mut sum = V::splat(EXP2[5]);

@@ -1,18 +1,14 @@
 //! From splats to records, in f64 and once per splat, so that the f32 of the inner loop starts from
 //! correctly rounded numbers.
 
-use super::conic::Conic;
-use super::lanes::EXP2_MIN;
-use super::record::{Frame, Gradient, Listing, Record, Records, Rect};
-use super::shade::{self, Shade};
-use super::view::{Placed, View};
+use super::record::{ConicRecord, DepthEntry, Gradient, Records, TangentFrame};
+use super::shade::{self, ColorGradient};
+use super::view::{CameraSplat, CpuView};
 use super::{exact, projected};
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::{Lens, Method, Paint};
-use glam::DVec2;
+use crate::render::options::{Lens, Paint, RenderMethod};
 use rayon::prelude::*;
-use std::f64::consts::LOG2_E;
 
 /// Splats per parallel task: small enough to balance 10⁴ splats, large enough to hide the
 /// scheduling.
@@ -25,31 +21,17 @@ pub(super) struct ChunkCount {
     pub n_invalid: usize,
 }
 
-/// A splat in the image, in f64.
-pub(super) struct Drawn {
-    pub centre: DVec2,
-    pub conic: Conic,
-    /// See [`Record`].
-    pub reach: f64,
-    /// See [`Listing`].
-    pub key: f64,
-    pub opacity: f64,
-    /// `k²` of the alpha cut.
-    pub extent_squared: f64,
-    pub rect: Rect,
-}
-
 /// Whether a view needs the colour gradients of its splats.
-pub(super) fn has_gradients(splats: SplatView<'_>, view: &View) -> bool {
+pub(super) fn has_gradients(splats: SplatView<'_>, view: &CpuView) -> bool {
     !splats.appearance().is_empty() && view.look.paint == Paint::Stored
 }
 
 /// Fills the records of every chunk and counts them.
 pub(super) fn prepare(
     splats: SplatView<'_>,
-    view: &View,
+    view: &CpuView,
     out: &mut Records,
-    listings: &mut Vec<Listing>,
+    listings: &mut Vec<DepthEntry>,
     counts: &mut Vec<ChunkCount>,
 ) {
     let n = splats.splats().len();
@@ -76,6 +58,7 @@ pub(super) fn prepare(
             frames: frames.next().unwrap_or(&mut []),
         })
         .collect();
+    // One chunk a task: rayon would join them, and chunks differ much in what is visible.
     tasks.into_par_iter().zip(counts.par_iter_mut()).with_max_len(1).for_each(
         |(mut chunk, count)| {
             *count = chunk.fill(view);
@@ -96,17 +79,18 @@ struct Chunk<'a> {
     splats: &'a [Splat],
     /// Starts with those of `splats`, or is empty.
     appearance: &'a [Appearance],
-    records: &'a mut [Record],
-    listings: &'a mut [Listing],
+    records: &'a mut [ConicRecord],
+    listings: &'a mut [DepthEntry],
     gradients: &'a mut [Gradient],
-    frames: &'a mut [Frame],
+    frames: &'a mut [TangentFrame],
 }
 
 impl Chunk<'_> {
     /// Packs the visible splats into the front of the lists, in order.
-    fn fill(&mut self, view: &View) -> ChunkCount {
+    fn fill(&mut self, view: &CpuView) -> ChunkCount {
         let mut count = ChunkCount::default();
         for (i, splat) in self.splats.iter().enumerate() {
+            // Empty slots of the model, not broken splats: they are not counted.
             if splat.opacity <= 0.0 {
                 continue;
             }
@@ -124,27 +108,27 @@ impl Chunk<'_> {
     }
 
     /// Writes splat `i` to place `to`; whether any pixel sees it.
-    fn draw(&mut self, view: &View, i: usize, placed: Placed, to: usize) -> bool {
+    fn draw(&mut self, view: &CpuView, i: usize, placed: CameraSplat, to: usize) -> bool {
         let appearance = self.appearance.get(i);
         let color = shade::color(view, &self.splats[i], &placed, appearance);
         let shade = match (self.gradients.get_mut(to), appearance) {
-            (Some(place), Some(appearance)) => Some((place, Shade::new(appearance, view))),
+            (Some(place), Some(appearance)) => Some((place, ColorGradient::new(appearance, view))),
             _ => None,
         };
         let drawn = match view.method {
-            Method::Projected(support) => {
+            RenderMethod::Projected(support) => {
                 if let Some((place, shade)) = shade {
                     *place = projected::gradient(&shade, &placed, view);
                 }
                 projected::draw(view, &placed, support)
             }
-            Method::Exact(settings) if settings.lens == Lens::Pinhole => {
+            RenderMethod::Exact(settings) if settings.lens == Lens::Pinhole => {
                 if let Some((place, shade)) = shade {
                     *place = shade.gradient(&exact::pinhole_tangent(&placed, &view.intrinsics));
                 }
                 exact::pinhole(view, placed, settings)
             }
-            Method::Exact(settings) => {
+            RenderMethod::Exact(settings) => {
                 if let Some((place, shade)) = shade {
                     *place = shade.gradient(&exact::fisheye_tangent(&placed));
                 }
@@ -155,37 +139,8 @@ impl Chunk<'_> {
             }
         };
         let Some((record, key)) = drawn.and_then(|drawn| drawn.record(color)) else { return false };
-        self.listings[to] = Listing::new(key, &record.rect);
+        self.listings[to] = DepthEntry::new(key, &record.rect);
         self.records[to] = record;
         true
-    }
-}
-
-impl Drawn {
-    /// The record and its key; `None` if f32 cannot hold them.
-    fn record(&self, color: [f32; 3]) -> Option<(Record, f32)> {
-        // exp(−½ D²) = 2^−(½ log₂e · D²).
-        let unit = (0.5 * LOG2_E).sqrt();
-        let Conic { p_x, p_y, q_y, half_l, w } = self.conic;
-        let record = Record {
-            u: self.centre.x as f32,
-            v: self.centre.y as f32,
-            p_x: (unit * p_x) as f32,
-            p_y: (unit * p_y) as f32,
-            q_y: (unit * q_y) as f32,
-            half_l: half_l.as_vec2().to_array(),
-            w: (w / (unit * unit)) as f32,
-            cut: ((-0.5 * LOG2_E * self.extent_squared) as f32).max(EXP2_MIN),
-            opacity: self.opacity as f32,
-            color,
-            reach: self.reach as f32,
-            rect: self.rect,
-        };
-        let Record { u, v, p_x, p_y, q_y, half_l: [l_x, l_y], w, reach, .. } = record;
-        let key = self.key as f32;
-        [u, v, p_x, p_y, q_y, l_x, l_y, w, reach, key]
-            .iter()
-            .all(|value| value.is_finite())
-            .then_some((record, key))
     }
 }

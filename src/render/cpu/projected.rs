@@ -1,12 +1,13 @@
 //! The projected renderer's records: `rendering.md`, Projected renderer.
 
 use super::conic::Conic;
+use super::drawn::ImageSplat;
 use super::exact::pinhole_tangent;
-use super::prepare::Drawn;
 use super::record::{Gradient, Rect};
-use super::shade::Shade;
-use super::view::{Placed, View};
-use crate::render::{LOW_PASS_PX2, Support, TILE};
+use super::shade::ColorGradient;
+use super::view::{CameraSplat, CpuView};
+use crate::render::constants::{LOW_PASS_PX2, TILE};
+use crate::render::options::Support;
 use glam::{DVec2, DVec3};
 
 /// Projected covariance in px², low-pass included.
@@ -19,7 +20,7 @@ struct Covariance2 {
 }
 
 /// The splat in the image, or `None` if no pixel can see it.
-pub(super) fn draw(view: &View, placed: &Placed, support: Support) -> Option<Drawn> {
+pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Option<ImageSplat> {
     let m = placed.m;
     let tangent = m.truncate() / m.z;
     let k = &view.intrinsics;
@@ -32,12 +33,12 @@ pub(super) fn draw(view: &View, placed: &Placed, support: Support) -> Option<Dra
     }?;
     let conic = covariance.conic();
     let opacity = placed.opacity;
-    Some(Drawn { centre, conic, reach: m.z, key: m.z, opacity, extent_squared, rect })
+    Some(ImageSplat { centre, conic, reach: m.z, key: m.z, opacity, extent_squared, rect })
 }
 
 /// The gradient linearised at the centre: the point of largest response is `τ·x` with
 /// `τ ≈ 1 − ½ l·δ` there, so the part along the line of sight goes into the part across it.
-pub(super) fn gradient(shade: &Shade, placed: &Placed, view: &View) -> Gradient {
+pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuView) -> Gradient {
     let tangent = pinhole_tangent(placed, &view.intrinsics);
     let conic = Conic::new(placed, &tangent);
     let mut gradient = shade.gradient(&tangent);
@@ -51,8 +52,10 @@ pub(super) fn gradient(shade: &Shade, placed: &Placed, view: &View) -> Gradient 
 
 impl Covariance2 {
     /// `J S Jᵀ + 0.3·I` through the image `W = J R Q diag(s)` of the scaled axes.
-    fn new(view: &View, placed: &Placed, tangent: DVec2) -> Self {
+    fn new(view: &CpuView, placed: &CameraSplat, tangent: DVec2) -> Self {
         let (k, z) = (&view.intrinsics, placed.m.z);
+        // Only the Jacobian's point is clamped, not the centre: far outside, the linearisation
+        // would blow splats up (`rendering.md`, Projected renderer).
         let clamped = tangent.max(view.tangent_lo).min(view.tangent_hi);
         let row_x = DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z);
         let row_y = DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z);
@@ -77,13 +80,13 @@ impl Covariance2 {
     }
 
     /// Pixels whose centres lie in the box of the ellipse of the alpha cut.
-    fn rect_of_alpha(self, view: &View, centre: DVec2, extent_squared: f64) -> Option<Rect> {
+    fn rect_of_alpha(self, view: &CpuView, centre: DVec2, extent_squared: f64) -> Option<Rect> {
         let half = DVec2::new((extent_squared * self.xx).sqrt(), (extent_squared * self.yy).sqrt());
         view.pixels(centre - half, centre + half)
     }
 
     /// The reference's rectangle of tiles: a square of `⌈3√λ₁⌉` around the centre's pixel index.
-    fn rect_of_tiles(self, view: &View, centre: DVec2) -> Option<Rect> {
+    fn rect_of_tiles(self, view: &CpuView, centre: DVec2) -> Option<Rect> {
         /// Floor of the reference under the root of the larger eigenvalue.
         const ROOT_FLOOR: f64 = 0.1;
         let half_trace = 0.5 * (self.xx + self.yy);
@@ -91,6 +94,7 @@ impl Covariance2 {
         let radius = (3.0 * largest.sqrt()).ceil();
         let tile = TILE as f64;
         let index = centre - 0.5;
+        // Truncation, not floor, because that is what the reference's casts do.
         let lo = ((index - radius) / tile).trunc() * tile;
         let hi = ((index + radius + tile - 1.0) / tile).trunc() * tile;
         view.clip(lo, hi)

@@ -5,8 +5,9 @@ use super::record::Records;
 use super::tile::{Form, Tile};
 use crate::math::camera::Intrinsics;
 use crate::math::simd::{Kernel, Vector};
+use crate::render::constants::TILE;
 use crate::render::finish::Finish;
-use crate::render::{Lens, Method, Response, TILE};
+use crate::render::options::{Lens, RenderMethod, Response};
 use wide::bytemuck::cast_slice;
 
 /// Splats binned to tiles at a time: bounds a row's lists to this many entries per tile, whatever
@@ -28,7 +29,7 @@ pub(super) struct RowCanvas {
 pub(super) struct Sheet<'a> {
     pub records: &'a Records,
     pub intrinsics: Intrinsics,
-    pub method: Method,
+    pub method: RenderMethod,
     pub background: [f32; 3],
     pub finish: Finish,
 }
@@ -47,29 +48,32 @@ impl Kernel for DrawRow<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Method::Exact(exact) = self.sheet.method else {
+        let RenderMethod::Exact(exact) = self.sheet.method else {
             return self.draw::<V, { Form::PROJECTED }>(1.0);
         };
-        let least_front = match exact.response {
+        let min_front = match exact.response {
             Response::Ray => 0.0,
             Response::Line => f32::NEG_INFINITY,
         };
         match exact.lens {
-            Lens::Pinhole => self.draw::<V, { Form::PINHOLE }>(least_front),
-            Lens::Fisheye => self.draw::<V, { Form::FISHEYE }>(least_front),
+            Lens::Pinhole => self.draw::<V, { Form::PINHOLE }>(min_front),
+            Lens::Fisheye => self.draw::<V, { Form::FISHEYE }>(min_front),
         }
     }
 }
 
 impl DrawRow<'_> {
     #[inline(always)]
-    fn draw<V: Vector, const FORM: u8>(self, least_front: f32) {
+    fn draw<V: Vector, const FORM: u8>(self, min_front: f32) {
         let Self { sheet, canvas, top, list } = self;
         canvas.clear(top, &sheet);
         for batch in list.chunks(BATCH) {
+            // Batches are nearest first: once every tile is full, no later splat shows.
             if canvas.tiles.iter().all(Tile::is_finished) {
                 break;
             }
+            // Copied side by side first: tiles of the row read each record several times
+            // (`rendering.md`, CPU renderer).
             canvas.batch.gather(sheet.records, batch);
             let records = &canvas.batch;
             canvas.by_tile.fill(canvas.tiles.len(), 0..batch.len() as u32, |i| {
@@ -77,10 +81,11 @@ impl DrawRow<'_> {
             });
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let list = canvas.by_tile.get(index);
+                // Two loops rather than a branch per splat: plain scenes pay nothing for gradients.
                 if sheet.records.gradients.is_empty() {
-                    tile.blend_all::<V, FORM, false>(list, records, least_front);
+                    tile.blend_all::<V, FORM, false>(list, records, min_front);
                 } else {
-                    tile.blend_all::<V, FORM, true>(list, records, least_front);
+                    tile.blend_all::<V, FORM, true>(list, records, min_front);
                 }
             }
         }
@@ -112,13 +117,15 @@ impl RowCanvas {
     ) {
         let k = &sheet.intrinsics;
         let width = k.width as usize;
-        let per_z = matches!(sheet.method, Method::Exact(exact) if exact.lens == Lens::Pinhole);
+        let per_z =
+            matches!(sheet.method, RenderMethod::Exact(exact) if exact.lens == Lens::Pinhole);
         for (index, tile) in self.tiles.iter().enumerate() {
             let left = index * TILE;
             let planes = tile.planes().map(|plane| cast_slice::<[f32; 8], f32>(plane));
             for row in 0..color.len() / width {
                 for column in 0..TILE.min(width - left) {
                     let [t, r, g, b, z] = planes.map(|plane| plane[row * TILE + column]);
+                    // The sign of a transmittance only says that the pixel is finished.
                     let (open, pixel) = (1.0 - t.abs(), row * width + left + column);
                     let [r, g, b, covered] = sheet.finish.apply([r, g, b, open]);
                     let t = 1.0 - covered;
@@ -128,7 +135,10 @@ impl RowCanvas {
                         (b + t * sheet.background[2]).clamp(0.0, 1.0),
                     ];
                     coverage[pixel] = covered;
+                    // By the coverage before cracks are filled: that is what the weights sum to.
                     depth[pixel] = if open > 0.0 { z / open } else { 0.0 };
+                    // The sums hold the parameter of the ray `(x, y, 1)`; depth is reported as a
+                    // distance along it.
                     if per_z {
                         depth[pixel] *= k.ray(left + column, top + row).length() as f32;
                     }

@@ -15,13 +15,13 @@
 //! renderer is the case `l = w = 0`. Every sum is one of squares: nothing cancels, and the error of
 //! the numerator grows with `p`, where the expanded form's grows with `(p_x·δx)²`.
 
-use crate::render::TILE;
+use crate::render::constants::TILE;
 use std::ops::Range;
 
 /// A splat in the image: one line of the cache, since rows fetch records from all over the list.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
-pub(super) struct Record {
+pub(super) struct ConicRecord {
     /// Projected centre in pixels; not used by a fisheye.
     pub u: f32,
     pub v: f32,
@@ -29,7 +29,7 @@ pub(super) struct Record {
     pub p_x: f32,
     pub p_y: f32,
     pub q_y: f32,
-    /// `½ l`.
+    /// Half the linear term `l` of the conic's denominator, per unit of `δ`.
     pub half_l: [f32; 2],
     /// `w`, scaled so that `w·N` is what it was.
     pub w: f32,
@@ -52,7 +52,7 @@ pub(super) struct Gradient {
 
 /// Orthonormal frame of a splat seen through a fisheye: camera axes.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Frame {
+pub(super) struct TangentFrame {
     /// Rows: the two axes of `δ`, then the direction of the centre.
     pub rows: [[f32; 3]; 3],
 }
@@ -75,14 +75,14 @@ impl Rect {
 
 /// What sorting and listing by row need of a record, by itself.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Listing {
+pub(super) struct DepthEntry {
     /// View depth (projected) or distance (exact); positive, so its bits order like its value.
     pub key: f32,
     y0: u16,
     y1: u16,
 }
 
-impl Listing {
+impl DepthEntry {
     pub(super) fn new(key: f32, rect: &Rect) -> Self {
         Self { key, y0: rect.y0, y1: rect.y1 }
     }
@@ -97,9 +97,9 @@ impl Listing {
 /// them, else none.
 #[derive(Default)]
 pub(super) struct Records {
-    pub records: Vec<Record>,
+    pub records: Vec<ConicRecord>,
     pub gradients: Vec<Gradient>,
-    pub frames: Vec<Frame>,
+    pub frames: Vec<TangentFrame>,
 }
 
 impl Records {

@@ -2,23 +2,24 @@
 
 use super::conic::Tangent;
 use super::record::Gradient;
-use super::view::{Placed, View};
+use super::view::{CameraSplat, CpuView};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::Paint;
+use crate::render::options::Paint;
 use crate::render::paint::ramp;
 use glam::{DMat3, DVec3};
 
 /// The colour gradient of one splat in camera axes.
-pub(super) struct Shade(DMat3);
+pub(super) struct ColorGradient(DMat3);
 
-impl Shade {
-    pub(super) fn new(appearance: &Appearance, view: &View) -> Self {
+impl ColorGradient {
+    pub(super) fn new(appearance: &Appearance, view: &CpuView) -> Self {
         let rows = appearance.gradient.map(|row| row.map(f64::from));
         Self(DMat3::from_cols_array_2d(&rows).transpose() * view.world_from_camera)
     }
 
-    /// Its coefficients in the splat's tangent frame.
+    /// Coefficients of the colour gradient in the splat's tangent frame (`rendering.md`, Colour in
+    /// a view).
     pub(super) fn gradient(&self, tangent: &Tangent) -> Gradient {
         let image = |v: DVec3| (self.0 * v * tangent.reach).as_vec3().to_array();
         let [x, y] = tangent.steps.map(image);
@@ -31,9 +32,9 @@ impl Shade {
 
 /// The splat's colour at its centre; `appearance` counts only where the paint is the splat's own.
 pub(super) fn color(
-    view: &View,
+    view: &CpuView,
     splat: &Splat,
-    placed: &Placed,
+    placed: &CameraSplat,
     appearance: Option<&Appearance>,
 ) -> [f32; 3] {
     match view.look.paint {
@@ -47,16 +48,22 @@ pub(super) fn color(
 }
 
 /// `clamp(c₀ + W·d, 0, 1)`, `d` the unit direction from the camera.
-fn directed(view: &View, splat: &Splat, placed: &Placed, appearance: &Appearance) -> [f32; 3] {
+fn directed(
+    view: &CpuView,
+    splat: &Splat,
+    placed: &CameraSplat,
+    appearance: &Appearance,
+) -> [f32; 3] {
     let d = view.world_from_camera * placed.m.normalize();
     std::array::from_fn(|channel| {
         let w = DVec3::from_array(appearance.directional[channel].map(f64::from));
+        // Clamped here and not by the fit: the direction may be one that no camera had.
         (f64::from(splat.color[channel]) + w.dot(d)).clamp(0.0, 1.0) as f32
     })
 }
 
 /// `½ + ½·n` with `n` the world direction of the shortest axis, turned towards the camera.
-fn normal(view: &View, placed: &Placed) -> [f32; 3] {
+fn normal(view: &CpuView, placed: &CameraSplat) -> [f32; 3] {
     let [x, y, z] = placed.scale.to_array();
     let shortest = if x <= y && x <= z {
         0
@@ -66,6 +73,7 @@ fn normal(view: &View, placed: &Placed) -> [f32; 3] {
         2
     };
     let axis = placed.axes.col(shortest);
+    // An axis has two ends; the one that faces the camera is the side that is seen.
     let towards = if axis.dot(placed.m) > 0.0 { -axis } else { axis };
     let n = view.world_from_camera * towards;
     (0.5 + 0.5 * n).as_vec3().to_array()

@@ -24,6 +24,7 @@ impl DepthSorter {
     /// Sorts by ascending key; equal keys keep their order.
     pub(super) fn sort(&mut self, items: &mut Vec<Keyed>) {
         let mut starts = digit_starts(items);
+        // Three swaps leave the result in the caller's list, since each pass swaps.
         self.buffer.resize(items.len(), Keyed::default());
         for (pass, starts) in starts.iter_mut().enumerate() {
             for &item in items.iter() {

@@ -4,14 +4,14 @@
 use super::record::Rect;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::model::splat::splats::Splat;
-use crate::render::{
-    ALPHA_CUT, Antialias, Exact, FOOTPRINT_PX2, FRUSTUM_MARGIN, Lens, Look, Method,
-    REFERENCE_VARIANCE, RenderOptions,
+use crate::render::constants::{ALPHA_CUT, FOOTPRINT_PX2, FRUSTUM_MARGIN, REFERENCE_VARIANCE};
+use crate::render::options::{
+    Antialias, ExactOptions, Lens, RenderMethod, RenderOptions, SplatStyle,
 };
 use glam::{DMat3, DVec2, DVec3};
 
 /// A view, ready for splats.
-pub(super) struct View {
+pub(super) struct CpuView {
     pub width: usize,
     pub height: usize,
     pub world_from_camera: DMat3,
@@ -22,13 +22,13 @@ pub(super) struct View {
     pub tangent_lo: DVec2,
     pub tangent_hi: DVec2,
     pub near: f32,
-    pub method: Method,
-    pub look: Look,
+    pub method: RenderMethod,
+    pub look: SplatStyle,
 }
 
 /// A splat in camera axes, about to be drawn.
-pub(super) struct Placed {
-    /// Centre.
+pub(super) struct CameraSplat {
+    /// Centre in camera axes (x right, y down, z forward), world units.
     pub m: DVec3,
     /// Direction of each scale, in columns.
     pub axes: DMat3,
@@ -37,7 +37,7 @@ pub(super) struct Placed {
     pub opacity: f64,
 }
 
-impl View {
+impl CpuView {
     pub(super) fn new(camera: &Camera, options: &RenderOptions) -> Self {
         let k = camera.intrinsics;
         let focal = DVec2::new(k.fx, k.fy);
@@ -60,7 +60,7 @@ impl View {
     }
 
     /// The splat in camera axes, or `None` if no pixel can see it.
-    pub(super) fn place(&self, splat: &Splat) -> Option<Placed> {
+    pub(super) fn place(&self, splat: &Splat) -> Option<CameraSplat> {
         // The camera is subtracted in f64: far from the origin f32 would lose the difference.
         let mean = DVec3::from_array(splat.mean.map(f64::from));
         let m = self.camera_from_world * (mean - self.centre);
@@ -69,12 +69,15 @@ impl View {
             Lens::Fisheye => m.length(),
         };
         let opacity = f64::from(splat.opacity);
+        // What the viewer hides and what the alpha cut would skip in every pixel is not even
+        // projected.
         let faint = opacity < ALPHA_CUT || splat.opacity < self.look.opacity_cut;
+        // In f32, as the GPU compares: a splat on the plane must not differ between them.
         if depth as f32 <= self.near || faint {
             return None;
         }
         let axes = self.camera_from_world * axes_of(splat.rotation);
-        Some(Placed { m, axes, scale: self.look.scales(splat), opacity })
+        Some(CameraSplat { m, axes, scale: self.look.scales(splat), opacity })
     }
 
     /// Casts saturate: far outside is empty, infinite is the whole image.
@@ -112,7 +115,7 @@ fn axes_of(rotation: [f32; 4]) -> DMat3 {
     )
 }
 
-impl Placed {
+impl CameraSplat {
     /// `k²`: the squared Mahalanobis distance at which the alpha cut lies, `o·exp(−k²/2)` being the
     /// cut.
     pub(super) fn extent_squared(&self) -> f64 {
@@ -121,13 +124,15 @@ impl Placed {
 
     /// Widened as the exact renderer's antialiasing says (`rendering.md`, Antialiasing); `None` if
     /// it fades the splat away.
-    pub(super) fn antialiased(mut self, exact: Exact, k: &Intrinsics) -> Option<Self> {
+    pub(super) fn antialiased(mut self, exact: ExactOptions, k: &Intrinsics) -> Option<Self> {
         let variance = match exact.antialias {
             Antialias::None => return Some(self),
             Antialias::Footprint => FOOTPRINT_PX2 * self.m.length_squared() / (k.fx * k.fy),
             Antialias::Reference => REFERENCE_VARIANCE,
         };
         let widened = (self.scale * self.scale + variance).map(f64::sqrt);
+        // Only the reference fades a splat by the volume it gained; see `rendering.md`,
+        // Antialiasing.
         if exact.antialias == Antialias::Reference {
             self.opacity *= (self.scale / widened).element_product();
         }

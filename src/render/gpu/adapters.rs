@@ -1,15 +1,19 @@
 //! The graphics adapters of this computer, and choosing among them.
+//!
+//! Adapters are named by what the user sees of them (name, backend, kind) and a choice matches any
+//! part of that text: drivers word their names in too many ways for an exact match. Software and
+//! OpenGL are allowed but said aloud, since a silent fallback looks like a slow program.
 
-use super::scene::ready;
+use super::poll::ready;
 use std::fmt;
 
 /// Which adapter is to draw.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum AdapterChoice {
-    /// The fastest.
+    /// The most capable one, as wgpu (windows) or [`super::headless`] ranks them.
     #[default]
     Auto,
-    /// This computer's CPU, pretending to be a GPU.
+    /// A driver that runs shaders on this computer's CPU (llvmpipe, WARP).
     Software,
     /// The first that contains this in what [`AdapterFacts`] says of it, whatever the case.
     Named(String),
@@ -105,7 +109,7 @@ pub fn list() -> Vec<AdapterFacts> {
     enumerate().iter().map(AdapterFacts::new).collect()
 }
 
-/// Those of [`list`].
+/// The adapters that [`list`] describes, in its order.
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
     let instance =
         wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
@@ -125,6 +129,7 @@ pub fn choose(
     let is_named =
         |a: &AdapterFacts, name: &str| a.to_string().to_lowercase().contains(&name.to_lowercase());
     let found = match choice {
+        // wgpu knows which adapter can show the window's surface; we do not.
         AdapterChoice::Auto => return Ok(None),
         AdapterChoice::Software => {
             adapters.iter().position(|a| a.device_type == wgpu::DeviceType::Cpu)

@@ -1,7 +1,7 @@
 //! Out of memory, which WebGPU may report long after the allocation.
 
-use super::GpuError;
-use super::scene::ready;
+use super::error::GpuError;
+use super::poll::ready;
 use std::fmt;
 use std::future::Future;
 use std::pin::Pin;
@@ -23,9 +23,11 @@ impl Allocation {
         refused: GpuError,
         allocate: impl FnOnce() -> T,
     ) -> Result<(T, Self), GpuError> {
+        // A scope of its own, so that the refusal comes here and not to whoever hears of faults.
         let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let made = allocate();
         let mut allocation = Self { answer: Some(Box::pin(scope.pop())), refused };
+        // Native backends answer at once, and then nothing is built on a buffer that is not there.
         allocation.check()?;
         Ok((made, allocation))
     }
@@ -33,6 +35,7 @@ impl Allocation {
     /// The error, once, if the driver has said no since the last check.
     pub(super) fn check(&mut self) -> Result<(), GpuError> {
         let Some(said) = self.answer.as_mut().and_then(ready) else { return Ok(()) };
+        // An error is reported once; later frames go on with what there is.
         self.answer = None;
         said.map_or(Ok(()), |_| Err(self.refused.clone()))
     }

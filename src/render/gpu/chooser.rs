@@ -1,6 +1,11 @@
 //! Which path draws faster on this adapter: measured, not guessed from its name.
+//!
+//! Blended quads are slow on chips with much compute and few raster units, and fast on gaming
+//! cards; a name tells neither. So the first images are drawn by both, the medians compared, and
+//! the choice made anew when the load has changed much, since it is the load that tips the balance
+//! (`rendering.md`, GPU renderer).
 
-use super::renderer::Path;
+use super::path::DrawPath;
 
 /// Measurements of a path before it is judged. The first ones are of buffers that still grow and of
 /// clocks that still rise.
@@ -27,24 +32,24 @@ pub(super) struct Chooser {
 #[derive(Debug)]
 enum State {
     /// Not by measurement.
-    Fixed(Path),
+    Fixed(DrawPath),
     Trying {
-        path: Path,
+        path: DrawPath,
         milliseconds: Vec<f64>,
         quads: Option<f64>,
     },
-    Chosen(Path),
+    Chosen(DrawPath),
 }
 
 impl Chooser {
     /// Keeps to one path.
-    pub(super) fn fixed(path: Path) -> Self {
+    pub(super) fn fixed(path: DrawPath) -> Self {
         Self { state: State::Fixed(path), load: Load { n_splats: 0, n_pixels: 0 } }
     }
 
     /// Begins with quads.
     pub(super) fn measuring() -> Self {
-        Self { state: trying(Path::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
+        Self { state: trying(DrawPath::Quads, None), load: Load { n_splats: 0, n_pixels: 0 } }
     }
 
     /// Whether measurements decide.
@@ -54,12 +59,15 @@ impl Chooser {
 
     /// Tiles cannot draw this load; quads do until it changes.
     pub(super) fn rule_out_tiles(&mut self) {
-        self.state =
-            if self.is_free() { State::Chosen(Path::Quads) } else { State::Fixed(Path::Quads) };
+        self.state = if self.is_free() {
+            State::Chosen(DrawPath::Quads)
+        } else {
+            State::Fixed(DrawPath::Quads)
+        };
     }
 
     /// The path of the next image.
-    pub(super) fn path(&self) -> Path {
+    pub(super) fn path(&self) -> DrawPath {
         match &self.state {
             State::Fixed(path) | State::Chosen(path) => *path,
             State::Trying { path, .. } => *path,
@@ -71,14 +79,15 @@ impl Chooser {
         let is_new = differs(load.n_splats, self.load.n_splats, MANY_SPLATS)
             || differs(load.n_pixels, self.load.n_pixels, MANY_PIXELS);
         if is_new && self.is_free() {
-            self.state = trying(Path::Quads, None);
+            self.state = trying(DrawPath::Quads, None);
             self.load = load;
         }
     }
 
     /// A measurement of an image, possibly of one a few frames ago.
-    pub(super) fn measured(&mut self, path: Path, total: f64) {
+    pub(super) fn measured(&mut self, path: DrawPath, total: f64) {
         let State::Trying { path: tried, milliseconds, quads } = &mut self.state else { return };
+        // Results arrive frames late, so the first ones may still be of the other path.
         if path != *tried {
             return;
         }
@@ -87,17 +96,18 @@ impl Chooser {
             return;
         }
         let kept = &mut milliseconds[N_IGNORED..];
+        // The median: another program's frame in between must not decide.
         kept.sort_by(f64::total_cmp);
         let median = kept[kept.len() / 2];
         self.state = match *quads {
-            None => trying(Path::Tiles, Some(median)),
-            Some(quads) if quads <= median => State::Chosen(Path::Quads),
-            Some(_) => State::Chosen(Path::Tiles),
+            None => trying(DrawPath::Tiles, Some(median)),
+            Some(quads) if quads <= median => State::Chosen(DrawPath::Quads),
+            Some(_) => State::Chosen(DrawPath::Tiles),
         };
     }
 }
 
-fn trying(path: Path, quads: Option<f64>) -> State {
+fn trying(path: DrawPath, quads: Option<f64>) -> State {
     State::Trying { path, milliseconds: Vec::with_capacity(N_TRIALS), quads }
 }
 
@@ -113,14 +123,14 @@ mod tests {
     const LOAD: Load = Load { n_splats: 1000, n_pixels: 100 };
 
     /// Draws until the choice is made, measurements two frames late.
-    fn settle(chooser: &mut Chooser, load: Load, quads: f64, tiles: f64) -> Path {
+    fn settle(chooser: &mut Chooser, load: Load, quads: f64, tiles: f64) -> DrawPath {
         let mut under_way = Vec::new();
         for _ in 0..4 * N_TRIALS {
             chooser.note(load);
             under_way.push(chooser.path());
             if under_way.len() > 2 {
                 let path = under_way.remove(0);
-                chooser.measured(path, if path == Path::Quads { quads } else { tiles });
+                chooser.measured(path, if path == DrawPath::Quads { quads } else { tiles });
             }
         }
         chooser.path()
@@ -128,7 +138,7 @@ mod tests {
 
     #[test]
     fn the_faster_path_is_kept() {
-        for (quads, tiles, faster) in [(3.0, 1.0, Path::Tiles), (1.0, 3.0, Path::Quads)] {
+        for (quads, tiles, faster) in [(3.0, 1.0, DrawPath::Tiles), (1.0, 3.0, DrawPath::Quads)] {
             let mut chooser = Chooser::measuring();
             assert_eq!(settle(&mut chooser, LOAD, quads, tiles), faster);
             // Nothing much changes: no new trial, whatever is measured.
@@ -146,31 +156,31 @@ mod tests {
             Load { n_pixels: 66, ..LOAD },
         ] {
             let mut chooser = Chooser::measuring();
-            assert_eq!(settle(&mut chooser, LOAD, 1.0, 2.0), Path::Quads);
-            assert_eq!(settle(&mut chooser, load, 2.0, 1.0), Path::Tiles, "{load:?}");
+            assert_eq!(settle(&mut chooser, LOAD, 1.0, 2.0), DrawPath::Quads);
+            assert_eq!(settle(&mut chooser, load, 2.0, 1.0), DrawPath::Tiles, "{load:?}");
         }
     }
 
     #[test]
     fn a_fixed_path_stays() {
-        let mut chooser = Chooser::fixed(Path::Quads);
-        assert_eq!(settle(&mut chooser, LOAD, 5.0, 1.0), Path::Quads);
+        let mut chooser = Chooser::fixed(DrawPath::Quads);
+        assert_eq!(settle(&mut chooser, LOAD, 5.0, 1.0), DrawPath::Quads);
     }
 
     #[test]
     fn slow_first_images_do_not_count() {
         let mut chooser = Chooser::measuring();
         chooser.note(LOAD);
-        for path in [Path::Quads, Path::Tiles] {
+        for path in [DrawPath::Quads, DrawPath::Tiles] {
             for i in 0..N_TRIALS {
                 let total = match (path, i < N_IGNORED) {
-                    (Path::Quads, _) => 2.0,
-                    (Path::Tiles, true) => 100.0,
-                    (Path::Tiles, false) => 1.0,
+                    (DrawPath::Quads, _) => 2.0,
+                    (DrawPath::Tiles, true) => 100.0,
+                    (DrawPath::Tiles, false) => 1.0,
                 };
                 chooser.measured(path, total);
             }
         }
-        assert_eq!(chooser.path(), Path::Tiles);
+        assert_eq!(chooser.path(), DrawPath::Tiles);
     }
 }

@@ -1,4 +1,8 @@
 //! Splat image over a background, into whatever the window or a picture wants.
+//!
+//! A pass of its own and not the splats' last step, because the image is drawn once and shown
+//! often: while nothing moves, only this pass runs, and backgrounds, wipes and differences change
+//! without drawing a splat again.
 
 use super::constants::{COMPARE_DIFFERENCE, COMPARE_NOTHING, COMPARE_WIPE, module};
 use super::layout::{Composite, shader};
@@ -64,7 +68,7 @@ impl Compositor {
         self.prepare_pair(device, queue, image, background, None);
     }
 
-    /// The same with a second picture, over the same background.
+    /// [`Self::prepare`] with a second picture to compare with, laid over an equal background.
     pub fn prepare_pair(
         &mut self,
         device: &wgpu::Device,
@@ -75,6 +79,7 @@ impl Compositor {
     ) {
         let uniforms = uniforms(background, image.finish(), second);
         queue.write_buffer(&self.uniforms, 0, bytemuck::bytes_of(&uniforms));
+        // A binding cannot be empty: without a second picture the first stands in, unread.
         let second_view = second.map_or(image.view(), |second| second.view);
         self.bindings = Some(device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("composite"),
@@ -133,6 +138,7 @@ fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) ->
 
 fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
     let module = module(device, "composite", shader::COMPOSITE);
+    // Values are sRGB-encoded already; such a target would encode them twice.
     let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("composite"),

@@ -14,16 +14,16 @@ use std::fmt::Write;
 /// [`super::layout::GpuSplat::flags`]: the slot holds a splat that can be drawn.
 pub const FLAG_LIVE: u32 = 1;
 
-/// [`super::layout::View::renderer`]: covariances projected to the image.
+/// [`super::layout::GpuView::renderer`]: covariances projected to the image.
 pub const RENDERER_PROJECTED: u32 = 0;
-/// [`super::layout::View::renderer`]: the response along each ray.
+/// [`super::layout::GpuView::renderer`]: the response along each ray.
 pub const RENDERER_EXACT: u32 = 1;
 
-/// [`super::layout::View::paint`]: the splats' own colours.
+/// [`super::layout::GpuView::paint`]: the splats' own colours.
 pub const PAINT_STORED: u32 = 0;
-/// [`super::layout::View::paint`]: by distance to the camera.
+/// [`super::layout::GpuView::paint`]: by distance to the camera.
 pub const PAINT_DEPTH: u32 = 1;
-/// [`super::layout::View::paint`]: by the direction of the shortest axis.
+/// [`super::layout::GpuView::paint`]: by the direction of the shortest axis.
 pub const PAINT_NORMAL: u32 = 2;
 
 /// [`super::layout::Composite::mode`]: the first picture alone.

@@ -1,6 +1,6 @@
 //! What an adapter offers of the things we use, and what to ask of it.
 
-use super::GpuError;
+use super::error::GpuError;
 
 /// Features that help when offered; the renderer works without.
 const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
@@ -10,6 +10,7 @@ const OPTIONAL: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY;
 pub fn device_descriptor(adapter: &wgpu::Adapter) -> wgpu::DeviceDescriptor<'static> {
     wgpu::DeviceDescriptor {
         label: Some("vbgs device"),
+        // Asking for a feature that is not offered fails; what is missing is done without.
         required_features: adapter.features() & OPTIONAL,
         required_limits: required_limits(adapter),
         ..Default::default()
@@ -47,6 +48,7 @@ impl GpuCaps {
         let info = adapter.get_info();
         let limits = device.limits();
         let flags = adapter.get_downlevel_capabilities().flags;
+        // Downlevel adapters (OpenGL ES, WebGL) may lack both, and no limit says so.
         let missing = [
             (wgpu::DownlevelFlags::VERTEX_STORAGE, "storage buffers in vertex shaders"),
             (wgpu::DownlevelFlags::COMPUTE_SHADERS, "compute shaders"),

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Different messages kept; a broken driver can word the same trouble in endless ways.
-const MOST_FAULTS: usize = 32;
+const MAX_FAULTS: usize = 32;
 
 /// What kind of trouble.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +21,7 @@ pub enum FaultKind {
 /// One kind of trouble with one message.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct GpuFault {
-    /// What kind.
+    /// Which of the kinds of trouble, by what wgpu called it.
     pub kind: FaultKind,
     /// wgpu's or the driver's words.
     pub message: String,
@@ -74,11 +74,13 @@ impl GpuFaults {
 
     fn record(&self, kind: FaultKind, message: String) {
         let mut log = self.lock();
+        // Before the bound on messages: a full log must still notice the loss.
         log.is_lost |= kind == FaultKind::DeviceLost;
+        // A fault in every frame would fill log and window with one sentence.
         if let Some(known) = log.faults.iter_mut().find(|f| f.kind == kind && f.message == message)
         {
             known.n_seen += 1;
-        } else if log.faults.len() < MOST_FAULTS {
+        } else if log.faults.len() < MAX_FAULTS {
             tracing::error!(?kind, "GPU: {message}");
             log.faults.push(GpuFault { kind, message, n_seen: 1 });
         }
@@ -109,7 +111,7 @@ mod tests {
         for i in 0..100 {
             faults.record(FaultKind::Internal, format!("{i}"));
         }
-        assert_eq!(faults.take().len(), MOST_FAULTS - 2);
+        assert_eq!(faults.take().len(), MAX_FAULTS - 2);
         faults.record(FaultKind::DeviceLost, "gone".into());
         assert!(faults.is_lost(), "a full log still notices the loss");
     }

@@ -1,10 +1,10 @@
 //! A device without a window: for benches, and for pictures where there is no display.
 
-use super::GpuError;
 use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
+use super::error::GpuError;
 use super::faults::GpuFaults;
-use super::scene::ready;
+use super::poll::ready;
 use std::time::Duration;
 
 /// A GPU that takes longer than this for one frame is not coming back.
@@ -50,9 +50,9 @@ pub enum HeadlessError {
 /// A device, its queue and what they can do.
 #[derive(Debug)]
 pub struct HeadlessGpu {
-    /// The device.
+    /// The device, with every limit and optional feature its adapter offers.
     pub device: wgpu::Device,
-    /// Its queue.
+    /// The queue that takes the device's commands and uploads.
     pub queue: wgpu::Queue,
     /// What it can do.
     pub caps: GpuCaps,
@@ -79,6 +79,7 @@ impl HeadlessGpu {
     pub fn wait(&self) -> Result<(), HeadlessError> {
         let failed =
             |reason: String| HeadlessError::Failed { adapter: self.caps.adapter.clone(), reason };
+        // A lost or hung device never answers; a bench must end with a message.
         let patiently = wgpu::PollType::Wait { submission_index: None, timeout: Some(PATIENCE) };
         self.device.poll(patiently).map_err(|e| failed(e.to_string()))?;
         match self.faults.take().into_iter().next() {
@@ -108,6 +109,7 @@ fn fastest(adapters: &[AdapterFacts]) -> Option<usize> {
         wgpu::DeviceType::Other => Some(3),
         wgpu::DeviceType::Cpu => None,
     };
+    // OpenGL is the slower and less tested way: it must be asked for.
     let hardware = adapters.iter().enumerate().filter(|(_, a)| a.backend != wgpu::Backend::Gl);
     hardware
         .filter_map(|(i, adapter)| Some((rank(adapter)?, i)))

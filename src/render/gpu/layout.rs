@@ -1,13 +1,19 @@
 //! The structs that Rust and WGSL share; `tests/gpu/shaders.rs` compares sizes and offsets with naga's.
+//!
+//! Rust and WGSL have no common header, so both spell each struct and a test compares them. Scales
+//! and a quaternion are sent rather than a covariance, whose six f32 lose the width of needles
+//! (`rendering.md`, Tried and dropped). Vectors of three are followed by a scalar, because WGSL
+//! aligns them to 16 bytes and would pad there anyway.
 
-use super::GpuError;
 use super::constants::{
     FLAG_LIVE, PAINT_DEPTH, PAINT_NORMAL, PAINT_STORED, RENDERER_EXACT, RENDERER_PROJECTED,
 };
+use super::error::GpuError;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::{Exact, FRUSTUM_MARGIN, Method, Paint, RenderOptions, Response, Support};
+use crate::render::constants::FRUSTUM_MARGIN;
+use crate::render::options::{ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support};
 
 /// WGSL of each pipeline: the shared structs, then the file; [`super::constants`] come in front.
 pub mod shader {
@@ -17,19 +23,19 @@ pub mod shader {
         include_str!("../../../shaders/paint.wgsl"),
         include_str!("../../../shaders/record.wgsl")
     );
-    /// `quads.wgsl`.
+    /// `quads.wgsl` behind what it needs: splats as blended quads.
     pub const QUADS: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/paint.wgsl"),
         include_str!("../../../shaders/record.wgsl"),
         include_str!("../../../shaders/quads.wgsl")
     );
-    /// `composite.wgsl`.
+    /// `composite.wgsl` behind what it needs: the image over a background.
     pub const COMPOSITE: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/composite.wgsl")
     );
-    /// `scatter.wgsl`.
+    /// `scatter.wgsl` behind what it needs: changed records to their places.
     pub const SCATTER: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/scatter.wgsl")
@@ -42,9 +48,9 @@ pub mod shader {
 pub struct GpuSplat {
     /// Centre, world units.
     pub mean: [f32; 3],
-    /// Peak opacity.
+    /// Peak opacity, 0 to 1 or more: alpha is capped, not the opacity.
     pub opacity: f32,
-    /// sRGB-encoded colour.
+    /// Colour at the centre, sRGB-encoded, nominally in `[0, 1]`.
     pub color: [f32; 3],
     /// Bit 0 [`FLAG_LIVE`], bit 1 selected, bits 8–31 evidence.
     pub flags: u32,
@@ -60,6 +66,7 @@ impl GpuSplat {
     /// The record of a splat. One that cannot be drawn (empty or not valid) becomes all
     /// zeros, so no shader meets a NaN.
     pub fn new(splat: &Splat) -> Self {
+        // Zero opacity and no flag: a shader drops it before any arithmetic.
         if !splat.is_drawable() {
             return bytemuck::Zeroable::zeroed();
         }
@@ -126,7 +133,7 @@ pub struct SparseAppearance {
 /// Uniforms of whatever draws splats: one camera, one set of options.
 #[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
-pub struct View {
+pub struct GpuView {
     /// The camera's x axis in the world.
     pub right: [f32; 3],
     /// Splats at `z ≤ near` (fisheye: at a distance `≤ near`) are not drawn; world units.
@@ -155,7 +162,7 @@ pub struct View {
     pub viewport: [f32; 2],
     /// Smallest `x/z` and `y/z` that the Jacobian may see (`rendering.md`, Projected renderer).
     pub tangent_min: [f32; 2],
-    /// Largest.
+    /// Largest `x/z` and `y/z` that the Jacobian may see.
     pub tangent_max: [f32; 2],
     /// Ends of the depth paint, world units.
     pub depth_range: [f32; 2],
@@ -169,7 +176,7 @@ pub struct View {
     pub padding: u32,
 }
 
-impl View {
+impl GpuView {
     /// `extent_cap` in standard deviations. [`GpuError::CpuOnly`] for what the shaders do not have.
     pub fn new(
         camera: &Camera,
@@ -183,14 +190,14 @@ impl View {
         let size = [f64::from(k.width), f64::from(k.height)];
         let margin = [size[0] / (2.0 * k.fx), size[1] / (2.0 * k.fy)].map(|t| FRUSTUM_MARGIN * t);
         let (renderer, antialias) = match options.method {
-            Method::Projected(Support::Tile3Sigma) => {
+            RenderMethod::Projected(Support::Tile3Sigma) => {
                 return Err(GpuError::CpuOnly { found: "support of three standard deviations" });
             }
-            Method::Exact(Exact { response: Response::Line, .. }) => {
+            RenderMethod::Exact(ExactOptions { response: Response::Line, .. }) => {
                 return Err(GpuError::CpuOnly { found: "response `line`" });
             }
-            Method::Projected(Support::Alpha) => (RENDERER_PROJECTED, 0),
-            Method::Exact(exact) => (RENDERER_EXACT, exact.antialias as u32),
+            RenderMethod::Projected(Support::Alpha) => (RENDERER_PROJECTED, 0),
+            RenderMethod::Exact(exact) => (RENDERER_EXACT, exact.antialias as u32),
         };
         let (paint, depth_range) = match options.look.paint {
             Paint::Stored => (PAINT_STORED, [0.0, 1.0]),
@@ -201,11 +208,14 @@ impl View {
             right: axes.x_axis.as_vec3().to_array(),
             near: options.near.max(0.0) as f32,
             down: axes.y_axis.as_vec3().to_array(),
+            // WGSL may assume that there are no infinities.
             extent_cap: extent_cap.min(f32::MAX),
             forward: axes.z_axis.as_vec3().to_array(),
             scale: options.look.scale,
             centre: centre.as_vec3().to_array(),
             opacity_cut: options.look.opacity_cut,
+            // Two f32 together hold the camera's place to about f64: subtracted one after the other
+            // from a mean, far scenes keep their digits.
             centre_rest: (centre - centre.as_vec3().as_dvec3()).as_vec3().to_array(),
             renderer,
             focal: pair(k.fx, k.fy),

@@ -1,6 +1,6 @@
 //! A photograph on the GPU, to lay beside splats.
 
-use super::GpuError;
+use super::error::GpuError;
 use crate::math::image::{RgbImage, unit_to_byte};
 
 /// An opaque picture, sRGB-encoded bytes.
@@ -18,6 +18,7 @@ impl PhotoTexture {
     ) -> Result<Self, GpuError> {
         let (width, height) = (picture.width as u32, picture.height as u32);
         let limit = device.limits().max_texture_dimension_2d;
+        // wgpu would refuse by an uncaptured error, which names no picture.
         if width.max(height) > limit {
             return Err(GpuError::PhotoTooLarge { width, height, limit });
         }
@@ -38,6 +39,7 @@ impl PhotoTexture {
             .iter()
             .flat_map(|&[r, g, b]| [unit_to_byte(r), unit_to_byte(g), unit_to_byte(b), u8::MAX])
             .collect();
+        // An empty picture still has one texel.
         bytes.resize((4 * size.width * size.height) as usize, u8::MAX);
         let layout = wgpu::TexelCopyBufferLayout {
             offset: 0,

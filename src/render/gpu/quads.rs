@@ -41,6 +41,7 @@ impl QuadPath {
                 resource: buffer.as_entire_binding(),
             })
             .collect();
+        // Plain splats carry fewer varyings from vertex to fragment.
         let pipeline = if scene.appearance_buffer().is_some() { &self.shaded } else { &self.plain };
         let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("splats"),
@@ -67,6 +68,7 @@ fn pipeline(
 ) -> wgpu::RenderPipeline {
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("quads"),
+        // Derived from the shader, where each binding is declared once.
         layout: None,
         vertex: wgpu::VertexState {
             module,

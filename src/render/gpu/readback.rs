@@ -1,7 +1,11 @@
 //! GPU images on the CPU, for tests and screenshots. Everything here waits for the GPU.
+//!
+//! Rows in a buffer must be multiples of 256 bytes apart, images rarely are: rows are copied with
+//! that stride and packed on the CPU. Half floats are widened here by hand, which is exact and
+//! saves a dependency for one function.
 
-use super::GpuError;
 use super::composite::Compositor;
+use super::error::GpuError;
 use super::target::SplatTarget;
 use crate::math::image::Image;
 use std::sync::mpsc;
@@ -74,6 +78,7 @@ fn texels<T: bytemuck::AnyBitPattern>(
         return Ok(Image::from_vec(width as usize, height as usize, Vec::new()));
     }
     let row_bytes = width as usize * size_of::<T>();
+    // wgpu copies rows only at multiples of 256 bytes.
     let stride = row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
     let staging = device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("readback"),
@@ -122,6 +127,7 @@ fn wait_for(
     device
         .poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) })
         .map_err(|error| error.to_string())?;
+    // The wait above has run the callback, or it never will.
     match receiver.try_recv() {
         Ok(Ok(())) => {
             let bytes = staging.get_mapped_range(..).map_err(|error| error.to_string())?;
@@ -138,6 +144,7 @@ fn f32_from_f16(bits: u16) -> f32 {
     let exponent = u32::from(bits >> 10) & 0x1f;
     let fraction = u32::from(bits) & 0x3ff;
     let magnitude = match exponent {
+        // Halves below 2⁻¹⁴ have no implicit one: 24 binary places in all.
         0 => (fraction as f32 * 2f32.powi(-24)).to_bits(),
         0x1f => 0x7f80_0000 | fraction << 13,
         _ => (exponent + 112) << 23 | fraction << 13,

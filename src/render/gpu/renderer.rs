@@ -1,44 +1,20 @@
 //! The renderer that the window and the benches see: a scene and a camera to an image.
+//!
+//! Quads and tiles share the camera's uniforms and the image, so that a change of path is a change
+//! of what is recorded and of nothing else. The tile path is built only when it is first drawn
+//! with: a software adapter never needs its pipelines and buffers.
 
-use super::GpuError;
 use super::chooser::{Chooser, Load};
-use super::layout::View;
+use super::error::GpuError;
+use super::layout::GpuView;
+use super::path::{DrawPath, GpuTimes};
 use super::quads::QuadPath;
 use super::scene::{GpuScene, OrderOf};
 use super::target::SplatTarget;
-use super::tiles::{TileFrame, TilePath};
-use super::timer::{Stage, StageTimer};
+use super::timer::{GpuStage, StageTimer};
 use crate::math::camera::Camera;
-use crate::render::RenderOptions;
-use strum::Display;
-
-/// How splats become pixels. Both give the same image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
-#[strum(serialize_all = "kebab-case")]
-pub enum Path {
-    /// Blended quads, in the order of the CPU.
-    Quads,
-    /// Sorted and blended by compute shaders.
-    Tiles,
-}
-
-/// Milliseconds on the GPU of the stages of one image; `None` where a path has no such stage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GpuTimes {
-    /// Splats to records.
-    pub preprocess: Option<f64>,
-    /// Records into their order.
-    pub sort: Option<f64>,
-    /// Records to pixels; with quads, splats to pixels.
-    pub draw: f64,
-}
-
-impl GpuTimes {
-    /// All stages.
-    pub fn total(&self) -> f64 {
-        self.preprocess.unwrap_or(0.0) + self.sort.unwrap_or(0.0) + self.draw
-    }
-}
+use crate::render::gpu::tiles::{TileFrame, TilePath};
+use crate::render::options::RenderOptions;
 
 /// Draws scenes into an image of its own; several renderers may share a scene.
 #[derive(Debug)]
@@ -66,11 +42,13 @@ impl SplatRenderer {
             tiles: None,
             chooser: match timer {
                 Some(_) if !is_software => Chooser::measuring(),
-                _ => Chooser::fixed(Path::Quads),
+                // Without timestamps nothing can be measured, and on a CPU adapter nothing is worth
+                // it.
+                _ => Chooser::fixed(DrawPath::Quads),
             },
             view: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("view"),
-                size: size_of::<View>() as u64,
+                size: size_of::<GpuView>() as u64,
                 usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             }),
@@ -88,12 +66,12 @@ impl SplatRenderer {
     }
 
     /// Draws by this path from now on, for tests and benches.
-    pub fn set_path(&mut self, path: Path) {
+    pub fn set_path(&mut self, path: DrawPath) {
         self.chooser = Chooser::fixed(path);
     }
 
     /// The path of the next image.
-    pub fn path(&self) -> Path {
+    pub fn path(&self) -> DrawPath {
         self.chooser.path()
     }
 
@@ -114,22 +92,25 @@ impl SplatRenderer {
         let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
         let path = self.choose(scene, (width, height));
         let extent_cap = match path {
-            Path::Quads => self.extent_cap,
-            Path::Tiles => f32::INFINITY,
+            DrawPath::Quads => self.extent_cap,
+            // Tiles end early by themselves; a cap would only make images differ.
+            DrawPath::Tiles => f32::INFINITY,
         };
-        let view = View::new(camera, options, extent_cap)?;
+        let view = GpuView::new(camera, options, extent_cap)?;
+        // A resized window asks every frame; a texture is made only when it changes.
         if self.target.size() != (width, height) {
             self.target = SplatTarget::new(device, width, height)?;
         }
         self.target.set_finish(scene.finish(camera, options));
         queue.write_buffer(&self.view, 0, bytemuck::bytes_of(&view));
+        // A minimised window: a pass of no pixels is refused.
         if self.target.is_empty() {
             return Ok(());
         }
         let slot = self.timer.as_mut().and_then(|timer| timer.begin(path));
         match path {
-            Path::Quads => self.record_quads(device, encoder, scene, slot),
-            Path::Tiles => {
+            DrawPath::Quads => self.record_quads(device, encoder, scene, slot),
+            DrawPath::Tiles => {
                 let drawn = self.record_tiles(device, queue, encoder, scene, slot);
                 drawn.inspect_err(|_| self.chooser.rule_out_tiles())?;
             }
@@ -152,10 +133,10 @@ impl SplatRenderer {
 
     /// Why the farthest splats are missing in the image, if they are.
     pub fn shortage(&self) -> Option<&GpuError> {
-        self.tiles.as_ref().filter(|_| self.path() == Path::Tiles).and_then(TilePath::shortage)
+        self.tiles.as_ref().filter(|_| self.path() == DrawPath::Tiles).and_then(TilePath::shortage)
     }
 
-    fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> Path {
+    fn choose(&mut self, scene: &GpuScene, (width, height): (u32, u32)) -> DrawPath {
         if let Some(shortage) = self.shortage()
             && self.chooser.is_free()
         {
@@ -209,7 +190,7 @@ impl SplatRenderer {
                 },
             })],
             timestamp_writes: timer_slot
-                .and_then(|slot| self.timer.as_ref().map(|t| t.of_render(slot, Stage::Draw))),
+                .and_then(|slot| self.timer.as_ref().map(|t| t.of_render(slot, GpuStage::Draw))),
             ..Default::default()
         });
         if scene.n_drawn(self.of) > 0 {

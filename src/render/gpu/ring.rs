@@ -50,6 +50,8 @@ impl ReadbackRing {
             }
         }
         let slot = self.next;
+        // The callback of a submission still holds its flag: the GPU is behind, and nobody waits
+        // for it.
         if Arc::strong_count(&self.slots[slot].mapped) > 1 {
             return None;
         }

@@ -48,6 +48,7 @@ impl<T: Sparse> Scatter<T> {
         target: &wgpu::Buffer,
         changed: &[T],
     ) -> u64 {
+        // A buffer of no bytes cannot be bound.
         if changed.is_empty() {
             return 0;
         }
@@ -67,6 +68,7 @@ impl<T: Sparse> Scatter<T> {
                 wgpu::BindGroupEntry { binding: 1, resource: target.as_entire_binding() },
             ],
         });
+        // A dimension of a dispatch holds 65,535 groups; more records need a second one.
         let widest = device.limits().max_compute_workgroups_per_dimension;
         let (columns, rows) = grid(changed.len().div_ceil(SCATTER_GROUP as usize), widest);
         let mut encoder = device.create_command_encoder(&Default::default());

@@ -1,16 +1,20 @@
 //! The splats on the GPU and the orders in which to draw them.
+//!
+//! Only what training changed is sent (`rendering.md`, Uploads): few changes as (index, record)
+//! pairs that a compute pass scatters, many as one whole upload, which streams faster than it
+//! scatters. Buffers grow by half, so that growing scenes are copied a logarithmic number of times.
+//! Orders live here too, one for each picture of a comparison, because they name splats of this
+//! scene and of no other.
 
-use super::GpuError;
 use super::allocation::Allocation;
 use super::context::max_buffer_bytes;
+use super::error::GpuError;
 use super::layout::{GpuAppearance, GpuSplat, SparseAppearance, SparseSplat};
 use super::scatter::Scatter;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::{Finishing, SplatView};
-use crate::render::RenderOptions;
 use crate::render::finish::Finish;
-use std::future::Future;
-use std::task::{Context, Poll, Waker};
+use crate::render::options::RenderOptions;
 
 const MIB: u64 = 1 << 20;
 /// Share of changed splats above which the whole scene is uploaded: a sparse record costs 80 bytes
@@ -89,11 +93,15 @@ impl GpuScene {
     ) -> Result<u64, GpuError> {
         let splats: SplatView<'a> = splats.into();
         self.buffers.allocation.check()?;
+        // Even when no splat changed: crack filling and exposures are the scene's, not a splat's.
         self.finishing.clone_from(splats.finishing());
         let n_splats = splats.splats().len();
         if n_splats > self.buffers.capacity || has_appearance(splats) != self.has_appearance() {
+            // Made before the old ones are dropped: if memory is short, the scene draws on as it
+            // was.
             let grown = Buffers::new(device, splats, self.buffers.capacity)?;
             let mut encoder = device.create_command_encoder(&Default::default());
+            // Orders name splats by place, so they stay right in a larger buffer.
             for (order, grown) in self.buffers.orders.iter().zip(&grown.orders) {
                 let kept = order.size().min(grown.size());
                 encoder.copy_buffer_to_buffer(order, 0, grown, 0, kept);
@@ -104,6 +112,7 @@ impl GpuScene {
         }
         let n_kept = self.n_splats.min(n_splats);
         let n_dirty = changed.len() + n_splats - n_kept;
+        // Above this share one stream is faster than scattering (`rendering.md`, Uploads).
         if n_dirty as f64 > WHOLE_UPLOAD_SHARE * n_splats as f64 {
             return Ok(self.upload_whole(queue, splats));
         }
@@ -126,6 +135,7 @@ impl GpuScene {
         order: &[u32],
     ) -> Result<(), GpuError> {
         self.buffers.allocation.check()?;
+        // An index past the splats would read another splat's memory, or none.
         let stale = order.iter().find(|&&index| index as usize >= self.n_splats);
         // Repeated indices could make it longer than the scene.
         if let Some(&index) = stale.or_else(|| order.get(self.n_splats)) {
@@ -136,7 +146,7 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Splats uploaded.
+    /// Number of splats on the GPU, empty slots included.
     pub fn n_splats(&self) -> usize {
         self.n_splats
     }
@@ -234,6 +244,7 @@ impl GpuScene {
 
     fn set_length(&mut self, n_splats: usize) {
         if n_splats < self.n_splats {
+            // An order could name a splat that is gone.
             self.n_order = [0; N_ORDERS];
             let gone = self.is_invalid[n_splats..].iter().filter(|invalid| **invalid).count();
             self.n_invalid -= gone;
@@ -318,14 +329,6 @@ fn capacity_for(
     }
     // A binding cannot be empty.
     Ok((before + before / 2).clamp(n_splats.max(1), max_splats))
-}
-
-/// Futures of native wgpu resolve at once; `None` from a backend whose do not.
-pub(super) fn ready<T>(future: impl Future<Output = T>) -> Option<T> {
-    match std::pin::pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
-        Poll::Ready(value) => Some(value),
-        Poll::Pending => None,
-    }
 }
 
 #[cfg(test)]

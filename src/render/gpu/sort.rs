@@ -1,8 +1,13 @@
 //! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
+//!
+//! Three passes of 11 bits cover a key of 32 and 2¹¹ counters fit L1; a pass whose keys all share a
+//! digit is skipped. Keys of 16 bits were tried and swapped splats
+//! visibly (`rendering.md`, Tried and dropped). Sorting runs on the CPU because quads need no other
+//! compute; the tile path sorts on the GPU (`super::tiles`).
 
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
-use crate::render::{Lens, RenderOptions, Renderer};
+use crate::render::options::{Lens, RenderOptions, Renderer};
 use glam::DVec3;
 
 const DIGIT_BITS: u32 = 11;
@@ -34,6 +39,8 @@ pub fn back_to_front<'a>(
     let by_depth = options.method.renderer() == Renderer::Projected;
     let near_by_depth = options.method.lens() == Lens::Pinhole;
     scratch.entries.clear();
+    // From the last splat on: the sort is stable, and of equal depths the earlier one must be drawn
+    // later.
     scratch.entries.extend(splats.iter().enumerate().rev().filter_map(|(index, splat)| {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - centre;
         let depth = from_camera.dot(forward) as f32;
@@ -63,6 +70,7 @@ fn radix_sort(entries: &mut Vec<u64>, swap: &mut Vec<u64>) {
     }
     swap.resize(entries.len(), 0);
     for (pass, count) in counts.iter_mut().enumerate() {
+        // All keys share this digit: the pass would copy without moving.
         if count.contains(&entries.len()) {
             continue;
         }
@@ -89,7 +97,7 @@ mod tests {
     use crate::math::camera::Intrinsics;
     use crate::math::pose::Pose;
     use crate::math::rng::{Purpose, Rng};
-    use crate::render::{Antialias, Exact, Method, Response};
+    use crate::render::options::{Antialias, ExactOptions, RenderMethod, Response};
 
     fn camera() -> Camera {
         Camera {
@@ -98,18 +106,18 @@ mod tests {
         }
     }
 
-    const FISHEYE: Method = Method::Exact(Exact {
+    const FISHEYE: RenderMethod = RenderMethod::Exact(ExactOptions {
         response: Response::Ray,
         antialias: Antialias::Footprint,
         lens: Lens::Fisheye,
     });
 
-    fn options(method: Method, near: f64) -> RenderOptions {
+    fn options(method: RenderMethod, near: f64) -> RenderOptions {
         RenderOptions { near, ..RenderOptions::evaluation(method, [0.0; 3]) }
     }
 
     /// What must be beyond the near plane, and what the order goes by.
-    fn keys(splat: &Splat, camera: &Camera, method: Method) -> (f32, f32) {
+    fn keys(splat: &Splat, camera: &Camera, method: RenderMethod) -> (f32, f32) {
         let from_camera = DVec3::from_array(splat.mean.map(f64::from)) - camera.pose.centre();
         let depth = from_camera.dot(camera.pose.forward()) as f32;
         let distance = from_camera.length() as f32;
@@ -133,7 +141,7 @@ mod tests {
                     Splat { mean: [at(), at(), at()], opacity: 0.5, ..Splat::default() }
                 })
                 .collect();
-            for method in [Method::PROJECTED, Method::EXACT, FISHEYE] {
+            for method in [RenderMethod::PROJECTED, RenderMethod::EXACT, FISHEYE] {
                 let keys = |i: &u32| keys(&splats[*i as usize], &camera(), method);
                 let options = options(method, 0.2);
                 let ours = back_to_front(&splats, &camera(), &options, &mut scratch).to_vec();
@@ -164,9 +172,9 @@ mod tests {
         let mut order = |method, near| {
             back_to_front(&splats, &ahead, &options(method, near), &mut scratch).to_vec()
         };
-        assert_eq!(order(Method::PROJECTED, 0.2), [7, 8, 0]);
-        assert_eq!(order(Method::PROJECTED, -9.0), [7, 8, 0, 1]);
-        assert_eq!(order(Method::EXACT, 0.2), [7, 8, 0]);
+        assert_eq!(order(RenderMethod::PROJECTED, 0.2), [7, 8, 0]);
+        assert_eq!(order(RenderMethod::PROJECTED, -9.0), [7, 8, 0, 1]);
+        assert_eq!(order(RenderMethod::EXACT, 0.2), [7, 8, 0]);
         assert_eq!(order(FISHEYE, 0.2), [7, 2, 8, 0], "behind the plane is in sight");
     }
 }

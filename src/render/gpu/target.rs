@@ -1,6 +1,6 @@
 //! The offscreen image that splats are drawn into.
 
-use super::GpuError;
+use super::error::GpuError;
 use crate::render::finish::Finish;
 
 /// Premultiplied colour and coverage in half floats: blending in bytes would band.
@@ -21,12 +21,14 @@ impl SplatTarget {
     /// nothing is drawn into, because a texture cannot be empty.
     pub fn new(device: &wgpu::Device, width: u32, height: u32) -> Result<Self, GpuError> {
         let limit = device.limits().max_texture_dimension_2d;
+        // wgpu would refuse by an uncaptured error, which names no viewport.
         if width.max(height) > limit {
             return Err(GpuError::ViewportTooLarge { width, height, limit });
         }
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("splat image"),
             size: wgpu::Extent3d {
+                // A texture cannot be empty.
                 width: width.max(1),
                 height: height.max(1),
                 depth_or_array_layers: 1,

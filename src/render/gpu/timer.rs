@@ -1,11 +1,15 @@
 //! How long the stages of an image take on the GPU, read back without ever waiting for them.
+//!
+//! Reading a timestamp at once would make the CPU wait for the GPU in every frame, so results go
+//! through a ring of buffers and arrive some frames late: enough for a choice of path and for the
+//! panel that shows them.
 
-use super::renderer::{GpuTimes, Path};
+use super::path::{DrawPath, GpuTimes};
 use super::ring::{N_SLOTS, ReadbackRing};
 
 /// What is measured, in the order in which it happens.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stage {
+pub(super) enum GpuStage {
     Preprocess,
     Sort,
     Draw,
@@ -22,9 +26,9 @@ pub(super) struct StageTimer {
     resolved: wgpu::Buffer,
     ring: ReadbackRing,
     /// Which path each slot measures.
-    paths: [Path; N_SLOTS],
+    paths: [DrawPath; N_SLOTS],
     milliseconds_per_tick: f64,
-    latest: Option<(Path, GpuTimes)>,
+    latest: Option<(DrawPath, GpuTimes)>,
     is_new: bool,
 }
 
@@ -48,7 +52,7 @@ impl StageTimer {
                 mapped_at_creation: false,
             }),
             ring: ReadbackRing::new(device, "read stage times", bytes),
-            paths: [Path::Quads; N_SLOTS],
+            paths: [DrawPath::Quads; N_SLOTS],
             milliseconds_per_tick: f64::from(queue.get_timestamp_period()) * 1e-6,
             latest: None,
             is_new: false,
@@ -57,7 +61,7 @@ impl StageTimer {
 
     /// Collects what has come back and takes a free slot for an image by `path`; `None` while the
     /// GPU is behind.
-    pub(super) fn begin(&mut self, path: Path) -> Option<usize> {
+    pub(super) fn begin(&mut self, path: DrawPath) -> Option<usize> {
         let Self { ring, paths, latest, is_new, .. } = self;
         let slot = ring.turn(|slot, bytes| {
             if let Some(times) = times(paths[slot], bytes, self.milliseconds_per_tick) {
@@ -73,7 +77,7 @@ impl StageTimer {
     pub(super) fn of_compute(
         &self,
         slot: usize,
-        stage: Stage,
+        stage: GpuStage,
     ) -> wgpu::ComputePassTimestampWrites<'_> {
         let first = first_query(slot, stage);
         wgpu::ComputePassTimestampWrites {
@@ -87,7 +91,7 @@ impl StageTimer {
     pub(super) fn of_render(
         &self,
         slot: usize,
-        stage: Stage,
+        stage: GpuStage,
     ) -> wgpu::RenderPassTimestampWrites<'_> {
         let first = first_query(slot, stage);
         wgpu::RenderPassTimestampWrites {
@@ -112,33 +116,35 @@ impl StageTimer {
     }
 
     /// The last measurement that came back and the path it is of, once.
-    pub(super) fn take(&mut self) -> Option<(Path, GpuTimes)> {
+    pub(super) fn take(&mut self) -> Option<(DrawPath, GpuTimes)> {
+        // The choice of path must count each measurement once.
         std::mem::take(&mut self.is_new).then_some(self.latest).flatten()
     }
 }
 
 /// The stages that a path has; the last ones of all.
-fn stages_of(path: Path) -> &'static [Stage] {
+fn stages_of(path: DrawPath) -> &'static [GpuStage] {
     match path {
-        Path::Quads => &[Stage::Draw],
-        Path::Tiles => &[Stage::Preprocess, Stage::Sort, Stage::Draw],
+        DrawPath::Quads => &[GpuStage::Draw],
+        DrawPath::Tiles => &[GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw],
     }
 }
 
-fn first_query(slot: usize, stage: Stage) -> u32 {
+fn first_query(slot: usize, stage: GpuStage) -> u32 {
     2 * (N_STAGES * slot as u32 + stage as u32)
 }
 
 /// `None` from a GPU that was reset or put to sleep and ran its clock backwards.
-fn times(path: Path, bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
+fn times(path: DrawPath, bytes: &[u8], milliseconds_per_tick: f64) -> Option<GpuTimes> {
     let mut out = GpuTimes { preprocess: None, sort: None, draw: 0.0 };
     for (&stage, bytes) in stages_of(path).iter().zip(bytes.chunks_exact(STAGE_BYTES as usize)) {
         let [begin, end]: [u64; 2] = bytemuck::pod_read_unaligned(bytes);
+        // A GPU that slept may run its clock backwards; no time is better than a huge one.
         let elapsed = end.checked_sub(begin)? as f64 * milliseconds_per_tick;
         match stage {
-            Stage::Preprocess => out.preprocess = Some(elapsed),
-            Stage::Sort => out.sort = Some(elapsed),
-            Stage::Draw => out.draw = elapsed,
+            GpuStage::Preprocess => out.preprocess = Some(elapsed),
+            GpuStage::Sort => out.sort = Some(elapsed),
+            GpuStage::Draw => out.draw = elapsed,
         }
     }
     Some(out)
@@ -152,14 +158,14 @@ mod tests {
     fn stages_are_read_where_their_path_wrote_them() {
         let ticks: Vec<u8> =
             [10u64, 14, 20, 26, 30, 40].iter().flat_map(|t| t.to_le_bytes()).collect();
-        let tiles = times(Path::Tiles, &ticks, 0.5).unwrap();
+        let tiles = times(DrawPath::Tiles, &ticks, 0.5).unwrap();
         assert_eq!(tiles, GpuTimes { preprocess: Some(2.0), sort: Some(3.0), draw: 5.0 });
         assert_eq!(tiles.total(), 10.0);
-        let quads = times(Path::Quads, &ticks, 0.5).unwrap();
+        let quads = times(DrawPath::Quads, &ticks, 0.5).unwrap();
         assert_eq!(quads, GpuTimes { preprocess: None, sort: None, draw: 2.0 });
         let backwards: Vec<u8> = [9u64, 8].iter().flat_map(|t| t.to_le_bytes()).collect();
-        assert_eq!(times(Path::Quads, &backwards, 1.0), None);
-        for path in [Path::Quads, Path::Tiles] {
+        assert_eq!(times(DrawPath::Quads, &backwards, 1.0), None);
+        for path in [DrawPath::Quads, DrawPath::Tiles] {
             let stages = stages_of(path);
             let queries: Vec<u32> = stages.iter().map(|&s| first_query(1, s)).collect();
             assert!(queries.windows(2).all(|pair| pair[1] == pair[0] + 2), "{queries:?}");

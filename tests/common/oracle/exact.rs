@@ -8,7 +8,8 @@ use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::PI;
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::render::{
-    ALPHA_CAP, Antialias, Exact as Settings, FOOTPRINT_PX2, Lens, REFERENCE_VARIANCE, Response,
+    ALPHA_CAP, Antialias, ExactOptions as Settings, FOOTPRINT_PX2, Lens, REFERENCE_VARIANCE,
+    Response,
 };
 
 /// A splat around the camera.

@@ -19,7 +19,7 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::finish::Finish;
-use vbgs_studio::render::{ALPHA_CUT, Lens, Method, RenderOptions, TRANSMITTANCE_STOP};
+use vbgs_studio::render::{ALPHA_CUT, Lens, RenderMethod, RenderOptions, TRANSMITTANCE_STOP};
 
 /// What one pixel sees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -73,11 +73,11 @@ impl Oracle {
             alpha_cut: ALPHA_CUT,
             transmittance_stop: TRANSMITTANCE_STOP,
             splats: match options.method {
-                Method::Projected(support) => {
+                RenderMethod::Projected(support) => {
                     let splats = placed.filter_map(|splat| Projected::new(&splat, k, support));
                     Sorted::Projected(nearest_first(splats, |splat| splat.depth))
                 }
-                Method::Exact(settings) => {
+                RenderMethod::Exact(settings) => {
                     let splats = placed.map(|splat| Exact::new(&splat, k, settings));
                     Sorted::Exact(settings.lens, nearest_first(splats, |splat| splat.distance))
                 }

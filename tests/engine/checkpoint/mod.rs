@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{Checkpoint, write};
-use vbgs_studio::export::{self, Format, WriteOptions};
+use vbgs_studio::export::{self, ModelFormat, WriteOptions};
 use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -97,7 +97,7 @@ fn timeless(checkpoint: Checkpoint) -> Checkpoint {
 fn ply(session: &Session) -> Vec<u8> {
     let folder: TempDir = tempfile::tempdir().unwrap();
     let path: &Path = &folder.path().join("scene.ply");
-    let options = WriteOptions { up: session.up(), ..WriteOptions::new(Format::Ply) };
+    let options = WriteOptions { up: session.up(), ..WriteOptions::new(ModelFormat::Ply) };
     export::write(path, &session.stored_splats(), &options).unwrap();
     std::fs::read(path).unwrap()
 }

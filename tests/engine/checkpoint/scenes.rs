@@ -139,8 +139,8 @@ fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
         ),
         (SceneOverrides { gain: Some(true), ..lattice() }, ["--with gain", "with --without gain"]),
         (
-            SceneOverrides { looks: Some(VisibilityRule::Projected), ..lattice() },
-            ["--looks projected", "with --looks returned"],
+            SceneOverrides { visibility: Some(VisibilityRule::Projected), ..lattice() },
+            ["--visibility projected", "with --visibility returned"],
         ),
         (
             SceneOverrides { sums: Some(SumForm::F64), ..lattice() },
@@ -216,7 +216,10 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         ("--budget", with(SceneOverrides { budget: Some(Budget::Components(9)), ..none() })),
         ("--with or --without refine", with(SceneOverrides { refine: Some(false), ..none() })),
         ("--with or --without gain", with(SceneOverrides { gain: Some(true), ..none() })),
-        ("--looks", with(SceneOverrides { looks: Some(VisibilityRule::Returned), ..none() })),
+        (
+            "--visibility",
+            with(SceneOverrides { visibility: Some(VisibilityRule::Returned), ..none() }),
+        ),
         ("--with or --without gradient", with(SceneOverrides { gradient: Some(false), ..none() })),
         (
             "--with or --without directional",

@@ -6,8 +6,9 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::render::RenderOptions;
+use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::gpu::readback;
-use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};
+use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 
@@ -73,7 +74,7 @@ impl Gpu {
         bytemuck::pod_collect_to_vec(&bytes)
     }
 
-    pub fn renderer(&self, path: Path) -> SplatRenderer {
+    pub fn renderer(&self, path: DrawPath) -> SplatRenderer {
         let mut renderer = SplatRenderer::new(&self.device, &self.queue, OrderOf::First).unwrap();
         renderer.set_path(path);
         renderer
@@ -111,7 +112,7 @@ impl Gpu {
     /// One image by a renderer of its own.
     pub fn image_by(
         &self,
-        path: Path,
+        path: DrawPath,
         splats: SplatView<'_>,
         camera: &Camera,
         options: &RenderOptions,

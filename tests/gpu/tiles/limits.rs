@@ -6,10 +6,11 @@ use glam::DVec3;
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::gpu::GpuError;
-use vbgs_studio::render::gpu::renderer::{Path, SplatRenderer};
+use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::GpuScene;
-use vbgs_studio::render::{Method, RenderOptions};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// Splats that each cover the whole image, one behind the other.
 fn curtains(n: usize, opacity: f32) -> Vec<Splat> {
@@ -43,11 +44,11 @@ fn room_for_entries_grows_after_the_image_that_needed_more() {
     let Some(gpu) = Gpu::new() else { return };
     // 1200 tiles by 150 splats; the first guess is 65,536 entries.
     let view = camera(640, 480, DVec3::new(0.0, -5.0, 0.0), 0.8);
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let splats = curtains(150, 0.02);
     let scene = gpu.scene((&splats).into(), &view, &options);
-    let quads = gpu.image(&mut gpu.renderer(Path::Quads), &scene, &view, &options);
-    let mut renderer = gpu.renderer(Path::Tiles);
+    let quads = gpu.image(&mut gpu.renderer(DrawPath::Quads), &scene, &view, &options);
+    let mut renderer = gpu.renderer(DrawPath::Tiles);
     let first = gpu.image(&mut renderer, &scene, &view, &options);
     assert!(first.data.iter().flatten().all(|v| v.is_finite()));
     assert!(largest_difference(&first, &quads) > 0.1, "the farthest splats did not fit");
@@ -64,16 +65,16 @@ fn what_no_buffer_holds_is_said_and_the_nearest_are_drawn() {
     // 2 MiB hold 524,288 entries, 900 splats want 1,080,000.
     let Some(gpu) = Gpu::with_buffers_up_to(2 << 20) else { return };
     let view = camera(640, 480, DVec3::new(0.0, -5.0, 0.0), 0.8);
-    let options = RenderOptions::evaluation(Method::PROJECTED, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
     let splats = curtains(900, 0.05);
     let scene = gpu.scene((&splats).into(), &view, &options);
-    let mut renderer = gpu.renderer(Path::Tiles);
+    let mut renderer = gpu.renderer(DrawPath::Tiles);
     let image = settled(&gpu, &mut renderer, &scene, &view, &options);
     let expected = GpuError::TooManyEntries { needed: 1_080_000, capacity: 524_288 };
     assert_eq!(renderer.shortage(), Some(&expected));
     // The 400 nearest fill every pixel, so that the others are not missed.
     let nearest = gpu.scene((&splats[..400]).into(), &view, &options);
-    let whole = settled(&gpu, &mut gpu.renderer(Path::Tiles), &nearest, &view, &options);
+    let whole = settled(&gpu, &mut gpu.renderer(DrawPath::Tiles), &nearest, &view, &options);
     assert_eq!(largest_difference(&image, &whole), 0.0);
     gpu.assert_no_faults();
 }
@@ -82,12 +83,12 @@ fn what_no_buffer_holds_is_said_and_the_nearest_are_drawn() {
 fn ten_thousand_splats_over_the_whole_image_end() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(64, 48, DVec3::new(0.0, -5.0, 0.0), 0.8);
-    let options = RenderOptions::evaluation(Method::EXACT, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::EXACT, [0.0; 3]);
     // Just above the cut, so that no pixel is full before thousands of splats; and opaque.
     for opacity in [0.004, 1.0] {
         let splats = curtains(10_000, opacity);
         let scene = gpu.scene((&splats).into(), &view, &options);
-        let image = settled(&gpu, &mut gpu.renderer(Path::Tiles), &scene, &view, &options);
+        let image = settled(&gpu, &mut gpu.renderer(DrawPath::Tiles), &scene, &view, &options);
         // A second opaque splat would leave too little.
         let full = image.data.iter().all(|p| p[3] > 0.98 && p.iter().all(|v| v.is_finite()));
         assert!(full, "opacity {opacity}: {:?}", image.at(32, 24));
@@ -99,10 +100,10 @@ fn ten_thousand_splats_over_the_whole_image_end() {
 fn stage_times_come_back_where_the_adapter_has_them() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(64, 48, DVec3::new(4.0, -3.0, 1.0), 0.8);
-    let options = RenderOptions::evaluation(Method::EXACT, [0.0; 3]);
+    let options = RenderOptions::evaluation(RenderMethod::EXACT, [0.0; 3]);
     let splats = cloud(2, 300, 0.1, 0.1, [0.1, 0.9]);
     let scene = gpu.scene((&splats).into(), &view, &options);
-    for path in [Path::Tiles, Path::Quads] {
+    for path in [DrawPath::Tiles, DrawPath::Quads] {
         let mut renderer = gpu.renderer(path);
         for _ in 0..6 {
             gpu.image(&mut renderer, &scene, &view, &options);
@@ -112,8 +113,8 @@ fn stage_times_come_back_where_the_adapter_has_them() {
         let has_timestamps = gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         assert_eq!(times.is_some(), has_timestamps);
         if let Some(times) = times {
-            assert_eq!(times.sort.is_some(), path == Path::Tiles);
-            assert_eq!(times.preprocess.is_some(), path == Path::Tiles);
+            assert_eq!(times.sort.is_some(), path == DrawPath::Tiles);
+            assert_eq!(times.preprocess.is_some(), path == DrawPath::Tiles);
             assert!(times.total() > 0.0 && times.total() < 1e4, "{times:?}");
         }
     }

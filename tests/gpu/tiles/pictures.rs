@@ -8,10 +8,10 @@ use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::gpu::renderer::Path;
+use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::{
-    ALPHA_CUT, Antialias, Exact, Lens, Look, Method, Paint, RenderOptions, Response,
-    TRANSMITTANCE_STOP,
+    ALPHA_CUT, Antialias, ExactOptions, Lens, Paint, RenderMethod, RenderOptions, Response,
+    SplatStyle, TRANSMITTANCE_STOP,
 };
 
 /// Half floats at the end of f32 sums.
@@ -19,18 +19,18 @@ const TOLERANCE: f64 = 2e-3;
 /// Shares of the cut and of the stop within which f32 may take either branch.
 const HINGE: f64 = 1e-3;
 
-const FISHEYE: Method = Method::Exact(Exact {
+const FISHEYE: RenderMethod = RenderMethod::Exact(ExactOptions {
     response: Response::Ray,
     antialias: Antialias::Footprint,
     lens: Lens::Fisheye,
 });
-const SHARP: Method = Method::Exact(Exact {
+const SHARP: RenderMethod = RenderMethod::Exact(ExactOptions {
     response: Response::Ray,
     antialias: Antialias::None,
     lens: Lens::Pinhole,
 });
 
-fn options(method: Method) -> RenderOptions {
+fn options(method: RenderMethod) -> RenderOptions {
     RenderOptions::evaluation(method, [0.0; 3])
 }
 
@@ -95,15 +95,16 @@ fn random_scenes_agree_with_the_oracle_and_with_quads() {
         let left_out = if *name == "flat tops" { 1e-2 } else { TOLERANCE };
         let extras = appearance(5, splats.len());
         for (view, method) in views.iter().flat_map(|view| {
-            [Method::PROJECTED, Method::EXACT, SHARP, FISHEYE].map(|method| (view, method))
+            [RenderMethod::PROJECTED, RenderMethod::EXACT, SHARP, FISHEYE]
+                .map(|method| (view, method))
         }) {
             let options = options(method);
             for splats in [splats.into(), SplatView::new(splats, &extras).unwrap()] {
                 let kind = if splats.appearance().is_empty() { "plain" } else { "shaded" };
                 let name = format!("{name}, {kind}, {}, {method:?}", view.intrinsics.width);
-                let tiles = gpu.image_by(Path::Tiles, splats, view, &options);
+                let tiles = gpu.image_by(DrawPath::Tiles, splats, view, &options);
                 assert_agrees(&name, &tiles, splats, view, &options);
-                let quads = gpu.image_by(Path::Quads, splats, view, &options);
+                let quads = gpu.image_by(DrawPath::Quads, splats, view, &options);
                 let share = tiles
                     .data
                     .iter()
@@ -127,9 +128,9 @@ fn looks_and_paints_agree_with_the_oracle() {
     let splats = SplatView::new(&splats, &extras).unwrap();
     let view = camera(64, 48, DVec3::new(4.0, -3.0, 1.0), 0.8);
     for paint in [Paint::Stored, Paint::Depth([3.0, 7.0]), Paint::Normal] {
-        let look = Look { scale: 0.7, opacity_cut: 0.4, paint };
-        let options = RenderOptions { look, ..options(Method::EXACT) };
-        let image = gpu.image_by(Path::Tiles, splats, &view, &options);
+        let look = SplatStyle { scale: 0.7, opacity_cut: 0.4, paint };
+        let options = RenderOptions { look, ..options(RenderMethod::EXACT) };
+        let image = gpu.image_by(DrawPath::Tiles, splats, &view, &options);
         assert_agrees(&format!("{paint:?}"), &image, splats, &view, &options);
     }
     gpu.assert_no_faults();
@@ -139,9 +140,9 @@ fn looks_and_paints_agree_with_the_oracle() {
 fn every_size_of_image_is_whole() {
     let Some(gpu) = Gpu::new() else { return };
     let splats = cloud(8, 120, 0.3, 0.1, [0.2, 0.9]);
-    let options = options(Method::EXACT);
+    let options = options(RenderMethod::EXACT);
     let eye = DVec3::new(4.0, -3.0, 1.0);
-    let mut renderer = gpu.renderer(Path::Tiles);
+    let mut renderer = gpu.renderer(DrawPath::Tiles);
     for (width, height) in [(16, 16), (17, 15), (1, 1), (0, 9), (9, 0), (33, 2), (0, 0), (48, 31)] {
         let mut view = camera(32, 32, eye, 0.8);
         (view.intrinsics.width, view.intrinsics.height) = (width, height);
@@ -157,8 +158,8 @@ fn every_size_of_image_is_whole() {
 fn an_image_without_splats_is_empty() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(40, 20, DVec3::new(4.0, -3.0, 1.0), 0.8);
-    let options = options(Method::PROJECTED);
-    let mut renderer = gpu.renderer(Path::Tiles);
+    let options = options(RenderMethod::PROJECTED);
+    let mut renderer = gpu.renderer(DrawPath::Tiles);
     let splats = cloud(9, 30, 0.3, 0.5, [0.5, 0.9]);
     let full =
         gpu.image(&mut renderer, &gpu.scene((&splats).into(), &view, &options), &view, &options);
@@ -182,7 +183,7 @@ fn an_image_without_splats_is_empty() {
 fn ties_keep_their_order_and_no_order_is_needed() {
     let Some(gpu) = Gpu::new() else { return };
     let view = camera(48, 48, DVec3::new(0.1, -4.0, 0.0), 0.8);
-    let options = options(Method::PROJECTED);
+    let options = options(RenderMethod::PROJECTED);
     // A thousand in one place: the first is in front.
     let template = cloud(10, 1, 0.3, 1.0, [0.6, 0.7])[0];
     let splats: Vec<Splat> = (0..1000)
@@ -195,9 +196,9 @@ fn ties_keep_their_order_and_no_order_is_needed() {
     let unordered =
         vbgs_studio::render::gpu::scene::GpuScene::new(&gpu.device, &gpu.queue, &splats).unwrap();
     assert_eq!(unordered.n_drawn(vbgs_studio::render::gpu::scene::OrderOf::First), 0);
-    let image = gpu.image(&mut gpu.renderer(Path::Tiles), &unordered, &view, &options);
+    let image = gpu.image(&mut gpu.renderer(DrawPath::Tiles), &unordered, &view, &options);
     assert_agrees("ties", &image, (&splats).into(), &view, &options);
-    let again = gpu.image_by(Path::Tiles, (&splats).into(), &view, &options);
+    let again = gpu.image_by(DrawPath::Tiles, (&splats).into(), &view, &options);
     assert_eq!(largest_difference(&image, &again), 0.0);
     gpu.assert_no_faults();
 }

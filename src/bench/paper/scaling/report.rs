@@ -122,7 +122,7 @@ pub fn notes(plan: &ScalingPlan, summary: &ScalingSummary) -> Vec<String> {
             "C = 4, no reassignment, {} frames each after one that warms up, in turns. Plain path: KD-tree, f64, unfused statistics.",
             plan.repeats
         ),
-        "MeanPlacement on surfaces are points of six other frames.".to_owned(),
+        "Means on surfaces are points of six other frames.".to_owned(),
     ];
     for fit in &summary.fits {
         let Some(exponent) = fit.exponent else { continue };

@@ -63,6 +63,7 @@ fn ray_lengths(depth_z: &Image<f64>, k: &Intrinsics) -> Image<f64> {
 fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
     lengths.map(|length| {
         let code = (255.0 * (1.0 - length / INVERSE8_RANGE)).round();
+        // 0 and 255 read back as holes.
         let d = if (1.0..255.0).contains(&code) { code as u8 } else { 0 };
         [d, d, d, 255]
     })

@@ -1,11 +1,11 @@
 //! What the tile path keeps on the GPU between its stages.
 
-use super::TILE_PIXELS;
+use super::constants::TILE_PIXELS;
 use super::kernel::storage;
-use crate::render::gpu::GpuError;
 use crate::render::gpu::allocation::Allocation;
 use crate::render::gpu::constants::GROUP;
 use crate::render::gpu::context::max_buffer_bytes;
+use crate::render::gpu::error::GpuError;
 
 const WORD: u64 = size_of::<u32>() as u64;
 /// Sizes of the structs of `packed.wgsl` and `footprint.wgsl`.
@@ -19,7 +19,7 @@ const MIB: u64 = 1 << 20;
 /// Bytes of the buffer of counts.
 pub(super) const COUNTS_BYTES: u64 = 4 * WORD;
 
-/// By splat.
+/// Buffers with one entry per splat: keys and order of the sort, records, footprints.
 #[derive(Debug)]
 pub(super) struct SplatBuffers {
     pub(super) keys: [wgpu::Buffer; 2],
@@ -43,7 +43,9 @@ impl SplatBuffers {
         capacity: usize,
         has_appearance: bool,
     ) -> Result<Self, GpuError> {
+        // A binding cannot be empty, and the first frame may have no splat.
         let n = capacity.max(1) as u64;
+        // A binding cannot be empty, so plain scenes bind one that nobody reads.
         let n_gradients = if has_appearance { n } else { 1 };
         let n_bytes =
             n * (4 * WORD + RECORD_BYTES + FOOTPRINT_BYTES) + n_gradients * GRADIENT_BYTES;
@@ -116,7 +118,7 @@ impl EntryBuffers {
 }
 
 /// Entries that the adapter's buffers hold.
-pub(super) fn most_entries(limits: &wgpu::Limits) -> u64 {
+pub(super) fn max_entries(limits: &wgpu::Limits) -> u64 {
     max_buffer_bytes(limits) / WORD
 }
 

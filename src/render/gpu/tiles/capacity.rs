@@ -2,13 +2,13 @@
 //! frames later; until then the farthest splats of an image that needs more are left out.
 
 use super::buffers::COUNTS_BYTES;
-use crate::render::gpu::GpuError;
 use crate::render::gpu::constants::slot;
+use crate::render::gpu::error::GpuError;
 use crate::render::gpu::ring::ReadbackRing;
 
 /// First guess, entries a splat.
 const PER_SPLAT: u64 = 4;
-const FEWEST: u64 = 1 << 16;
+const MIN_ENTRIES: u64 = 1 << 16;
 
 /// Listens for what images need.
 #[derive(Debug)]
@@ -32,6 +32,7 @@ impl EntryDemand {
         let needed = std::mem::take(&mut self.needed);
         let wanted = capacity_for(needed, now, n_splats, most);
         if needed > 0 {
+            // One less than what was refused is the most that may still be had.
             let is_short = needed > most.min(self.refused - 1);
             self.shortage =
                 is_short.then_some(GpuError::TooManyEntries { needed, capacity: wanted.max(now) });
@@ -65,7 +66,9 @@ impl EntryDemand {
 
 /// Half as many again as were needed, never fewer than before.
 fn capacity_for(needed: u64, now: u64, n_splats: usize, most: u64) -> u64 {
-    let guess = FEWEST.max(PER_SPLAT * n_splats as u64);
+    let guess = MIN_ENTRIES.max(PER_SPLAT * n_splats as u64);
+    // Half more than needed: coming closer raises the need frame by frame, and each growth rebuilds
+    // the plan.
     let grown = if needed > now { needed + needed / 2 } else { 0 };
     guess.max(grown).max(now).min(most)
 }
@@ -77,7 +80,7 @@ mod tests {
     #[test]
     fn capacity_follows_what_is_needed_up_to_the_limit() {
         for (needed, now, n_splats, expected) in [
-            (0, 0, 0, FEWEST),
+            (0, 0, 0, MIN_ENTRIES),
             (0, 0, 100_000, 400_000),
             (400_000, 400_000, 100_000, 400_000),
             (400_002, 400_000, 100_000, 600_003),

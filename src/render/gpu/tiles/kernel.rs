@@ -4,7 +4,7 @@ use crate::render::gpu::constants::GROUP;
 
 /// A compute pipeline; its bindings are laid out as its shader names them.
 #[derive(Debug)]
-pub(super) struct Kernel(wgpu::ComputePipeline);
+pub(super) struct ComputeKernel(wgpu::ComputePipeline);
 
 /// A kernel with its buffers, ready to be dispatched every frame.
 #[derive(Clone, Debug)]
@@ -20,7 +20,7 @@ pub(super) struct Grid {
     pub(super) rows: u32,
 }
 
-impl Kernel {
+impl ComputeKernel {
     pub(super) fn new(device: &wgpu::Device, module: &wgpu::ShaderModule, entry: &str) -> Self {
         Self::specialized(device, module, entry, &[])
     }
@@ -86,6 +86,7 @@ impl Grid {
     /// At least one lane for each of `n` things.
     pub(super) fn lanes(n: usize) -> Self {
         let n_groups = n.div_ceil(GROUP as usize);
+        // A dimension of a dispatch holds 65,535 groups.
         let columns = n_groups.clamp(1, 65_535);
         Self { columns: columns as u32, rows: n_groups.div_ceil(columns).max(1) as u32 }
     }

@@ -1,13 +1,16 @@
 //! The kernels of the tile path and what each is bound to.
+//!
+//! Bind groups are made once for the buffers of a frame and reused while those stay: a frame then only records passes. Buffers of a sort alternate,
+//! so which of two holds the result follows from the number of passes and is bound here.
 
 use super::buffers::{EntryBuffers, SplatBuffers, starts, tile_grid};
-use super::kernel::{Bound, Grid, Kernel};
+use super::kernel::{Bound, ComputeKernel, Grid};
 use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
-use crate::render::gpu::timer::Stage;
+use crate::render::gpu::timer::GpuStage;
 
 /// Workgroups of the pass over all entries that finds where tiles begin.
 const RANGE_GROUPS: u32 = 1024;
@@ -17,14 +20,14 @@ const DEPTH_BITS: u32 = 32;
 #[derive(Debug)]
 pub(super) struct Kernels {
     /// Without and with appearance.
-    preprocess: [Kernel; 2],
+    preprocess: [ComputeKernel; 2],
     sort: RadixSort,
-    count: Kernel,
-    offsets: Kernel,
-    emit: Kernel,
-    ranges: Kernel,
+    count: ComputeKernel,
+    offsets: ComputeKernel,
+    emit: ComputeKernel,
+    ranges: ComputeKernel,
     /// Without and with appearance.
-    raster: [Kernel; 2],
+    raster: [ComputeKernel; 2],
 }
 
 impl Kernels {
@@ -32,17 +35,17 @@ impl Kernels {
         let variants = |source, entry| {
             let module = module(device, entry, source);
             [0.0, 1.0].map(|value| {
-                Kernel::specialized(device, &module, entry, &[("has_appearance", value)])
+                ComputeKernel::specialized(device, &module, entry, &[("has_appearance", value)])
             })
         };
         let bin = module(device, "bin", shader::BIN);
         Self {
             preprocess: variants(shader::PREPROCESS, "preprocess"),
             sort: RadixSort::new(device),
-            count: Kernel::new(device, &bin, "count"),
-            offsets: Kernel::new(device, &bin, "offsets"),
-            emit: Kernel::new(device, &bin, "emit"),
-            ranges: Kernel::new(device, &bin, "ranges"),
+            count: ComputeKernel::new(device, &bin, "count"),
+            offsets: ComputeKernel::new(device, &bin, "offsets"),
+            emit: ComputeKernel::new(device, &bin, "emit"),
+            ranges: ComputeKernel::new(device, &bin, "ranges"),
             raster: variants(shader::RASTER, "raster"),
         }
     }
@@ -68,11 +71,16 @@ impl Inputs {
             size: image.size(),
         }
     }
+
+    /// Which of two kernels draws these splats: without or with appearance.
+    fn variant(&self) -> usize {
+        usize::from(self.appearance.is_some())
+    }
 }
 
 /// Everything bound, to be recorded every frame.
 #[derive(Debug)]
-pub(super) struct Plan {
+pub(super) struct TilePlan {
     inputs: Inputs,
     preprocess: Bound,
     by_depth: SortPlan,
@@ -84,96 +92,141 @@ pub(super) struct Plan {
     raster: Bound,
 }
 
-impl Plan {
+/// Memory of the tile path that its kernels share.
+#[derive(Clone, Copy)]
+pub(super) struct TileMemory<'a> {
+    /// Numbers of splats and entries, by [`slot`].
+    pub(super) counts: &'a wgpu::Buffer,
+    pub(super) splats: &'a SplatBuffers,
+    pub(super) entries: &'a EntryBuffers,
+}
+
+impl TileMemory<'_> {
+    /// Splats by depth; those that no pixel sees fall out.
+    fn sort_by_depth(
+        &self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        sort: &RadixSort,
+    ) -> SortPlan {
+        let Self { counts, splats, .. } = *self;
+        let (keys, values) = (splats.keys.each_ref(), splats.order.each_ref());
+        let counted = Keys::Indexed { source: slot::N_SPLATS, sink: slot::N_VISIBLE };
+        sort.plan(device, queue, SortBuffers { keys, values, counts }, DEPTH_BITS, counted)
+    }
+
+    /// Entries by tile. The sort is stable, so each tile's entries keep the order of depth.
+    fn sort_by_tile(
+        &self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        sort: &RadixSort,
+        (columns, rows): (u32, u32),
+    ) -> SortPlan {
+        let Self { counts, entries, .. } = *self;
+        let (keys, values) = (entries.tiles.each_ref(), entries.splats.each_ref());
+        let counted = Keys::Valued { source: slot::N_ENTRIES };
+        let bits = bits_of(columns * rows);
+        sort.plan(device, queue, SortBuffers { keys, values, counts }, bits, counted)
+    }
+}
+
+/// Binds whole buffers by their numbers in the shader.
+fn bind(device: &wgpu::Device, kernel: &ComputeKernel, buffers: &[(u32, &wgpu::Buffer)]) -> Bound {
+    let resources: Vec<_> =
+        buffers.iter().map(|(binding, buffer)| (*binding, buffer.as_entire_binding())).collect();
+    kernel.bind(device, &resources)
+}
+
+impl Kernels {
+    fn bind_preprocess(
+        &self,
+        device: &wgpu::Device,
+        inputs: &Inputs,
+        TileMemory { counts, splats, .. }: TileMemory<'_>,
+    ) -> Bound {
+        let buffers = [
+            (0, &inputs.view),
+            (1, counts),
+            (2, &inputs.splats),
+            (3, &splats.keys[0]),
+            (4, &splats.records),
+            (5, &splats.footprints),
+            (6, inputs.appearance.as_ref().unwrap_or(&splats.no_appearance)),
+            (7, &splats.gradients),
+        ];
+        bind(device, &self.preprocess[inputs.variant()], &buffers)
+    }
+
+    /// Counting, offsets and writing of the entries, in this order; `order` holds the splats by
+    /// depth.
+    fn bind_bin(
+        &self,
+        device: &wgpu::Device,
+        inputs: &Inputs,
+        TileMemory { counts, splats, entries }: TileMemory<'_>,
+        order: &wgpu::Buffer,
+    ) -> [Bound; 3] {
+        let (tiles, blocks) = (&entries.tiles[0], &splats.blocks);
+        let all =
+            [&inputs.view, counts, order, &splats.footprints, blocks, tiles, &entries.splats[0]];
+        let bind = |kernel: &ComputeKernel, used: &[u32]| {
+            let buffers: Vec<_> = used.iter().map(|&i| (i, all[i as usize])).collect();
+            bind(device, kernel, &buffers)
+        };
+        [
+            bind(&self.count, &[1, 2, 3, 4]),
+            bind(&self.offsets, &[1, 4, 5]),
+            bind(&self.emit, &[0, 1, 2, 3, 4, 5, 6]),
+        ]
+    }
+
+    fn bind_raster(
+        &self,
+        device: &wgpu::Device,
+        inputs: &Inputs,
+        splats: &SplatBuffers,
+        [starts, sorted]: [&wgpu::Buffer; 2],
+    ) -> Bound {
+        self.raster[inputs.variant()].bind(
+            device,
+            &[
+                (0, inputs.view.as_entire_binding()),
+                (1, starts.as_entire_binding()),
+                (2, sorted.as_entire_binding()),
+                (3, splats.records.as_entire_binding()),
+                (4, wgpu::BindingResource::TextureView(&inputs.image)),
+                (5, splats.gradients.as_entire_binding()),
+            ],
+        )
+    }
+}
+
+impl TilePlan {
     pub(super) fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         kernels: &Kernels,
         inputs: Inputs,
-        counts: &wgpu::Buffer,
-        splats: &SplatBuffers,
-        entries: &EntryBuffers,
+        memory: TileMemory<'_>,
     ) -> Self {
+        let TileMemory { counts, splats, entries } = memory;
         let grid = tile_grid(inputs.size);
-        let by_depth = kernels.sort.plan(
-            device,
-            queue,
-            SortBuffers { keys: splats.keys.each_ref(), values: splats.order.each_ref(), counts },
-            DEPTH_BITS,
-            Keys::Indexed { source: slot::N_SPLATS, sink: slot::N_VISIBLE },
-        );
-        let by_tile = kernels.sort.plan(
-            device,
-            queue,
-            SortBuffers {
-                keys: entries.tiles.each_ref(),
-                values: entries.splats.each_ref(),
-                counts,
-            },
-            bits_of(grid.0 * grid.1),
-            Keys::Valued { source: slot::N_ENTRIES },
-        );
+        let by_depth = memory.sort_by_depth(device, queue, &kernels.sort);
+        let by_tile = memory.sort_by_tile(device, queue, &kernels.sort, grid);
         let order = &splats.order[by_depth.result()];
         let sorted = by_tile.result();
         let starts = starts(device, grid);
-        let variant = usize::from(inputs.appearance.is_some());
-        let appearance = inputs.appearance.as_ref().unwrap_or(&splats.no_appearance);
-        let bind = |kernel: &Kernel, buffers: &[(u32, &wgpu::Buffer)]| {
-            let resources: Vec<_> = buffers
-                .iter()
-                .map(|(binding, buffer)| (*binding, buffer.as_entire_binding()))
-                .collect();
-            kernel.bind(device, &resources)
-        };
+        let [count, offsets, emit] = kernels.bind_bin(device, &inputs, memory, order);
+        let ranges = [(1, counts), (7, &entries.tiles[sorted]), (8, &starts)];
+        let of_entries = [&starts, &entries.splats[sorted]];
         Self {
-            preprocess: bind(
-                &kernels.preprocess[variant],
-                &[
-                    (0, &inputs.view),
-                    (1, counts),
-                    (2, &inputs.splats),
-                    (3, &splats.keys[0]),
-                    (4, &splats.records),
-                    (5, &splats.footprints),
-                    (6, appearance),
-                    (7, &splats.gradients),
-                ],
-            ),
-            count: bind(
-                &kernels.count,
-                &[(1, counts), (2, order), (3, &splats.footprints), (4, &splats.blocks)],
-            ),
-            offsets: bind(
-                &kernels.offsets,
-                &[(1, counts), (4, &splats.blocks), (5, &entries.tiles[0])],
-            ),
-            emit: bind(
-                &kernels.emit,
-                &[
-                    (0, &inputs.view),
-                    (1, counts),
-                    (2, order),
-                    (3, &splats.footprints),
-                    (4, &splats.blocks),
-                    (5, &entries.tiles[0]),
-                    (6, &entries.splats[0]),
-                ],
-            ),
-            ranges: bind(
-                &kernels.ranges,
-                &[(1, counts), (7, &entries.tiles[sorted]), (8, &starts)],
-            ),
-            raster: kernels.raster[variant].bind(
-                device,
-                &[
-                    (0, inputs.view.as_entire_binding()),
-                    (1, starts.as_entire_binding()),
-                    (2, entries.splats[sorted].as_entire_binding()),
-                    (3, splats.records.as_entire_binding()),
-                    (4, wgpu::BindingResource::TextureView(&inputs.image)),
-                    (5, splats.gradients.as_entire_binding()),
-                ],
-            ),
+            preprocess: kernels.bind_preprocess(device, &inputs, memory),
+            count,
+            offsets,
+            emit,
+            ranges: bind(device, &kernels.ranges, &ranges),
+            raster: kernels.bind_raster(device, &inputs, splats, of_entries),
             by_depth,
             by_tile,
             inputs,
@@ -188,22 +241,23 @@ impl Plan {
     pub(super) fn record(
         &self,
         pass: &mut wgpu::ComputePass<'_>,
-        stage: Stage,
+        stage: GpuStage,
         n_splats: usize,
         tiles: (u32, u32),
     ) {
         let by_splat = Grid::lanes(n_splats);
         match stage {
-            Stage::Preprocess => self.preprocess.dispatch(pass, by_splat),
-            Stage::Sort => {
+            GpuStage::Preprocess => self.preprocess.dispatch(pass, by_splat),
+            GpuStage::Sort => {
                 self.by_depth.record(pass);
                 self.count.dispatch(pass, by_splat);
                 self.offsets.dispatch(pass, Grid::row(1));
                 self.emit.dispatch(pass, by_splat);
                 self.by_tile.record(pass);
+                // A fixed number of groups: how many entries there are is known on the GPU only.
                 self.ranges.dispatch(pass, Grid::row(RANGE_GROUPS));
             }
-            Stage::Draw => {
+            GpuStage::Draw => {
                 self.raster.dispatch(pass, Grid { columns: tiles.0, rows: tiles.1 });
             }
         }

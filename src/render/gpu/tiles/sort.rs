@@ -1,6 +1,11 @@
 //! Stable radix sort of u32 keys with u32 values on the GPU; `sort.wgsl` says how.
+//!
+//! Per digit three kernels: count the digits of each strip of keys, sum the counts into places,
+//! scatter. Strips are a fixed number, so grids need no count from the GPU. No subgroups: they are
+//! optional, and sorting is a small part of a frame. The published crate took 70 to 87 ms on
+//! llvmpipe (`rendering.md`, Tried and dropped).
 
-use super::kernel::{Bound, Grid, Kernel, storage};
+use super::kernel::{Bound, ComputeKernel, Grid, storage};
 use super::shader;
 use crate::render::gpu::constants::{N_STRIPS, module};
 
@@ -10,9 +15,9 @@ const DIGIT_BITS: u32 = 8;
 /// The pipelines, and the counts of digits that every sort needs for a moment.
 #[derive(Debug)]
 pub struct RadixSort {
-    histogram: Kernel,
-    spine: Kernel,
-    scatter: Kernel,
+    histogram: ComputeKernel,
+    spine: ComputeKernel,
+    scatter: ComputeKernel,
     strips: wgpu::Buffer,
     totals: wgpu::Buffer,
 }
@@ -38,7 +43,7 @@ pub enum Keys {
 /// are where the keys start.
 #[derive(Clone, Copy, Debug)]
 pub struct SortBuffers<'a> {
-    /// u32 each.
+    /// Keys before and after a pass, u32 each.
     pub keys: [&'a wgpu::Buffer; 2],
     /// u32 each, as many.
     pub values: [&'a wgpu::Buffer; 2],
@@ -70,9 +75,9 @@ impl RadixSort {
         let module = module(device, "radix sort", shader::SORT);
         let word = size_of::<u32>() as u64;
         Self {
-            histogram: Kernel::new(device, &module, "histogram"),
-            spine: Kernel::new(device, &module, "spine"),
-            scatter: Kernel::new(device, &module, "scatter"),
+            histogram: ComputeKernel::new(device, &module, "histogram"),
+            spine: ComputeKernel::new(device, &module, "spine"),
+            scatter: ComputeKernel::new(device, &module, "scatter"),
             strips: storage(device, "digits", word * u64::from(N_STRIPS << DIGIT_BITS)),
             totals: storage(device, "digit totals", word << DIGIT_BITS),
         }
@@ -121,7 +126,7 @@ impl RadixSort {
             &self.strips,
             &self.totals,
         ];
-        let bind = |kernel: &Kernel, used: &[u32]| {
+        let bind = |kernel: &ComputeKernel, used: &[u32]| {
             let resources: Vec<_> = used
                 .iter()
                 .map(|&binding| (binding, all[binding as usize].as_entire_binding()))
@@ -153,6 +158,7 @@ impl SortPlan {
 /// The fewest passes, their digits as narrow as that allows.
 fn digits(bits: u32, keys: Keys) -> Vec<Digit> {
     let n_passes = bits.div_ceil(DIGIT_BITS);
+    // Even digits rather than 8 and a rest: fewer values a digit are less to count.
     let width = bits.div_ceil(n_passes.max(1));
     (0..n_passes)
         .map(|i| {

@@ -5,11 +5,14 @@ mod settings;
 mod stored;
 
 pub use precision::{Operations, Precision, UpdateWidth, Width};
-pub use settings::{Batch, Candidates, IndexKind, Init, Preset, ReassignPolicy, StatisticsForm};
+pub use settings::{
+    Batch, Candidates, IndexKind, Init, MAX_CANDIDATES, Preset, ReassignPolicy, StatisticsForm,
+};
 
 use crate::model::conjugate::posterior::Conversion;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::splat::splats::CovarianceForm;
+use crate::train::setting::table::{SettingLayer, settings};
 use crate::train::setting::{ConfigError, MAX_COMPONENTS};
 use serde::{Deserialize, Serialize};
 
@@ -57,59 +60,107 @@ pub struct PaperConfig {
     pub conversion: Conversion,
 }
 
-/// Settings a user may override, from a RON file or the command line; `None` keeps the preset's.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename = "PaperOverrides", default, deny_unknown_fields)]
-pub struct PaperOverrides {
-    /// See [`PaperConfig::seed`].
-    pub seed: Option<u64>,
-    /// See [`PaperConfig::components`].
-    pub components: Option<usize>,
-    /// See [`PaperConfig::candidates`].
-    pub candidates: Option<Candidates>,
-    /// See [`PaperConfig::batch`].
-    pub batch: Option<Batch>,
-    /// See [`PaperConfig::statistics`].
-    pub statistics: Option<StatisticsForm>,
-    /// See [`PaperConfig::index`].
-    pub index: Option<IndexKind>,
-    /// See [`PaperConfig::init`].
-    pub init: Option<Init>,
-    /// See [`PaperConfig::reassign`].
-    pub reassign: Option<ReassignPolicy>,
-    /// See [`PaperConfig::reassign_fraction`].
-    pub reassign_fraction: Option<f64>,
-    /// See [`PaperConfig::precision`].
-    pub precision: Option<Precision>,
-    /// See [`PaperConfig::operations`]; makes the precision [`Precision::Custom`].
-    pub operations: Option<Operations>,
-    /// Decomposition of the covariance; `legacy-cholesky` switches to the reference's exporter.
-    pub covariance_form: Option<CovarianceForm>,
-    /// Factor on the splats' standard deviations.
-    pub scale_factor: Option<f64>,
-}
+settings! {
+    /// Settings of a model of the paper preset that a user may change, in a RON file or on the
+    /// command line; `None` keeps the preset's. Files may name it as version 0.1.0 did.
+    #[serde(rename = "Overrides")]
+    pub struct PaperOverrides of PaperConfig;
 
-impl PaperOverrides {
-    /// These settings where present, `fallback`'s elsewhere.
-    pub fn or(self, fallback: Self) -> Self {
-        Self {
-            seed: self.seed.or(fallback.seed),
-            components: self.components.or(fallback.components),
-            candidates: self.candidates.or(fallback.candidates),
-            batch: self.batch.or(fallback.batch),
-            statistics: self.statistics.or(fallback.statistics),
-            index: self.index.or(fallback.index),
-            init: self.init.or(fallback.init),
-            reassign: self.reassign.or(fallback.reassign),
-            reassign_fraction: self.reassign_fraction.or(fallback.reassign_fraction),
-            precision: self.precision.or(fallback.precision),
-            // A precision by name wins over operations that lie deeper.
-            operations: self
-                .operations
-                .or(fallback.operations.filter(|_| self.precision.is_none())),
-            covariance_form: self.covariance_form.or(fallback.covariance_form),
-            scale_factor: self.scale_factor.or(fallback.scale_factor),
-        }
+    /// Seed of every random stream.
+    seed: u64 {
+        option "--seed" "N";
+        default "0";
+        at |run| run.seed;
+    }
+    /// Number of components.
+    components: usize {
+        option "--components" "N";
+        default "100000";
+        range "1 to {MAX_COMPONENTS}", |n| (1..=MAX_COMPONENTS).contains(n);
+        at |run| run.components;
+    }
+    /// Candidate components per point, or `dense`.
+    candidates: Candidates {
+        option "--candidates" "C";
+        default "4";
+        range "1 to {MAX_CANDIDATES}, or dense", |candidates| candidates.is_legal();
+        at |run| run.candidates;
+    }
+    /// Points that pass through the engine at once, or `frame`.
+    batch: Batch {
+        option "--batch" "POINTS";
+        default "frame";
+        range "1 point or more, or frame", |batch| *batch != Batch::Points(0);
+        at |run| run.batch;
+    }
+    /// Whether responsibilities are summed at once or written out first.
+    statistics: StatisticsForm {
+        option "--statistics" "FORM";
+        default "fused";
+        at |run| run.statistics;
+    }
+    /// How candidates are found.
+    index: IndexKind {
+        option "--index" "INDEX";
+        default "grid";
+        at |run| run.index;
+    }
+    /// Where initial means come from.
+    init: Init {
+        option "--init" "INIT";
+        default "random";
+        at |run| run.init;
+    }
+    /// When unused components move onto badly explained points: forwarded after the fit, the others
+    /// before it.
+    reassign: ReassignPolicy {
+        option "--reassign" "POLICY";
+        default "padded";
+        at |run| run.reassign;
+    }
+    /// Share of the unused components that may move per frame.
+    reassign_fraction: f64 {
+        option "--reassign-fraction" "F";
+        default "0.05";
+        range "0 to 1", |share| (0.0..=1.0).contains(share);
+        at |run| run.reassign_fraction;
+    }
+    /// Arithmetic operation by operation, as `precision-search` writes it; none beside a precision
+    /// by name.
+    operations: Operations {
+        file;
+        default by "the precision";
+        below precision;
+        get |run| Some(run.operations);
+        set |run, operations| (run.precision, run.operations) = (Precision::Custom, operations);
+    }
+    /// Arithmetic of the hot loops.
+    precision: Precision {
+        option "--precision" "PRECISION";
+        default "mixed";
+        get |run| Some(run.precision);
+        set |run, precision| {
+            run.precision = precision;
+            run.operations = precision.operations().unwrap_or(run.operations);
+        };
+    }
+    /// How covariances become splats.
+    covariance_form: CovarianceForm {
+        option "--conversion" "FORM";
+        default "right";
+        get |run| Some(run.conversion.form);
+        set |run, form| {
+            if form == CovarianceForm::LegacyCholesky {
+                run.conversion = Conversion::legacy();
+            }
+        };
+    }
+    /// Factor on the splats' standard deviations.
+    scale_factor: f64 {
+        option "--scale-factor" "X";
+        default by "the conversion: 1, or 1.41 of legacy-cov";
+        range "more than 0, at most 100", |factor| *factor > 0.0 && *factor <= 100.0;
+        at |run| run.conversion.scale_factor;
     }
 }
 
@@ -117,8 +168,29 @@ fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T
     Err(ConfigError { setting, expected, found })
 }
 
-/// Most candidates per point; beyond this the dense E-step is meant.
-pub const MAX_CANDIDATES: usize = 1024;
+impl PaperOverrides {
+    /// Refuses a precision by name beside operations that are not its own: which of them was meant
+    /// cannot be told.
+    fn check_precision(&self) -> Result<(), ConfigError> {
+        match (self.precision, self.operations) {
+            (Some(Precision::Custom), None) => refuse(
+                "--precision",
+                "f64, mixed or f32, or `operations` in --config".into(),
+                "custom alone".into(),
+            ),
+            (Some(precision), Some(operations))
+                if precision.operations().is_some_and(|its_own| its_own != operations) =>
+            {
+                refuse(
+                    "operations",
+                    format!("none beside `precision: {precision:?}`, which sets them all"),
+                    "both".into(),
+                )
+            }
+            _ => Ok(()),
+        }
+    }
+}
 
 impl PaperConfig {
     /// The published algorithm: N = 100,000, C = 4, random start, reassignment before the fit.
@@ -142,74 +214,13 @@ impl PaperConfig {
 
     /// This configuration with `overrides` applied, or the first setting that is out of range.
     pub fn with(mut self, overrides: &PaperOverrides) -> Result<Self, ConfigError> {
-        self.seed = overrides.seed.unwrap_or(self.seed);
-        self.components = overrides.components.unwrap_or(self.components);
-        self.candidates = overrides.candidates.unwrap_or(self.candidates);
-        self.init = overrides.init.unwrap_or(self.init);
-        self.reassign = overrides.reassign.unwrap_or(self.reassign);
-        self.reassign_fraction = overrides.reassign_fraction.unwrap_or(self.reassign_fraction);
-        self.batch = overrides.batch.unwrap_or(self.batch);
-        self.statistics = overrides.statistics.unwrap_or(self.statistics);
-        self.index = overrides.index.unwrap_or(self.index);
-        self.set_precision(overrides)?;
-        if overrides.covariance_form == Some(CovarianceForm::LegacyCholesky) {
-            self.conversion = Conversion::legacy();
-        }
-        self.conversion.scale_factor =
-            overrides.scale_factor.unwrap_or(self.conversion.scale_factor);
+        overrides.check_precision()?;
+        overrides.apply(&mut self);
         self.check()
     }
 
-    fn set_precision(&mut self, overrides: &PaperOverrides) -> Result<(), ConfigError> {
-        let named = |precision| match precision {
-            Precision::F64 => Some(Operations::F64),
-            Precision::Mixed => Some(Operations::MIXED),
-            Precision::F32 => Some(Operations::F32),
-            Precision::Custom => None,
-        };
-        (self.precision, self.operations) = match (overrides.precision, overrides.operations) {
-            (None, None) => return Ok(()),
-            (None | Some(Precision::Custom), Some(operations)) => (Precision::Custom, operations),
-            (Some(precision), None) if let Some(operations) = named(precision) => {
-                (precision, operations)
-            }
-            (Some(precision), Some(operations)) if named(precision) == Some(operations) => {
-                (precision, operations)
-            }
-            (Some(Precision::Custom), None) => {
-                return refuse(
-                    "precision",
-                    "f64, mixed or f32, or `operations` in a settings file".into(),
-                    "custom alone".into(),
-                );
-            }
-            (Some(precision), _) => {
-                return refuse(
-                    "operations",
-                    format!("none beside `precision: {precision:?}`, which sets them all"),
-                    "both".into(),
-                );
-            }
-        };
-        Ok(())
-    }
-
     fn check(self) -> Result<Self, ConfigError> {
-        if !(1..=MAX_COMPONENTS).contains(&self.components) {
-            return refuse(
-                "components",
-                format!("1 to {MAX_COMPONENTS}"),
-                self.components.to_string(),
-            );
-        }
-        if let Candidates::Nearest(c) = self.candidates
-            && !(1..=MAX_CANDIDATES).contains(&c)
-        {
-            return refuse("candidates", format!("1 to {MAX_CANDIDATES}, or dense"), c.to_string());
-        }
-        if self.batch == Batch::Points(0) {
-            return refuse("batch", "1 point or more, or frame".into(), "0".into());
-        }
+        PaperOverrides::check(&self)?;
         if self.index == IndexKind::KdTree && self.operations.distance == Width::F32 {
             return refuse(
                 "index",
@@ -223,17 +234,6 @@ impl PaperConfig {
                 "grid with candidates dense, which searches nothing".into(),
                 "kd-tree".into(),
             );
-        }
-        if !(0.0..=1.0).contains(&self.reassign_fraction) {
-            return refuse(
-                "reassign_fraction",
-                "0 to 1".into(),
-                self.reassign_fraction.to_string(),
-            );
-        }
-        if !(self.conversion.scale_factor > 0.0 && self.conversion.scale_factor <= 100.0) {
-            let found = self.conversion.scale_factor.to_string();
-            return refuse("scale_factor", "more than 0, at most 100".into(), found);
         }
         Ok(self)
     }
@@ -269,6 +269,20 @@ mod tests {
         for (overrides, setting) in cases {
             assert_eq!(PaperConfig::paper().with(&overrides).unwrap_err().setting, setting);
         }
+    }
+
+    #[test]
+    fn the_table_says_the_defaults() {
+        let mut run = PaperConfig::paper();
+        for setting in PaperOverrides::TABLE.iter().filter(|setting| setting.about.is_default_fixed)
+        {
+            let mut layer = PaperOverrides::default();
+            let (field, default) = (setting.about.field, setting.about.default);
+            (setting.parse)(&mut layer, default.as_ref()).expect(field);
+            assert_eq!((setting.differs)(&layer, &run), None, "{field}");
+            (setting.apply)(&layer, &mut run);
+        }
+        assert_eq!(run, PaperConfig::paper());
     }
 
     #[test]

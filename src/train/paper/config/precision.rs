@@ -1,7 +1,9 @@
 //! In which arithmetic each operation of the hot loop runs.
 
 pub use crate::model::paper::totals::UpdateWidth;
+use crate::train::setting::value::{SettingValue, ValueError, named_values};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
 use strum::{EnumString, VariantNames};
 
 /// A named choice of [`Operations`].
@@ -18,6 +20,20 @@ pub enum Precision {
     /// Operation by operation, as [`Operations`] says.
     #[strum(disabled)]
     Custom,
+}
+
+named_values!(by name Precision);
+
+impl Precision {
+    /// What the name stands for; `None` for [`Self::Custom`].
+    pub fn operations(self) -> Option<Operations> {
+        match self {
+            Self::F64 => Some(Operations::F64),
+            Self::Mixed => Some(Operations::MIXED),
+            Self::F32 => Some(Operations::F32),
+            Self::Custom => None,
+        }
+    }
 }
 
 /// Arithmetic of one operation on f32 points and means.
@@ -57,5 +73,11 @@ impl Operations {
     /// The same width for the loops, and one for the totals.
     pub const fn all(width: Width, update: UpdateWidth) -> Self {
         Self { distance: width, log_score: width, normaliser: width, moments: width, update }
+    }
+}
+
+impl SettingValue for Operations {
+    fn parse(_: &OsStr) -> Result<Self, ValueError> {
+        Err(ValueError::Text("expected `operations` in a file of --config".to_owned()))
     }
 }

@@ -1,7 +1,13 @@
 //! The choices a configuration is made of, as files and the command line spell them.
 
+use crate::model::splat::splats::CovarianceForm;
+use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
 use strum::{Display, EnumString, VariantNames};
+
+/// Most candidates per point; beyond this the dense E-step is meant.
+pub const MAX_CANDIDATES: usize = 1024;
 
 /// A named set of defaults.
 #[derive(
@@ -82,6 +88,16 @@ macro_rules! number_or_word {
     };
 }
 
+impl Candidates {
+    /// Whether there are as many as a point may have.
+    pub fn is_legal(&self) -> bool {
+        match self {
+            Self::Dense => true,
+            Self::Nearest(n) => (1..=MAX_CANDIDATES).contains(n),
+        }
+    }
+}
+
 number_or_word!(Candidates, Nearest, Dense, "dense");
 number_or_word!(Batch, Points, Frame, "frame");
 
@@ -135,4 +151,29 @@ pub enum IndexKind {
     Grid,
     /// `kiddo`'s KD-tree, built again every frame and asked point by point: the plain path.
     KdTree,
+}
+
+named_values!(by text Candidates, Batch);
+named_values!(by name Init, ReassignPolicy, StatisticsForm, IndexKind);
+
+/// The command line names whole conversions, files their decomposition.
+impl SettingValue for CovarianceForm {
+    fn choices() -> Vec<Choice> {
+        let (right, legacy) = (
+            "Eigen-decomposition, scale 1, unused components dropped",
+            "As the reference exporter: Cholesky rows, scale 1.41, unused components kept",
+        );
+        vec![
+            Choice { name: "right", label: "Right", help: right },
+            Choice { name: "legacy-cov", label: "As the reference", help: legacy },
+        ]
+    }
+
+    fn parse(text: &OsStr) -> Result<Self, ValueError> {
+        match text.to_str() {
+            Some("right") => Ok(Self::Eigen),
+            Some("legacy-cov") => Ok(Self::LegacyCholesky),
+            _ => Err(ValueError::Text("expected right or legacy-cov".to_owned())),
+        }
+    }
 }

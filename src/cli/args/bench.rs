@@ -1,6 +1,7 @@
 //! Arguments of `bench`.
 
-use crate::cli::args::{DepthArgs, choice, parse_count, parse_size};
+use super::depth::DepthArgs;
+use super::parse::{choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
 use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;

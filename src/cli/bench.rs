@@ -1,14 +1,10 @@
 //! `bench`: tables, files and plots of speed against error and size.
 
-mod args;
-
-use super::args::DepthArgs;
+use super::args::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, RenderBenchArgs};
 use super::failure::Failure;
 use super::train::announce;
 use super::{model, output, progress};
 use anyhow::anyhow;
-pub use args::{BenchArgs, CommonArgs};
-use args::{BenchName, DatasetBenchArgs, RenderBenchArgs};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

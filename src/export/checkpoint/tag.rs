@@ -1,0 +1,40 @@
+//! Tags of the sections.
+
+pub const CONFIG: [u8; 4] = *b"CONF";
+pub const META: [u8; 4] = *b"META";
+pub const NUMERICS: [u8; 4] = *b"NUMX";
+pub const CURSOR: [u8; 4] = *b"CURS";
+pub const HISTORY: [u8; 4] = *b"HIST";
+
+pub const NORMALIZATION: [u8; 4] = *b"NORM";
+pub const PRIOR: [u8; 4] = *b"PRIR";
+pub const ALPHA: [u8; 4] = *b"DIRI";
+pub const MEANS: [u8; 4] = *b"MINI";
+pub const COUNTS: [u8; 4] = *b"STAN";
+pub const FIRST: [u8; 4] = *b"STA1";
+pub const SECOND: [u8; 4] = *b"STA2";
+pub const CARRY_IDS: [u8; 4] = *b"CARI";
+pub const CARRY_LIMBS: [u8; 4] = *b"CARL";
+
+pub const ORIGIN: [u8; 4] = *b"ORIG";
+pub const SEEDS: [u8; 4] = *b"SEED";
+pub const SUMS: [u8; 4] = *b"SUMS";
+pub const WIDE_IDS: [u8; 4] = *b"WIDI";
+pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
+pub const LOOKS: [u8; 4] = *b"LOOK";
+pub const COMPONENTS: [u8; 4] = *b"COMP";
+pub const EXPOSURES: [u8; 4] = *b"EXPO";
+
+/// What every checkpoint may have.
+const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
+/// What only mixtures have.
+pub const OF_MIXTURES: [[u8; 4]; 9] =
+    [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
+/// What only scenes have.
+pub const OF_SCENES: [[u8; 4]; 8] =
+    [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, COMPONENTS, LOOKS, EXPOSURES];
+
+/// Whether this program knows what a section means.
+pub fn is_known(tag: [u8; 4]) -> bool {
+    [&OF_ALL[..], &OF_MIXTURES, &OF_SCENES].iter().any(|tags| tags.contains(&tag))
+}

@@ -1,0 +1,73 @@
+//! From what a user asks for to settings that fit a dataset.
+//!
+//! Defaults come in three layers, each over the one before: those measured with the kind of sensor,
+//! those that components on a lattice need so that the order of frames cannot matter, and what the
+//! user asks for. Only then is the structural scale turned into world units, by a look at some
+//! frames as they will be prepared.
+
+use super::error::SceneError;
+use super::run::SceneRun;
+use super::table::SceneOverrides;
+use crate::dataset::Dataset;
+use crate::dataset::surface::{Sensor, SurfaceSettings};
+use crate::pipeline::plan::Plan;
+use crate::pipeline::settings::sample::Sample;
+use crate::pipeline::settings::units::StructuralScale;
+use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::setting::table::SettingLayer;
+use glam::DVec3;
+
+/// Structural scale where none is asked for, pixels.
+pub const DEFAULT_PIXELS: f64 = 2.5;
+/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
+pub const NEARER_SHARE: f64 = 0.95;
+
+impl SceneRun {
+    /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
+    /// start alike with the plan of all their frames in one order.
+    ///
+    /// # Errors
+    /// [`SceneError`] for a setting out of range, and for depth that is none.
+    pub fn new(
+        dataset: &Dataset,
+        plan: &Plan,
+        overrides: &SceneOverrides,
+    ) -> Result<Self, SceneError> {
+        let mut run = Self::defaults(dataset, plan, overrides);
+        overrides.apply(&mut run);
+        SceneOverrides::check(&run)?;
+        let sample = Sample::of(dataset, plan, &run.surface)?;
+        run.engine.h = sample.scale(run.scale)?;
+        Ok(Self { engine: run.engine.check()?, ..run })
+    }
+
+    /// What is not asked for, given the sensor and the birth rule that are; `h` is not known yet.
+    fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
+        let first = plan.frames.first().map(|&i| dataset.splits[plan.split].frames[i].camera);
+        let origin = first.map_or(DVec3::ZERO, |camera| camera.pose.centre().round());
+        let mut surface = SurfaceSettings::new(dataset, origin);
+        surface.sensor = overrides.sensor.unwrap_or(surface.sensor);
+        // Computed depth has no pixels between two surfaces: at a crease, where no plane fits, it is
+        // right all the same.
+        surface.flying_pixels = !matches!(surface.sensor, Sensor::Exact { .. });
+        let mut engine = measured_with(surface.sensor);
+        engine.births = overrides.births.unwrap_or(engine.births);
+        if engine.births.is_order_invariant() {
+            engine.refine = false;
+            engine.align = false;
+            engine.gain = false;
+            engine.looks = VisibilityRule::Returned;
+        }
+        let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
+        Self { seed: 0, scale, budget: None, engine, surface }
+    }
+}
+
+/// Settings measured with each kind of sensor (`scene.md`, Settings by sensor), all but `h`.
+fn measured_with(sensor: Sensor) -> SceneConfig {
+    match sensor {
+        Sensor::Inverse8Ray => SceneConfig::fine(f64::NAN),
+        Sensor::Exact { .. } => SceneConfig::exact(f64::NAN),
+        Sensor::Kinect | Sensor::Lidar => SceneConfig::coarse(f64::NAN),
+    }
+}

@@ -1,0 +1,197 @@
+//! The CPU renderer as its callers see it: one image from splats, a camera and options.
+//!
+//! Buffers stay between images, because a view is drawn again and again at about one size. Lists
+//! are kept per row of tiles and not per tile: with splats that cover the whole image, lists per
+//! tile grew long (`rendering.md`, Tried and dropped).
+
+use super::prepare::{self, ChunkCount};
+use super::raster::{DrawRow, RowCanvas, Sheet};
+use super::record::{DepthEntry, Records};
+use super::rows::RowLists;
+use super::sort::{DepthSorter, Keyed};
+use super::view::CpuView;
+use crate::math::camera::Camera;
+use crate::math::image::{Image, RgbImage};
+use crate::math::simd::Isa;
+use crate::model::splat::appearance::SplatView;
+use crate::render::constants::TILE;
+use crate::render::finish::Finish;
+use crate::render::options::RenderOptions;
+use rayon::prelude::*;
+
+/// An image and what lies behind it; all planes have the size of the camera's image.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    /// sRGB-encoded colour over the background, clamped to `[0, 1]`.
+    pub color: RgbImage,
+    /// `A = 1 − T` in `[0, 1]`.
+    pub coverage: Image<f32>,
+    /// Depth in world units, averaged with the blending weights: view depth `z` (projected) or
+    /// distance along the pixel's ray at the largest response (exact); 0 where `A` is 0.
+    pub depth: Image<f32>,
+    /// Splats dropped because they or their appearance are not valid
+    /// ([`crate::model::splat::splats::Splat::is_valid`]). Empty slots and splats out of sight do not count.
+    pub n_invalid: usize,
+}
+
+/// A step of an image, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CpuStage {
+    /// Splats become records.
+    Prepare,
+    /// Visible records by depth.
+    Sort,
+    /// Lists per row of tiles.
+    Bin,
+    /// Blending and writing pixels; binning to tiles is part of it.
+    Raster,
+}
+
+impl CpuStage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
+}
+
+/// Renders splats by either method. Keeps its buffers between images, so one renderer per view is
+/// cheaper than one per image.
+#[derive(Default)]
+pub struct CpuRenderer {
+    records: Records,
+    listings: Vec<DepthEntry>,
+    counts: Vec<ChunkCount>,
+    visible: Vec<Keyed>,
+    sorter: DepthSorter,
+    /// Visible records by row of tiles, nearest first. Rows rather than tiles: the lists stay short
+    /// even when every splat covers the image, and each row bins its own tiles in parallel.
+    rows: RowLists,
+    canvases: Vec<RowCanvas>,
+}
+
+impl CpuRenderer {
+    /// A renderer without buffers yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Renders one image on the current rayon pool, up to 65,535 pixels a side (beyond that there is
+    /// only background). Never fails: splats that cannot be drawn are skipped, an image without
+    /// pixels is returned as such.
+    ///
+    /// ```
+    /// use glam::DVec3;
+    /// use vbgs_studio::math::{camera::{Camera, Intrinsics}, pose::Pose};
+    /// use vbgs_studio::model::splat::splats::Splat;
+    /// use vbgs_studio::render::{RenderMethod, RenderOptions, cpu::CpuRenderer};
+    ///
+    /// let camera = Camera {
+    ///     intrinsics: Intrinsics::from_horizontal_fov(65, 65, 0.8),
+    ///     pose: Pose::IDENTITY,
+    /// };
+    /// let red = Splat {
+    ///     mean: [0.0, 0.0, 4.0],
+    ///     opacity: 0.8,
+    ///     color: [1.0, 0.0, 0.0],
+    ///     scale: [0.1; 3],
+    ///     rotation: [1.0, 0.0, 0.0, 0.0],
+    /// };
+    /// for method in [RenderMethod::PROJECTED, RenderMethod::EXACT] {
+    ///     let options = RenderOptions::evaluation(method, [1.0; 3]);
+    ///     let image = CpuRenderer::new().render(&[red], &camera, &options);
+    ///     assert!((image.coverage.at(32, 32) - 0.8).abs() < 1e-6);
+    ///     assert!((image.color.at(32, 32)[1] - 0.2).abs() < 1e-6);
+    ///     assert!((image.depth.at(32, 32) - 4.0).abs() < 1e-5);
+    ///     assert_eq!(*image.color.at(0, 0), [1.0; 3]);
+    /// }
+    /// ```
+    pub fn render<'a>(
+        &mut self,
+        splats: impl Into<SplatView<'a>>,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Rendered {
+        self.render_observed(splats.into(), camera, options, |_| ())
+    }
+
+    /// [`Self::render`], telling `observer` when each stage is done, so that benches can time
+    /// stages.
+    pub fn render_observed(
+        &mut self,
+        splats: SplatView<'_>,
+        camera: &Camera,
+        options: &RenderOptions,
+        mut observer: impl FnMut(CpuStage),
+    ) -> Rendered {
+        let view = CpuView::new(camera, options);
+        let (width, height) = (view.width, view.height);
+        let mut image = Rendered {
+            color: Image::filled(width, height, [0.0; 3]),
+            coverage: Image::filled(width, height, 0.0),
+            depth: Image::filled(width, height, 0.0),
+            n_invalid: 0,
+        };
+        // Chunks of no pixels would panic, and there is nothing to draw.
+        if width == 0 || height == 0 {
+            return image;
+        }
+        image.n_invalid = self.prepare(splats, &view);
+        observer(CpuStage::Prepare);
+        self.sorter.sort(&mut self.visible);
+        observer(CpuStage::Sort);
+        self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
+        observer(CpuStage::Bin);
+        let finish = Finish::new(splats.finishing(), camera, options);
+        self.rasterise(camera, options, finish, &mut image);
+        observer(CpuStage::Raster);
+        image
+    }
+
+    /// Fills `records` and `visible`; the number of broken splats.
+    fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
+        prepare::prepare(splats, view, &mut self.records, &mut self.listings, &mut self.counts);
+        self.visible.clear();
+        for (chunk, count) in self.counts.iter().enumerate() {
+            let first = chunk * prepare::CHUNK;
+            let listings = self.listings[first..].iter().take(count.n_visible);
+            let keyed = |(listing, record): (&DepthEntry, u32)| Keyed {
+                key: listing.key.to_bits(),
+                record,
+            };
+            self.visible.extend(listings.zip(first as u32..).map(keyed));
+        }
+        self.counts.iter().map(|count| count.n_invalid).sum()
+    }
+
+    fn rasterise(
+        &mut self,
+        camera: &Camera,
+        options: &RenderOptions,
+        finish: Finish,
+        image: &mut Rendered,
+    ) {
+        let (width, height) = (image.color.width, image.color.height);
+        let n_rows = height.div_ceil(TILE);
+        self.canvases.resize_with(n_rows, RowCanvas::default);
+        let sheet = Sheet {
+            records: &self.records,
+            intrinsics: camera.intrinsics,
+            method: options.method,
+            background: options.background,
+            finish,
+        };
+        let (isa, rows) = (Isa::best(), &self.rows);
+        let pixels_per_row = width * TILE;
+        self.canvases
+            .par_iter_mut()
+            .zip(image.color.data.par_chunks_mut(pixels_per_row))
+            .zip(image.coverage.data.par_chunks_mut(pixels_per_row))
+            .zip(image.depth.data.par_chunks_mut(pixels_per_row))
+            .enumerate()
+            // One row a task: rows differ much in how many splats they hold.
+            .with_max_len(1)
+            .for_each(|(row, (((canvas, color), coverage), depth))| {
+                let (top, list) = (row * TILE, rows.get(row));
+                isa.run(DrawRow { sheet, canvas: &mut *canvas, top, list });
+                canvas.write(&sheet, top, color, coverage, depth);
+            });
+    }
+}

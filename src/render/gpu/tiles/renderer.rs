@@ -1,0 +1,128 @@
+//! The tile path as the renderer sees it: one image into one encoder.
+
+use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, tile_grid};
+use super::capacity::EntryDemand;
+use super::plan::{Inputs, Kernels, TileMemory, TilePlan};
+use crate::render::gpu::constants::slot;
+use crate::render::gpu::error::GpuError;
+use crate::render::gpu::scene::GpuScene;
+use crate::render::gpu::target::SplatTarget;
+use crate::render::gpu::timer::{GpuStage, StageTimer};
+
+/// What one image is drawn from and into.
+#[derive(Clone, Copy)]
+pub(in crate::render::gpu) struct TileFrame<'a> {
+    /// Camera and options, without a cap of the extent.
+    pub(in crate::render::gpu) view: &'a wgpu::Buffer,
+    pub(in crate::render::gpu) scene: &'a GpuScene,
+    /// Target of the image, at least one pixel a side.
+    pub(in crate::render::gpu) image: &'a SplatTarget,
+    /// A timer and its slot.
+    pub(in crate::render::gpu) timer: Option<(&'a StageTimer, usize)>,
+}
+
+/// Pipelines and memory of the tile path.
+#[derive(Debug)]
+pub(in crate::render::gpu) struct TilePath {
+    kernels: Kernels,
+    counts: wgpu::Buffer,
+    demand: EntryDemand,
+    splats: SplatBuffers,
+    entries: EntryBuffers,
+    plan: Option<TilePlan>,
+}
+
+impl TilePath {
+    pub(in crate::render::gpu) fn new(device: &wgpu::Device) -> Result<Self, GpuError> {
+        Ok(Self {
+            kernels: Kernels::new(device),
+            counts: device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("counts"),
+                size: COUNTS_BYTES,
+                usage: wgpu::BufferUsages::STORAGE
+                    | wgpu::BufferUsages::COPY_SRC
+                    | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            demand: EntryDemand::new(device),
+            splats: SplatBuffers::new(device, 0, false)?,
+            entries: EntryBuffers::new(device, 1, 0)?,
+            plan: None,
+        })
+    }
+
+    /// Records an image. Needs no order.
+    pub(in crate::render::gpu) fn record(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: TileFrame<'_>,
+    ) -> Result<(), GpuError> {
+        let TileFrame { view, scene, image, timer } = frame;
+        self.make_room(device, scene)?;
+        let inputs = Inputs::new(view, scene, image);
+        // The window was resized or the scene grew: what was bound is gone.
+        if self.plan.as_ref().is_none_or(|plan| *plan.inputs() != inputs) {
+            // A plan binds buffers by identity: any that changed makes it stale.
+            self.plan = None;
+        }
+        let Self { kernels, counts, splats, entries, .. } = self;
+        let plan = self.plan.get_or_insert_with(|| {
+            let memory = TileMemory { counts, splats, entries };
+            TilePlan::new(device, queue, kernels, inputs, memory)
+        });
+
+        let mut zeroed = [0; 4];
+        zeroed[slot::N_SPLATS as usize] = scene.n_splats() as u32;
+        // Zeroed from here: kernels add to these counts, and only the number of splats is known
+        // beforehand.
+        queue.write_buffer(&self.counts, 0, bytemuck::cast_slice(&zeroed));
+        for stage in [GpuStage::Preprocess, GpuStage::Sort, GpuStage::Draw] {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("splats by tiles"),
+                timestamp_writes: timer.map(|(timer, slot)| timer.of_compute(slot, stage)),
+            });
+            plan.record(&mut pass, stage, scene.n_splats(), tile_grid(image.size()));
+        }
+        self.demand.send(encoder, &self.counts);
+        Ok(())
+    }
+
+    /// Why the farthest splats are left out of images, if they are and will be.
+    pub(in crate::render::gpu) fn shortage(&self) -> Option<&GpuError> {
+        self.demand.shortage()
+    }
+
+    fn make_room(&mut self, device: &wgpu::Device, scene: &GpuScene) -> Result<(), GpuError> {
+        self.splats.check()?;
+        let has_appearance = scene.appearance_buffer().is_some();
+        if scene.capacity() > self.splats.capacity || has_appearance != self.splats.has_appearance {
+            self.splats = SplatBuffers::new(device, scene.capacity(), has_appearance)?;
+            self.plan = None;
+        }
+        let n_splats = scene.n_splats();
+        let most = max_entries(&device.limits());
+        let capacity = self.demand.capacity(self.entries.capacity, n_splats, most);
+        let room = match self.entries.check() {
+            Err(late) => Err(late),
+            Ok(()) if capacity == self.entries.capacity => return Ok(()),
+            Ok(()) => EntryBuffers::new(device, capacity, n_splats),
+        };
+        match room {
+            Ok(entries) => {
+                self.entries = entries;
+                self.plan = None;
+                Ok(())
+            }
+            // The room of before still draws most of the image; only the very first failure is
+            // fatal.
+            Err(error) if self.entries.capacity > 1 => {
+                tracing::warn!("{error}");
+                self.demand.refuse(capacity, error);
+                Ok(())
+            }
+            Err(error) => Err(error),
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! What the settings of both presets share: ranges, values as a user says them, and the tables that
+//! declare every option once.
+
+mod range;
+pub mod table;
+pub mod value;
+
+pub use range::{ConfigError, MAX_COMPONENTS};
