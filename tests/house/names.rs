@@ -13,8 +13,11 @@ pub fn public_types(source: &str) -> Vec<(String, usize)> {
         let is_public = tokens[i].text == "pub" && kinds.contains(&text(&tokens, i + 1));
         let is_unsafe = tokens[i].text == "pub" && text(&tokens, i + 1) == "unsafe";
         if is_public || (is_unsafe && text(&tokens, i + 2) == "trait") {
-            let name = i + if is_unsafe { 3 } else { 2 };
-            found.push((text(&tokens, name).to_owned(), tokens[i].line));
+            let name = text(&tokens, i + if is_unsafe { 3 } else { 2 });
+            // The name that a macro gives is its caller's, `$name` none yet.
+            if name != "$" {
+                found.push((name.to_owned(), tokens[i].line));
+            }
         }
     }
     found
@@ -40,7 +43,10 @@ fn duplicates_are_found() {
             "a.rs",
             "pub struct A; pub(crate) struct B; pub enum C {} fn f() {}\npub type D = u8;",
         ),
-        source("b.rs", "pub trait A {} pub struct B; #[cfg(test)] mod tests { pub struct C; }"),
+        source(
+            "b.rs",
+            "pub trait A {} pub struct $a; pub struct $b; pub struct B; #[cfg(test)] mod tests { pub struct C; }",
+        ),
         source(
             "c.rs",
             "//! pub struct B;\npub union D {} pub unsafe trait E {} pub trait F { type A; }",
