@@ -9,7 +9,7 @@ use std::error::Error;
 use vbgs_studio::dataset::error::FrameError;
 use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
-use vbgs_studio::export::{Format, WriteOptions, write};
+use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::scene::{config::SceneConfig, engine};
@@ -47,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let posterior = scene.posterior(surest.ok_or("the camera saw nothing")?);
     println!("the surest lies at {:.3} m, from {} points", posterior.mean_space, posterior.count);
     let path = std::env::temp_dir().join("robot.ply");
-    let written = write(&path, &scene.stored_splats(), &WriteOptions::new(Format::Ply))?;
+    let written = write(&path, &scene.stored_splats(), &WriteOptions::new(ModelFormat::Ply))?;
     println!("{} splats, {} bytes: {}", written.n_written, written.bytes, path.display());
     Ok(())
 }

@@ -5,8 +5,7 @@ use crate::render::gpu::adapters::AdapterFacts;
 use crate::render::gpu::faults::GpuFaults;
 use eframe::egui_wgpu::RenderState;
 
-/// The window's device, watched from the start; clones share it.
-#[derive(Clone)]
+/// The window's device, watched from the start.
 pub struct WindowDevice {
     /// eframe's.
     pub state: RenderState,

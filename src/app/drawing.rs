@@ -78,7 +78,7 @@ impl DrawSample {
 }
 
 /// Pictures whose figures are kept.
-const KEPT: usize = 300;
+const MAX_SAMPLES: usize = 300;
 
 /// The latest pictures, oldest first.
 #[derive(Clone, Debug)]
@@ -96,7 +96,7 @@ impl DrawHistory {
 
     /// Adds a picture and forgets the oldest beyond 300.
     pub fn push(&mut self, sample: DrawSample) {
-        if self.samples.len() == KEPT {
+        if self.samples.len() == MAX_SAMPLES {
             self.samples.pop_front();
         }
         self.samples.push_back(sample);
@@ -120,10 +120,10 @@ mod tests {
         sample.add(DrawStage::Sort, None);
         assert_eq!((sample.ms(DrawStage::Draw), sample.ms(DrawStage::Sort)), (Some(5.0), None));
         let mut history = DrawHistory::new(Drawer::Gpu);
-        for uploaded_bytes in 0..KEPT as u64 + 7 {
+        for uploaded_bytes in 0..MAX_SAMPLES as u64 + 7 {
             history.push(DrawSample { uploaded_bytes, ..sample });
         }
-        assert_eq!(history.samples().len(), KEPT);
+        assert_eq!(history.samples().len(), MAX_SAMPLES);
         assert_eq!(history.samples().next().map(|s| s.uploaded_bytes), Some(7));
     }
 }

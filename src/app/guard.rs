@@ -7,9 +7,9 @@ use super::window_error::WindowError;
 use super::worker::Worker;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Runs a window to its end. egui panics where a lost device gives it no memory to write to: that is
-/// the device's loss, which `exit` is told, and the next window goes on. Any other panic is a fault of
-/// the program, after which no window is opened again: it could panic at the same picture for ever.
+/// Runs a window to its end. A panic after the device was lost is that loss's, of which the window has
+/// left word in `exit`, and the next window goes on. Any other panic is a fault of the program, after
+/// which no window is opened again: it could panic at the same picture for ever.
 ///
 /// # Errors
 /// [`WindowError::Crashed`] with where the worker saved the scene; else what `window` returns.
@@ -20,10 +20,7 @@ pub fn guarded(
 ) -> Result<(), WindowError> {
     match catch_unwind(AssertUnwindSafe(window)) {
         Ok(ended) => ended,
-        Err(_) if exit.device_is_lost() => {
-            exit.leave(Leave::DeviceLost);
-            Ok(())
-        }
+        Err(_) if exit.why() == Leave::DeviceLost => Ok(()),
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,
             panic: PanicReport::of(&*payload),

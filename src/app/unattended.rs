@@ -42,11 +42,11 @@ impl Unattended {
         }
         let snapshot = self.0.snapshot();
         let fresh = snapshot.notices.iter().filter(|n| n.serial > before && n.text != DONE);
-        let mut told: Vec<_> = fresh.map(|n| (n.kind, n.text.clone())).collect();
+        let mut notices: Vec<_> = fresh.map(|n| (n.kind, n.text.clone())).collect();
         if let Some(crash) = self.0.crash().filter(|_| !self.0.is_alive()) {
-            told.push((NoticeKind::Error, crash.to_string()));
+            notices.push((NoticeKind::Error, crash.to_string()));
         }
-        told
+        notices
     }
 }
 

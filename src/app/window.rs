@@ -108,8 +108,8 @@ struct Host {
     worker: Arc<Worker>,
     /// The window to wake.
     context: Arc<Mutex<Option<Context>>>,
-    /// What was last told of an adapter.
-    told: Arc<Mutex<Option<String>>>,
+    /// The latest caveat of an adapter that was shown.
+    shown: Arc<Mutex<Option<String>>>,
     started: Instant,
 }
 
@@ -123,7 +123,7 @@ impl Host {
             }
         });
         let worker = Arc::new(Worker::start(waker)?);
-        Ok(Self { worker, context, told: Arc::default(), started })
+        Ok(Self { worker, context, shown: Arc::default(), started })
     }
 
     fn is_at_work(&self) -> bool {
@@ -138,12 +138,12 @@ impl Host {
     ) -> Result<Leave, WindowError> {
         let exit = Exit::default();
         let (word, worker, context) = (exit.clone(), self.worker.clone(), self.context.clone());
-        let (started, told) = (self.started, self.told.clone());
+        let (started, shown) = (self.started, self.shown.clone());
         let orders = first.clone();
         let create = move |creation: &eframe::CreationContext<'_>| {
             let window = creation.egui_ctx.clone();
             *context.lock().unwrap_or_else(PoisonError::into_inner) = Some(window);
-            tell_caveat(creation, &worker, &told);
+            tell_caveat(creation, &worker, &shown);
             let studio = Studio::attach(creation, worker, orders, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
@@ -162,14 +162,14 @@ impl Host {
 fn tell_caveat(
     creation: &eframe::CreationContext<'_>,
     worker: &Worker,
-    told: &Mutex<Option<String>>,
+    shown: &Mutex<Option<String>>,
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
-    let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(text) = caveat.clone().filter(|_| *told != caveat) {
+    let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(text) = caveat.clone().filter(|_| *shown != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
-    *told = caveat;
+    *shown = caveat;
 }
 
 /// Picture of the window in task bars, PNG.

@@ -1,7 +1,8 @@
 //! The JSON types of `report.json` and of `eval --json`; names are part of the product's contract.
 //!
-//! Plain data without methods that compute: a report is written once and read by other programs so the names of its fields stay. Values that may be missing are `Option`, not NaN,
-//! which JSON cannot hold.
+//! Plain data without methods that compute: a report is written once and read by other programs so
+//! the names of its fields stay. Values that may be missing are `Option`, not NaN, which JSON
+//! cannot hold.
 
 use super::choices::PartialCoverage;
 use super::cracks::CrackReport;

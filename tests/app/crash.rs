@@ -1,7 +1,7 @@
 //! A program at fault: what it says, and where the scene is afterwards. Panics come from outside, by
 //! egui's own hooks and by the waker, so that nothing in the program can be asked to panic.
 
-use super::harness::{PATIENCE, Window, click, dataset, is, train, wait, wait_for_label, window};
+use super::harness::{self, PATIENCE, Window, click, dataset, is, train, wait, wait_for_label};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::Vec2;
 use egui_kittest::Harness;
@@ -42,13 +42,14 @@ fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
     Some(Hosted { window, worker, exit, device })
 }
 
-/// Draws until the window ends, panicking at the end of the first picture.
-fn panic_in(hosted: &mut Hosted) -> Result<(), WindowError> {
-    hosted.window.ctx.on_end_pass("test", Arc::new(|_| panic!("injected into the window")));
+/// Lets the window panic before it draws anything more, and go down with it.
+fn panic_in(window: Window, worker: &Worker, exit: &Exit) -> Result<(), WindowError> {
+    window.ctx.on_begin_pass("test", Arc::new(|_| panic!("injected into the window")));
     let started = Instant::now();
-    guarded(&hosted.worker, &hosted.exit, || {
+    guarded(worker, exit, || {
+        let mut window = window;
         loop {
-            hosted.window.step();
+            window.step();
             assert!(started.elapsed() < PATIENCE, "the window does not panic");
         }
     })
@@ -65,7 +66,10 @@ fn a_panic_of_the_window_saves_the_scene_and_says_where() {
     click(&mut hosted.window, "Step");
     wait(&mut hosted.window, "a frame", |s| s.snapshot().frames_done == 1);
 
-    let Err(WindowError::Crashed(crash)) = panic_in(&mut hosted) else { panic!("a crash") };
+    let Hosted { window, worker, exit, .. } = hosted;
+    let Err(WindowError::Crashed(crash)) = panic_in(window, &worker, &exit) else {
+        panic!("a crash")
+    };
     let saved = folder.path().join("room-rescued.vbgs");
     assert_eq!(crash.thread, CrashedThread::Window);
     assert_eq!(crash.rescue, Rescue::Saved { path: saved.clone(), frames: 1 });
@@ -74,9 +78,11 @@ fn a_panic_of_the_window_saves_the_scene_and_says_where() {
         assert!(text.contains(part), "{text}");
     }
     assert!(!state.exists(), "its own folder took it");
-    drop(hosted);
+    drop(worker);
 
-    let Some(mut again) = window(Some(Subject::Path(saved)), Painting::Auto) else { return };
+    let Some(mut again) = harness::window(Some(Subject::Path(saved)), Painting::Auto) else {
+        return;
+    };
     wait(&mut again, "the run", is(RunState::Paused));
     assert_eq!(again.state().snapshot().frames_done, 1);
 }
@@ -90,13 +96,14 @@ fn a_panic_after_the_device_was_lost_is_the_devices_loss() {
         return;
     };
     train(&mut hosted.window);
-    hosted.device.destroy();
-    let ended = panic_in(&mut hosted);
+    let Hosted { window, worker, exit, device } = hosted;
+    device.destroy();
+    let ended = panic_in(window, &worker, &exit);
     assert!(ended.is_ok(), "{ended:?}");
-    assert_eq!(hosted.exit.why(), Leave::DeviceLost);
-    assert!(hosted.worker.crash().is_none());
+    assert_eq!(exit.why(), Leave::DeviceLost);
+    assert!(worker.crash().is_none());
     assert!(!folder.path().join("room-rescued.vbgs").exists(), "training goes on");
-    assert_eq!(hosted.worker.snapshot().unsaved_frames, 3, "in the next window");
+    assert_eq!(worker.snapshot().unsaved_frames, 3, "in the next window");
 }
 
 #[test]

@@ -92,6 +92,7 @@ fn open(window: &mut Window, subject: &Subject) {
     }
     let is_open = |s: &Studio| serial(s) > before && s.snapshot().state != RunState::Loading;
     wait(window, "something else", is_open);
+    window.run_steps(2); // what is there may be newer than what was drawn last
     if *subject == Subject::Demo {
         press(window, Key::Space); // it trains at once, which only takes time here
     }

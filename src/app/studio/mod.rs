@@ -24,6 +24,7 @@ use crate::render::attributes::Attribute;
 use eframe::egui::{
     CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
 };
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -100,7 +101,6 @@ impl Studio {
         let egui = context.egui_ctx.clone();
         let waker: Waker = Arc::new(move || egui.request_repaint());
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
-        exit.watch(device.clone());
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
         let on_cpu = painter.drawer() == Drawer::Cpu;
         worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
@@ -244,6 +244,20 @@ impl Studio {
                 self.apply_command(UiCommand::OpenDemo, snapshot);
             }
         });
+    }
+}
+
+impl Drop for Studio {
+    /// egui panics where a lost device gives it no memory to write to. Whether that is so is asked
+    /// here, on the way out, since the device must not outlive the display that it draws on.
+    fn drop(&mut self) {
+        let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking()) else {
+            return;
+        };
+        // A device that cannot even be asked is none any more.
+        if catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true) {
+            self.exit.leave(Leave::DeviceLost);
+        }
     }
 }
 

@@ -5,7 +5,7 @@
 //! frame.
 
 use crate::dataset::calibration::ColorCamera;
-use crate::dataset::{Dataset, FrameEntry, Split};
+use crate::dataset::{Dataset, DatasetSplit, FrameEntry};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::render::compare::Area;
 use std::sync::Arc;
@@ -80,7 +80,7 @@ impl FrameRef {
     }
 
     /// The split it is part of.
-    pub fn split(&self) -> &Split {
+    pub fn split(&self) -> &DatasetSplit {
         &self.dataset.splits[self.split]
     }
 

@@ -11,12 +11,12 @@ use eframe::egui::{
     Align2, Area, Color32, Frame as Plate, Grid, Id, Pos2, RichText, Sense, Ui, Vec2,
 };
 
-/// Share of a fate's colour in a pixel that made no point.
+/// Share of a status's colour in a pixel that made no point.
 const OVERLAY: f32 = 0.7;
 
 /// Why a pixel made no point.
 struct Reason {
-    fate: PixelStatus,
+    status: PixelStatus,
     /// Told apart by people with red-green blindness too (Okabe and Ito 2008).
     color: [f32; 3],
     label: &'static str,
@@ -39,12 +39,12 @@ const REASONS: [Reason; 7] = [
 ];
 
 const fn reason(
-    fate: PixelStatus,
+    status: PixelStatus,
     color: [f32; 3],
     label: &'static str,
     count: fn(&SurfaceCounts) -> usize,
 ) -> Reason {
-    Reason { fate, color, label, count }
+    Reason { status, color, label, count }
 }
 
 /// Prepares frames as training does and paints what became of their pixels.
@@ -72,8 +72,8 @@ impl PixelStatusPainter {
     ) -> Result<(RgbImage, SurfaceCounts), FrameError> {
         let counts = self.preparer.prepare(frame, settings, &mut self.observation)?;
         let mut image = ground_truth(frame, GroundTruth::Composited, background);
-        for (pixel, &fate) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
-            if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.fate == fate) {
+        for (pixel, &status) in image.data.iter_mut().zip(&self.preparer.statuses().data) {
+            if let Some(Reason { color, .. }) = REASONS.iter().find(|r| r.status == status) {
                 *pixel = std::array::from_fn(|i| OVERLAY * color[i] + (1.0 - OVERLAY) * pixel[i]);
             }
         }
@@ -86,11 +86,11 @@ impl PixelStatusPainter {
 
 /// Draws the legend with its lower right corner at `corner`: what there is of each, by its share.
 pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
-    let area = Area::new(Id::unique("fates")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
+    let area = Area::new(Id::unique("pixel status")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
     area.interactable(false).show(ui.ctx(), |ui| {
         Plate::popup(ui.style()).show(ui, |ui| {
             ui.label(RichText::new("Preparation").strong());
-            Grid::new("fates").num_columns(3).show(ui, |ui| {
+            Grid::new("pixel status").num_columns(3).show(ui, |ui| {
                 let n_pixels = counts.kept + counts.holes + counts.dropped();
                 let share = |n: usize| n as f64 / n_pixels.max(1) as f64;
                 row(ui, None, "kept", share(counts.kept));

@@ -1,9 +1,9 @@
 //! Back-to-front order of the visible splats, computed on a CPU thread off the frame path.
 //!
 //! Three passes of 11 bits cover a key of 32 and 2¹¹ counters fit L1; a pass whose keys all share a
-//! digit is skipped. Keys of 16 bits were tried and swapped splats
-//! visibly (`rendering.md`, Tried and dropped). Sorting runs on the CPU because quads need no other
-//! compute; the tile path sorts on the GPU (`super::tiles`).
+//! digit is skipped. Keys of 16 bits were tried and swapped splats visibly (`rendering.md`, Tried
+//! and dropped). Sorting runs on the CPU because quads need no other compute; the tile path sorts
+//! on the GPU (`super::tiles`).
 
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;

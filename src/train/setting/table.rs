@@ -23,6 +23,12 @@ pub enum Spelling {
     File,
 }
 
+/// Says whether a text is a value of some setting.
+pub type TextCheck = fn(&OsStr) -> Result<(), ValueError>;
+
+/// A run's value of a setting, if it has one, and the value asked for, as messages show them.
+pub type StoredAndAsked = (Option<String>, String);
+
 /// What there is to say of a setting, whatever its type.
 #[derive(Clone, Copy)]
 pub struct About {
@@ -45,7 +51,7 @@ pub struct About {
     /// Whether the option names a file that holds the value.
     pub is_in_file: bool,
     /// Whether a text is a value, before it is known which preset is meant.
-    pub check_text: fn(&OsStr) -> Result<(), ValueError>,
+    pub check_text: TextCheck,
     doc: &'static str,
 }
 
@@ -60,7 +66,7 @@ impl About {
         (default, is_default_fixed): (&'static str, bool),
         range: Option<fn() -> String>,
         choices: fn() -> Vec<Choice>,
-        (is_in_file, check_text): (bool, fn(&OsStr) -> Result<(), ValueError>),
+        (is_in_file, check_text): (bool, TextCheck),
         doc: &'static str,
     ) -> Self {
         Self {
@@ -130,7 +136,7 @@ pub struct Setting<L: SettingLayer> {
     /// Its range and its value in a run, if that is outside.
     pub outside: fn(&L::Run) -> Option<(String, String)>,
     /// A value asked for that is not a run's: the run's, if it has any, and the one asked for.
-    pub differs: fn(&L, &L::Run) -> Option<(Option<String>, String)>,
+    pub differs: fn(&L, &L::Run) -> Option<StoredAndAsked>,
 }
 
 /// What a user asks for of the settings of one preset; what is not given is as the layer below has
@@ -214,8 +220,8 @@ macro_rules! settings {
             }
         )+
     ) => {
-        $(#[$meta])*
         #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+        $(#[$meta])*
         #[serde(default, deny_unknown_fields)]
         pub struct $layer {
             $(

@@ -1,7 +1,8 @@
 //! The kernels of the tile path and what each is bound to.
 //!
-//! Bind groups are made once for the buffers of a frame and reused while those stay: a frame then only records passes. Buffers of a sort alternate,
-//! so which of two holds the result follows from the number of passes and is bound here.
+//! Bind groups are made once for the buffers of a frame and reused while those stay: a frame then
+//! only records passes. Buffers of a sort alternate, so which of two holds the result follows from
+//! the number of passes and is bound here.
 
 use super::buffers::{EntryBuffers, SplatBuffers, starts, tile_grid};
 use super::kernel::{Bound, ComputeKernel, Grid};
