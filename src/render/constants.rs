@@ -1,4 +1,4 @@
-//! Numbers that every renderer shares (`rendering.md`): the CPU and GPU renderers must agree on each
+//! Numbers that every renderer shares (`rendering.md`, Conventions): the CPU and GPU renderers must agree on each
 //! of them, or their images differ by more than rounding.
 
 /// Near plane of the evaluation in world units: a splat whose centre has `z ≤ 0.2` is dropped, as

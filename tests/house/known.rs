@@ -6,21 +6,6 @@ use std::collections::BTreeSet;
 /// Files that depend on each other, the members of a circle in the order of their names.
 pub const CIRCLES: &[&[&str]] = &[
     &[
-        "cli/args/calibrate.rs",
-        "cli/args/eval.rs",
-        "cli/args/mod.rs",
-        "cli/args/train.rs",
-        "cli/bench/args.rs",
-        "cli/bench/mod.rs",
-        "cli/precision_search.rs",
-        "cli/quality.rs",
-        "cli/settings.rs",
-        "cli/train.rs",
-    ],
-    &["eval/metrics.rs", "eval/ssim.rs"],
-    &["eval/report.rs", "eval/views.rs"],
-    &["export/checkpoint/container.rs", "export/checkpoint/error.rs"],
-    &[
         "export/glb/read.rs",
         "export/glb/write.rs",
         "export/mod.rs",
@@ -29,20 +14,7 @@ pub const CIRCLES: &[&[&str]] = &[
         "export/ply/write.rs",
     ],
     &["pipeline/preset.rs", "pipeline/run.rs", "pipeline/settings/method.rs"],
-    &["pipeline/settings/sample.rs", "pipeline/settings/scene/mod.rs"],
-    &["render/cpu/exact.rs", "render/cpu/prepare.rs", "render/cpu/projected.rs"],
-    &["render/finish.rs", "render/options.rs"],
-    &["render/gpu/allocation.rs", "render/gpu/scene.rs"],
-    &[
-        "render/gpu/chooser.rs",
-        "render/gpu/renderer.rs",
-        "render/gpu/tiles/buffers.rs",
-        "render/gpu/tiles/capacity.rs",
-        "render/gpu/tiles/mod.rs",
-        "render/gpu/tiles/plan.rs",
-        "render/gpu/tiles/sort.rs",
-        "render/gpu/timer.rs",
-    ],
+    &["pipeline/settings/sample.rs", "pipeline/settings/scene/start.rs"],
 ];
 
 /// Public type names that more than one place defines.
