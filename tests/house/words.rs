@@ -84,6 +84,9 @@ fn faults(text: &str, known: &BTreeMap<String, Vec<String>>, n: &mut usize) -> V
         if before[..start].ends_with('"') {
             continue; // a path that code reads
         }
+        if name == "README.md" {
+            continue; // it is for readers of the whole, not an explanation of a room
+        }
         *n += 1;
         let place: String = text[start..].chars().take(60).collect();
         let Some(headings) = known.get(name) else {

@@ -18,8 +18,8 @@ impl ColorGradient {
         Self(DMat3::from_cols_array_2d(&rows).transpose() * view.world_from_camera)
     }
 
-    /// Coefficients of the colour gradient in the splat's tangent frame
-    /// (`rendering.md`, Native appearance).
+    /// Coefficients of the colour gradient in the splat's tangent frame (`rendering.md`, Native
+    /// appearance).
     pub(super) fn gradient(&self, tangent: &Tangent) -> Gradient {
         let image = |v: DVec3| (self.0 * v * tangent.reach).as_vec3().to_array();
         let [x, y] = tangent.steps.map(image);
