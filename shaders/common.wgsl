@@ -1,5 +1,6 @@
-// Structs shared with Rust: `src/render/gpu/layout.rs` mirrors them and `tests/shaders.rs` compares
-// every size and offset. Prepended to each of the other files.
+// Structs shared with Rust: `src/render/gpu/layout.rs` mirrors them and `tests/gpu/shaders.rs` compares
+// every size and offset. Prepended to each of the other files; constants that Rust has too come in
+// front of it, from `src/render/gpu/constants.rs`.
 
 // One splat as `rendering.md`, Splat record, stores it. A record that cannot be drawn is all zeros.
 struct Splat {
@@ -11,8 +12,6 @@ struct Splat {
     scale: vec3<f32>,           // standard deviations, world units
     birth: u32,                 // frame; 0 when unknown
 }
-
-const FLAG_LIVE: u32 = 1u;
 
 // A record and the place it belongs to; 80 bytes.
 struct SparseSplat {
@@ -46,7 +45,7 @@ struct View {
     centre: vec3<f32>,          // of the camera, world units
     opacity_cut: f32,
     centre_rest: vec3<f32>,     // what f32 left of the centre
-    renderer: u32,
+    renderer: u32,              // one of RENDERER_*
     focal: vec2<f32>,           // fisheye: px per radian
     principal: vec2<f32>,
     viewport: vec2<f32>,
@@ -54,21 +53,10 @@ struct View {
     tangent_min: vec2<f32>,
     tangent_max: vec2<f32>,
     depth_range: vec2<f32>,     // ends of the depth paint, world units
-    antialias: u32,
-    lens: u32,
-    paint: u32,
+    antialias: u32,             // one of ANTIALIAS_*
+    lens: u32,                  // one of LENS_*
+    paint: u32,                 // one of PAINT_*
 }
-
-const RENDERER_PROJECTED: u32 = 0u;
-const RENDERER_EXACT: u32 = 1u;
-const ANTIALIAS_FOOTPRINT: u32 = 0u;
-const ANTIALIAS_NONE: u32 = 1u;
-const ANTIALIAS_REFERENCE: u32 = 2u;
-const LENS_PINHOLE: u32 = 0u;
-const LENS_FISHEYE: u32 = 1u;
-const PAINT_STORED: u32 = 0u;
-const PAINT_DEPTH: u32 = 1u;
-const PAINT_NORMAL: u32 = 2u;
 
 struct Composite {
     background: vec3<f32>,      // sRGB-encoded
@@ -83,7 +71,3 @@ struct Composite {
     closing: f32,
     second_exposure: vec3<f32>,
 }
-
-const COMPARE_NOTHING: u32 = 0u;
-const COMPARE_WIPE: u32 = 1u;
-const COMPARE_DIFFERENCE: u32 = 2u;

@@ -9,9 +9,6 @@
 // Another splat image, or an opaque photograph; the first image where nothing is compared.
 @group(0) @binding(3) var second_image: texture_2d<f32>;
 
-// Brightness that is left where the second picture has nothing to compare.
-const OUTSIDE: f32 = 0.35;
-
 struct Fragment {
     @builtin(position) position: vec4<f32>,
     @location(0) uv: vec2<f32>,

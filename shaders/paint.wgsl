@@ -1,15 +1,5 @@
-// Colours that are not the splat's own. `src/render/paint.rs` has the same numbers and says where
-// they come from; `tests/shaders.rs` compares them.
-
-const RAMP = array<vec3<f32>, 7>(
-    vec3<f32>(0.2777273, 0.005407345, 0.3340998),
-    vec3<f32>(0.10509304, 1.4046135, 1.3845902),
-    vec3<f32>(-0.33086183, 0.21484756, 0.09509516),
-    vec3<f32>(-4.6342305, -5.799101, -19.33244),
-    vec3<f32>(6.22827, 14.179934, 56.690552),
-    vec3<f32>(4.776385, -13.745145, -65.35303),
-    vec3<f32>(-5.435456, 4.6458526, 26.312435),
-);
+// Colours that are not the splat's own. `src/render/paint.rs` says where the numbers of `RAMP` come
+// from.
 
 // Colour of a share from 0 (dark violet) to 1 (yellow); others are clamped.
 fn ramp(share: f32) -> vec3<f32> {

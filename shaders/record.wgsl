@@ -14,13 +14,6 @@
 
 @group(0) @binding(0) var<uniform> view: View;
 
-const ALPHA_CAP: f32 = 0.99;
-const ALPHA_CUT: f32 = 1.0 / 255.0;
-const LOW_PASS: f32 = 0.3;              // px², added to both projected variances
-const FOOTPRINT: f32 = 0.3;             // px², what the exact renderer's footprint stands for
-const REFERENCE_VARIANCE: f32 = 1e-7;   // world units²
-const SCALE_FLOOR: f32 = 1e-6;          // of max(1, largest scale)
-const GRADIENT_LIMIT: f32 = 0.5;
 // Farther than any image reaches, px or tangent; its square still fits.
 const FAR_AWAY: f32 = 1e15;
 // Slack of bounds against f32: px, and a share of the size. An alpha at the border is 1/255 anyway.

@@ -6,10 +6,7 @@
 @group(0) @binding(0) var<storage, read> changed_appearances: array<SparseAppearance>;
 @group(0) @binding(1) var<storage, read_write> appearances: array<Appearance>;
 
-// `GROUP` in scatter.rs.
-const GROUP: u32 = 64u;
-
-@compute @workgroup_size(GROUP)
+@compute @workgroup_size(SCATTER_GROUP)
 fn scatter_splats(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) n_groups: vec3<u32>,
@@ -21,7 +18,7 @@ fn scatter_splats(
     }
 }
 
-@compute @workgroup_size(GROUP)
+@compute @workgroup_size(SCATTER_GROUP)
 fn scatter_appearances(
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) n_groups: vec3<u32>,
@@ -35,5 +32,5 @@ fn scatter_appearances(
 
 // Two dimensions of groups, because one holds 65,535.
 fn record_of(group: vec3<u32>, n_groups: vec3<u32>, lane: u32) -> u32 {
-    return (group.y * n_groups.x + group.x) * GROUP + lane;
+    return (group.y * n_groups.x + group.x) * SCATTER_GROUP + lane;
 }

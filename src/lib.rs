@@ -4,7 +4,7 @@
 //!
 //! # Code map
 //!
-//! Dependencies point downwards only; `tests/layers.rs` holds the table.
+//! Dependencies point downwards only; `tests/house/` holds the table.
 //!
 //! | module | holds |
 //! |---|---|

@@ -11,7 +11,6 @@
 // Whether there is one gradient a splat, and not a single one that nobody reads.
 override has_appearance: bool;
 
-const TRANSMITTANCE_STOP: f32 = 1e-4;
 const BLOCK: vec2<u32> = vec2<u32>(8u, 4u);
 const BLOCK_COLUMNS: u32 = TILE / 8u;
 const N_BLOCKS: u32 = GROUP / 32u;

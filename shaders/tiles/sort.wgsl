@@ -23,8 +23,7 @@ struct Digit {
 @group(0) @binding(6) var<storage, read_write> strips: array<u32>;
 @group(0) @binding(7) var<storage, read_write> totals: array<u32>;
 
-// `N_STRIPS` in sort.rs: workgroups of `histogram` and `scatter`.
-const N_STRIPS: u32 = 1024u;
+// N_STRIPS are the workgroups of `histogram` and `scatter`.
 const STRIPS_PER_LANE: u32 = N_STRIPS / GROUP;
 // Words of one bit a lane.
 const N_WORDS: u32 = GROUP / 32u;

@@ -1,18 +1,6 @@
 // What the stages of the tile path share: workgroups of one size, slots of the counts that never
 // leave the GPU within a frame, and the running sum of a workgroup.
 
-// `GROUP` in tiles/mod.rs.
-const GROUP: u32 = 256u;
-
-// Pixels a side; `render::TILE`.
-const TILE: u32 = 16u;
-
-// Slots of `counts`; `tiles/buffers.rs` mirrors them.
-const N_SPLATS: u32 = 0u;   // in the scene
-const N_VISIBLE: u32 = 1u;  // of those, with an entry at least
-const N_ENTRIES: u32 = 2u;  // pairs of splat and tile that fit
-const N_NEEDED: u32 = 3u;   // pairs there are; the largest u32 stands for more
-
 const LARGEST: u32 = 0xffffffffu;
 
 var<workgroup> partial_sums: array<u32, GROUP>;

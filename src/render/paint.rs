@@ -2,7 +2,7 @@
 
 /// Polynomial of the viridis map in each channel, constant first (least squares over its 256
 /// entries; largest error 0.01). Even steps of the value are even steps to the eye, and to the
-/// colour-blind eye too. `shaders/paint.wgsl` has the same numbers.
+/// colour-blind eye too.
 pub const RAMP: [[f32; 3]; 7] = [
     [0.277_727_3, 0.005_407_345, 0.334_099_8],
     [0.105_093_04, 1.404_613_5, 1.384_590_2],

@@ -1,9 +1,11 @@
 //! Runs the binary in a folder of its own and judges how it ended.
 
+use crate::common::scratch::Files;
 use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Command, Output};
+use std::sync::OnceLock;
 use tempfile::TempDir;
 use vbgs_studio::export::Imported;
 
@@ -25,15 +27,29 @@ impl Scratch {
 
     /// With a dataset `room` of 8 training and 3 evaluation frames of 64×48, written by `synth`.
     pub fn with_room() -> Self {
-        let scratch = Self::empty();
-        scratch.run("synth room --size 64x48 --frames 8 --eval-frames 3").succeeds();
-        scratch
+        static ROOM: OnceLock<Files> = OnceLock::new();
+        Self::copy_of(&ROOM, || {
+            let scratch = Self::empty();
+            scratch.run("synth room --size 64x48 --frames 8 --eval-frames 3").succeeds();
+            scratch
+        })
     }
 
     /// With the room and a small scene `out/scene.ply` trained on it.
     pub fn with_scene() -> Self {
-        let scratch = Self::with_room();
-        scratch.run("train room --out out --preset paper --components 2000").succeeds();
+        static SCENE: OnceLock<Files> = OnceLock::new();
+        Self::copy_of(&SCENE, || {
+            let scratch = Self::with_room();
+            scratch.run("train room --out out --preset paper --components 2000").succeeds();
+            scratch
+        })
+    }
+
+    /// With files that the first test makes and every test gets a copy of.
+    fn copy_of(kept: &OnceLock<Files>, make: impl FnOnce() -> Self) -> Self {
+        let files = kept.get_or_init(|| Files::read(make().0.path()));
+        let scratch = Self::empty();
+        files.write(scratch.0.path());
         scratch
     }
 

@@ -1,8 +1,8 @@
 //! Whole images against the oracle, with the tolerances of `rendering.md`, Tolerances.
 
+use super::oracle::{Oracle, Sample};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::render::cpu::Rendered;
-use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 use vbgs_studio::render::{ALPHA_CUT, TRANSMITTANCE_STOP};
 
 /// A pixel lies on a threshold if it is this close to it, relatively.

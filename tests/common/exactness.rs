@@ -1,6 +1,7 @@
 //! Any exact renderer against the maximum of each splat on each pixel's ray, found by search: 1,000
 //! splats of every awkward kind, alone, through four lenses.
 
+use super::oracle::SplatF64;
 use super::ray::GaussianOnRay;
 use super::scenes::{exact, random_rotation};
 use glam::{DVec2, DVec3};
@@ -10,7 +11,6 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::oracle::SplatF64;
 use vbgs_studio::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, ExactOptions, FOOTPRINT_PX2, Lens, RenderMethod,
     RenderOptions, Response,

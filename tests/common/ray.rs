@@ -1,8 +1,8 @@
 //! A Gaussian along a ray by numbers alone: searched for its maximum, summed by quadrature. Nothing
 //! here knows a closed form.
 
+use super::oracle::SplatF64;
 use glam::{DMat3, DVec3};
-use vbgs_studio::render::cpu::oracle::SplatF64;
 
 /// Steps of the golden-section search: each leaves 0.618 of the interval, so 2e-15 of it remain.
 const SEARCH_STEPS: usize = 70;

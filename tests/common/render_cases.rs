@@ -1,11 +1,11 @@
 //! Golden pixels of `../shared/golden/render_cases.json`.
 
+use super::oracle::{Sample, SplatF64};
 use super::scenes::exact;
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::Value;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
-use vbgs_studio::render::cpu::oracle::{Sample, SplatF64};
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response, Support};
 
 /// One scene seen by one renderer.

@@ -17,7 +17,37 @@ pub fn open_plain(path: &Path) -> Result<Dataset, DatasetError> {
 pub const TINY: SyntheticParams =
     SyntheticParams { width: 32, height: 24, n_train: 3, n_eval: 1, seed: 4, depth_noise: 0.0 };
 
-type Files = Vec<(PathBuf, Vec<u8>)>;
+/// A folder's files in memory: made once, a fresh copy for each test that may damage it.
+pub struct Files(Vec<(PathBuf, Vec<u8>)>);
+
+impl Files {
+    /// Of a folder with all below it.
+    pub fn read(folder: &Path) -> Self {
+        let mut files = Vec::new();
+        collect(folder, Path::new(""), &mut files);
+        Self(files)
+    }
+
+    /// Into a folder, beside what is there.
+    pub fn write(&self, folder: &Path) {
+        for (relative, bytes) in &self.0 {
+            let path = folder.join(relative);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        }
+    }
+}
+
+fn collect(root: &Path, relative: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
+    for entry in std::fs::read_dir(root.join(relative)).unwrap() {
+        let entry = entry.unwrap();
+        let relative = relative.join(entry.file_name());
+        match entry.file_type().unwrap().is_dir() {
+            true => collect(root, &relative, files),
+            false => files.push((relative.clone(), std::fs::read(entry.path()).unwrap())),
+        }
+    }
+}
 
 /// A fresh copy of [`TINY`] in a layout; rendered once per test run.
 pub fn tiny(layout: SyntheticLayout) -> TempDir {
@@ -30,28 +60,11 @@ pub fn tiny(layout: SyntheticLayout) -> TempDir {
     let files = KEPT[slot].get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         write(&TINY, folder.path(), layout, &mut |_, _| ()).unwrap();
-        let mut files = Vec::new();
-        collect(folder.path(), Path::new(""), &mut files);
-        files
+        Files::read(folder.path())
     });
     let folder = tempfile::tempdir().unwrap();
-    for (relative, bytes) in files {
-        let path = folder.path().join(relative);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(path, bytes).unwrap();
-    }
+    files.write(folder.path());
     folder
-}
-
-fn collect(root: &Path, relative: &Path, files: &mut Files) {
-    for entry in std::fs::read_dir(root.join(relative)).unwrap() {
-        let entry = entry.unwrap();
-        let relative = relative.join(entry.file_name());
-        match entry.file_type().unwrap().is_dir() {
-            true => collect(root, &relative, files),
-            false => files.push((relative.clone(), std::fs::read(entry.path()).unwrap())),
-        }
-    }
 }
 
 /// The classic export.

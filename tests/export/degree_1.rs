@@ -3,6 +3,7 @@
 
 use super::glb_file::Glb;
 use super::{distance, random_splats, read_bytes, set, written, written_as};
+use crate::common::oracle::Oracle;
 use crate::common::scenes::random_appearance;
 use glam::{DQuat, DVec2, DVec3};
 use ply_rs_bw::parser::Parser;
@@ -15,7 +16,6 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::cpu::oracle::Oracle;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 /// Splats whose colour depends on the direction, without gradients. No opacity is below a half, so

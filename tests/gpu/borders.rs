@@ -2,12 +2,12 @@
 
 use super::compare::{TOLERANCE, oracle};
 use super::device::{Gpu, PLAIN, camera};
+use crate::common::oracle::Sample;
 use crate::common::scenes::{exact, random_rotation};
 use glam::DVec3;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::oracle::Sample;
 use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 const N_SPLATS: usize = 250;

@@ -1,9 +1,9 @@
 //! Pictures against the f64 oracle.
 
+use crate::common::oracle::{Oracle, Sample};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 use vbgs_studio::render::{ALPHA_CUT, RenderOptions};
 
 /// Of `rendering.md`, Tolerances: half-float accumulation.

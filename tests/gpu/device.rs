@@ -1,7 +1,8 @@
-//! A device that collects its faults, and pictures drawn on it.
+//! Pictures drawn on a device.
 
-use crate::common::adapter::{Turn, now, turn, vulkan};
+use super::fixture::Fixture;
 use glam::DVec3;
+use std::ops::Deref;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
@@ -9,34 +10,34 @@ use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
-use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
-use vbgs_studio::render::gpu::faults::GpuFaults;
 use vbgs_studio::render::gpu::readback;
 use vbgs_studio::render::gpu::renderer::SplatRenderer;
 use vbgs_studio::render::gpu::scene::{GpuScene, OrderOf};
 use vbgs_studio::render::gpu::sort::{SortScratch, back_to_front};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
-pub struct Gpu {
-    pub adapter: wgpu::Adapter,
-    pub device: wgpu::Device,
-    pub queue: wgpu::Queue,
-    pub faults: GpuFaults,
-    _turn: Turn,
+/// A device and what draws on it.
+pub struct Gpu(Fixture);
+
+impl Deref for Gpu {
+    type Target = Fixture;
+
+    fn deref(&self) -> &Fixture {
+        &self.0
+    }
 }
 
 impl Gpu {
-    /// `None` (with a note) where there is no Vulkan and none is demanded.
+    /// On the device of all tests; `None` where there is no Vulkan and need not be.
+    #[track_caller]
     pub fn new() -> Option<Self> {
-        let turn = turn();
-        let adapter = vulkan()?;
-        let (device, queue) = now(adapter.request_device(&device_descriptor(&adapter))).unwrap();
-        let faults = GpuFaults::default();
-        faults.watch(&device);
-        let caps = GpuCaps::new(&adapter, &device);
-        println!("adapter: {caps}");
-        caps.check().unwrap();
-        Some(Self { adapter, device, queue, faults, _turn: turn })
+        Fixture::shared().map(Self)
+    }
+
+    /// On a device of its own, to be lost.
+    #[track_caller]
+    pub fn to_be_lost() -> Option<Self> {
+        Fixture::own(|_| ()).map(Self)
     }
 
     pub fn scene<'a>(&self, splats: impl Into<SplatView<'a>>) -> GpuScene {
@@ -90,10 +91,6 @@ impl Gpu {
     ) -> Image<[f32; 4]> {
         let view: SplatView<'a> = splats.into();
         self.image_of(&mut self.scene(view), view.splats(), camera, options)
-    }
-
-    pub fn assert_no_faults(&self) {
-        assert_eq!(self.faults.take(), []);
     }
 }
 

@@ -6,7 +6,7 @@ use vbgs_studio::render::gpu::readback;
 
 #[test]
 fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
-    let Some(gpu) = Gpu::new() else { return };
+    let Some(gpu) = Gpu::to_be_lost() else { return };
     let view = outside(64, 48);
     let splats = random_scene(13, 100, 0.3);
     let before = gpu.image(&splats, &view, &PLAIN);
@@ -21,7 +21,7 @@ fn a_lost_device_is_reported_and_rebuilt_from_the_splats() {
     assert!(readback::premultiplied(&gpu.device, &gpu.queue, renderer.target()).is_err());
 
     drop((renderer, gpu));
-    let fresh = Gpu::new().unwrap();
+    let fresh = Gpu::to_be_lost().unwrap();
     assert_eq!(largest_difference(&before, &fresh.image(&splats, &view, &PLAIN)), 0.0);
 }
 

@@ -1,10 +1,10 @@
 //! Golden pixels of both renderers.
 
 use super::device::Gpu;
+use crate::common::oracle::{Oracle, Sample};
 use crate::common::render_cases::{GoldenView, golden_views};
 use std::collections::BTreeMap;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 use vbgs_studio::render::gpu::GpuError;
 use vbgs_studio::render::{ALPHA_CUT, TRANSMITTANCE_STOP};
 

@@ -1,6 +1,7 @@
 //! A whole view of a trained scene: every path of the GPU against the f64 oracle.
 
 use super::device::Gpu;
+use crate::common::oracle::Oracle;
 use crate::common::shared;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, LoadOptions};
@@ -10,7 +11,6 @@ use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::cpu::oracle::Oracle;
 use vbgs_studio::render::gpu::DrawPath;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};

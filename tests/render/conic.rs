@@ -2,12 +2,12 @@
 //! Rational conic), written down here from the specification and held to the
 //! oracle's vector form.
 
+use crate::common::oracle::{Oracle, SplatF64};
 use crate::common::scenes::exact;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
-use vbgs_studio::render::cpu::oracle::{Oracle, SplatF64};
 use vbgs_studio::render::{ALPHA_CUT, Antialias, Lens, RenderOptions, Response};
 
 const OPACITY: f64 = 0.9;

@@ -1,8 +1,8 @@
 //! The exact renderer against maxima found by search (see `common/exactness.rs`).
 
 use crate::common::exactness::{Figures, Tolerance, check};
+use crate::common::oracle::Oracle;
 use vbgs_studio::render::cpu::CpuRenderer;
-use vbgs_studio::render::cpu::oracle::Oracle;
 
 #[test]
 fn the_oracle_is_exact() {

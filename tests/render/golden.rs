@@ -1,11 +1,11 @@
 //! Golden pixels: every case, every variant.
 
 use crate::common::agreement::{branches, largest_error, samples};
+use crate::common::oracle::{Oracle, Sample};
 use crate::common::render_cases::{GoldenView, golden_views};
 use crate::draw;
 use std::collections::BTreeMap;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 
 /// Of `rendering.md`, Tolerances.
 const F64_TOLERANCE: f64 = 1e-9;

@@ -1,6 +1,7 @@
 //! What the exact renderer's response is by definition (`rendering.md`, Exact renderer), on the
 //! oracle.
 
+use crate::common::oracle::{Oracle, SplatF64};
 use crate::common::ray::GaussianOnRay;
 use crate::common::scenes::{SCENES, exact, random_appearance};
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -8,7 +9,6 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::render::cpu::oracle::{Oracle, SplatF64};
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 const RAY: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Pinhole);

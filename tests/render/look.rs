@@ -1,6 +1,7 @@
 //! What a viewer may change about every splat: the oracle by its definition, the CPU renderer by the
 //! oracle.
 
+use crate::common::oracle::{Oracle, Sample};
 use crate::common::scenes::{METHODS, SCENES, camera_of, options, random_appearance};
 use crate::{agreement, ball};
 use vbgs_studio::math::camera::Camera;
@@ -8,7 +9,6 @@ use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::oracle::{Oracle, Sample};
 use vbgs_studio::render::{Paint, RenderMethod, RenderOptions, SplatStyle, paint};
 
 fn image<'a>(

@@ -2,6 +2,7 @@
 //! definition, the CPU renderer by the oracle.
 
 use crate::agreement;
+use crate::common::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
 use crate::common::ray::GaussianOnRay;
 use crate::common::scenes::{
     METHODS, NATIVE_SCENES, Scene, camera, camera_of, exact, options, random_appearance,
@@ -14,7 +15,6 @@ use vbgs_studio::model::splat::appearance::{Appearance, Finishing, SplatSet, Spl
 use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::Exposing;
-use vbgs_studio::render::cpu::oracle::{AppearanceF64, Oracle, Sample, SplatF64};
 use vbgs_studio::render::{Antialias, Lens, RenderMethod, RenderOptions, Response};
 
 const EXACT: RenderMethod = exact(Response::Ray, Antialias::None, Lens::Pinhole);

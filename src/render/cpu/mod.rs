@@ -11,7 +11,6 @@ mod conic;
 mod drawn;
 mod exact;
 mod lanes;
-pub mod oracle;
 mod prepare;
 mod projected;
 mod raster;

@@ -4,6 +4,7 @@
 //! often: while nothing moves, only this pass runs, and backgrounds, wipes and differences change
 //! without drawing a splat again.
 
+use super::constants::{COMPARE_DIFFERENCE, COMPARE_NOTHING, COMPARE_WIPE, module};
 use super::layout::{Composite, shader};
 use super::target::SplatTarget;
 use crate::render::compare::{Area, Combination};
@@ -115,9 +116,9 @@ impl Compositor {
 fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) -> Composite {
     let area = second.map_or(Area::FULL, |second| second.area);
     let (mode, amount) = match second.map(|second| second.how) {
-        None => (0, 0.0),
-        Some(Combination::Wipe(divider)) => (1, divider),
-        Some(Combination::Difference(gain)) => (2, gain),
+        None => (COMPARE_NOTHING, 0.0),
+        Some(Combination::Wipe(divider)) => (COMPARE_WIPE, divider),
+        Some(Combination::Difference(gain)) => (COMPARE_DIFFERENCE, gain),
     };
     let second_finish = second.map_or(Finish::NONE, |second| second.finish);
     Composite {
@@ -136,10 +137,7 @@ fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) ->
 }
 
 fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
-    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some("composite"),
-        source: wgpu::ShaderSource::Wgsl(shader::COMPOSITE.into()),
-    });
+    let module = module(device, "composite", shader::COMPOSITE);
     // Values are sRGB-encoded already; such a target would encode them twice.
     let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {

@@ -1,10 +1,13 @@
-//! The structs that Rust and WGSL share; `tests/shaders.rs` compares sizes and offsets with naga's.
+//! The structs that Rust and WGSL share; `tests/gpu/shaders.rs` compares sizes and offsets with naga's.
 //!
 //! Rust and WGSL have no common header, so both spell each struct and a test compares them. Scales
 //! and a quaternion are sent rather than a covariance, whose six f32 lose the width of needles
 //! (`rendering.md`, Tried and dropped). Vectors of three are followed by a scalar, because WGSL
 //! aligns them to 16 bytes and would pad there anyway.
 
+use super::constants::{
+    FLAG_LIVE, PAINT_DEPTH, PAINT_NORMAL, PAINT_STORED, RENDERER_EXACT, RENDERER_PROJECTED,
+};
 use super::error::GpuError;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::Appearance;
@@ -12,7 +15,7 @@ use crate::model::splat::splats::Splat;
 use crate::render::constants::FRUSTUM_MARGIN;
 use crate::render::options::{ExactOptions, Paint, RenderMethod, RenderOptions, Response, Support};
 
-/// WGSL of each pipeline: the shared structs, then the file.
+/// WGSL of each pipeline: the shared structs, then the file; [`super::constants`] come in front.
 pub mod shader {
     /// `record.wgsl` with what it needs: the start of every file that turns splats into pixels.
     pub const RECORD: &str = concat!(
@@ -38,9 +41,6 @@ pub mod shader {
         include_str!("../../../shaders/scatter.wgsl")
     );
 }
-
-/// [`GpuSplat::flags`]: the slot holds a splat that can be drawn.
-pub const FLAG_LIVE: u32 = 1;
 
 /// Splat record in GPU memory, 64 bytes (`rendering.md`, Splat record).
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -152,7 +152,7 @@ pub struct GpuView {
     pub opacity_cut: f32,
     /// What rounding took from `centre`.
     pub centre_rest: [f32; 3],
-    /// `RENDERER_*` of `common.wgsl`.
+    /// `RENDERER_*` of [`super::constants`].
     pub renderer: u32,
     /// Focal lengths, px; px per radian through a fisheye.
     pub focal: [f32; 2],
@@ -166,11 +166,11 @@ pub struct GpuView {
     pub tangent_max: [f32; 2],
     /// Ends of the depth paint, world units.
     pub depth_range: [f32; 2],
-    /// One of `ANTIALIAS_*` in `common.wgsl`, in the order of [`crate::render::Antialias`].
+    /// The setting's place in [`crate::render::Antialias`].
     pub antialias: u32,
-    /// One of `LENS_*` in `common.wgsl`, in the order of [`crate::render::Lens`].
+    /// The lens's place in [`crate::render::Lens`].
     pub lens: u32,
-    /// One of `PAINT_*` in `common.wgsl`, in the order of [`Paint`].
+    /// `PAINT_*` of [`super::constants`].
     pub paint: u32,
     /// WGSL rounds the size up to 144.
     pub padding: u32,
@@ -196,13 +196,13 @@ impl GpuView {
             RenderMethod::Exact(ExactOptions { response: Response::Line, .. }) => {
                 return Err(GpuError::CpuOnly { found: "response `line`" });
             }
-            RenderMethod::Projected(Support::Alpha) => (0, 0),
-            RenderMethod::Exact(exact) => (1, exact.antialias as u32),
+            RenderMethod::Projected(Support::Alpha) => (RENDERER_PROJECTED, 0),
+            RenderMethod::Exact(exact) => (RENDERER_EXACT, exact.antialias as u32),
         };
         let (paint, depth_range) = match options.look.paint {
-            Paint::Stored => (0, [0.0, 1.0]),
-            Paint::Depth(ends) => (1, ends),
-            Paint::Normal => (2, [0.0, 1.0]),
+            Paint::Stored => (PAINT_STORED, [0.0, 1.0]),
+            Paint::Depth(ends) => (PAINT_DEPTH, ends),
+            Paint::Normal => (PAINT_NORMAL, [0.0, 1.0]),
         };
         Ok(Self {
             right: axes.x_axis.as_vec3().to_array(),
@@ -241,7 +241,7 @@ impl GpuView {
 pub struct Composite {
     /// sRGB-encoded colour behind the splats.
     pub background: [f32; 3],
-    /// 0 shows the first picture, 1 wipes between two, 2 shows what differs.
+    /// `COMPARE_*` of [`super::constants`].
     pub mode: u32,
     /// Upper left corner of the second picture, shares of the viewport.
     pub area_min: [f32; 2],

@@ -16,6 +16,7 @@ pub mod adapters;
 mod allocation;
 mod chooser;
 pub mod composite;
+pub mod constants;
 pub mod context;
 mod error;
 pub mod faults;

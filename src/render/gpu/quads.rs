@@ -1,5 +1,6 @@
 //! One pass of instanced quads, back to front: both renderers and both lenses, by the uniforms.
 
+use super::constants::module;
 use super::layout::shader;
 use super::scene::{GpuScene, OrderOf};
 use super::target;
@@ -14,10 +15,7 @@ pub(super) struct QuadPath {
 
 impl QuadPath {
     pub(super) fn new(device: &wgpu::Device) -> Self {
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("quads"),
-            source: wgpu::ShaderSource::Wgsl(shader::QUADS.into()),
-        });
+        let module = module(device, "quads", shader::QUADS);
         Self {
             plain: pipeline(device, &module, ["vertex", "fragment"]),
             shaded: pipeline(device, &module, ["vertex_shaded", "fragment_shaded"]),

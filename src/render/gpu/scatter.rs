@@ -1,10 +1,8 @@
 //! Sparse uploads: one compact list of (record, index), spread by a compute pass.
 
+use super::constants::{SCATTER_GROUP, module};
 use super::layout::{SparseAppearance, SparseSplat, shader};
 use std::marker::PhantomData;
-
-/// Threads of one workgroup; `GROUP` in `scatter.wgsl`.
-const GROUP: u32 = 64;
 
 /// A record with its index, and what spreads it.
 pub(super) trait Sparse: bytemuck::NoUninit {
@@ -29,10 +27,7 @@ pub(super) struct Scatter<T> {
 
 impl<T: Sparse> Scatter<T> {
     pub(super) fn new(device: &wgpu::Device) -> Self {
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("scatter"),
-            source: wgpu::ShaderSource::Wgsl(shader::SCATTER.into()),
-        });
+        let module = module(device, "scatter", shader::SCATTER);
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(T::ENTRY_POINT),
             layout: None,
@@ -75,7 +70,7 @@ impl<T: Sparse> Scatter<T> {
         });
         // A dimension of a dispatch holds 65,535 groups; more records need a second one.
         let widest = device.limits().max_compute_workgroups_per_dimension;
-        let (columns, rows) = grid(changed.len().div_ceil(GROUP as usize), widest);
+        let (columns, rows) = grid(changed.len().div_ceil(SCATTER_GROUP as usize), widest);
         let mut encoder = device.create_command_encoder(&Default::default());
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(&self.pipeline);

@@ -15,6 +15,7 @@ use crate::train::paper::config::{Operations, Precision, UpdateWidth, Width};
 use serde::Serialize;
 
 /// The result, ready to be printed and written.
+#[derive(Debug)]
 pub struct PrecisionSearch {
     /// The tables and notes, as printed.
     pub text: String,

@@ -1,8 +1,9 @@
 //! What the tile path keeps on the GPU between its stages.
 
-use super::constants::{GROUP, TILE_PIXELS};
+use super::constants::TILE_PIXELS;
 use super::kernel::storage;
 use crate::render::gpu::allocation::Allocation;
+use crate::render::gpu::constants::GROUP;
 use crate::render::gpu::context::max_buffer_bytes;
 use crate::render::gpu::error::GpuError;
 
@@ -15,13 +16,6 @@ const FOOTPRINT_BYTES: u64 = 16;
 const APPEARANCE_BYTES: u64 = 80;
 const MIB: u64 = 1 << 20;
 
-/// Slots of the buffer of counts; `stages.wgsl` mirrors them.
-pub(super) mod slot {
-    pub(in super::super) const N_SPLATS: u32 = 0;
-    pub(in super::super) const N_VISIBLE: u32 = 1;
-    pub(in super::super) const N_ENTRIES: u32 = 2;
-    pub(in super::super) const N_NEEDED: u32 = 3;
-}
 /// Bytes of the buffer of counts.
 pub(super) const COUNTS_BYTES: u64 = 4 * WORD;
 

@@ -1,7 +1,8 @@
 //! How many entries to have room for. Only the GPU knows how many an image needs, and says so a few
 //! frames later; until then the farthest splats of an image that needs more are left out.
 
-use super::buffers::{COUNTS_BYTES, slot};
+use super::buffers::COUNTS_BYTES;
+use crate::render::gpu::constants::slot;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::ring::ReadbackRing;
 

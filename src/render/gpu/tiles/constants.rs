@@ -1,6 +1,4 @@
-//! Sizes that Rust and the shaders of the tile path share.
+//! Sizes of the tile path. What its shaders share stands in [`crate::render::gpu::constants`].
 
-/// Lanes of a workgroup; `GROUP` in `tiles/stages.wgsl`.
-pub(super) const GROUP: u32 = 256;
-/// Pixels a side of a tile; `TILE` there.
+/// Pixels a side of a tile.
 pub(super) const TILE_PIXELS: u32 = crate::render::TILE as u32;

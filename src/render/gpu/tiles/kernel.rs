@@ -1,6 +1,6 @@
 //! Small words for compute pipelines: build, bind, dispatch.
 
-use super::constants::GROUP;
+use crate::render::gpu::constants::GROUP;
 
 /// A compute pipeline; its bindings are laid out as its shader names them.
 #[derive(Debug)]
@@ -90,13 +90,6 @@ impl Grid {
         let columns = n_groups.clamp(1, 65_535);
         Self { columns: columns as u32, rows: n_groups.div_ceil(columns).max(1) as u32 }
     }
-}
-
-pub(super) fn module(device: &wgpu::Device, label: &str, source: &str) -> wgpu::ShaderModule {
-    device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(label),
-        source: wgpu::ShaderSource::Wgsl(source.into()),
-    })
 }
 
 /// A buffer that kernels read and write.

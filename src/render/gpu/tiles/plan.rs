@@ -4,10 +4,11 @@
 //! only records passes. Buffers of a sort alternate, so which of two holds the result follows from
 //! the number of passes and is bound here.
 
-use super::buffers::{EntryBuffers, SplatBuffers, slot, starts, tile_grid};
-use super::kernel::{Bound, ComputeKernel, Grid, module};
+use super::buffers::{EntryBuffers, SplatBuffers, starts, tile_grid};
+use super::kernel::{Bound, ComputeKernel, Grid};
 use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
+use crate::render::gpu::constants::{module, slot};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
 use crate::render::gpu::timer::GpuStage;

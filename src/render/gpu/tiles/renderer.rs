@@ -1,8 +1,9 @@
 //! The tile path as the renderer sees it: one image into one encoder.
 
-use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, slot, tile_grid};
+use super::buffers::{COUNTS_BYTES, EntryBuffers, SplatBuffers, max_entries, tile_grid};
 use super::capacity::EntryDemand;
 use super::plan::{Inputs, Kernels, TileMemory, TilePlan};
+use crate::render::gpu::constants::slot;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;

@@ -1,4 +1,4 @@
-//! WGSL of each module.
+//! WGSL of each module; [`crate::render::gpu::constants`] come in front.
 
 /// `tiles/sort.wgsl`: the stable radix sort, used by depth and by tile.
 pub const SORT: &str = concat!(

@@ -5,11 +5,10 @@
 //! optional, and sorting is a small part of a frame. The published crate took 70 to 87 ms on
 //! llvmpipe (`rendering.md`, Tried and dropped).
 
-use super::kernel::{Bound, ComputeKernel, Grid, module, storage};
+use super::kernel::{Bound, ComputeKernel, Grid, storage};
 use super::shader;
+use crate::render::gpu::constants::{N_STRIPS, module};
 
-/// Workgroups of the passes over all keys; `N_STRIPS` in `sort.wgsl`.
-const N_STRIPS: u32 = 1024;
 /// Most bits of one digit: a lane of a workgroup for each value.
 const DIGIT_BITS: u32 = 8;
 

@@ -1,0 +1,118 @@
+//! Constants that shaders share with Rust. They are written once, here or where the CPU renderer has
+//! them, and stand as WGSL in front of every shader when its module is made: two truths would drift
+//! apart in silence, because a shader with another cut draws nearly the same picture.
+
+use crate::model::splat::appearance::GRADIENT_LIMIT;
+use crate::render::compare::OUTSIDE;
+use crate::render::paint::RAMP;
+use crate::render::{
+    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, REFERENCE_VARIANCE,
+    SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+};
+use std::fmt::Write;
+
+/// [`super::layout::GpuSplat::flags`]: the slot holds a splat that can be drawn.
+pub const FLAG_LIVE: u32 = 1;
+
+/// [`super::layout::GpuView::renderer`]: covariances projected to the image.
+pub const RENDERER_PROJECTED: u32 = 0;
+/// [`super::layout::GpuView::renderer`]: the response along each ray.
+pub const RENDERER_EXACT: u32 = 1;
+
+/// [`super::layout::GpuView::paint`]: the splats' own colours.
+pub const PAINT_STORED: u32 = 0;
+/// [`super::layout::GpuView::paint`]: by distance to the camera.
+pub const PAINT_DEPTH: u32 = 1;
+/// [`super::layout::GpuView::paint`]: by the direction of the shortest axis.
+pub const PAINT_NORMAL: u32 = 2;
+
+/// [`super::layout::Composite::mode`]: the first picture alone.
+pub const COMPARE_NOTHING: u32 = 0;
+/// [`super::layout::Composite::mode`]: one picture left, the other right of a divider.
+pub const COMPARE_WIPE: u32 = 1;
+/// [`super::layout::Composite::mode`]: what differs.
+pub const COMPARE_DIFFERENCE: u32 = 2;
+
+/// Lanes of a workgroup of [`super::tiles`]: a lane for each pixel of a tile and each value of a digit.
+pub(super) const GROUP: u32 = 256;
+/// Lanes of a workgroup of sparse uploads.
+pub(super) const SCATTER_GROUP: u32 = 64;
+/// Workgroups of the passes of the radix sort over all keys.
+pub(super) const N_STRIPS: u32 = 1024;
+
+/// Slots of the buffer of counts of [`super::tiles`], which never leave the GPU within a frame.
+pub(super) mod slot {
+    /// Splats in the scene.
+    pub(in super::super) const N_SPLATS: u32 = 0;
+    /// Of those, with an entry at least.
+    pub(in super::super) const N_VISIBLE: u32 = 1;
+    /// Pairs of splat and tile that fit.
+    pub(in super::super) const N_ENTRIES: u32 = 2;
+    /// Pairs there are; the largest u32 stands for more.
+    pub(in super::super) const N_NEEDED: u32 = 3;
+}
+
+/// Whole numbers by their names in WGSL.
+const WORDS: [(&str, u32); 22] = [
+    ("FLAG_LIVE", FLAG_LIVE),
+    ("RENDERER_PROJECTED", RENDERER_PROJECTED),
+    ("RENDERER_EXACT", RENDERER_EXACT),
+    ("ANTIALIAS_FOOTPRINT", Antialias::Footprint as u32),
+    ("ANTIALIAS_NONE", Antialias::None as u32),
+    ("ANTIALIAS_REFERENCE", Antialias::Reference as u32),
+    ("LENS_PINHOLE", Lens::Pinhole as u32),
+    ("LENS_FISHEYE", Lens::Fisheye as u32),
+    ("PAINT_STORED", PAINT_STORED),
+    ("PAINT_DEPTH", PAINT_DEPTH),
+    ("PAINT_NORMAL", PAINT_NORMAL),
+    ("COMPARE_NOTHING", COMPARE_NOTHING),
+    ("COMPARE_WIPE", COMPARE_WIPE),
+    ("COMPARE_DIFFERENCE", COMPARE_DIFFERENCE),
+    ("GROUP", GROUP),
+    ("SCATTER_GROUP", SCATTER_GROUP),
+    ("N_STRIPS", N_STRIPS),
+    ("TILE", TILE as u32),
+    ("N_SPLATS", slot::N_SPLATS),
+    ("N_VISIBLE", slot::N_VISIBLE),
+    ("N_ENTRIES", slot::N_ENTRIES),
+    ("N_NEEDED", slot::N_NEEDED),
+];
+
+/// Other numbers by their names in WGSL.
+const NUMBERS: [(&str, f32); 9] = [
+    ("ALPHA_CAP", ALPHA_CAP as f32),
+    ("ALPHA_CUT", ALPHA_CUT as f32),
+    ("TRANSMITTANCE_STOP", TRANSMITTANCE_STOP as f32),
+    ("LOW_PASS", LOW_PASS_PX2 as f32),
+    ("FOOTPRINT", FOOTPRINT_PX2 as f32),
+    ("REFERENCE_VARIANCE", REFERENCE_VARIANCE as f32),
+    ("SCALE_FLOOR", SCALE_FLOOR as f32),
+    ("GRADIENT_LIMIT", GRADIENT_LIMIT as f32),
+    ("OUTSIDE", OUTSIDE),
+];
+
+/// A shader behind the declarations of all shared constants.
+pub fn with_constants(shader: &str) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    for (name, value) in WORDS {
+        let _ = writeln!(text, "const {name}: u32 = {value}u;");
+    }
+    // The shortest digits that give the same f32 back, read as f32 because of the suffix.
+    for (name, value) in NUMBERS {
+        let _ = writeln!(text, "const {name}: f32 = {value:?}f;");
+    }
+    let _ = writeln!(text, "const RAMP = array<vec3<f32>, {}>(", RAMP.len());
+    for [r, g, b] in RAMP {
+        let _ = writeln!(text, "    vec3<f32>({r:?}f, {g:?}f, {b:?}f),");
+    }
+    text + ");\n" + shader
+}
+
+/// A module of a shader that leaves the shared constants out.
+pub(super) fn module(device: &wgpu::Device, label: &str, shader: &str) -> wgpu::ShaderModule {
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(label),
+        source: wgpu::ShaderSource::Wgsl(with_constants(shader).into()),
+    })
+}

@@ -1,0 +1,220 @@
+//! The real window without a display, and what tests do with it.
+
+use crate::common::adapter::vulkan;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuSetup, WgpuSetupExisting};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use egui_kittest::wgpu::{create_render_state, default_wgpu_setup};
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+
+pub type Window = Harness<'static, Studio>;
+
+/// Longest any condition may take on a loaded machine.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+/// The device of all windows but those that lose theirs, made by the first that has its turn;
+/// `None` where there is no Vulkan and need not be.
+fn device() -> Option<WgpuSetup> {
+    static DEVICE: OnceLock<WgpuSetupExisting> = OnceLock::new();
+    if DEVICE.get().is_none() {
+        vulkan()?;
+        let options = RendererOptions::PREDICTABLE;
+        let state = create_render_state(default_wgpu_setup(), options);
+        let RenderState { instance, adapter, device, queue, .. } = state;
+        let _ = DEVICE.set(WgpuSetupExisting { instance, adapter, device, queue });
+    }
+    DEVICE.get().cloned().map(WgpuSetup::Existing)
+}
+
+/// The window; `None` where there is no Vulkan and need not be.
+pub fn window(subject: Option<Subject>, painting: Painting) -> Option<Window> {
+    let harness = Harness::builder()
+        .with_size(Vec2::new(1000.0, 640.0))
+        .with_max_steps(8)
+        .wgpu_setup(device()?)
+        .build_eframe(move |cc| Studio::new(cc, subject, painting, Instant::now()).unwrap());
+    Some(harness)
+}
+
+/// A file dropped on the window.
+#[derive(Debug)]
+struct Dropped(PathBuf);
+
+impl eframe::egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|e| e.to_string())
+    }
+}
+
+pub fn drop_on(window: &mut Window, path: &Path) {
+    window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_owned())));
+    window.step();
+}
+
+/// The window on something to be trained by the paper's preset.
+pub fn paper_window(path: &Path, painting: Painting) -> Option<Window> {
+    let mut window = window(None, painting)?;
+    click(&mut window, "Settings");
+    click(&mut window, "Paper preset");
+    drop_on(&mut window, path);
+    wait(&mut window, "ready", is(RunState::Ready));
+    Some(window)
+}
+
+/// Steps the window until the condition holds.
+pub fn wait(window: &mut Window, what: &str, condition: impl Fn(&Studio) -> bool) {
+    let started = Instant::now();
+    loop {
+        window.step();
+        if condition(window.state()) {
+            return;
+        }
+        let snapshot = window.state().snapshot();
+        let notices: Vec<&str> = snapshot.notices.iter().map(|n| n.text.as_str()).collect();
+        assert!(
+            started.elapsed() < PATIENCE,
+            "waited for {what}, still {:?}; {notices:?}",
+            snapshot.state
+        );
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+pub fn is(state: RunState) -> impl Fn(&Studio) -> bool {
+    move |studio| studio.snapshot().state == state
+}
+
+/// Trains what is open to the end.
+pub fn train(window: &mut Window) {
+    wait(window, "ready", is(RunState::Ready));
+    window.key_press(Key::Space);
+    wait(window, "the end", is(RunState::Finished));
+}
+
+/// Presses what is labelled so. What the worker published since the last frame is laid out first:
+/// otherwise the press lands where the button was.
+pub fn click(window: &mut Window, label: &str) {
+    window.run_steps(2);
+    window.get_by_label(label).click();
+    window.run_steps(2);
+}
+
+/// Asks for a file by a dialog that a shortcut opens.
+pub fn write_to(window: &mut Window, key: Key, button: &str, file: &Path) {
+    window.key_press_modifiers(Modifiers::COMMAND, key);
+    window.run_steps(2);
+    enter_path(window, file);
+    window.get_by_role_and_label(Role::Button, button).click();
+}
+
+/// Replaces the path in the open dialog.
+pub fn enter_path(window: &mut Window, path: &Path) {
+    window.get_by_role(Role::TextInput).focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(Event::Text(path.display().to_string()));
+    window.run_steps(2);
+}
+
+/// A dataset small enough to train in a moment.
+pub fn dataset(folder: &Path, n_train: usize) -> PathBuf {
+    let path = folder.join("room");
+    let params =
+        SyntheticParams { width: 64, height: 48, n_train, n_eval: 1, seed: 1, depth_noise: 0.0 };
+    write(&params, &path, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {}).unwrap();
+    path
+}
+
+/// Waits until a text is somewhere in the window.
+pub fn wait_for_label(window: &mut Window, text: &str) {
+    let started = Instant::now();
+    while window.query_all_by_label(text).next().is_none() {
+        assert!(started.elapsed() < PATIENCE, "`{text}` is never shown");
+        window.step();
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// Whether the middle of the picture shows more than the background.
+fn picture_has_content(window: &mut Window) -> bool {
+    let image = window.render().unwrap();
+    let (w, h) = (image.width(), image.height());
+    let mut colors = std::collections::BTreeSet::new();
+    for y in (h / 4..3 * h / 4).step_by(7) {
+        for x in (w / 10..w / 2).step_by(7) {
+            colors.insert(image.get_pixel(x, y).0);
+        }
+    }
+    // Few frames make few colours of birth; nothing but the background makes one or two.
+    colors.len() > 8
+}
+
+/// Picture or order of the splats come from another thread a moment after the splats themselves.
+pub fn wait_for_picture(window: &mut Window) {
+    let started = Instant::now();
+    while !picture_has_content(window) {
+        assert!(started.elapsed() < PATIENCE, "the scene is never drawn");
+        window.step();
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Drags over the middle of the viewport.
+pub fn drag(window: &mut Window, button: PointerButton) {
+    let start = Pos2::new(300.0, 300.0);
+    drag_between(window, button, start, start + Vec2::new(60.0, 30.0));
+}
+
+pub fn drag_between(window: &mut Window, button: PointerButton, start: Pos2, end: Pos2) {
+    let press = |pos: Pos2, pressed| Event::PointerButton {
+        pos,
+        button,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    window.event(Event::PointerMoved(start));
+    window.step();
+    window.event(press(start, true));
+    window.step();
+    for i in 1..=5 {
+        window.event(Event::PointerMoved(start.lerp(end, 0.2 * i as f32)));
+        window.step();
+    }
+    window.event(press(end, false));
+    window.event(Event::PointerMoved(Pos2::new(5.0, 635.0)));
+    window.step();
+}
+
+/// The picture of the scene once it no longer changes.
+pub fn settled(window: &mut Window) -> Vec<u8> {
+    let started = Instant::now();
+    let mut last = Vec::new();
+    loop {
+        for _ in 0..30 {
+            window.step();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let image = window.render().unwrap();
+        let middle: Vec<u8> = (150..500)
+            .flat_map(|y| (50..550).flat_map(move |x| [(x, y)]))
+            .flat_map(|(x, y)| image.get_pixel(x, y).0)
+            .collect();
+        if middle == last {
+            return last;
+        }
+        assert!(started.elapsed() < PATIENCE, "the picture never settles");
+        last = middle;
+    }
+}

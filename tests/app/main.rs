@@ -1,0 +1,19 @@
+//! The real window, driven without a display: every state, every button, both painters.
+#![cfg(feature = "gui")]
+#![allow(clippy::unwrap_used)]
+
+mod camera;
+#[path = "../common/mod.rs"]
+mod common;
+mod crash;
+mod files;
+mod harness;
+mod inspect;
+mod opening;
+mod saving;
+mod scene;
+mod states;
+mod switching;
+mod viewer;
+#[cfg(feature = "cli")]
+mod window;

@@ -1,0 +1,23 @@
+//! The command line as a user meets it: the real binary in a scratch folder.
+#![cfg(all(feature = "cli", feature = "bench"))]
+#![allow(clippy::unwrap_used)]
+
+mod bad_input;
+mod bench;
+mod calibrate;
+mod checkpoint;
+mod commands;
+#[path = "../common/mod.rs"]
+mod common;
+mod determinism;
+mod headless;
+mod images;
+#[cfg(unix)]
+mod interrupt;
+mod models;
+mod real;
+mod report;
+mod runner;
+mod scenes;
+mod settings;
+mod usage;

@@ -1,0 +1,102 @@
+//! The projected renderer (`rendering.md`, Projected renderer): the covariance projected to the
+//! image.
+
+use super::Contribution;
+use super::shade::Shade;
+use super::splat::Placed;
+use glam::{DMat2, DMat3, DVec2, DVec3};
+use vbgs_studio::math::camera::Intrinsics;
+use vbgs_studio::render::{ALPHA_CAP, FRUSTUM_MARGIN, LOW_PASS_PX2, Support, TILE};
+
+/// A splat in the image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Projected {
+    /// View depth `z` of the mean.
+    pub depth: f64,
+    centre: DVec2,
+    conic: DMat2,
+    opacity: f64,
+    shade: Shade,
+    /// How the point of maximum response moves, in camera axes, per pixel to the right and down.
+    slide: [DVec3; 2],
+    /// First and end tile, or `None` if the support is unlimited.
+    tiles: Option<[DVec2; 2]>,
+}
+
+impl Projected {
+    /// `None` where the projected covariance is no ellipse.
+    pub(super) fn new(splat: &Placed, k: &Intrinsics, support: Support) -> Option<Self> {
+        let m = splat.mean;
+        let (a, b) = (m.x / m.z, m.y / m.z);
+        let clamp = |ratio: f64, principal: f64, size: u32, focal: f64| {
+            let size = f64::from(size);
+            let beyond = FRUSTUM_MARGIN * size / (2.0 * focal);
+            ratio.max(-(principal / focal + beyond)).min((size - principal) / focal + beyond)
+        };
+        let a_clamped = clamp(a, k.cx, k.width, k.fx);
+        let b_clamped = clamp(b, k.cy, k.height, k.fy);
+        let j_x = DVec3::new(k.fx / m.z, 0.0, -k.fx * a_clamped / m.z);
+        let j_y = DVec3::new(0.0, k.fy / m.z, -k.fy * b_clamped / m.z);
+        let variances = DMat3::from_diagonal(splat.scale * splat.scale);
+        let s = splat.axes * variances * splat.axes.transpose();
+        let xx = j_x.dot(s * j_x) + LOW_PASS_PX2;
+        let xy = j_x.dot(s * j_y);
+        let yy = j_y.dot(s * j_y) + LOW_PASS_PX2;
+        let det = xx * yy - xy * xy;
+        if det <= 0.0 || !det.is_finite() {
+            return None;
+        }
+        let centre = DVec2::new(k.fx * a + k.cx, k.fy * b + k.cy);
+        let three_sigma = support == Support::Tile3Sigma;
+        Some(Self {
+            depth: m.z,
+            centre,
+            conic: DMat2::from_cols(DVec2::new(yy, -xy), DVec2::new(-xy, xx)) * det.recip(),
+            opacity: splat.opacity,
+            shade: splat.shade,
+            slide: slide(splat, k),
+            tiles: three_sigma.then(|| tiles_of_three_sigma(centre, 0.5 * (xx + yy), det)),
+        })
+    }
+
+    /// What it adds at a point of the image, or `None` outside the support.
+    pub(super) fn at(&self, point: DVec2) -> Option<Contribution> {
+        if let Some([first, end]) = self.tiles {
+            let tile = (point / TILE as f64).floor();
+            if tile.cmplt(first).any() || tile.cmpge(end).any() {
+                return None;
+            }
+        }
+        let offset = point - self.centre;
+        let exponent = -0.5 * offset.dot(self.conic * offset);
+        (exponent <= 0.0).then(|| Contribution {
+            alpha: ALPHA_CAP.min(self.opacity * exponent.exp()),
+            depth: self.depth,
+            color: self.shade.at(self.slide[0] * offset.x + self.slide[1] * offset.y),
+        })
+    }
+}
+
+/// Derivatives of the point of maximum response `s* = t*·d`, `t* = (g·p)/(g·g)`, by the pixel
+/// (`rendering.md`, Native appearance), where the ray `d = m/z` goes through the mean. The low-pass
+/// has no part in it: it widens the blot in the image, not the splat.
+fn slide(splat: &Placed, k: &Intrinsics) -> [DVec3; 2] {
+    let whiten = |v: DVec3| (splat.axes.transpose() * v) / splat.scale;
+    let ray = splat.mean / splat.mean.z;
+    let (g, p) = (whiten(ray), whiten(splat.mean));
+    [DVec3::X / k.fx, DVec3::Y / k.fy].map(|turn| {
+        let dg = whiten(turn);
+        let (dot, square) = (g.dot(p), g.dot(g));
+        let t_change = (dg.dot(p) * square - dot * 2.0 * g.dot(dg)) / (square * square);
+        ray * t_change + turn * (dot / square)
+    })
+}
+
+/// First and end tile of the reference's square, in its pixel-index coordinates `centre − ½`.
+fn tiles_of_three_sigma(centre: DVec2, half_trace: f64, det: f64) -> [DVec2; 2] {
+    let largest = half_trace + (half_trace * half_trace - det).max(0.1).sqrt();
+    let radius = (3.0 * largest.sqrt()).ceil();
+    let tile = TILE as f64;
+    let index = centre - 0.5;
+    [((index - radius) / tile).trunc(), ((index + radius + tile - 1.0) / tile).trunc()]
+}

@@ -1,0 +1,117 @@
+//! Splats in f64, and what both renderers do to them first (`rendering.md`, Conventions).
+
+use super::shade::Shade;
+use glam::{DMat3, DQuat, DVec3};
+use vbgs_studio::math::camera::Camera;
+use vbgs_studio::model::splat::appearance::Appearance;
+use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::{Lens, RenderOptions, SCALE_FLOOR};
+
+/// A splat in f64; the fields are those of [`Splat`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplatF64 {
+    /// Centre, world units.
+    pub mean: DVec3,
+    /// Peak opacity.
+    pub opacity: f64,
+    /// sRGB-encoded colour.
+    pub color: DVec3,
+    /// Standard deviations along the rotated axes, world units.
+    pub scale: DVec3,
+    /// Orientation of those axes.
+    pub rotation: DQuat,
+    /// What it carries beyond one colour, if its scene has that.
+    pub appearance: Option<AppearanceF64>,
+}
+
+/// [`Appearance`] in f64.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AppearanceF64 {
+    /// Takes an offset from the mean (world units) to a change of colour.
+    pub gradient: DMat3,
+    /// Takes the unit direction from the camera to the mean to a change of colour.
+    pub directional: DMat3,
+}
+
+impl From<&Appearance> for AppearanceF64 {
+    fn from(appearance: &Appearance) -> Self {
+        let matrix = |rows: [[f32; 3]; 3]| {
+            DMat3::from_cols_array_2d(&rows.map(|row| row.map(f64::from))).transpose()
+        };
+        Self { gradient: matrix(appearance.gradient), directional: matrix(appearance.directional) }
+    }
+}
+
+impl From<&Splat> for SplatF64 {
+    fn from(splat: &Splat) -> Self {
+        let [w, x, y, z] = splat.rotation.map(f64::from);
+        Self {
+            mean: DVec3::from_array(splat.mean.map(f64::from)),
+            opacity: splat.opacity.into(),
+            color: DVec3::from_array(splat.color.map(f64::from)),
+            scale: DVec3::from_array(splat.scale.map(f64::from)),
+            rotation: DQuat::from_xyzw(x, y, z, w),
+            appearance: None,
+        }
+    }
+}
+
+impl From<&SplatF64> for Splat {
+    /// Rounds; the appearance is left behind.
+    fn from(splat: &SplatF64) -> Self {
+        let narrow = |v: DVec3| v.as_vec3().to_array();
+        let q = splat.rotation;
+        Self {
+            mean: narrow(splat.mean),
+            opacity: splat.opacity as f32,
+            color: narrow(splat.color),
+            scale: narrow(splat.scale),
+            rotation: [q.w, q.x, q.y, q.z].map(|v| v as f32),
+        }
+    }
+}
+
+/// A splat in camera space.
+pub(super) struct Placed {
+    /// Centre.
+    pub mean: DVec3,
+    /// Columns are the directions of the standard deviations.
+    pub axes: DMat3,
+    /// Standard deviations, raised to the floor.
+    pub scale: DVec3,
+    pub opacity: f64,
+    pub shade: Shade,
+}
+
+impl Placed {
+    /// `None` if the splat is broken, cut by its opacity or too near.
+    pub(super) fn new(splat: &SplatF64, camera: &Camera, options: &RenderOptions) -> Option<Self> {
+        // One definition of what can be drawn, that of the type every other renderer takes.
+        if !Splat::from(splat).is_drawable() || !has_finite_appearance(splat) {
+            return None;
+        }
+        let (camera_from_world, translation) = camera.pose.inverse();
+        let mean = camera_from_world * splat.mean + translation;
+        let depth = match options.method.lens() {
+            Lens::Pinhole => mean.z,
+            Lens::Fisheye => mean.length(),
+        };
+        let look = &options.look;
+        if depth <= options.near.max(0.0) || splat.opacity < f64::from(look.opacity_cut) {
+            return None;
+        }
+        let scale = splat.scale * f64::from(look.scale);
+        let axes = camera_from_world * DMat3::from_quat(splat.rotation.normalize());
+        Some(Self {
+            mean,
+            axes,
+            scale: scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0))),
+            opacity: splat.opacity,
+            shade: Shade::new(splat, camera, look.paint),
+        })
+    }
+}
+
+fn has_finite_appearance(splat: &SplatF64) -> bool {
+    splat.appearance.is_none_or(|a| a.gradient.is_finite() && a.directional.is_finite())
+}

@@ -1,0 +1,14 @@
+//! Loaders, unprojection and the synthetic scene against golden vectors, real recordings, known
+//! truth and damaged files.
+#![allow(clippy::unwrap_used)]
+
+mod bad_input;
+#[path = "../common/mod.rs"]
+mod common;
+mod fuzz;
+mod golden;
+mod layouts;
+mod memory;
+mod real;
+mod surface;
+mod synthetic;

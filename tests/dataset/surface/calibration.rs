@@ -1,0 +1,157 @@
+//! Colour cameras, depth corrections, exposures, and the file they are in.
+
+use super::drawn::{HEIGHT, WIDTH, frame, prepare, settings};
+use crate::common::shared;
+use glam::DVec3;
+use vbgs_studio::dataset::calibration::{Calibration, ColorCamera, FrameGain};
+use vbgs_studio::dataset::frame::DepthKind;
+use vbgs_studio::dataset::surface::{PixelStatus, Sensor, SurfaceSettings};
+use vbgs_studio::dataset::{LoadOptions, open};
+
+fn full() -> Calibration {
+    Calibration {
+        color_camera: Some(ColorCamera { rotation: [0.01, -0.02, 0.03], ..ColorCamera::KINECT }),
+        depth_offset: -0.0125,
+        depth_scale: 1.01,
+        exposure: vec![FrameGain { frame: "train/frame-000010".to_owned(), gain: [1.1, 1.0, 0.9] }],
+    }
+}
+
+fn with(calibration: Calibration) -> SurfaceSettings {
+    SurfaceSettings { calibration: Some(calibration), ..settings(Sensor::Kinect) }
+}
+
+#[test]
+fn files_round_trip_and_may_leave_fields_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.ron");
+    let read = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        Calibration::read(&path)
+    };
+    for calibration in [full(), Calibration::NONE] {
+        assert_eq!(read(&calibration.to_text().unwrap()).unwrap(), calibration);
+    }
+    assert_eq!(read("()").unwrap(), Calibration::NONE);
+    let text =
+        "(color_camera: (focal: (522, 522), principal: (320, 238.5), offset: (0.023, 0.0015, 0)))";
+    assert_eq!(read(text).unwrap().color_camera, Some(ColorCamera::KINECT));
+}
+
+#[test]
+fn files_that_make_no_sense_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("calibration.ron");
+    let missing = Calibration::read(&path).unwrap_err().to_string();
+    assert!(missing.contains("calibration.ron: expected a calibration file"), "{missing}");
+    for (text, parts) in [
+        ("(depth_scale: 0)", ["`depth_scale`", "found 0;"]),
+        ("(depth_offset: NaN)", ["`depth_offset`", "found NaN;"]),
+        ("(depth_ofset: 1)", ["calibration.ron", "depth_ofset"]),
+        (
+            "(color_camera: (focal: (0, 1), principal: (0, 0), offset: (0, 0, 0)))",
+            ["`focal`", "0;"],
+        ),
+        ("(exposure: [(frame: \"a\", gain: (1, -1, 1))])", ["`gain of a`", "-1;"]),
+        ("depth", ["calibration.ron", "correct this place"]),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let error = Calibration::read(&path).unwrap_err().to_string();
+        assert!(parts.iter().all(|part| error.contains(part)), "{text}: {error}");
+    }
+    let unsound = Calibration { depth_scale: f64::INFINITY, ..Calibration::NONE };
+    assert!(unsound.to_text().is_err());
+}
+
+#[test]
+fn depth_is_scaled_then_shifted() {
+    let wall = frame(DepthKind::Z, |_, _| 1.0);
+    let calibration = Calibration { depth_scale: 1.1, depth_offset: -0.05, ..Calibration::NONE };
+    let (_, out, _) = prepare(&wall, &with(calibration));
+    for point in &out.points {
+        let (_, z) = wall.camera.project(DVec3::from_array(point.position.map(f64::from)));
+        assert!((z - 1.05).abs() < 1e-5, "{z}");
+        assert!((point.range / out.ranges.data[point.pixel as usize] - 1.0).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn gains_are_of_their_frame_and_clamp() {
+    let wall = frame(DepthKind::Z, |_, _| 1.0);
+    let gain = |frame: &str| FrameGain { frame: frame.to_owned(), gain: [2.0, 0.5, 3.0] };
+    for (name, factors) in [("drawn", [2.0, 0.5, 3.0]), ("other", [1.0; 3])] {
+        let (_, out, _) =
+            prepare(&wall, &with(Calibration { exposure: vec![gain(name)], ..Calibration::NONE }));
+        for point in &out.points {
+            let (column, row) = (point.pixel as usize % WIDTH, point.pixel as usize / WIDTH);
+            for ((found, byte), factor) in point.color.iter().zip([column, row, 200]).zip(factors) {
+                let expected = (byte as f32 / 255.0 * factor).min(1.0);
+                assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+            }
+        }
+    }
+}
+
+/// The colour of a drawn frame is its own column and row, so it says where it was looked up.
+#[test]
+fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
+    let wall = frame(DepthKind::Z, |_, _| 1.5);
+    let k = wall.camera.intrinsics;
+    let camera = ColorCamera {
+        focal: [50.0, 52.0],
+        principal: [20.0, 18.0],
+        offset: [0.1, -0.05, 0.02],
+        rotation: [0.02, 0.05, -0.1],
+    };
+    let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
+    let (preparer, out, counts) = prepare(&wall, &with(calibration));
+    assert_eq!(counts.kept + counts.dropped_no_color, WIDTH * HEIGHT);
+    assert!(counts.kept > 1000);
+    for point in &out.points {
+        let (column, row) = (point.pixel as usize % WIDTH, point.pixel as usize / WIDTH);
+        let at = camera.project(k.ray(column, row) * 1.5).unwrap() - 0.5;
+        assert!((f64::from(point.color[0]) * 255.0 - at.x).abs() < 1e-3, "{at}");
+        assert!((f64::from(point.color[1]) * 255.0 - at.y).abs() < 1e-3, "{at}");
+    }
+    for (i, fate) in preparer.statuses().data.iter().enumerate() {
+        let at = camera.project(k.ray(i % WIDTH, i / WIDTH) * 1.5).unwrap() - 0.5;
+        let is_seen = at.x >= 0.0 && at.y >= 0.0 && at.x <= 44.0 && at.y <= 36.0;
+        assert_eq!(*fate == PixelStatus::Kept, is_seen, "{at}");
+    }
+}
+
+/// The near wall is on the left.
+#[test]
+fn points_hidden_from_the_colour_camera_are_dropped() {
+    let edge = frame(DepthKind::Z, |column, _| if column < 20 { 1.0 } else { 3.0 });
+    let k = edge.camera.intrinsics;
+    let camera = ColorCamera {
+        focal: [k.fx, k.fy],
+        principal: [k.cx, k.cy],
+        offset: [0.1, 0.0, 0.0],
+        rotation: [0.0; 3],
+    };
+    // Disparities are 6 and 2 pixels: from the left, four columns of the far wall are covered; from
+    // the right, none.
+    let hidden = |x: f64| {
+        let camera = ColorCamera { offset: [x, 0.0, 0.0], ..camera };
+        let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
+        let (preparer, _, _) = prepare(&edge, &with(calibration));
+        let row = &preparer.statuses().data[18 * WIDTH + 20..18 * WIDTH + 40];
+        row.iter().filter(|fate| **fate == PixelStatus::NoColor).count()
+    };
+    assert_eq!(hidden(0.1), 0);
+    let covered = hidden(-0.1);
+    assert!((3..=5).contains(&covered), "{covered} columns are hidden");
+}
+
+#[test]
+fn only_the_published_kinect_has_a_known_colour_camera() {
+    let Some(path) = shared("data/kinect_office") else { return };
+    let dataset = open(&path, &LoadOptions::default()).unwrap();
+    let known = dataset.known_calibration().unwrap();
+    assert_eq!(known.color_camera, Some(ColorCamera::KINECT));
+    let mut other = dataset.clone();
+    other.splits[0].frames[0].camera.intrinsics.fx = 580.0;
+    assert_eq!(other.known_calibration(), None);
+}

@@ -1,0 +1,276 @@
+//! Every bench in a tiny setting: its rows, its files' contents and its plot.
+
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use vbgs_studio::bench::findings::{Bench, BenchOptions};
+use vbgs_studio::bench::paper::ablation;
+use vbgs_studio::bench::paper::ablation::AblationPlan;
+use vbgs_studio::bench::paper::pareto;
+use vbgs_studio::bench::paper::pareto::ParetoPlan;
+use vbgs_studio::bench::paper::precision_search;
+use vbgs_studio::bench::paper::precision_search::SearchPlan;
+use vbgs_studio::bench::paper::scaling;
+use vbgs_studio::bench::paper::scaling::ScalingPlan;
+use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::render;
+use vbgs_studio::bench::render::{BenchDevice, BenchScene, RenderPlan};
+use vbgs_studio::dataset::Dataset;
+use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+};
+
+const OPTIONS: BenchOptions =
+    BenchOptions { quick: true, max_frames: Some(3), repeats: Some(2), seed: 3 };
+
+fn room() -> Arc<Dataset> {
+    let params =
+        SyntheticParams { width: 64, height: 48, n_train: 6, n_eval: 2, seed: 3, depth_noise: 0.0 };
+    Arc::new(synthetic::dataset(&params).unwrap())
+}
+
+/// Steps are counted to the end.
+fn counted<T>(run: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
+    let mut last = None;
+    let result = run(&mut |done, all| {
+        assert!(done <= all, "{done} of {all}");
+        last = Some((done, all));
+    });
+    let (done, all) = last.expect("progress is told");
+    assert_eq!(done, all);
+    result
+}
+
+fn rows(bench: &Bench) -> Vec<Value> {
+    bench.json["rows"].as_array().unwrap().clone()
+}
+
+fn number(row: &Value, field: &str) -> f64 {
+    row[field].as_f64().unwrap_or_else(|| panic!("`{field}` is no number: {row}"))
+}
+
+/// The JSON names itself, the CSV holds the same rows, the plot shows something legible.
+fn check_forms(bench: &Bench, fields: &[&str]) {
+    assert_eq!(bench.json["format"], "vbgs-bench/1");
+    assert_eq!(bench.json["bench"], bench.name);
+    assert!(bench.json["machine"]["threads"].as_u64().unwrap() >= 1);
+    assert!(!bench.json["notes"].as_array().unwrap().is_empty());
+    let rows = rows(bench);
+    let mut csv = csv::Reader::from_reader(bench.csv.as_bytes());
+    let header: BTreeSet<String> = csv.headers().unwrap().iter().map(str::to_owned).collect();
+    assert_eq!(header, rows[0].as_object().unwrap().keys().cloned().collect());
+    for field in fields {
+        assert!(header.contains(*field), "{}: no `{field}` in {header:?}", bench.name);
+    }
+    assert_eq!(csv.records().map(Result::unwrap).count(), rows.len());
+    assert_eq!((bench.plot.width, bench.plot.height), (1200, 800));
+    let pixels = bench.plot.to_rgb8();
+    let drawn = pixels.chunks(3).filter(|p| **p != [255; 3]).count() as f64 / (1200.0 * 800.0);
+    assert!((0.01..0.3).contains(&drawn), "{}: {drawn} of the plot is drawn", bench.name);
+    let colors: BTreeSet<&[u8]> = pixels.chunks(3).collect();
+    assert!(colors.len() > 20, "{}: {} colours: no text and marks", bench.name, colors.len());
+}
+
+fn check_times(row: &Value) {
+    let [ms, low, high] = ["ms", "ms_q1", "ms_q3"].map(|field| number(row, field));
+    assert!(0.0 < low && low <= ms && ms <= high, "{row}");
+}
+
+#[test]
+fn ablation() {
+    let plan = AblationPlan {
+        components: 300,
+        views: 1,
+        dense_pairs: 300 * 256,
+        batches: vec![Batch::Points(128), Batch::Frame],
+        ..AblationPlan::new(OPTIONS)
+    };
+    let bench = counted(|progress| ablation::run(&plan, room(), progress)).unwrap();
+    check_forms(&bench, &["configuration", "batch", "points_share", "ms", "psnr", "e_step_ms"]);
+    let rows = rows(&bench);
+    assert_eq!(rows.len(), 10);
+    rows.iter().for_each(check_times);
+    let named = |part: &str| {
+        let is_named = |r: &&Value| r["configuration"].as_str().unwrap().contains(part);
+        rows.iter().find(is_named).unwrap_or_else(|| panic!("no row `{part}`"))
+    };
+    // Hard assignments: what is seen and moved decides the quality, not how it is computed.
+    let dense = named("dense E-step");
+    assert!(number(dense, "points_share") < 0.2, "{dense}");
+    assert_eq!(number(dense, "psnr"), number(named("same points"), "psnr"));
+    assert_eq!(dense["batch"], 128);
+    assert_eq!(number(named("grid index"), "points_share"), 1.0);
+    assert!(number(named("forwarded"), "used") > number(named("grid index"), "used"));
+    assert_eq!(number(named("padded"), "psnr"), number(named("reassignment, truncated"), "psnr"));
+    assert!(bench.text.contains("scaled to all points"), "{}", bench.text);
+}
+
+#[test]
+fn pareto() {
+    let base = PaperOverrides {
+        components: Some(400),
+        // So many that truncation errs less than f32 rounds.
+        candidates: Some(Candidates::Nearest(64)),
+        reassign: Some(ReassignPolicy::Forwarded),
+        ..PaperOverrides::default()
+    };
+    let plan = ParetoPlan {
+        base,
+        components: vec![50],
+        candidates: vec![1],
+        batches: vec![Batch::Points(128)],
+        precisions: vec![Precision::F64],
+        threads: vec![1],
+        policies: vec![ReassignPolicy::Off],
+        views: 1,
+        oracle_pairs: 400 * 200,
+        ..ParetoPlan::new(OPTIONS)
+    };
+    let bench = counted(|progress| pareto::run(&plan, room(), progress)).unwrap();
+    let errors = [
+        "elbo_diff_max",
+        "elbo_diff_mean",
+        "total_variation_mean",
+        "mean_error_p99",
+        "covariance_error_p99",
+    ];
+    check_forms(&bench, &errors);
+    let rows = rows(&bench);
+    rows.iter().for_each(check_times);
+    let of = |sweep: &str| rows.iter().find(|r| r["sweep"] == sweep).unwrap();
+    for field in errors {
+        assert!(number(of("base"), field).is_finite());
+        assert!(
+            number(of("precision"), field) <= number(of("base"), field),
+            "f64 is nearer: {field} {} {}",
+            of("precision"),
+            of("base")
+        );
+    }
+    assert!(number(of("precision"), "covariance_error_p99") < 1e-12, "{}", of("precision"));
+    assert!(number(of("base"), "covariance_error_p99") > 0.0, "f32 rounds");
+    assert!(rows.iter().any(|r| r["on_front"] == true));
+}
+
+#[test]
+fn scaling() {
+    let plan = ScalingPlan {
+        points: vec![1000, 8000],
+        components: vec![100, 1000],
+        threads: vec![1],
+        base_points: 1000,
+        base_components: 300,
+        ..ScalingPlan::new(OPTIONS)
+    };
+    let bench = counted(|progress| scaling::run(&plan, progress)).unwrap();
+    check_forms(&bench, &["sweep", "points", "components", "threads", "means", "path", "ms"]);
+    let rows = rows(&bench);
+    rows.iter().for_each(check_times);
+    for row in rows.iter().filter(|r| r["path"] == "plain") {
+        assert_eq!(number(row, "plain_over_this"), 1.0);
+    }
+    let many = rows.iter().map(|r| number(r, "points")).fold(0.0, f64::max);
+    assert!((7000.0..9000.0).contains(&many), "{many} points where 8000 were asked for");
+    let fits = bench.json["summary"]["fits"].as_array().unwrap();
+    assert_eq!(fits.len(), 12, "three sweeps of four lines");
+    let points = fits.iter().find(|f| f["sweep"] == "points" && f["path"] == "plain").unwrap();
+    // How large it is depends on who else uses the machine.
+    assert!(number(points, "exponent").is_finite(), "{points}");
+}
+
+#[test]
+fn stability_lists_every_case_in_every_precision() {
+    let bench = counted(|progress| stability::run(OPTIONS, progress)).unwrap();
+    check_forms(&bench, &["case", "precision", "mean_error", "covariance_error", "non_finite"]);
+    assert_eq!(rows(&bench).len(), 3 * stability::all(OPTIONS.seed).len());
+}
+
+#[test]
+fn render_times_both_renderers_at_every_size() {
+    let scene = BenchScene::synthetic();
+    let plan = RenderPlan {
+        splats: vec![100, 3000],
+        sizes: vec![[64, 48], [160, 120]],
+        device: BenchDevice::Cpu,
+        ..RenderPlan::new(OPTIONS, &scene)
+    };
+    let bench = counted(|progress| render::run(&plan, &scene, progress)).unwrap();
+    check_forms(&bench, &["path", "renderer", "splats", "width", "ms", "draw_ms", "skipped"]);
+    let rows = rows(&bench);
+    assert_eq!(rows.len(), 8);
+    rows.iter().for_each(check_times);
+    for row in &rows {
+        assert_eq!((&row["path"], &row["frames"]), (&"cpu".into(), &2.into()), "{row}");
+        assert!(row["skipped"].is_null(), "{row}");
+    }
+    let ratios = bench.json["summary"]["ratios"].as_array().unwrap();
+    assert_eq!(ratios.len(), 4);
+    assert!(ratios.iter().all(|r| number(r, "exact_over_projected") > 0.0));
+    assert!(bench.json["machine"]["adapter"].is_null());
+}
+
+/// On any adapter, a software one too.
+#[cfg(feature = "gui")]
+#[test]
+fn render_times_a_gpu_and_says_what_does_not_fit_it() {
+    use crate::common::adapter::{turn, vulkan};
+    let _turn = turn();
+    let Some(adapter) = vulkan() else { return };
+    let name = adapter.get_info().name;
+    // A texture has at most 32,768 pixels a side on any adapter there is.
+    let (fits, too_wide) = ([64, 48], [65_536, 1]);
+    let scene = BenchScene::synthetic();
+    let plan = RenderPlan {
+        splats: vec![100, 3000],
+        sizes: vec![fits, too_wide],
+        device: BenchDevice::Gpu,
+        adapter: Some(name.clone()),
+        ..RenderPlan::new(OPTIONS, &scene)
+    };
+    let bench = counted(|progress| render::run(&plan, &scene, progress)).unwrap();
+    let rows = rows(&bench);
+    assert!(!rows.is_empty());
+    for row in &rows {
+        assert_ne!(row["path"], "cpu");
+        if row["width"] == fits[0] {
+            check_times(row);
+            assert!(row["skipped"].is_null() && number(row, "sort_ms") >= 0.0, "{row}");
+        } else {
+            assert!(row["ms"].is_null() && row["frames"] == 0, "{row}");
+            assert!(row["skipped"].as_str().unwrap().contains("65536x1"), "{row}");
+        }
+    }
+    assert!(bench.text.contains("skipped, "), "{}", bench.text);
+    let named = bench.json["machine"]["adapter"].as_str().unwrap().contains(&name);
+    assert!(named, "{}", bench.json["machine"]);
+}
+
+#[test]
+fn precision_search_finds_settings_that_train_takes() {
+    let mut plan = SearchPlan::new(OPTIONS, 1e-3).unwrap();
+    plan.components = 300;
+    let search = counted(|progress| precision_search::run(&plan, room(), progress)).unwrap();
+    let options =
+        ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
+    let overrides: PaperOverrides = options.from_str(&search.ron).unwrap();
+    let config = PaperConfig::paper().with(&overrides).unwrap();
+    assert_eq!(config.operations, search.operations);
+    assert_eq!(search.json["combinations"].as_array().unwrap().len(), 48);
+    assert!(number(&search.json["chosen"]["error"], "covariance_p99") <= 1e-3);
+    assert_eq!(number(&search.json["named"][0]["error"], "covariance_max"), 0.0);
+    for operation in ["distance", "log-score", "normaliser", "moments", "update"] {
+        assert!(search.text.contains(operation), "{}", search.text);
+    }
+}
+
+#[test]
+fn a_bound_below_every_error_is_refused_with_the_best_there_is() {
+    let mut plan = SearchPlan::new(OPTIONS, 1e-300).unwrap();
+    plan.components = 300;
+    let error = precision_search::run(&plan, room(), &mut |_, _| ()).unwrap_err();
+    assert!(error.to_string().contains("choose a larger one"), "{error}");
+    for bound in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "bound");
+    }
+}

@@ -1,0 +1,9 @@
+//! The model against the golden vectors: every array of `rand_soft`, `rand_hard`, `lego_small` and
+//! `niw` that has a tolerance, in f64, and the hard assignments in the mixed path too.
+
+mod laws;
+mod lego_small;
+mod rand_hard;
+mod rand_soft;
+mod reference;
+mod sampler;

@@ -1,0 +1,18 @@
+//! The engine: the model against golden vectors, its variants against each other, runs that stop and
+//! go on, and what benches measure.
+#![allow(clippy::unwrap_used)]
+
+mod allocations;
+mod attributes;
+#[cfg(feature = "bench")]
+mod benches;
+mod candidates;
+mod checkpoint;
+#[path = "../common/mod.rs"]
+mod common;
+mod inference;
+mod kinect;
+mod lego;
+#[cfg(feature = "bench")]
+mod stability;
+mod variants;

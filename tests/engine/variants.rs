@@ -1,0 +1,242 @@
+//! The engine's variants against each other: whatever is only a way of computing must not change a
+//! bit, whatever is an approximation must stay close to the f64 oracle.
+
+use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::paper::state::ModelState;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, IndexKind, Operations, PaperConfig, PaperOverrides, Precision,
+    ReassignPolicy, StatisticsForm, UpdateWidth, Width,
+};
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner::PaperLearner;
+
+const COMPONENTS: usize = 3000;
+const POLICIES: [ReassignPolicy; 4] = [
+    ReassignPolicy::Off,
+    ReassignPolicy::Truncated,
+    ReassignPolicy::Padded,
+    ReassignPolicy::Forwarded,
+];
+
+/// A wavy surface with a depth edge, tile by tile; some tiles are not full.
+fn frame(phase: f32) -> Points<f32> {
+    let mut points = Points::new();
+    let mut rng = Rng::new(3, Purpose::Synthetic, phase.to_bits().into());
+    for tile in 0..40 * 40 {
+        let (column, row) = (tile % 40, tile / 40);
+        for k in 0..(if tile % 7 == 3 { 17 } else { 64 }) {
+            let x = (column * 8 + k % 8) as f32 * 0.01 - 1.6;
+            let y = (row * 8 + k / 8) as f32 * 0.01 - 1.6;
+            let edge = if x + 0.3 * y > 0.4 { 0.6 } else { 0.0 };
+            let noise = 0.002 * rng.normal() as f32;
+            let z = 0.4 * (2.0 * x + phase).sin() * (1.5 * y).cos() + edge + noise;
+            let color = [x, y, z].map(|v| (5.0 * v).sin() * 1.7);
+            points.push([x, y, z, color[0], color[1], color[2]]);
+        }
+        points.close_tile();
+    }
+    points
+}
+
+fn frames() -> Vec<Points<f32>> {
+    (0..4).map(|t| frame(0.3 * t as f32)).collect()
+}
+
+fn config(overrides: &PaperOverrides) -> PaperConfig {
+    let base = PaperOverrides { components: Some(COMPONENTS), ..PaperOverrides::default() };
+    PaperConfig::paper().with(&overrides.clone().or(base)).unwrap()
+}
+
+fn trained(overrides: &PaperOverrides, frames: &[Points<f32>]) -> Box<dyn PaperLearner> {
+    let config = config(overrides);
+    let draw = InitialDraw::random(config.components, config.seed);
+    let mut engine = engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+    for frame in frames {
+        engine.learn(frame).unwrap();
+    }
+    engine
+}
+
+fn state(overrides: &PaperOverrides, frames: &[Points<f32>]) -> ModelState {
+    trained(overrides, frames).state()
+}
+
+fn in_pool<T: Send>(threads: usize, run: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(run)
+}
+
+#[test]
+fn ways_of_computing_give_the_same_bits() {
+    let frames = frames();
+    for reassign in POLICIES {
+        let base = PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() };
+        let expected = state(&base, &frames);
+        let batch = |n| PaperOverrides { batch: Some(Batch::Points(n)), ..base.clone() };
+        let unfused = PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..base.clone() };
+        let unfused_batch = PaperOverrides { batch: Some(Batch::Points(1000)), ..unfused.clone() };
+        for overrides in [batch(1), batch(100), batch(5000), unfused, unfused_batch] {
+            assert!(state(&overrides, &frames) == expected, "{overrides:?}");
+        }
+        for threads in [1, 2, 3] {
+            let found = in_pool(threads, || state(&base, &frames));
+            assert!(found == expected, "{threads} threads, {reassign:?}");
+        }
+    }
+}
+
+#[test]
+fn padding_moves_what_truncation_moves() {
+    let frames = frames();
+    let with = |reassign| {
+        state(&PaperOverrides { reassign: Some(reassign), ..PaperOverrides::default() }, &frames)
+    };
+    assert!(with(ReassignPolicy::Padded) == with(ReassignPolicy::Truncated));
+    assert!(with(ReassignPolicy::Padded) != with(ReassignPolicy::Off));
+}
+
+#[test]
+fn without_reassignment_the_order_of_frames_does_not_matter() {
+    let mut frames = frames();
+    for precision in [Precision::Mixed, Precision::F64] {
+        let off = PaperOverrides {
+            reassign: Some(ReassignPolicy::Off),
+            precision: Some(precision),
+            ..PaperOverrides::default()
+        };
+        let expected = state(&off, &frames);
+        frames.reverse();
+        assert!(state(&off, &frames) == expected, "{precision:?}");
+    }
+}
+
+#[test]
+fn a_restored_engine_goes_on_to_the_same_bits() {
+    let frames = frames();
+    for reassign in POLICIES {
+        for precision in [Precision::Mixed, Precision::F32, Precision::F64] {
+            let overrides = PaperOverrides {
+                reassign: Some(reassign),
+                precision: Some(precision),
+                ..PaperOverrides::default()
+            };
+            let half = trained(&overrides, &frames[..2]);
+            let mut other = engine::restore(
+                &config(&overrides),
+                half.state(),
+                half.frames(),
+                Normalization::IDENTITY,
+            )
+            .unwrap();
+            assert!(other.state() == half.state());
+            for frame in &frames[2..] {
+                other.learn(frame).unwrap();
+            }
+            assert!(other.state() == state(&overrides, &frames), "{reassign:?}, {precision:?}");
+        }
+    }
+}
+
+#[test]
+fn the_grid_and_the_tree_agree_in_f64() {
+    let frames = frames();
+    let with = |index| PaperOverrides {
+        index: Some(index),
+        precision: Some(Precision::F64),
+        ..PaperOverrides::default()
+    };
+    assert!(state(&with(IndexKind::KdTree), &frames) == state(&with(IndexKind::Grid), &frames));
+}
+
+/// With the paper's hyper-parameters C = 4 assigns every point as all components do.
+#[test]
+fn truncation_assigns_as_the_dense_e_step() {
+    let frames = frames();
+    let with = |candidates, precision| PaperOverrides {
+        candidates: Some(candidates),
+        precision: Some(precision),
+        components: Some(1000),
+        reassign: Some(ReassignPolicy::Off),
+        ..PaperOverrides::default()
+    };
+    for precision in [Precision::Mixed, Precision::F64] {
+        let dense = state(&with(Candidates::Dense, precision), &frames[..1]);
+        assert!(state(&with(Candidates::Nearest(4), precision), &frames[..1]) == dense);
+    }
+}
+
+/// Every precision stays close to the oracle, operation by operation.
+#[test]
+fn precisions_stay_close_to_the_oracle() {
+    let frames = frames();
+    let posteriors = |engine: Box<dyn PaperLearner>| -> Vec<_> {
+        (0..engine.components()).map(|k| engine.posterior(k)).collect()
+    };
+    let base = PaperOverrides { reassign: Some(ReassignPolicy::Off), ..PaperOverrides::default() };
+    let f64 = PaperOverrides { precision: Some(Precision::F64), ..base.clone() };
+    let oracle = posteriors(trained(&f64, &frames));
+    let mut single = vec![Operations::MIXED, Operations::F32];
+    for operation in 0..4 {
+        let mut widths = [Width::F32; 4];
+        widths[operation] = Width::F64;
+        let [distance, log_score, normaliser, moments] = widths;
+        let update = UpdateWidth::Fixed64;
+        single.push(Operations { distance, log_score, normaliser, moments, update });
+    }
+    single.push(Operations::all(Width::F64, UpdateWidth::Fixed128));
+    for operations in single {
+        let custom = PaperOverrides { operations: Some(operations), ..base.clone() };
+        let found = posteriors(trained(&custom, &frames));
+        for (k, (a, b)) in oracle.iter().zip(&found).enumerate() {
+            assert_eq!(a.count, b.count, "{operations:?}, component {k}");
+            assert!((a.mean_space - b.mean_space).length() < 1e-6, "{operations:?}, {k}");
+            assert!((a.mean_color - b.mean_color).length() < 1e-5, "{operations:?}, {k}");
+        }
+    }
+}
+
+#[test]
+fn points_that_are_no_numbers_are_left_out() {
+    let clean = frame(0.1);
+    let mut dirty = Points::new();
+    let bad = [
+        [f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, f32::INFINITY, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, f32::NAN, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, f32::NEG_INFINITY, 0.0],
+        [1e30, 0.0, 0.0, 0.0, 0.0, 0.0],
+    ];
+    for tile in 0..clean.n_tiles() {
+        for i in clean.tile(tile) {
+            let ([x, y, z], [r, g, b]) = (clean.position(i), clean.color(i));
+            dirty.push([x, y, z, r, g, b]);
+        }
+        dirty.close_tile();
+        if tile < bad.len() {
+            dirty.push(bad[tile]);
+            dirty.close_tile();
+        }
+    }
+    for precision in [Precision::Mixed, Precision::F64] {
+        for statistics in [StatisticsForm::Fused, StatisticsForm::Unfused] {
+            let overrides = PaperOverrides {
+                precision: Some(precision),
+                statistics: Some(statistics),
+                reassign: Some(ReassignPolicy::Off),
+                ..PaperOverrides::default()
+            };
+            let mut engine = trained(&overrides, &[]);
+            let outcome = engine.learn(&dirty).unwrap();
+            // 1e30 has a square in f64.
+            let left_out = if precision == Precision::F64 { 4 } else { 5 };
+            assert_eq!(outcome.points, dirty.len() - left_out);
+            assert!(outcome.elbo_mean.is_finite());
+            if precision == Precision::Mixed {
+                let expected = state(&overrides, std::slice::from_ref(&clean));
+                assert!(engine.state() == expected, "{statistics:?}");
+            }
+        }
+    }
+}

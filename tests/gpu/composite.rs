@@ -1,0 +1,162 @@
+//! The GPU compares pictures as `render::compare` does.
+
+use super::fixture::Fixture;
+use std::ops::Deref;
+use vbgs_studio::math::image::{Image, RgbImage};
+use vbgs_studio::render::compare::{Area, Combination, combine};
+use vbgs_studio::render::finish::Finish;
+use vbgs_studio::render::gpu::composite::{Compositor, Second};
+use vbgs_studio::render::gpu::photo::PhotoTexture;
+use vbgs_studio::render::gpu::readback;
+use vbgs_studio::render::gpu::target::SplatTarget;
+
+struct Gpu(Fixture);
+
+impl Deref for Gpu {
+    type Target = Fixture;
+
+    fn deref(&self) -> &Fixture {
+        &self.0
+    }
+}
+
+impl Gpu {
+    fn new() -> Option<Self> {
+        Fixture::shared().map(Self)
+    }
+
+    /// A splat image of this size: `second` over what `first` shows.
+    fn composed(
+        &self,
+        size: [u32; 2],
+        first: &SplatTarget,
+        background: [f32; 3],
+        second: Option<Second<'_>>,
+    ) -> SplatTarget {
+        let window = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
+        let mut compositor = Compositor::new(&self.device, wgpu::TextureFormat::Rgba16Float);
+        compositor.prepare_pair(&self.device, &self.queue, first, background, second);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: window.view(),
+                depth_slice: None,
+                resolve_target: None,
+                ops: Default::default(),
+            })],
+            ..Default::default()
+        });
+        compositor.draw(&mut pass);
+        drop(pass);
+        self.queue.submit([encoder.finish()]);
+        window
+    }
+
+    /// A splat image that shows a picture and nothing behind it.
+    fn target(&self, picture: &RgbImage) -> SplatTarget {
+        let size = [picture.width as u32, picture.height as u32];
+        let photo = PhotoTexture::new(&self.device, &self.queue, picture).unwrap();
+        let empty = SplatTarget::new(&self.device, size[0], size[1]).unwrap();
+        let how = Combination::Wipe(0.0);
+        let second = Second { view: photo.view(), finish: Finish::NONE, area: Area::FULL, how };
+        self.composed(size, &empty, [0.0; 3], Some(second))
+    }
+
+    fn shown(&self, image: &SplatTarget) -> RgbImage {
+        let rgba = readback::premultiplied(&self.device, &self.queue, image).unwrap();
+        rgba.map(|&[r, g, b, _]| [r, g, b])
+    }
+}
+
+/// A picture of bytes without two equal pixels side by side.
+fn picture(width: usize, height: usize, seed: usize) -> RgbImage {
+    let value = |i: usize| ((seed + 89 * i + 31 * (i / 7)) % 256) as f32 / 255.0;
+    let data = (0..width * height).map(|i| [value(3 * i), value(3 * i + 1), value(3 * i + 2)]);
+    Image::from_vec(width, height, data.collect())
+}
+
+fn largest_difference(a: &RgbImage, b: &RgbImage) -> f32 {
+    assert_eq!((a.width, a.height), (b.width, b.height));
+    let pairs = a.data.iter().flatten().zip(b.data.iter().flatten());
+    pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+const COMBINATIONS: [Combination; 5] = [
+    Combination::Wipe(0.0),
+    Combination::Wipe(0.3),
+    Combination::Wipe(1.0),
+    Combination::Difference(1.0),
+    Combination::Difference(6.0),
+];
+
+/// Half floats near 1.
+const HALF_FLOAT: f32 = 1e-3;
+
+#[test]
+fn two_splat_images_are_combined_as_on_the_cpu() {
+    let Some(gpu) = Gpu::new() else { return };
+    let (first, second) = (gpu.target(&picture(24, 16, 5)), gpu.target(&picture(24, 16, 77)));
+    let (first_shown, second_shown) = (gpu.shown(&first), gpu.shown(&second));
+    assert!(largest_difference(&first_shown, &picture(24, 16, 5)) < HALF_FLOAT);
+    for how in COMBINATIONS {
+        let pair = Second { view: second.view(), finish: Finish::NONE, area: Area::FULL, how };
+        let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+        let mut expected = first_shown.clone();
+        combine(&mut expected, &second_shown, Area::FULL, how);
+        assert!(largest_difference(&found, &expected) < HALF_FLOAT, "{how:?}");
+    }
+}
+
+#[test]
+fn a_photograph_fills_its_area_as_on_the_cpu() {
+    let Some(gpu) = Gpu::new() else { return };
+    let first = gpu.target(&picture(24, 16, 5));
+    let first_shown = gpu.shown(&first);
+    let photo = picture(7, 5, 200);
+    let texture = PhotoTexture::new(&gpu.device, &gpu.queue, &photo).unwrap();
+    let area = Area { min: [0.2, 0.1], max: [0.7, 0.9] };
+    for how in COMBINATIONS {
+        let pair = Second { view: texture.view(), finish: Finish::NONE, area, how };
+        let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+        let mut expected = first_shown.clone();
+        combine(&mut expected, &photo, area, how);
+        // A sampler's weights have eight bits, in both directions.
+        let gain = if let Combination::Difference(gain) = how { gain } else { 1.0 };
+        let tolerance = HALF_FLOAT + gain * 2.0 / 256.0;
+        assert!(largest_difference(&found, &expected) < tolerance, "{how:?}");
+    }
+}
+
+#[test]
+fn both_pictures_lie_over_the_same_background() {
+    let Some(gpu) = Gpu::new() else { return };
+    let empty = SplatTarget::new(&gpu.device, 4, 4).unwrap();
+    let other = SplatTarget::new(&gpu.device, 4, 4).unwrap();
+    let background = [0.25, 0.5, 0.75];
+    let shown = |how| {
+        let pair = Second { view: other.view(), finish: Finish::NONE, area: Area::FULL, how };
+        gpu.shown(&gpu.composed([4, 4], &empty, background, Some(pair)))
+    };
+    let wiped = shown(Combination::Wipe(0.5));
+    assert!(wiped.data.iter().all(|p| *p == background), "{wiped:?}");
+    let difference = shown(Combination::Difference(64.0));
+    assert!(difference.data.iter().all(|p| *p == [0.0; 3]), "{difference:?}");
+}
+
+#[test]
+fn each_picture_is_finished_by_itself() {
+    let Some(gpu) = Gpu::new() else { return };
+    // A picture over which nothing is drawn keeps its colour at full coverage.
+    let (first, second) = (gpu.target(&picture(24, 16, 5)), gpu.target(&picture(24, 16, 77)));
+    let finish = Finish { exposure: [0.5, 0.25, 1.0], ..Finish::NONE };
+    let how = Combination::Wipe(0.0);
+    let pair = Second { view: second.view(), finish, area: Area::FULL, how };
+    let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+    let [plain, other] = [&second, &first].map(|target| gpu.shown(target));
+    let dimmed = plain.map(|&[r, g, b]| [0.5 * r, 0.25 * g, b]);
+    assert!(largest_difference(&found, &dimmed) < HALF_FLOAT);
+    let pair =
+        Second { view: second.view(), finish, area: Area::FULL, how: Combination::Wipe(1.0) };
+    let found = gpu.shown(&gpu.composed([24, 16], &first, [0.0; 3], Some(pair)));
+    assert!(largest_difference(&found, &other) < HALF_FLOAT);
+}

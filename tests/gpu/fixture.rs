@@ -1,0 +1,64 @@
+//! One device for all tests, taken in turns.
+//!
+//! Making a device and loading its driver takes longer than most pictures here, and drivers were
+//! seen to fail when devices come and go. Only tests that lose a device or limit it have their own.
+
+use crate::common::adapter::{Turn, now, turn, vulkan};
+use std::sync::OnceLock;
+use vbgs_studio::render::gpu::context::{GpuCaps, device_descriptor};
+use vbgs_studio::render::gpu::faults::GpuFaults;
+
+/// A device, the right to use it, and what it says after the fact.
+pub struct Fixture {
+    pub adapter: wgpu::Adapter,
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub faults: GpuFaults,
+    _turn: Turn,
+}
+
+impl Fixture {
+    /// The device of all tests; `None` where there is no Vulkan and need not be.
+    #[track_caller]
+    pub fn shared() -> Option<Self> {
+        static ADAPTER: OnceLock<wgpu::Adapter> = OnceLock::new();
+        static DEVICE: OnceLock<(wgpu::Device, wgpu::Queue, GpuFaults)> = OnceLock::new();
+        let turn = turn();
+        if ADAPTER.get().is_none() {
+            let _ = ADAPTER.set(vulkan()?);
+        }
+        let adapter = ADAPTER.get()?.clone();
+        let (device, queue, faults) =
+            DEVICE.get_or_init(|| opened(&adapter, &device_descriptor(&adapter))).clone();
+        // What a test that failed left behind is not this one's.
+        faults.take();
+        Some(Self { adapter, device, queue, faults, _turn: turn })
+    }
+
+    /// A device of its own, to be lost or limited; `limit` changes what is asked for.
+    #[track_caller]
+    pub fn own(limit: impl FnOnce(&mut wgpu::Limits)) -> Option<Self> {
+        let shared = Self::shared()?;
+        let mut descriptor = device_descriptor(&shared.adapter);
+        limit(&mut descriptor.required_limits);
+        let (device, queue, faults) = opened(&shared.adapter, &descriptor);
+        Some(Self { device, queue, faults, ..shared })
+    }
+
+    pub fn assert_no_faults(&self) {
+        assert_eq!(self.faults.take(), []);
+    }
+}
+
+fn opened(
+    adapter: &wgpu::Adapter,
+    descriptor: &wgpu::DeviceDescriptor<'_>,
+) -> (wgpu::Device, wgpu::Queue, GpuFaults) {
+    let (device, queue) = now(adapter.request_device(descriptor)).unwrap();
+    let faults = GpuFaults::default();
+    faults.watch(&device);
+    let caps = GpuCaps::new(adapter, &device);
+    println!("adapter: {caps}");
+    caps.check().unwrap();
+    (device, queue, faults)
+}

@@ -1,0 +1,22 @@
+//! The GPU renderers on a real Vulkan driver (software ones count) against f64 references.
+#![cfg(feature = "gui")]
+#![allow(clippy::unwrap_used, clippy::print_stdout)]
+
+mod borders;
+#[path = "../common/mod.rs"]
+mod common;
+mod compare;
+mod composite;
+mod device;
+mod exactness;
+mod faults;
+mod fixture;
+mod golden;
+mod hostile;
+mod images;
+mod lego;
+mod options;
+mod shaders;
+mod streaming;
+mod targets;
+mod tiles;

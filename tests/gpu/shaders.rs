@@ -1,0 +1,230 @@
+//! Every WGSL file is valid, and its structs lie in memory as Rust's do.
+
+use std::collections::BTreeMap;
+use std::mem::offset_of;
+use std::path::Path;
+use vbgs_studio::model::splat::appearance::GRADIENT_LIMIT;
+use vbgs_studio::render::compare::OUTSIDE;
+use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
+use vbgs_studio::render::gpu::layout::{
+    Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
+};
+use vbgs_studio::render::gpu::tiles::shader as tiles;
+use vbgs_studio::render::paint::RAMP;
+use vbgs_studio::render::{
+    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, REFERENCE_VARIANCE,
+    SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+};
+use wgpu::naga::back::PipelineConstants;
+use wgpu::naga::back::pipeline_constants::process_overrides;
+use wgpu::naga::{
+    Expression, Handle, Literal, Module, TypeInner, back::spv, front::wgsl, proc::Layouter, valid,
+};
+
+/// The module of a shader behind the constants it shares with Rust.
+fn validated(name: &str, shader: &str) -> Module {
+    let source = &with_constants(shader);
+    let module =
+        wgsl::parse_str(source).unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
+    // No optional capability: what passes here runs on every backend.
+    let info = valid::Validator::new(valid::ValidationFlags::all(), valid::Capabilities::empty())
+        .validate(&module)
+        .unwrap_or_else(|e| panic!("{name}: {}", e.emit_to_string(source)));
+    // Constants that pipelines set; with all code paths on.
+    let names = module.overrides.iter().filter_map(|(_, constant)| constant.name.clone());
+    let values: PipelineConstants = names.map(|name| (name, 1.0)).collect();
+    let (module, info) = process_overrides(&module, &info, None, &values).unwrap();
+    // The backend that every Vulkan device gets refuses some of what the validator lets through.
+    spv::write_vec(&module, &info, &spv::Options::default(), None)
+        .unwrap_or_else(|e| panic!("{name}: {e}"));
+    module.into_owned()
+}
+
+/// Files that others are built on; each is valid behind those before it.
+const SHARED: [&str; 3] = ["common.wgsl", "paint.wgsl", "record.wgsl"];
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders").join(name))
+        .unwrap()
+}
+
+#[test]
+fn every_file_is_valid_and_used() {
+    let mut record = String::new();
+    for name in SHARED {
+        record += &read(name);
+        validated(name, &record);
+    }
+    assert_eq!(record, shader::RECORD);
+    let used = [shader::QUADS, shader::COMPOSITE, shader::SCATTER];
+    let mut n_files = 0;
+    for entry in std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders")).unwrap() {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        if SHARED.contains(&name.as_str()) || entry.file_type().unwrap().is_dir() {
+            continue;
+        }
+        let text = read(&name);
+        let whole = used.iter().find(|whole| whole.ends_with(&text));
+        let whole = whole.unwrap_or_else(|| panic!("{name} is in no pipeline"));
+        let prefix = whole.strip_suffix(&text).unwrap();
+        assert!([&read("common.wgsl"), shader::RECORD].contains(&prefix), "{name}: built on what?");
+        assert!(!validated(&name, whole).entry_points.is_empty(), "{name} has no entry point");
+        n_files += 1;
+    }
+    assert_eq!(n_files, used.len());
+}
+
+/// The constants in front of every shader are Rust's to the last bit.
+#[test]
+fn shared_constants_keep_their_bits() {
+    let module = validated("constants", "");
+    let found: BTreeMap<&str, Vec<u32>> = module
+        .constants
+        .iter()
+        .map(|(_, constant)| (constant.name.as_deref().unwrap(), words(&module, constant.init)))
+        .collect();
+    let bits = |value: f64| vec![(value as f32).to_bits()];
+    for (name, expected) in [
+        ("ALPHA_CAP", bits(ALPHA_CAP)),
+        ("ALPHA_CUT", bits(ALPHA_CUT)),
+        ("TRANSMITTANCE_STOP", bits(TRANSMITTANCE_STOP)),
+        ("LOW_PASS", bits(LOW_PASS_PX2)),
+        ("FOOTPRINT", bits(FOOTPRINT_PX2)),
+        ("REFERENCE_VARIANCE", bits(REFERENCE_VARIANCE)),
+        ("SCALE_FLOOR", bits(SCALE_FLOOR)),
+        ("GRADIENT_LIMIT", bits(GRADIENT_LIMIT)),
+        ("OUTSIDE", vec![OUTSIDE.to_bits()]),
+        ("RAMP", RAMP.as_flattened().iter().map(|v| v.to_bits()).collect()),
+        ("TILE", vec![TILE as u32]),
+        ("ANTIALIAS_REFERENCE", vec![Antialias::Reference as u32]),
+        ("LENS_FISHEYE", vec![Lens::Fisheye as u32]),
+        ("PAINT_NORMAL", vec![PAINT_NORMAL]),
+    ] {
+        assert_eq!(found[name], expected, "{name}");
+    }
+}
+
+/// The numbers that a constant is made of, as bits.
+fn words(module: &Module, expression: Handle<Expression>) -> Vec<u32> {
+    match &module.global_expressions[expression] {
+        Expression::Literal(Literal::U32(value)) => vec![*value],
+        Expression::Literal(Literal::F32(value)) => vec![value.to_bits()],
+        Expression::Compose { components, .. } => {
+            components.iter().flat_map(|&part| words(module, part)).collect()
+        }
+        other => panic!("{other:?} is no number"),
+    }
+}
+
+/// Size and field offsets of every struct in the shared file, by naga's rules.
+fn wgsl_layouts() -> BTreeMap<String, (usize, Vec<(String, usize)>)> {
+    let module = validated("common.wgsl", &read("common.wgsl"));
+    let mut layouter = Layouter::default();
+    layouter.update(module.to_ctx()).unwrap();
+    let mut layouts = BTreeMap::new();
+    for (handle, kind) in module.types.iter() {
+        if let TypeInner::Struct { members, .. } = &kind.inner {
+            let fields =
+                members.iter().map(|m| (m.name.clone().unwrap(), m.offset as usize)).collect();
+            let size = layouter[handle].to_stride() as usize;
+            layouts.insert(kind.name.clone().unwrap(), (size, fields));
+        }
+    }
+    layouts
+}
+
+macro_rules! rust_layout {
+    ($name:literal, $type:ty, $($field:ident),*) => {
+        ($name, (size_of::<$type>(), vec![$((stringify!($field), offset_of!($type, $field))),*]))
+    };
+}
+
+#[test]
+fn shared_structs_agree_with_rust() {
+    let ours = [
+        rust_layout!("Splat", GpuSplat, mean, opacity, color, flags, rotation, scale, birth),
+        rust_layout!("SparseSplat", SparseSplat, splat, index),
+        rust_layout!(
+            "View",
+            GpuView,
+            right,
+            near,
+            down,
+            extent_cap,
+            forward,
+            scale,
+            centre,
+            opacity_cut,
+            centre_rest,
+            renderer,
+            focal,
+            principal,
+            viewport,
+            tangent_min,
+            tangent_max,
+            depth_range,
+            antialias,
+            lens,
+            paint
+        ),
+        rust_layout!("Appearance", GpuAppearance, gradient, directional, padding),
+        rust_layout!("SparseAppearance", SparseAppearance, appearance, index),
+        rust_layout!(
+            "Composite",
+            Composite,
+            background,
+            mode,
+            area_min,
+            area_max,
+            amount,
+            second_closing,
+            exposure,
+            closing,
+            second_exposure
+        ),
+    ];
+    let theirs = wgsl_layouts();
+    assert_eq!(theirs.len(), ours.len(), "structs in common.wgsl: {:?}", theirs.keys());
+    for (name, (size, fields)) in ours {
+        let fields: Vec<_> = fields.into_iter().map(|(f, at)| (f.to_owned(), at)).collect();
+        assert_eq!(theirs[name], (size, fields), "{name}");
+    }
+    assert_eq!(size_of::<GpuSplat>(), 64, "`rendering.md`, Splat record");
+    assert_eq!(size_of::<GpuAppearance>(), 80, "`rendering.md`, Splat record");
+    assert!(size_of::<GpuView>() <= 256, "`rendering.md`, Splat record");
+}
+
+/// Files of the tile path that others are built on.
+const SHARED_BY_TILES: [&str; 3] = ["stages.wgsl", "footprint.wgsl", "packed.wgsl"];
+
+#[test]
+fn every_file_of_the_tile_path_is_valid_and_used() {
+    let used = [tiles::SORT, tiles::PREPROCESS, tiles::BIN, tiles::RASTER];
+    let modules = used.map(|whole| validated("tiles", whole));
+    assert!(modules.iter().all(|module| !module.entry_points.is_empty()));
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders/tiles");
+    let mut n_files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let text = read(&format!("tiles/{name}"));
+        let n_uses = used.iter().filter(|whole| whole.contains(&text)).count();
+        assert!(n_uses == 1 || (n_uses > 1 && SHARED_BY_TILES.contains(&name.as_str())), "{name}");
+        n_files += 1;
+    }
+    assert_eq!(n_files, used.len() + SHARED_BY_TILES.len());
+
+    // What `tiles/buffers.rs` and `tiles/sort.rs` allot.
+    for (module, name, size) in [
+        (&modules[0], "Digit", 20),
+        (&modules[1], "Packed", 64),
+        (&modules[1], "PackedGradient", 48),
+        (&modules[1], "Footprint", 16),
+    ] {
+        let mut layouter = Layouter::default();
+        layouter.update(module.to_ctx()).unwrap();
+        let of_name = |kind: &wgpu::naga::Type| kind.name.as_deref() == Some(name);
+        let (handle, _) = module.types.iter().find(|(_, kind)| of_name(kind)).unwrap();
+        assert_eq!(layouter[handle].to_stride(), size, "{name}");
+    }
+}
