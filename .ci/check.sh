@@ -19,16 +19,15 @@ gate() {
 # One profile everywhere, so that dependencies are built once.
 gate cargo fmt --check
 gate cargo clippy --locked --release --all-targets -- -D warnings
+# The engine as a library, and the program without a window.
 gate cargo clippy --locked --release --all-targets --no-default-features -- -D warnings
-gate cargo clippy --locked --release --no-default-features --features cli -- -D warnings
 gate cargo clippy --locked --release --all-targets --no-default-features --features cli,bench \
     -- -D warnings
 gate env RUSTDOCFLAGS="-D warnings" \
     cargo doc --locked --release --no-deps --document-private-items
-gate cargo build --locked --release --no-default-features --features cli,bench
-# The engine as a library: an example that feeds it from memory.
-gate cargo run --locked --release --no-default-features --example robot
 gate cargo test --release
+# A robot's program feeds the engine from memory; the tests have built it.
+gate cargo run --locked --release --example robot
 gate cargo test --release -- --ignored
 # What machines without AVX2 run passes the same tests.
 gate env VBGS_SIMD=portable cargo test --release --lib --test render
