@@ -14,7 +14,7 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::{Framing, Splat, framing};
-use crate::pipeline::checkpoint::{Asked, RunError, SavedRun};
+use crate::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::Selection;
@@ -181,7 +181,7 @@ fn continued(run: &SavedRun) -> Result<Session, OpenError> {
         Some(folder) => Arc::new(dataset::open(folder, &run.config.load)?),
         None => demo::dataset()?,
     };
-    Ok(run.clone().resume(dataset, &Asked::default(), false)?)
+    Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
 }
 
 fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {

@@ -2,7 +2,7 @@
 //! next.
 
 use super::stored_text;
-use crate::pipeline::settings::method::Asked;
+use crate::pipeline::settings::method::MethodRequest;
 use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::paper::config::{PaperConfig, Preset};
 use serde::{Deserialize, Serialize};
@@ -36,7 +36,7 @@ impl TrainSettings {
     }
 
     /// What a session is asked for.
-    pub fn request(&self) -> Asked {
+    pub fn request(&self) -> MethodRequest {
         match self.preset {
             Preset::Paper => PaperConfig::paper().into(),
             Preset::Scene => self.scene.clone().into(),

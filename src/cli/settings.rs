@@ -5,9 +5,9 @@ use super::failure::Failure;
 use anyhow::Context;
 use serde::de::DeserializeOwned;
 use std::path::Path;
-use vbgs_studio::pipeline::checkpoint::Asked;
+use vbgs_studio::pipeline::checkpoint::ResumeRequest;
 use vbgs_studio::pipeline::plan::Selection;
-use vbgs_studio::pipeline::settings::method::Asked as Method;
+use vbgs_studio::pipeline::settings::method::MethodRequest as Method;
 use vbgs_studio::pipeline::settings::preset_file;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Preset};
@@ -26,7 +26,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
 }
 
 /// What is said of a model of some preset, on the command line and in the file that it names.
-pub fn asked(args: &TrainArgs, preset: Preset) -> Result<Asked, Failure> {
+pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure> {
     let (mut paper, mut scene): (PaperOverrides, SceneOverrides) =
         (args.settings.layer()?, args.settings.layer()?);
     if let Some(path) = &args.config {
@@ -35,7 +35,7 @@ pub fn asked(args: &TrainArgs, preset: Preset) -> Result<Asked, Failure> {
             Preset::Scene => scene = scene.or(read_config(path, SCENE_EXAMPLE)?),
         }
     }
-    Ok(Asked {
+    Ok(ResumeRequest {
         preset: args.preset,
         paper,
         scene,
@@ -59,7 +59,7 @@ pub fn method(args: &TrainArgs) -> Result<Method, Failure> {
             refuse_foreign::<PaperOverrides, SceneOverrides>(args, Preset::Paper, preset)?
         }
     }
-    let Asked { paper, scene, .. } = asked(args, preset)?;
+    let ResumeRequest { paper, scene, .. } = asked(args, preset)?;
     Ok(match preset {
         Preset::Paper => Method::Paper(PaperConfig::paper().with(&paper)?),
         Preset::Scene => Method::Scene(scene),

@@ -14,24 +14,15 @@ use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
-use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
+use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
+use vbgs_studio::pipeline::settings::method::{Method, MethodRequest};
 use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
-    let start = match &args.resume {
-        None => Start::New(Box::new(method(args)?)),
-        Some(path) => {
-            let run = SavedRun::read(path)?;
-            let preset = args.preset.unwrap_or(run.config.method.preset());
-            let asked = asked(args, preset)?;
-            check(&run, &asked)?;
-            Start::Saved(Box::new(run), Box::new(asked))
-        }
-    };
+    let start = start(args)?;
     let interrupt = Interrupt::listen()?;
     let load = match &start {
         Start::New(_) => args.depth.load_options(),
@@ -47,19 +38,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
     };
     output::create_folder(&args.out)?;
-    if let Some(why) = &session.plan().held_out {
-        eprintln!("note: held out for evaluation: {why}");
-    }
-    if takes_known_calibration(&session) {
-        eprintln!("note: {KNOWN_CALIBRATION}");
-    }
-    let memory = session.memory();
-    let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
-    eprintln!(
-        "note: takes up to {} MB of memory for as many components as the model may have, and {} MB for frames",
-        megabytes(memory.model),
-        megabytes(memory.frames)
-    );
+    note(&session);
     let checkpoint = args.out.join(CHECKPOINT);
     // Measured after the run, whose times they must not change.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
@@ -99,6 +78,33 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     }
 }
 
+/// A new run, or the one in a checkpoint if it was begun as asked.
+fn start(args: &TrainArgs) -> Result<Start, Failure> {
+    let Some(path) = &args.resume else { return Ok(Start::New(Box::new(method(args)?))) };
+    let run = SavedRun::read(path)?;
+    let preset = args.preset.unwrap_or(run.config.method.preset());
+    let asked = asked(args, preset)?;
+    check(&run, &asked)?;
+    Ok(Start::Saved(Box::new(run), Box::new(asked)))
+}
+
+/// What a user should know before the first frame.
+fn note(session: &Session) {
+    if let Some(why) = &session.plan().held_out {
+        eprintln!("note: held out for evaluation: {why}");
+    }
+    if takes_known_calibration(session) {
+        eprintln!("note: {KNOWN_CALIBRATION}");
+    }
+    let memory = session.memory();
+    let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
+    eprintln!(
+        "note: takes up to {} MB of memory for as many components as the model may have, and {} MB for frames",
+        megabytes(memory.model),
+        megabytes(memory.frames)
+    );
+}
+
 const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another, `vbgs-studio calibrate DATASET` checks it";
 
 /// Whether colours come from what is known of the layout's cameras.
@@ -117,12 +123,12 @@ fn learnt(session: &Session) -> usize {
 
 /// Where training starts from.
 enum Start {
-    New(Box<AskedMethod>),
-    Saved(Box<SavedRun>, Box<Asked>),
+    New(Box<MethodRequest>),
+    Saved(Box<SavedRun>, Box<ResumeRequest>),
 }
 
 /// Whether a run can go on as asked, with what there is to say about it.
-fn check(run: &SavedRun, asked: &Asked) -> Result<(), Failure> {
+fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     run.check(asked)?;
     if let Some(warning) = run.numerics_differ() {
         eprintln!("warning: {warning}");

@@ -3,7 +3,7 @@
 use super::error::SessionError;
 use super::plan::Selection;
 use super::session::Session;
-use super::settings::method::Asked;
+use super::settings::method::MethodRequest;
 use crate::dataset::Dataset;
 use crate::dataset::synthetic::{self, ParamsError};
 use std::sync::Arc;
@@ -25,6 +25,6 @@ pub fn dataset() -> Result<Arc<Dataset>, DemoError> {
 }
 
 /// A session over all of the demo's frames.
-pub fn session(asked: impl Into<Asked>) -> Result<Session, DemoError> {
+pub fn session(asked: impl Into<MethodRequest>) -> Result<Session, DemoError> {
     Ok(Session::new(dataset()?, asked, Selection::everything())?)
 }

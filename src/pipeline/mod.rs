@@ -2,6 +2,7 @@
 //! are decoded and unprojected ahead on their own thread, trained one by one, and reported.
 #![doc = include_str!("pipeline.md")]
 
+pub mod any_preset;
 mod births;
 pub mod checkpoint;
 pub mod demo;

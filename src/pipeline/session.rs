@@ -8,7 +8,7 @@ use super::memory::Estimate;
 use super::past::Past;
 use super::plan::{Order, Plan, Selection};
 use super::run::RunConfig;
-use super::settings::method::{Asked, Method};
+use super::settings::method::{Method, MethodRequest};
 use super::settings::scene::SceneRun;
 use super::start::{Origin, frame_loop};
 use crate::dataset::range;
@@ -73,7 +73,7 @@ impl Session {
     /// as skipped.
     pub fn new(
         dataset: Arc<Dataset>,
-        asked: impl Into<Asked>,
+        asked: impl Into<MethodRequest>,
         selection: Selection,
     ) -> Result<Self, SessionError> {
         let asked = asked.into();
@@ -81,8 +81,8 @@ impl Session {
         let plan = Plan::new(&dataset, &selection, seed)?;
         // A scene says best what is wrong with its depth.
         let method = match asked {
-            Asked::Paper(config) => Method::Paper(config),
-            Asked::Scene(overrides) => {
+            MethodRequest::Paper(config) => Method::Paper(config),
+            MethodRequest::Scene(overrides) => {
                 // Frames in their own order: whatever is found in them is the same in any order.
                 let whole = Selection { order: Order::Sequential, ..selection.whole() };
                 let all = Plan::new(&dataset, &whole, seed)?;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use std::sync::Arc;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
-use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
+use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::train::learner::Changed;
@@ -129,7 +129,7 @@ fn births_before_a_stop_are_not_known() {
     session.save(&file).unwrap();
     let first = session.learner().used();
     let run = SavedRun::read(&file).unwrap();
-    let mut resumed = run.resume(room(), &Asked::default(), false).unwrap();
+    let mut resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
     while !matches!(resumed.step().unwrap(), Step::Finished) {}
     let attributes = resumed.attributes_of(&all());
     let unknown = attributes.iter().filter(|a| a.evidence.is_some() && a.birth.is_none());

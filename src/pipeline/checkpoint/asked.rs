@@ -18,7 +18,7 @@ use std::fmt::Debug;
 
 /// What a user asks of a run that goes on; what is not asked for is as it was.
 #[derive(Clone, Debug, Default)]
-pub struct Asked {
+pub struct ResumeRequest {
     /// Origin of the defaults.
     pub preset: Option<Preset>,
     /// Settings of a model of the paper's preset.
@@ -44,7 +44,7 @@ impl SavedRun {
     ///
     /// # Errors
     /// [`RunError::Conflict`] names the option, the run's value and the one asked for.
-    pub fn check(&self, asked: &Asked) -> Result<(), RunError> {
+    pub fn check(&self, asked: &ResumeRequest) -> Result<(), RunError> {
         let method = &self.config.method;
         let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
             .or_else(|| of_model(&asked.paper, &asked.scene, method))
@@ -76,9 +76,9 @@ fn foreign<Other: SettingLayer, Own: SettingLayer>(layer: &Other) -> Option<Conf
 }
 
 /// Which frames, and in which order.
-fn of_frames(asked: &Asked, stored: &Selection) -> Option<Conflict> {
+fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
     // Taken apart whole, so that a new field asks to be compared; a limit of frames may change.
-    let Asked {
+    let ResumeRequest {
         preset: _,
         paper: _,
         scene: _,

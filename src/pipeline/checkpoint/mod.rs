@@ -9,7 +9,7 @@ mod resume;
 mod save;
 mod saved;
 
-pub use asked::Asked;
+pub use asked::ResumeRequest;
 pub use error::RunError;
 pub use fingerprint::Fingerprint;
 pub use merge::merge;

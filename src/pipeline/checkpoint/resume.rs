@@ -1,6 +1,6 @@
 //! From a checkpoint back to a session.
 
-use super::asked::Asked;
+use super::asked::ResumeRequest;
 use super::error::RunError;
 use super::fingerprint::Fingerprint;
 use super::json::parse;
@@ -23,7 +23,7 @@ impl SavedRun {
     pub fn resume(
         self,
         dataset: Arc<Dataset>,
-        asked: &Asked,
+        asked: &ResumeRequest,
         force: bool,
     ) -> Result<Session, RunError> {
         self.check(asked)?;

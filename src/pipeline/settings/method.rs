@@ -1,7 +1,7 @@
 //! The settings of a model: the paper's or the scene's.
 
 use super::scene::{SceneOverrides, SceneRun};
-use crate::pipeline::preset::AnyPreset;
+use crate::pipeline::any_preset::AnyPreset;
 use crate::train::paper::config::{PaperConfig, Preset};
 use serde::{Deserialize, Serialize};
 
@@ -35,14 +35,14 @@ impl Method {
 
 /// What a user asks for, before the dataset is looked at.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Asked {
+pub enum MethodRequest {
     /// The published algorithm, with these settings.
     Paper(PaperConfig),
     /// The scene preset, with these settings of the user's own.
     Scene(SceneOverrides),
 }
 
-impl Asked {
+impl MethodRequest {
     /// Seed of every random stream.
     pub fn seed(&self) -> u64 {
         match self {
@@ -52,13 +52,13 @@ impl Asked {
     }
 }
 
-impl From<PaperConfig> for Asked {
+impl From<PaperConfig> for MethodRequest {
     fn from(config: PaperConfig) -> Self {
         Self::Paper(config)
     }
 }
 
-impl From<SceneOverrides> for Asked {
+impl From<SceneOverrides> for MethodRequest {
     fn from(overrides: SceneOverrides) -> Self {
         Self::Scene(overrides)
     }

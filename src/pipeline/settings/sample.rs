@@ -1,8 +1,7 @@
 //! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
 
 use super::scene::error::{DepthAdvice, SceneError};
-use super::scene::start::NEARER_SHARE;
-use super::units::StructuralScale;
+use super::units::{NEARER_SHARE, StructuralScale};
 use crate::dataset::Dataset;
 use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::observation::surface::Observation;

@@ -3,6 +3,11 @@
 use crate::train::scene::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
 
+/// Structural scale where none is asked for, pixels.
+pub const DEFAULT_PIXELS: f64 = 2.5;
+/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
+pub const NEARER_SHARE: f64 = 0.95;
+
 /// Structural scale: largest distance of a point from the seed of its component.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]

@@ -33,7 +33,7 @@ fn merged_shards_are_the_run_over_all_frames() {
             assert_eq!(merged.content.cursor.frames, expected.cursor.frames);
             assert_eq!(merged.content.cursor.points, expected.cursor.points);
             assert_eq!(merged.config, *whole.config());
-            let resumed = merged.resume(room(), &Asked::default(), false).unwrap();
+            let resumed = merged.resume(room(), &ResumeRequest::default(), false).unwrap();
             assert!(ply(&finished(resumed)) == scene, "{n} shards");
         }
     }
@@ -44,7 +44,7 @@ fn a_merged_run_goes_on_with_the_frames_that_are_missing() {
     let whole = trained(&off(), Selection::everything());
     let runs = ["3/3", "1/3"].map(|s| saved(&trained(&off(), shard(s)))).to_vec();
     let merged = merge(runs).unwrap().unwrap();
-    let session = merged.resume(room(), &Asked::default(), false).unwrap();
+    let session = merged.resume(room(), &ResumeRequest::default(), false).unwrap();
     let (visited, frames) = (session.visited(), session.plan().frames.clone());
     assert_eq!(frames.len(), FRAMES);
     assert_eq!(frames[visited..], (1..FRAMES).step_by(3).collect::<Vec<_>>());

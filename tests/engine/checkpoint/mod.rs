@@ -12,10 +12,10 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{Checkpoint, write};
 use vbgs_studio::export::{self, ModelFormat, WriteOptions};
-use vbgs_studio::pipeline::checkpoint::{Asked, SavedRun};
+use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::pipeline::settings::method::{Asked as AskedMethod, Method};
+use vbgs_studio::pipeline::settings::method::{Method, MethodRequest as AskedMethod};
 use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides, Precision, ReassignPolicy};
 
 /// Training frames of the room.
@@ -53,8 +53,8 @@ fn shard(text: &str) -> Selection {
     Selection { shard: Some(text.parse().unwrap()), ..Selection::everything() }
 }
 
-fn up_to(max_frames: usize) -> Asked {
-    Asked { max_frames: Some(max_frames), ..Asked::default() }
+fn up_to(max_frames: usize) -> ResumeRequest {
+    ResumeRequest { max_frames: Some(max_frames), ..ResumeRequest::default() }
 }
 
 /// Trains until the frames end.

@@ -19,7 +19,7 @@ fn half() -> SavedRun {
 #[test]
 fn settings_that_contradict_the_run_are_refused_by_name() {
     let run = half();
-    let train = |paper| Asked { paper, ..Asked::default() };
+    let train = |paper| ResumeRequest { paper, ..ResumeRequest::default() };
     let none = PaperOverrides::default;
     let cases = [
         ("--components", train(PaperOverrides { components: Some(5), ..none() })),
@@ -43,15 +43,15 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
                 ..none()
             }),
         ),
-        ("--split", Asked { split: Some("eval".into()), ..Asked::default() }),
-        ("--order", Asked { order: Some(Order::Shuffled), ..Asked::default() }),
-        ("--stride", Asked { stride: Some(2), ..Asked::default() }),
-        ("--shard", Asked { shard: "1/2".parse().ok(), ..Asked::default() }),
+        ("--split", ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() }),
+        ("--order", ResumeRequest { order: Some(Order::Shuffled), ..ResumeRequest::default() }),
+        ("--stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
+        ("--shard", ResumeRequest { shard: "1/2".parse().ok(), ..ResumeRequest::default() }),
         (
             "--depth-range",
-            Asked {
+            ResumeRequest {
                 load: LoadOptions { depth_range: Some([0.1, 2.0]), depth_scale: None },
-                ..Asked::default()
+                ..ResumeRequest::default()
             },
         ),
     ];
@@ -66,7 +66,7 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
 #[test]
 fn settings_that_repeat_the_run_are_fine() {
     let run = half();
-    let asked = Asked {
+    let asked = ResumeRequest {
         preset: Some(Preset::Paper),
         paper: PaperOverrides {
             components: Some(3000),
@@ -80,7 +80,7 @@ fn settings_that_repeat_the_run_are_fine() {
         order: Some(Order::Sequential),
         stride: Some(1),
         max_frames: Some(4),
-        ..Asked::default()
+        ..ResumeRequest::default()
     };
     assert_eq!(finished(run.resume(room(), &asked, false).unwrap()).frames().len(), 4);
 }
@@ -142,7 +142,7 @@ fn another_machine_is_a_warning() {
     run.content.numerics = r#"{"arch":"abacus"}"#.into();
     let said = run.numerics_differ().unwrap();
     assert!(said.contains("abacus") && said.contains("last bits"), "{said}");
-    assert!(run.resume(room(), &Asked::default(), false).is_ok());
+    assert!(run.resume(room(), &ResumeRequest::default(), false).is_ok());
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn the_model_is_as_it_was_at_once() {
     for k in 0..learner.components() {
         assert_eq!(learner.posterior(k), session.learner().posterior(k));
     }
-    let resumed = run.resume(room(), &Asked::default(), false).unwrap();
+    let resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
     assert_eq!(resumed.splats(), session.splats());
     assert_eq!(timeless(resumed.checkpoint().unwrap()), timeless(session.checkpoint().unwrap()));
 }

@@ -70,7 +70,7 @@ fn the_scene_is_as_it_was_at_once() {
         assert_eq!(run.up(), session.up());
         let learner = run.revive().unwrap().learner;
         assert_eq!(learner.components(), session.learner().components());
-        let resumed = run.resume(room(), &Asked::default(), false).unwrap();
+        let resumed = run.resume(room(), &ResumeRequest::default(), false).unwrap();
         assert_eq!(resumed.normalization(), session.normalization());
         assert_eq!(
             timeless(resumed.checkpoint().unwrap()),
@@ -85,7 +85,7 @@ fn a_session_without_frames_is_stored_too() {
     let run = saved(&session);
     assert!(scene(&run.content).seeds.is_empty() && run.splats().unwrap().is_empty());
     let expected = timeless(finished(session).checkpoint().unwrap());
-    let resumed = finished(run.resume(room(), &Asked::default(), false).unwrap());
+    let resumed = finished(run.resume(room(), &ResumeRequest::default(), false).unwrap());
     assert!(timeless(resumed.checkpoint().unwrap()) == expected);
 }
 
@@ -108,7 +108,7 @@ fn merged_lattices_are_the_run_over_all_frames() {
             assert_eq!(merged.content.cursor.frames, expected.cursor.frames);
             assert_eq!(merged.content.cursor.points, expected.cursor.points);
             assert_eq!(merged.config, *whole.config());
-            let resumed = merged.resume(room(), &Asked::default(), false).unwrap();
+            let resumed = merged.resume(room(), &ResumeRequest::default(), false).unwrap();
             assert!(ply(&finished(resumed)) == file, "{n} shards, {asked:?}");
         }
     }
@@ -121,7 +121,7 @@ fn a_merged_scene_goes_on_with_the_frames_that_are_missing() {
     let whole = trained(&asked, Selection { shard: None, ..shuffled("1/3") });
     let runs = ["3/3", "1/3"].map(|s| saved(&trained(&asked, shuffled(s)))).to_vec();
     let merged = merge(runs).unwrap().unwrap();
-    let session = finished(merged.resume(room(), &Asked::default(), false).unwrap());
+    let session = finished(merged.resume(room(), &ResumeRequest::default(), false).unwrap());
     assert!(session.checkpoint().unwrap().model == whole.checkpoint().unwrap().model);
     // Nor does it matter which frames came first.
     let sequential = trained(&asked, Selection::everything());
@@ -208,7 +208,7 @@ fn scenes_that_began_apart_are_refused() {
 #[test]
 fn settings_that_contradict_the_scene_are_refused_by_name() {
     let run = saved(&trained(&births(BirthRule::Seeds), first(2)));
-    let with = |scene| Asked { scene, ..Asked::default() };
+    let with = |scene| ResumeRequest { scene, ..ResumeRequest::default() };
     let none = SceneOverrides::default;
     let cases = [
         ("--scale", with(SceneOverrides { scale: Some(StructuralScale::Pixels(3.0)), ..none() })),
@@ -238,15 +238,15 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         ("--sensor", with(SceneOverrides { sensor: Some(Sensor::Kinect), ..none() })),
         ("--calibration", with(SceneOverrides { calibration: Some(Calibration::NONE), ..none() })),
         ("--seed", with(SceneOverrides { seed: Some(5), ..none() })),
-        ("--preset", Asked { preset: Some(Preset::Paper), ..Asked::default() }),
+        ("--preset", ResumeRequest { preset: Some(Preset::Paper), ..ResumeRequest::default() }),
         (
             "--components",
-            Asked {
+            ResumeRequest {
                 paper: PaperOverrides { components: Some(5), ..PaperOverrides::default() },
-                ..Asked::default()
+                ..ResumeRequest::default()
             },
         ),
-        ("--stride", Asked { stride: Some(2), ..Asked::default() }),
+        ("--stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
     ];
     for (setting, asked) in cases {
         let said = run.check(&asked).expect_err(setting).to_string();
@@ -254,7 +254,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         assert!(said.starts_with(&start) && said.contains("as "), "{setting}: {said}");
         assert!(run.clone().resume(room(), &asked, true).is_err());
     }
-    let repeated = Asked {
+    let repeated = ResumeRequest {
         preset: Some(Preset::Scene),
         paper: PaperOverrides {
             seed: Some(0),
@@ -273,7 +273,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
             ..SceneOverrides::default()
         },
         max_frames: Some(4),
-        ..Asked::default()
+        ..ResumeRequest::default()
     };
     assert_eq!(finished(run.resume(room(), &repeated, false).unwrap()).frames().len(), 4);
     let mixture = saved(&trained(&off(), first(2)));

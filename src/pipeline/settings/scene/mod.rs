@@ -2,11 +2,10 @@
 
 pub mod error;
 pub mod run;
-pub(super) mod start;
+mod start;
 pub mod table;
 
-pub use crate::pipeline::settings::units::{Budget, StructuralScale};
+pub use crate::pipeline::settings::units::{Budget, DEFAULT_PIXELS, NEARER_SHARE, StructuralScale};
 pub use error::{DepthAdvice, SceneError};
 pub use run::SceneRun;
-pub use start::{DEFAULT_PIXELS, NEARER_SHARE};
 pub use table::SceneOverrides;

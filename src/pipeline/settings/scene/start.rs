@@ -12,15 +12,10 @@ use crate::dataset::Dataset;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::sample::Sample;
-use crate::pipeline::settings::units::StructuralScale;
+use crate::pipeline::settings::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
-
-/// Structural scale where none is asked for, pixels.
-pub const DEFAULT_PIXELS: f64 = 2.5;
-/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
-pub const NEARER_SHARE: f64 = 0.95;
 
 impl SceneRun {
     /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders

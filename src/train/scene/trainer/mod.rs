@@ -1,5 +1,7 @@
 //! The trainer of the scene preset: owns the components and applies frames to them.
 
+mod seam;
+
 use super::accumulate::{Matched, accumulate};
 use super::align::{EVERY, Motion, PoseAlignment};
 use super::assign::assign;
@@ -9,13 +11,11 @@ use super::components::Components;
 use super::config::{BirthRule, SceneConfig, VisibilityRule};
 use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
-use super::learner::SceneLearner;
 use super::merge::merge_down;
 use super::observe::observe;
 use super::refine::shift;
 use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
-use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::splat_rule::{SplatContext, SplatRule};
 use crate::model::scene::state::{SceneState, seed_order};
@@ -23,16 +23,13 @@ use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::exposure::{ExposureLog, FrameExposure};
 use crate::model::splat::splats::Splat;
-use crate::model::stored::StoredModel;
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
-use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
-use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::learner::Learner;
 use crate::train::outcome::FrameOutcome;
-use crate::train::stages::{SCENE_STAGES, SceneStage, TrainStage};
+use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
-use crate::train::warnings::TrainingWarning;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -360,100 +357,5 @@ impl<W: SumScalar> SceneTrainer<W> {
         let exposures = (!self.exposures.is_empty()).then(|| Arc::new(exposures));
         let closing = self.config.native.closing as f32;
         SplatSet::new(splats, appearance).finished(Finishing { closing, exposures })
-    }
-}
-
-impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
-    fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
-        Ok(self.train(frame))
-    }
-}
-
-impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
-    fn set_splat_rule(&mut self, rule: SplatRule) {
-        self.config.native = rule;
-    }
-}
-
-impl<W: SumScalar> Learner for SceneTrainer<W> {
-    fn stages(&self) -> &'static [TrainStage] {
-        &SCENE_STAGES
-    }
-
-    fn frames(&self) -> u64 {
-        self.frames
-    }
-
-    /// Slots of components, in use or free.
-    fn components(&self) -> usize {
-        self.component_sums.len()
-    }
-
-    fn used(&self) -> usize {
-        self.components.used()
-    }
-
-    fn changed(&self) -> Changed<'_> {
-        if self.has_changed_all { Changed::All } else { Changed::Listed(&self.touched) }
-    }
-
-    fn changes_unseen(&self) -> bool {
-        true
-    }
-
-    fn model_bytes(&self) -> usize {
-        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
-    }
-
-    /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
-    /// (`model.md`, Quirks of the reference).
-    fn posterior(&self, id: usize) -> ComponentPosterior {
-        let moments = self.sums(id).moments();
-        let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
-        posterior.mean_space += self.seed(id);
-        posterior
-    }
-
-    fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.config.native.splat(&self.sums(id), &self.splat_context(id))
-    }
-
-    /// Of a lattice that exceeds its budget, see [`Self::stored_splats`].
-    fn splats(&self) -> SplatSet {
-        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
-    }
-
-    /// In the order in which checkpoints hold the components; components of a lattice that exceeds
-    /// its budget are merged in that order until they hold it.
-    fn stored_splats(&self) -> SplatSet {
-        match self.within_budget() {
-            Some(merged) => merged.every_splat(),
-            None => self.splats_of(&self.stored_order()),
-        }
-    }
-
-    fn splats_of(&self, ids: &[u32]) -> SplatSet {
-        let splats = ids.par_iter().with_min_len(256);
-        let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
-        self.set_of(splats, appearance)
-    }
-
-    fn component_elbo(&self) -> &ComponentElbo {
-        &self.component_elbo
-    }
-
-    fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
-        &mut self.component_elbo
-    }
-
-    fn warnings(&self) -> Vec<TrainingWarning> {
-        let UnassignedPoints { budget, reach } = self.unassigned;
-        let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
-        let reach = (reach > 0).then_some(TrainingWarning::OutOfReach { points: reach });
-        budget.into_iter().chain(reach).collect()
-    }
-
-    fn stored(&self) -> StoredModel {
-        StoredModel::Scene(self.state())
     }
 }

@@ -1,0 +1,60 @@
+//! What can be asked of a preset's settings without knowing the preset: by far the most of what a run,
+//! a checkpoint or a panel wants to know. Whoever needs the types asks
+//! [`TypedPreset`](super::preset::TypedPreset).
+
+use super::memory::Estimate;
+use super::mismatch::Mismatch;
+use crate::dataset::Layout;
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::unproject::CameraConvention;
+use crate::math::normalization::Normalization;
+use crate::model::stored::StoredModel;
+use crate::train::learner::Learner;
+
+/// What can be asked of a preset's settings without knowing the preset.
+pub trait AnyPreset {
+    /// Seed of every random stream.
+    fn seed(&self) -> u64;
+
+    /// The camera that photographs were taken by; `None` if the one that measured depth.
+    fn color_camera(&self) -> Option<ColorCamera>;
+
+    /// How pixels of a layout become rays.
+    fn camera_convention(&self, layout: Layout) -> CameraConvention;
+
+    /// What a run over frames of `pixels` takes of the machine's memory at most.
+    fn memory(&self, pixels: usize) -> Estimate;
+
+    /// The setting by which a model of so many components depends on the order of frames, and what
+    /// to do about it; `None` if it does not, or if only its start can tell.
+    fn order_dependence(&self, components: usize) -> Option<OrderDependence>;
+
+    /// Refuses a stored model that is not one of these settings.
+    ///
+    /// # Errors
+    /// [`Mismatch`] says in what.
+    fn check(&self, model: &StoredModel) -> Result<(), Mismatch>;
+
+    /// A learner with the stored model, whatever it learns from.
+    ///
+    /// # Errors
+    /// As [`TypedPreset::restore`](super::preset::TypedPreset::restore).
+    fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch>;
+}
+
+/// A learner out of a checkpoint.
+pub struct Revived {
+    /// The learner.
+    pub learner: Box<dyn Learner>,
+    /// World to model coordinates.
+    pub normalization: Normalization,
+}
+
+/// Why a model depends on the order of frames.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct OrderDependence {
+    /// The setting that makes it so, as the command line spells it.
+    pub found: String,
+    /// What to train with instead.
+    pub advice: &'static str,
+}

@@ -1,0 +1,114 @@
+//! The scene preset behind the seam of all presets.
+
+use super::SceneTrainer;
+use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::scene::splat_rule::SplatRule;
+use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::model::splat::splats::Splat;
+use crate::model::stored::StoredModel;
+use crate::observation::surface::Observation;
+use crate::train::candidates::IndexError;
+use crate::train::component_elbo::ComponentElbo;
+use crate::train::learner::{Changed, Learner, Learns};
+use crate::train::outcome::FrameOutcome;
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::learner::SceneLearner;
+use crate::train::stages::{SCENE_STAGES, TrainStage};
+use crate::train::warnings::TrainingWarning;
+use glam::DVec3;
+use rayon::prelude::*;
+
+impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
+    fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
+        Ok(self.train(frame))
+    }
+}
+
+impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
+    fn set_splat_rule(&mut self, rule: SplatRule) {
+        self.config.native = rule;
+    }
+}
+
+impl<W: SumScalar> Learner for SceneTrainer<W> {
+    fn stages(&self) -> &'static [TrainStage] {
+        &SCENE_STAGES
+    }
+
+    fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Slots of components, in use or free.
+    fn components(&self) -> usize {
+        self.component_sums.len()
+    }
+
+    fn used(&self) -> usize {
+        self.components.used()
+    }
+
+    fn changed(&self) -> Changed<'_> {
+        if self.has_changed_all { Changed::All } else { Changed::Listed(&self.touched) }
+    }
+
+    fn changes_unseen(&self) -> bool {
+        true
+    }
+
+    fn model_bytes(&self) -> usize {
+        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
+    }
+
+    /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
+    /// (`model.md`, Quirks of the reference).
+    fn posterior(&self, id: usize) -> ComponentPosterior {
+        let moments = self.sums(id).moments();
+        let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
+        posterior.mean_space += self.seed(id);
+        posterior
+    }
+
+    fn splat(&self, id: usize) -> (Splat, Appearance) {
+        self.config.native.splat(&self.sums(id), &self.splat_context(id))
+    }
+
+    /// Of a lattice that exceeds its budget, see [`Self::stored_splats`].
+    fn splats(&self) -> SplatSet {
+        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
+    }
+
+    /// In the order in which checkpoints hold the components; components of a lattice that exceeds
+    /// its budget are merged in that order until they hold it.
+    fn stored_splats(&self) -> SplatSet {
+        match self.within_budget() {
+            Some(merged) => merged.every_splat(),
+            None => self.splats_of(&self.stored_order()),
+        }
+    }
+
+    fn splats_of(&self, ids: &[u32]) -> SplatSet {
+        let splats = ids.par_iter().with_min_len(256);
+        let (splats, appearance) = splats.map(|&id| self.splat(id as usize)).unzip();
+        self.set_of(splats, appearance)
+    }
+
+    fn component_elbo(&self) -> &ComponentElbo {
+        &self.component_elbo
+    }
+
+    fn component_elbo_mut(&mut self) -> &mut ComponentElbo {
+        &mut self.component_elbo
+    }
+
+    fn warnings(&self) -> Vec<TrainingWarning> {
+        let super::UnassignedPoints { budget, reach } = self.unassigned;
+        let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
+        let reach = (reach > 0).then_some(TrainingWarning::OutOfReach { points: reach });
+        budget.into_iter().chain(reach).collect()
+    }
+
+    fn stored(&self) -> StoredModel {
+        StoredModel::Scene(self.state())
+    }
+}
