@@ -91,7 +91,8 @@ fn option_of(setting: &str) -> String {
     let of_paper = PaperOverrides::TABLE.iter().map(|row| &row.about);
     match of_scene.chain(of_paper).find(|about| about.field == setting) {
         Some(about) => about.key().to_owned(),
-        None if NO_OPTIONS.contains(&setting) => setting.to_owned(),
+        // Some errors name the option already.
+        None if NO_OPTIONS.contains(&setting) || setting.starts_with("--") => setting.to_owned(),
         None => format!("--{}", setting.replace('_', "-")),
     }
 }

@@ -39,6 +39,13 @@ fn name(studio: &Studio) -> String {
     studio.snapshot().opened.as_ref().map_or_else(String::new, |opened| opened.name.clone())
 }
 
+/// Answers the question about unsaved training; the dialog that follows needs pictures to find its
+/// size and place.
+fn answer(window: &mut Window, choice: &str) {
+    click(window, choice);
+    window.run_steps(4);
+}
+
 /// The window asked to close; whether it does.
 fn close(window: &mut Window) -> bool {
     let root = window.input_mut().viewports.entry(ViewportId::ROOT).or_default();
@@ -132,7 +139,7 @@ fn what_waits_goes_on_after_the_file_was_written() {
         };
         train(&mut window);
         drop_on(&mut window, &kitchen);
-        click(&mut window, choice);
+        answer(&mut window, choice);
         window.get_by_role_and_label(Role::Button, button).click();
         wait(&mut window, "the kitchen", |s| name(s) == "kitchen");
         assert!(folder.path().join(file).is_file(), "beside the dataset, as proposed");
@@ -152,14 +159,14 @@ fn what_waits_is_given_up_where_no_file_was_written() {
 
     // Cancelled: nothing else is opened, neither now nor after a later save.
     drop_on(&mut window, &kitchen);
-    click(&mut window, "Save first…");
+    answer(&mut window, "Save first…");
     press(&mut window, Key::Escape);
     assert_eq!(name(window.state()), "room");
 
     // Failed: the same, and it is said.
     let nowhere = folder.path().join("missing/room.vbgs");
     drop_on(&mut window, &kitchen);
-    click(&mut window, "Save first…");
+    answer(&mut window, "Save first…");
     enter_path(&mut window, &nowhere);
     window.get_by_role_and_label(Role::Button, "Save").click();
     let is_told = |s: &Studio| {
@@ -193,7 +200,7 @@ fn closing_goes_on_after_the_file_was_written() {
     assert!(window.query_by_label(QUESTION).is_none());
 
     assert!(!close(&mut window), "asked again");
-    click(&mut window, "Save first…");
+    answer(&mut window, "Save first…");
     assert!(!close(&mut window), "while the name is asked for");
     window.get_by_role_and_label(Role::Button, "Save").click();
     let started = Instant::now();

@@ -104,7 +104,9 @@ macro_rules! named_values {
     (by name $($value:ty),+) => {$(
         impl $crate::train::setting::value::SettingValue for $value {
             fn choices() -> Vec<$crate::train::setting::value::Choice> {
+                // `strum` names variants that it does not read, too: nobody can ask for those.
                 let names = <$value as strum::VariantNames>::VARIANTS.iter();
+                let names = names.filter(|name| name.parse::<$value>().is_ok());
                 names.map(|name| $crate::train::setting::value::Choice { name, label: name, help: "" }).collect()
             }
 
@@ -112,8 +114,9 @@ macro_rules! named_values {
                 text: &std::ffi::OsStr,
             ) -> Result<Self, $crate::train::setting::value::ValueError> {
                 text.to_string_lossy().parse().map_err(|_| {
-                    let names = <$value as strum::VariantNames>::VARIANTS.join(", ");
-                    let text = text.display();
+                    let names: Vec<&str> =
+                        Self::choices().iter().map(|choice| choice.name).collect();
+                    let (names, text) = (names.join(", "), text.display());
                     $crate::train::setting::value::ValueError::Text(
                         format!("expected one of {names}, found `{text}`")
                     )
