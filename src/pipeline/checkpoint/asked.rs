@@ -108,6 +108,6 @@ fn differs<T: PartialEq + Serialize + Debug>(
     stored: Option<&T>,
 ) -> Option<Conflict> {
     let asked = asked.filter(|_| asked != stored)?;
-    let stored = stored.map_or_else(|| "none".to_owned(), text_of);
+    let stored = stored.map_or_else(|| "no such option".to_owned(), text_of);
     Some(Conflict { setting: option.to_owned(), stored, asked: text_of(asked) })
 }

@@ -48,10 +48,16 @@ pub trait SettingValue: Clone + PartialEq + Debug + Serialize {
     }
 }
 
-/// A value as messages show it: as JSON has it, words without quotes.
+/// A value as messages show it: as JSON has it, words without quotes, numbers as short as they are
+/// exact. What JSON has no word for (no number) is said as Rust does.
 pub fn text_of(value: &(impl Serialize + Debug)) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(text)) => text,
+        Ok(serde_json::Value::Null) => format!("{value:?}"),
+        Ok(serde_json::Value::Number(number)) => number
+            .as_f64()
+            .filter(|_| number.is_f64())
+            .map_or(number.to_string(), |x| x.to_string()),
         Ok(other) => other.to_string(),
         Err(_) => format!("{value:?}"),
     }
