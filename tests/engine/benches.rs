@@ -18,7 +18,7 @@ use vbgs_studio::bench::render::{BenchDevice, BenchScene, RenderPlan};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::train::paper::config::{
-    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
+    Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, UpdateWidth,
 };
 
 const OPTIONS: BenchOptions =
@@ -264,12 +264,16 @@ fn precision_search_finds_settings_that_train_takes() {
     }
 }
 
+/// The oracle's own widths are among the combinations, so that there is one for every bound.
 #[test]
-fn a_bound_below_every_error_is_refused_with_the_best_there_is() {
+fn a_bound_below_every_rounding_leaves_what_equals_the_oracle() {
     let mut plan = SearchPlan::new(OPTIONS, 1e-300).unwrap();
     plan.components = 300;
-    let error = precision_search::run(&plan, room(), &mut |_, _| ()).unwrap_err();
-    assert!(error.to_string().contains("choose a larger one"), "{error}");
+    let search = precision_search::run(&plan, room(), &mut |_, _| ()).unwrap();
+    assert_eq!(search.operations.update, UpdateWidth::Fixed128);
+    for field in ["mean_p99", "covariance_p99"] {
+        assert_eq!(number(&search.json["chosen"]["error"], field), 0.0, "{field}");
+    }
     for bound in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert_eq!(SearchPlan::new(OPTIONS, bound).unwrap_err().setting, "bound");
     }
