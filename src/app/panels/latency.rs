@@ -73,7 +73,7 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
             plot.set_plot_bounds_y(0.0..=top);
             for (at, stage) in stages(frames).iter().enumerate() {
                 let above: Vec<f64> =
-                    frames.iter().zip(&below).map(|(f, b)| b + f.ms.stages.values()[at]).collect();
+                    stage_ms(frames, at).zip(&below).map(|(ms, b)| b + ms).collect();
                 let area = FilledArea::new(stage.label, &x, &below, &above)
                     .fill_color(COLORS[at].gamma_multiply(0.85));
                 plot.add(area);
@@ -85,8 +85,7 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
 fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
     headings("Training, ms", ui);
     for (at, stage) in stages(frames).iter().enumerate() {
-        let values = frames.iter().map(|f| f.ms.stages.values()[at]);
-        row(ui, Some(COLORS[at]), stage.label, values).on_hover_text(stage.what);
+        row(ui, Some(COLORS[at]), stage.label, stage_ms(frames, at)).on_hover_text(stage.what);
     }
     row(ui, None, "Total", frames.iter().map(|f| f.ms.stages.train));
     let beside = "Done on another thread where the machine has a core to spare, else between two \
@@ -145,16 +144,28 @@ fn number(ui: &mut Ui, text: RichText) {
     ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(text));
 }
 
-/// The stages of the preset that trained these frames.
+/// The stages of the preset that trains these frames.
 fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
-    frames.first().map_or(&[], |frame| frame.ms.stages.names())
+    frames.last().map_or(&[], |frame| frame.ms.stages.names())
+}
+
+/// Milliseconds of the stage at a position in [`stages`], frame by frame; 0 for frames that have
+/// others, such as those that version 0.1.0 trained of a run that goes on.
+fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
+    let stages = stages(frames);
+    frames.iter().map(move |frame| match &frame.ms.stages {
+        ms if ms.names() == stages => ms.values()[at],
+        _ => 0.0,
+    })
 }
 
 fn csv(frames: &[FrameReport]) -> String {
     let names: Vec<&str> = stages(frames).iter().map(|stage| stage.key).collect();
     let mut text = format!("frame,points,load,prepare,{},train\n", names.join(","));
-    for f in frames {
-        let stages: Vec<_> = f.ms.stages.values().iter().map(|ms| format!("{ms:.4}")).collect();
+    let columns: Vec<Vec<f64>> =
+        (0..names.len()).map(|at| stage_ms(frames, at).collect()).collect();
+    for (i, f) in frames.iter().enumerate() {
+        let stages: Vec<_> = columns.iter().map(|column| format!("{:.4}", column[i])).collect();
         let line = format!(
             "{},{},{:.4},{:.4},{},{:.4}\n",
             f.index,
