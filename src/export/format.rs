@@ -13,8 +13,8 @@ use std::str::FromStr;
 /// use std::path::Path;
 /// use vbgs_studio::export::ModelFormat;
 ///
-/// assert_eq!(ModelFormat::from_path(Path::new("scene.GLB"))?, Format::Glb);
-/// assert_eq!("point-cloud".parse::<ModelFormat>()?, Format::PointCloudPly);
+/// assert_eq!(ModelFormat::from_path(Path::new("scene.GLB"))?, ModelFormat::Glb);
+/// assert_eq!("point-cloud".parse::<ModelFormat>()?, ModelFormat::PointCloudPly);
 /// assert!(ModelFormat::from_path(Path::new("scene.obj")).is_err());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

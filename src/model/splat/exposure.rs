@@ -41,10 +41,10 @@ impl FrameExposure {
 ///
 /// ```
 /// use vbgs_studio::math::pose::Pose;
-/// use vbgs_studio::model::splat::exposure::{Exposure, ExposureLog};
+/// use vbgs_studio::model::splat::exposure::{ExposureLog, FrameExposure};
 ///
 /// // A frame half as bright in red as the scene.
-/// let frame = Exposure::new(&Pose::IDENTITY, [2.0, 1.0, 1.0]);
+/// let frame = FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 1.0]);
 /// let log = ExposureLog::new(vec![frame], 0.02);
 /// let [red, green, _] = log.at(&Pose::IDENTITY);
 /// assert!((red - 0.5).abs() < 1e-6 && (green - 1.0).abs() < 1e-6);

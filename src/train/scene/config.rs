@@ -56,7 +56,7 @@ pub enum VisibilityRule {
 ///
 /// assert!(SceneConfig::fine(0.02).check().is_ok());
 /// let error = SceneConfig::fine(f64::NAN).check().err();
-/// assert_eq!(error.map(|e| e.setting), Some("--scale"));
+/// assert_eq!(error.map(|e| e.setting), Some("scale"));
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneConfig {

@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 /// assert_eq!(PaperConfig::paper().with(&few)?.components, 5000);
 /// let none = PaperOverrides { components: Some(0), ..PaperOverrides::default() };
 /// let error = PaperConfig::paper().with(&none).err().ok_or("accepted")?;
-/// assert_eq!(error.setting, "--components");
+/// assert_eq!(error.setting, "components");
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
