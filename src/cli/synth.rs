@@ -17,12 +17,23 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
         depth_noise: args.depth_noise,
     };
     let layout = match (args.layout, args.depth_bits) {
-        (LayoutName::Blender, DepthBitsName::Eight) => SyntheticLayout::Blender(DepthBits::Eight),
-        (LayoutName::Blender, DepthBitsName::Sixteen) => {
+        (LayoutName::Blender, Some(DepthBitsName::Eight)) => {
+            SyntheticLayout::Blender(DepthBits::Eight)
+        }
+        (LayoutName::Blender, Some(DepthBitsName::Sixteen) | None) => {
             SyntheticLayout::Blender(DepthBits::Sixteen)
         }
-        (LayoutName::SevenScenes, _) => SyntheticLayout::SevenScenes,
+        (LayoutName::SevenScenes, Some(DepthBitsName::Eight)) => {
+            return Err(Failure::Usage(
+                "--depth-bits: expected 16 beside --layout seven-scenes, which has no other, found 8"
+                    .to_owned(),
+            ));
+        }
+        (LayoutName::SevenScenes, Some(DepthBitsName::Sixteen) | None) => {
+            SyntheticLayout::SevenScenes
+        }
     };
+    // Nothing is checked yet: `write` refuses absurd numbers, whose sum must not overflow first.
     let n_frames = args.frames.saturating_add(args.eval_frames);
     let bar = progress::bar(n_frames, "frame");
     write(&params, &args.out, layout, &mut |done, _| bar.set_position(done as u64))?;

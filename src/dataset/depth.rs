@@ -92,7 +92,9 @@ impl Depth {
     /// Whether there is no surface in the whole image.
     fn is_empty(&self) -> bool {
         match &self.codes {
-            DepthCodes::Inverse8(codes) => codes.data.iter().all(|d| *d == 0),
+            DepthCodes::Inverse8(codes) => {
+                codes.data.iter().all(|code| decode_inverse8(*code).is_none())
+            }
             DepthCodes::Linear16 { codes, .. } => {
                 codes.data.iter().all(|d| *d == 0 || *d == HOLE16)
             }

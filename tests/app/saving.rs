@@ -5,8 +5,9 @@ use super::harness::{
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
+use eframe::App;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Key, Modifiers, ViewportCommand, ViewportEvent, ViewportId};
+use eframe::egui::{Key, Modifiers, RawInput, ViewportCommand, ViewportEvent, ViewportId};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -52,6 +53,18 @@ fn close(window: &mut Window) -> bool {
     root.events.push(ViewportEvent::Close);
     window.step();
     !commands(window).contains(&ViewportCommand::CancelClose)
+}
+
+/// The minimised window asked to close, as eframe does it: without a pass of the interface. What
+/// it answers.
+fn close_minimised(window: &mut Window) -> Vec<ViewportCommand> {
+    let mut input = RawInput::default();
+    let root = input.viewports.entry(ViewportId::ROOT).or_default();
+    root.minimized = Some(true);
+    root.events.push(ViewportEvent::Close);
+    let (ctx, mut frame) = (window.ctx.clone(), eframe::Frame::_new_kittest());
+    let output = ctx.run_logic(&input, |ctx| window.state_mut().logic(ctx, &mut frame));
+    output.viewport_commands.get(&ViewportId::ROOT).cloned().unwrap_or_default()
 }
 
 fn commands(window: &Window) -> Vec<ViewportCommand> {
@@ -211,4 +224,20 @@ fn closing_goes_on_after_the_file_was_written() {
     }
     assert!(folder.path().join("room.vbgs").is_file());
     assert!(close(&mut window));
+}
+
+#[test]
+fn a_minimised_window_with_something_to_lose_comes_up_and_asks() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    assert_eq!(close_minimised(&mut window), [], "nothing is lost");
+    train(&mut window);
+    let answer = close_minimised(&mut window);
+    assert!(answer.contains(&ViewportCommand::CancelClose), "{answer:?}");
+    assert!(answer.contains(&ViewportCommand::Minimized(false)), "{answer:?}");
+    window.run_steps(2);
+    window.get_by_label(QUESTION);
 }

@@ -5,7 +5,7 @@ use crate::app::command::UiCommand;
 use crate::app::pending::{Continuation, Pending};
 use crate::app::state::{Snapshot, Subject};
 use crate::app::worker::WorkerOrder;
-use eframe::egui::{FocusDirection, Key, Ui, ViewportCommand};
+use eframe::egui::{Context, FocusDirection, Key, Ui, ViewportCommand};
 use std::path::PathBuf;
 
 impl Studio {
@@ -41,6 +41,7 @@ impl Studio {
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dialogs = [&self.open_dialog, &self.save_dialog, &self.export_dialog];
         let asks = self.pending.is_some() || dialogs.iter().any(|dialog| dialog.is_open());
+        // egui says so of any widget that has the focus, not of text fields alone.
         if asks || ui.ctx().egui_wants_keyboard_input() {
             return;
         }
@@ -60,6 +61,7 @@ impl Studio {
     }
 
     pub(super) fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        // The first of several: only one thing is open at a time.
         let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
         if let Some(path) = dropped {
             self.discard_then(order_to_open(path), snapshot);
@@ -67,16 +69,24 @@ impl Studio {
     }
 
     /// Closing the window is asked about like everything else that forgets training.
-    pub(super) fn take_close_request(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        let asked = ui.input(|i| i.viewport().close_requested());
+    pub(super) fn take_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
+        let asked = ctx.input(|i| i.viewport().close_requested());
         if !asked || self.may_close {
             return;
         }
+        // A question or a file that is under way is kept and now leads to closing: the same
+        // training is not asked about twice.
         let waiting = self.pending.take();
         if waiting.is_none() && !snapshot.has_training_to_lose() {
             return;
         }
-        ui.ctx().send_viewport_cmd(ViewportCommand::CancelClose);
+        // In this very pass: eframe closes unless it finds this among the commands of the pass.
+        ctx.send_viewport_cmd(ViewportCommand::CancelClose);
+        if ctx.input(|i| i.viewport().minimized == Some(true)) {
+            // Closed from the task bar: nobody would see the question.
+            ctx.send_viewport_cmd(ViewportCommand::Minimized(false));
+            ctx.send_viewport_cmd(ViewportCommand::Focus);
+        }
         self.pending = Some(match waiting {
             Some(waiting) => waiting.instead(Continuation::Close),
             None => Pending::Asking(Continuation::Close),

@@ -21,6 +21,7 @@ impl Studio {
     }
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        // Nothing ever waits for this dialog, so it does not matter that it was cancelled.
         if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
             self.discard_then(order_to_open(path), snapshot);
         }
@@ -48,11 +49,14 @@ impl Studio {
             }
         }
         dialogs::help(ui, &mut self.help_is_open);
+        // After the dialogs: a file that was named in this pass is waited for from now on.
         self.go_on(ui, snapshot);
     }
 
     /// The number of the file to write next, which is what waited for its name now waits for.
     fn begin_write(&mut self) -> u64 {
+        // A number and not the path: the snapshot still tells the outcome of an earlier file, which
+        // may have had the same name.
         let number = self.worker.new_number();
         self.pending = self.pending.take().map(|pending| pending.named(number));
         number
@@ -65,6 +69,7 @@ impl Studio {
 
     /// Asks about unsaved training, and lets go ahead what need not wait any more.
     fn go_on(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        // Taken out and put back while it waits: the questions are drawn anew in every pass.
         let Some(pending) = self.pending.take() else { return };
         match pending.after(snapshot.latest_write) {
             AfterWrite::Wait(Pending::Asking(next)) => self.ask(next, ui, snapshot.unsaved_frames),
@@ -97,6 +102,8 @@ impl Studio {
         match next {
             Continuation::Send(order) => self.worker.send(order),
             Continuation::Close => {
+                // The command comes back as a request to close, which must
+                // not be asked about again.
                 self.may_close = true;
                 ui.ctx().send_viewport_cmd(ViewportCommand::Close);
             }

@@ -93,6 +93,7 @@ impl Studio {
     ) -> std::io::Result<Self> {
         // The trainer begins while the GPU is made ready.
         let StoredSettings { view, training, problems } = StoredSettings::read(context.storage);
+        // Settings go first, since they hold for what is opened after them.
         worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
         first.into_iter().for_each(|order| worker.send(order));
         for problem in problems {
@@ -103,6 +104,8 @@ impl Studio {
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
         let on_cpu = painter.drawer() == Drawer::Cpu;
+        // Every snapshot repaints the window, which a software adapter does on the cores that train
+        // (`rendering.md`, Software adapters).
         worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
@@ -152,6 +155,7 @@ impl Studio {
     /// Ends the window, not the run.
     fn leave(&mut self, why: Leave, context: &Context) {
         self.exit.leave(why);
+        // Nothing is asked about unsaved training: it goes on in the next window.
         self.may_close = true;
         context.send_viewport_cmd(ViewportCommand::Close);
     }
@@ -189,6 +193,7 @@ impl Studio {
                 self.apply_command(command, snapshot);
             }
         }
+        // The last panel: egui gives it the room that those before have left.
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             self.central_view(ui, snapshot);
             self.dismissed = notices::ui(snapshot, self.dismissed, ui);
@@ -203,6 +208,8 @@ impl Studio {
     }
 
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        // Taken even if nothing is drawn of it: the worker makes the next update
+        // when this one is gone.
         for update in self.worker.splat_updates().take() {
             self.view.change(update);
         }
@@ -213,6 +220,7 @@ impl Studio {
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, message));
         }
+        // Asked after the view was drawn, which leaves modes that this scene cannot show.
         let watched = self.view.settings.color_mode.attribute();
         if watched != self.watched {
             self.watched = watched;
@@ -220,12 +228,14 @@ impl Studio {
         }
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
+            // A click beside every splat deselects, which is no reason to turn to another tab.
             if picked.is_some() {
                 self.tab = Tab::Inspector;
             }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
             self.first_splats_logged = true;
+            // The test of the start-up time reads this line (`tests/app/window.rs`).
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
         }
     }
@@ -270,6 +280,13 @@ impl eframe::App for Studio {
         persistence::write(storage, &self.view.settings, &self.training);
     }
 
+    /// Runs before every pass of [`Self::ui`], and alone while the window is hidden or minimised.
+    fn logic(&mut self, ctx: &Context, _: &mut eframe::Frame) {
+        // Here, since eframe closes a hidden window without a pass of `ui`.
+        let snapshot = self.worker.snapshot();
+        self.take_close_request(ctx, &snapshot);
+    }
+
     fn ui(&mut self, ui: &mut Ui, _: &mut eframe::Frame) {
         if self.device.as_ref().is_some_and(WindowDevice::is_lost) {
             // Nothing may be drawn any more, not even by egui, or it panics.
@@ -277,12 +294,14 @@ impl eframe::App for Studio {
             return;
         }
         self.report_faults();
+        // One snapshot for the whole pass, so that keys, panels and questions
+        // judge by the same state.
         let snapshot = self.worker.snapshot();
         if let Some(opened) = &snapshot.opened {
             self.turn_to(opened);
         }
-        self.take_close_request(ui, &snapshot);
         self.take_dropped(ui, &snapshot);
+        // Before the dialogs: the Escape that closes one would else find it closed and deselect.
         self.take_keys(ui, &snapshot);
         self.panels(ui, &snapshot);
         self.dialogs(ui, &snapshot);

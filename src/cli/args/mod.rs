@@ -57,6 +57,7 @@ impl Arguments {
     /// The arguments of this process; ends it with a message where they make no sense.
     pub fn from_command_line() -> Self {
         let arguments = Self::parse();
+        // clap takes a word before the command for PATH, which every command would ignore.
         if let (Some(path), Some(_)) = (&arguments.path, &arguments.command) {
             let message = format!("`{}` stands before a command; put it after", path.display());
             Self::command().error(ErrorKind::ArgumentConflict, message).exit();
@@ -68,6 +69,7 @@ impl Arguments {
 #[derive(Subcommand)]
 pub enum Command {
     /// Train headless; writes scene.ply, checkpoint.vbgs and report.json
+    // On the heap: with its options it is far larger than the other commands.
     Train(Box<TrainArgs>),
     /// Measure a model against the photographs of a dataset
     Eval(EvalArgs),
@@ -147,9 +149,9 @@ pub struct SynthArgs {
     /// Layout to write
     #[arg(long, value_enum, default_value = "blender")]
     pub layout: LayoutName,
-    /// Bits of the Blender layout's depth
-    #[arg(long, value_enum, default_value = "16")]
-    pub depth_bits: DepthBitsName,
+    /// Bits of the depth, 16 if not said; only the Blender layout has 8
+    #[arg(long, value_enum)]
+    pub depth_bits: Option<DepthBitsName>,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = parse_size)]
     pub size: [u32; 2],

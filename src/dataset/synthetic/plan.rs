@@ -37,6 +37,7 @@ impl ViewPlan {
             vec![PlannedSplit { name: "train", poses: train, is_noisy: params.depth_noise > 0.0 }];
         if params.n_eval > 0 {
             let poses = trajectory::eval(params.n_eval, params.seed);
+            // Exact: what a model is measured against must not err itself.
             splits.push(PlannedSplit { name: "eval", poses, is_noisy: false });
         }
         Ok(Self { scene, splits })

@@ -73,6 +73,7 @@ impl FurnishedRoom {
     /// Whether anything but the shell is between a surface point and the distance 1 along `ray`.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         let nearer = |hit: Hit| hit.t < 1.0 - 1e-6;
+        // The shell encloses every ray that ends inside, so it would block none.
         self.solids[1..].iter().any(|s| s.shape.intersect(ray).is_some_and(nearer))
     }
 }
@@ -112,9 +113,11 @@ fn add_fittings(solids: &mut Vec<Solid>) {
 fn add_table(solids: &mut Vec<Solid>, rng: &mut Rng) {
     const TOP: f64 = 0.74;
     solids.push(block([-0.75, -0.45, 0.70], [0.75, 0.45, TOP], OAK));
+    // Legs stand on the rug, which is 12 mm thick.
     for (x, y) in [(-0.7, -0.4), (0.64, -0.4), (-0.7, 0.34), (0.64, 0.34)] {
         solids.push(block([x, y, 0.012], [x + 0.06, y + 0.06, 0.70], OAK));
     }
+    // Colours are drawn in turn: a thing put in between recolours those that follow.
     let ring = Shape::Torus { centre: dvec3(0.3, -0.16, TOP + 0.055), major: 0.15, minor: 0.055 };
     solids.extend([
         sphere([-0.38, 0.1, TOP + 0.16], 0.16, Texture::Marble(bright(rng))),

@@ -227,6 +227,7 @@ fn box_hit(ray: &Ray, t: f64, axis: usize, is_entry: bool) -> Hit {
 }
 
 fn sphere(ray: &Ray, centre: DVec3, radius: f64) -> Option<Hit> {
+    // The exit does not count: balls are solid and cameras stand in free space.
     let (enter, _) = quadratic_sphere(ray, centre, radius)?;
     (enter > START).then_some(Hit { t: enter, face: 0 })
 }
@@ -286,6 +287,7 @@ fn torus(ray: &Ray, centre: DVec3, major: f64, minor: f64) -> Option<Hit> {
                 let p = ray.at(t) - centre;
                 let normal = (p - p.with_z(0.0).normalize() * major).normalize();
                 let rate = normal.dot(ray.direction);
+                // Where a ray only touches the ring, a step of Newton's would fly off.
                 if rate.abs() > 1e-3 * speed {
                     t -= distance(t) / rate;
                 }

@@ -317,6 +317,7 @@ fn hash(x: i32, y: i32, seed: u32) -> f32 {
     let mut h = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77) ^ seed;
     h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
     h = (h ^ (h >> 12)).wrapping_mul(0x297A_2D39);
+    // 24 bits, as many as f32 holds: 1 itself is never reached by rounding.
     ((h ^ (h >> 15)) >> 8) as f32 * (1.0 / (1u32 << 24) as f32)
 }
 

@@ -118,7 +118,8 @@ impl PlyHeader {
                     has_format = true;
                 }
                 Some("comment") => {
-                    header.comments.push(line.text["comment".len()..].trim().to_owned());
+                    let text = line.text.trim_start().trim_start_matches("comment");
+                    header.comments.push(text.trim().to_owned());
                 }
                 // Old scanners write `obj_info`, editors leave empty lines; neither says anything
                 // of the rows.
@@ -209,5 +210,6 @@ fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow
     };
     *offset += length + 1;
     let line = &searched[..length];
+    // Comments come in any encoding; none may keep a model from being read.
     Ok(String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(line)))
 }

@@ -146,6 +146,7 @@ fn sizes(seed: u64) -> Vec<Case> {
         sized("C > N", 3, 8),
         sized("C = N", 12, 12),
         Case {
+            // `case` wants a draw; this one takes its place.
             draw: InitialDraw::random(100_000, seed),
             ..case("N = 1e5, few points each", points.clone(), near(&points, 1, seed))
         },
@@ -189,6 +190,7 @@ fn extremes(seed: u64) -> Vec<Case> {
 }
 
 fn drift(seed: u64) -> Case {
+    // Few points: the frame is learnt 1e5 times in every precision.
     let points = rows(64, seed, sheet);
     let draw = near(&points, 8, seed);
     Case { frames: DRIFT_FRAMES, ..case("statistics of 1e5 frames", points, draw) }

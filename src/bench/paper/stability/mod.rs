@@ -176,15 +176,15 @@ impl<'a> Truth<'a> {
 
     fn responsibility_error(&self, engine: &mut dyn PaperLearner) -> f64 {
         let found = engine.responsibilities(&self.frame).into_iter().map(Shares::from_iter);
+        // Exact arithmetic never saw the broken points: without this pairs would be shifted.
         let sound = found.zip(&self.sound).filter(|(_, sound)| **sound).map(|(r, _)| r);
         let pairs = sound.zip(&self.responsibilities);
-        pairs.map(|(found, truth)| total_variation(truth, &found)).fold(0.0, f64::max)
+        largest(pairs.map(|(found, truth)| total_variation(truth, &found)))
     }
 
     fn count_error(&self, found: &[ComponentPosterior]) -> f64 {
         let pairs = found.iter().zip(&self.posteriors);
-        let errors = pairs.map(|(f, t)| (f.count - t.count).abs() / t.count.max(1.0));
-        errors.map(|e| if e.is_nan() { f64::INFINITY } else { e }).fold(0.0, f64::max)
+        largest(pairs.map(|(f, t)| (f.count - t.count).abs() / t.count.max(1.0)))
     }
 
     fn splat_error(&self, engine: &dyn PaperLearner) -> f64 {
@@ -194,11 +194,10 @@ impl<'a> Truth<'a> {
         let splats = engine.splats();
         let used =
             splats.view().splats().iter().zip(&self.posteriors).filter(|(_, t)| t.count > 0.0);
-        used.map(|(splat, truth)| {
+        largest(used.map(|(splat, truth)| {
             let centre = DVec3::from_array(splat.mean.map(f64::from));
             centre.distance(normalization.denormalize(truth.mean_space)) / half_width
-        })
-        .fold(0.0, f64::max)
+        }))
     }
 
     fn non_finite(&self, engine: &dyn PaperLearner, found: &[ComponentPosterior]) -> usize {
@@ -222,6 +221,7 @@ impl<'a> Truth<'a> {
 /// `U⁻¹` is the prior's plus terms that are not negative.
 fn eigenvalue_over_prior(config: &PaperConfig) -> impl Fn(&ComponentPosterior) -> f64 {
     let prior = 1.0 / config.hyper().u0_space;
+    // Descending: z is the least.
     move |posterior| posterior.inverse_scale.eigen().values.z / prior
 }
 
@@ -303,4 +303,9 @@ fn panels(rows: &[StabilityRow]) -> [Panel; 2] {
         panel("posterior means", names.clone(), &|r| r.mean_error),
         panel("posterior covariances", blank, &|r| r.covariance_error),
     ]
+}
+
+/// The largest error; what is no number is the largest of all, where `f64::max` would pass it over.
+fn largest(errors: impl Iterator<Item = f64>) -> f64 {
+    errors.map(|e| if e.is_nan() { f64::INFINITY } else { e }).fold(0.0, f64::max)
 }

@@ -35,6 +35,7 @@ pub(super) fn write(
             let SyntheticView { color, depth_z } = plan.view(split, i);
             let stem = out.join(split.name).join(format!("r_{i}"));
             write_rgba(&stem.with_extension("png"), &color)?;
+            // As NeRF-synthetic names them; readers take any number.
             let depth_file = stem.with_file_name(format!("r_{i}_depth_0001.png"));
             let along_ray = ray_lengths(&depth_z, &k);
             match bits {
@@ -45,6 +46,7 @@ pub(super) fn write(
             }
             on_frame();
         }
+        // Last: a recording that was interrupted has no list that names images it lacks.
         let list = out.join(format!("transforms_{}.json", split.name));
         write_text(&list, &frame_list(split, bits))?;
     }
@@ -72,11 +74,13 @@ fn inverse8(lengths: &Image<f64>) -> Image<[u8; 4]> {
 fn frame_list(split: &PlannedSplit, bits: DepthBits) -> String {
     let entry = |(i, pose): (usize, &Pose)| {
         let rows = pose.to_opengl().transpose().to_cols_array_2d();
+        // Without the extension, as the published lists name images.
         json!({ "file_path": format!("./{}/r_{i}", split.name), "transform_matrix": rows })
     };
     let frames: Vec<_> = split.poses.iter().enumerate().map(entry).collect();
     let mut list = json!({
         "camera_angle_x": FIELD_OF_VIEW,
+        // The room is larger than the cube that the layout stands for where it says nothing.
         "position_range": [room::LO.to_array(), room::HI.to_array()],
         "frames": frames,
     });

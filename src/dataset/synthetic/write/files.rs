@@ -4,7 +4,6 @@ use crate::dataset::synthetic::params::ParamsError;
 use crate::math::image::Image;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 /// Why a dataset cannot be written.
@@ -62,9 +61,11 @@ fn write_png(
     (width, height): (usize, usize),
     color: ExtendedColorType,
 ) -> Result<(), WriteError> {
-    let file = std::fs::File::create(path)
-        .map_err(|source| WriteError::Io { path: path.to_owned(), source })?;
-    PngEncoder::new(BufWriter::new(file))
+    // In memory first: the encoder writes its last chunk when it is dropped, and would keep a full
+    // disk to itself.
+    let mut encoded = Vec::new();
+    PngEncoder::new(&mut encoded)
         .write_image(bytes, width as u32, height as u32, color)
-        .map_err(|source| WriteError::Image { path: path.to_owned(), source })
+        .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
+    std::fs::write(path, encoded).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
