@@ -28,6 +28,7 @@ fn file() -> Option<PathBuf> {
 }
 
 fn read(file: &Path) -> AdapterChoice {
+    // An error is told to nobody: there is no window yet, and the one that opens shows its adapter.
     let text = std::fs::read_to_string(file).ok();
     let name = text.and_then(|text| ron::from_str::<String>(&text).ok());
     name.map_or(AdapterChoice::Auto, |name| AdapterChoice::parse(&name))

@@ -42,6 +42,7 @@ const MAX_ELEVATION: f64 = FRAC_PI_2 - 0.01;
 impl ViewCamera {
     /// The view a scene is opened with.
     pub fn home(home: &HomeView) -> Self {
+        // An orbit needs a distance above 0, and a target may lie in the camera itself.
         let distance = home.camera.pose.centre().distance(home.target);
         let fov_y = own_fov_y(&home.camera.intrinsics);
         Self {
@@ -57,9 +58,11 @@ impl ViewCamera {
     /// Stands where another camera does, turning about a point in front of it.
     pub fn visit(&mut self, camera: &Camera) {
         let pose = &camera.pose;
+        // The middle of the scene may lie behind this camera: clamped, the target is always ahead.
         let ahead = (self.middle - pose.centre()).dot(pose.forward());
         let [least, most] = VISIT_DISTANCE.map(|share| share * self.radius);
         self.orbit = Orbit::from_pose(pose, self.orbit.up, ahead.clamp(least, most).max(1e-9));
+        // Taken along, or the picture would jump when the camera of a dataset is left.
         self.own_fov_y = own_fov_y(&camera.intrinsics);
     }
 
@@ -94,6 +97,7 @@ impl ViewCamera {
     /// Looks at the whole scene from where it looks now.
     pub fn frame(&mut self, framing: &Framing) {
         self.orbit.target = framing.centre;
+        // The distance goes by the sine of half the angle, which is 0 for a fisheye all around.
         self.orbit.distance = framing.distance(self.fov_y.min(MAX_FRAMING_FOV));
     }
 
@@ -116,6 +120,8 @@ impl ViewCamera {
     fn focal(&self, [width, height]: [f64; 2]) -> f64 {
         match self.lens {
             Lens::Pinhole => {
+                // In a wide window the limit is met at the sides first: less is seen
+                // from top to bottom then.
                 let upright = 0.5 * height / (0.5 * self.fov_y).tan();
                 upright.max(0.5 * width.max(height) / (0.5 * MAX_PINHOLE_FOV).tan())
             }

@@ -166,6 +166,7 @@ impl UiCommand {
             UiCommand::Train => dataset && matches!(state, Ready | Paused),
             UiCommand::Pause => state == Training,
             UiCommand::Step => dataset && matches!(state, Ready | Paused),
+            // Not in `Ready`: nothing is trained yet that could be forgotten or saved.
             UiCommand::Reset | UiCommand::Save => {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }

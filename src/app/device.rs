@@ -26,6 +26,7 @@ impl WindowDevice {
 
     /// Whether it is gone, and everything on it.
     pub fn is_lost(&self) -> bool {
+        // Word of a loss comes with a poll or a submission, and a window at rest submits nothing.
         viewport::poll(&self.state);
         self.faults.is_lost()
     }

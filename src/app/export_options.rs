@@ -21,6 +21,8 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
             ] {
                 let is_chosen = mapping.split == split;
                 if ui.selectable_label(is_chosen, label).on_hover_text(tooltip).clicked() {
+                    // Brings the opacity that measured best with it, which can
+                    // still be changed below.
                     *mapping = Mapping::of(split);
                 }
             }

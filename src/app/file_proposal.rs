@@ -26,6 +26,7 @@ impl FileProposal {
             // `a/..` names a folder too, but only the file system knows by what name.
             path = path.canonicalize().unwrap_or(path);
         }
+        // Only files have endings: what follows the point in the name of a folder belongs to it.
         let name = if path.is_file() { path.file_stem() } else { path.file_name() };
         let stem = name.map_or_else(|| DEMO.to_owned(), |name| name.to_string_lossy().into_owned());
         let folder = path.parent().map_or_else(|| path.clone(), Path::to_path_buf);

@@ -18,8 +18,11 @@ pub fn guarded(
     exit: &Exit,
     window: impl FnOnce() -> Result<(), WindowError>,
 ) -> Result<(), WindowError> {
+    // Safe to go on from: the window shares with the worker only what is written in one assignment.
     match catch_unwind(AssertUnwindSafe(window)) {
         Ok(ended) => ended,
+        // The device itself cannot be asked here: it went down with the
+        // window, which asked it last.
         Err(_) if exit.why() == Leave::DeviceLost => Ok(()),
         Err(payload) => Err(WindowError::Crashed(Box::new(Crash {
             thread: CrashedThread::Window,

@@ -2,7 +2,7 @@
 
 use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
-use super::session_info::{is_assumed, session_info};
+use super::session_info::session_info;
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::TrainSettings;
 use crate::dataset::error::DatasetError;
@@ -19,8 +19,6 @@ use crate::pipeline::demo::{self, DemoError};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::Selection;
 use crate::pipeline::session::Session;
-use crate::pipeline::settings::method::Method;
-use crate::train::paper::config::Preset;
 use glam::DVec3;
 use std::path::Path;
 use std::sync::Arc;
@@ -96,13 +94,10 @@ fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject 
             format!("{n} frames are unusable; the first: {}", dataset.warnings[0]),
         )),
     };
-    let assumed = match &session.config().method {
-        Method::Scene(run) if is_assumed(&run.surface, dataset) => Some((
-            NoticeKind::Info,
-            "colour is looked up by the published Kinect's camera; another is described in a calibration file, which can be dropped here".to_owned(),
-        )),
-        Method::Scene(_) | Method::Paper(_) => None,
-    };
+    let assumed = session.config().method.assumes_calibration(dataset).then(|| (
+        NoticeKind::Info,
+        "colour is looked up by the published Kinect's camera; another is described in a calibration file, which can be dropped here".to_owned(),
+    ));
     let notices = notes.chain(warnings).chain(assumed).collect();
     let opened = Opened {
         name: path.map_or_else(|| "Demo: synthetic room".to_owned(), |_| dataset.name.clone()),
@@ -119,7 +114,7 @@ fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject 
             ColorMode::Birth,
         ],
         method: Some(session.config().method.clone()),
-        is_native: session.config().method.preset() == Preset::Scene,
+        is_native: session.config().method.scene().is_some(),
     };
     let splats = match session.learner().used() {
         0 => vec![Splat::default(); session.learner().components()].into(),

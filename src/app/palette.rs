@@ -25,12 +25,14 @@ impl Palette {
     /// Takes what the trainer sent; returns what painters are to change.
     pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
         let SplatUpdate { change, attributes } = update;
+        // Copies them only while a click is answered, whose thread holds a share.
         let changed = apply(Arc::make_mut(&mut self.learned), change.clone());
         if self.attribute.is_none() {
             return change;
         }
         self.attributes.resize(self.learned.len(), ComponentAttributes::default());
         match &changed {
+            // Sent before the worker was told that they are asked for.
             None if attributes.is_empty() => self.attributes.fill(ComponentAttributes::default()),
             None => self.attributes = attributes,
             Some(ids) => {
@@ -41,6 +43,7 @@ impl Palette {
                 }
             }
         }
+        // Another range gives every splat another colour, also those that did not change.
         let all_differ = self.moves_range();
         match changed {
             Some(ids) if !all_differ => self.color(ids),
@@ -59,6 +62,7 @@ impl Palette {
             self.moves_range();
             return Some(self.color_all());
         }
+        // Memory of a second scene is kept only while that is what is shown.
         (self.attributes, self.range, self.shown) = (Vec::new(), None, SplatSet::default());
         Some(SplatChange::All(SplatSet::clone(&self.learned)))
     }

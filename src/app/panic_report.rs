@@ -38,6 +38,7 @@ impl PanicReport {
     /// Notes panics from now on, beside what the hook before does about them.
     pub fn listen() {
         static ONCE: Once = Once::new();
+        // Every worker asks to listen; each further hook would note every panic once more.
         ONCE.call_once(|| {
             let before = std::panic::take_hook();
             std::panic::set_hook(Box::new(move |panic| {
@@ -51,6 +52,7 @@ impl PanicReport {
     pub fn of(payload: &(dyn Any + Send)) -> Self {
         let message = message(payload);
         let noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
+        // From the latest on: the same words may have been said before, somewhere else.
         let known = noted.iter().rev().find(|report| report.message == message);
         known.cloned().unwrap_or(Self { message, place: None })
     }
@@ -59,6 +61,7 @@ impl PanicReport {
 fn note(panic: &PanicHookInfo<'_>) {
     let place = panic.location().map(ToString::to_string);
     let report = PanicReport { message: message(panic.payload()), place };
+    // Poisoned or not: a panic inside the hook would abort the program before anything is saved.
     let mut noted = NOTED.lock().unwrap_or_else(PoisonError::into_inner);
     if noted.len() == MAX_NOTED {
         noted.pop_front();
@@ -67,6 +70,7 @@ fn note(panic: &PanicHookInfo<'_>) {
 }
 
 fn message(payload: &(dyn Any + Send)) -> String {
+    // `panic!` carries a `&str` if there is nothing to format in its message, else a `String`.
     let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| payload.downcast_ref::<String>().cloned())
         .unwrap_or_else(|| "no message".to_owned())

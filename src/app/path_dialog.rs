@@ -7,7 +7,7 @@ use super::file_proposal::FileProposal;
 use super::worker::Waker;
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 
 /// A native dialog running on its own thread.
 struct NativeDialog(Receiver<Option<PathBuf>>);
@@ -17,8 +17,9 @@ impl NativeDialog {
         waker: &Waker,
         pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
     ) -> Option<Self> {
-        let (sender, receiver) = channel();
+        let (sender, receiver) = sync_channel(1);
         let waker = waker.clone();
+        // The call returns when the user is done; the window has to go on drawing until then.
         let thread = std::thread::Builder::new().name("dialog".into()).spawn(move || {
             // The window may be gone when the user is done.
             let _ = sender.send(pick());
@@ -160,6 +161,7 @@ impl PathDialog {
             .resizable(false)
             .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
             .show(ui.ctx(), |ui| confirmed = self.content(ui, waker, choices));
+        // The question comes first: its Escape must not close the dialog below it as well.
         if self.replacing.is_some() {
             return self.ask_to_replace(ui);
         }
@@ -232,6 +234,7 @@ impl PathDialog {
         if field.changed() {
             self.problem = None;
         }
+        // Enter makes a field of one line give up the focus, so that it is told only here.
         let mut confirmed = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
         if self.purpose != Purpose::Open
             && let Some(folder) = self.entered().parent()
@@ -297,10 +300,12 @@ impl PathDialog {
     fn take_picked(&mut self) {
         let Some(picked) = self.native.as_ref().and_then(|p| p.0.try_recv().ok()) else { return };
         self.native = None;
+        // A cancelled dialog and a missing portal answer alike, so the hint is worded for both.
         self.no_native = picked.is_none();
         if let Some(path) = picked {
             self.path = path.display().to_string();
             self.problem = None;
+            // In the form that `confirm` compares: absolute, and by way of the text field.
             self.approved = Some(self.entered());
         }
     }

@@ -7,7 +7,7 @@ use crate::render::RenderOptions;
 use crate::render::pick::pick;
 use glam::DVec2;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 /// A question that may be open.
 #[derive(Default)]
@@ -24,7 +24,7 @@ impl Picker {
         options: RenderOptions,
         waker: Waker,
     ) -> std::io::Result<()> {
-        let (answer, answers) = channel();
+        let (answer, answers) = sync_channel(1);
         std::thread::Builder::new().name("picking".into()).spawn(move || {
             let found = pick(&splats, &camera, position, &options).map(|p| p.index as u32);
             // Let go first: whoever changes the splats next need not copy them then.
@@ -41,6 +41,7 @@ impl Picker {
     pub fn take(&mut self) -> Option<Option<u32>> {
         match self.0.as_ref()?.try_recv() {
             Err(TryRecvError::Empty) => None,
+            // A thread that panicked hangs up: then nothing is found, and the next click asks anew.
             answer => {
                 self.0 = None;
                 Some(answer.ok().flatten())

@@ -87,6 +87,7 @@ fn state_folder() -> Option<PathBuf> {
     if cfg!(all(unix, not(target_os = "macos"))) {
         let named = std::env::var_os("XDG_STATE_HOME").map(PathBuf::from);
         let home = || std::env::home_dir().map(|home| home.join(".local/state"));
+        // The convention has relative paths ignored.
         return named.filter(|path| path.is_absolute()).or_else(home).map(|path| path.join(APP));
     }
     eframe::storage_dir(APP)
@@ -106,6 +107,7 @@ pub fn save(
     let mut problems = Vec::new();
     let fallbacks = fallbacks.iter().map(|folder| (folder.as_path(), true));
     for (folder, is_ours) in beside.map(|folder| (folder, false)).into_iter().chain(fallbacks) {
+        // A dataset's folder is never created: where it is missing, its disk may be unplugged.
         if is_ours {
             // Writing says more of a folder that cannot be created than this would.
             let _ = std::fs::create_dir_all(folder);
@@ -122,6 +124,7 @@ pub fn save(
 fn free_path(folder: &Path, stem: &str) -> PathBuf {
     let mut path = folder.join(format!("{stem}-rescued.vbgs"));
     let mut number = 2;
+    // Of the link itself: one that leads nowhere would be replaced all the same.
     while path.symlink_metadata().is_ok() {
         path = folder.join(format!("{stem}-rescued-{number}.vbgs"));
         number += 1;

@@ -33,6 +33,7 @@ impl SplatSelection {
         waker: &Waker,
     ) -> std::io::Result<()> {
         if let Some(inspected) = &snapshot.inspected {
+            // One outline for both sides of a wipe: it is the same by either renderer.
             draw(inspected, ui, response.rect, request);
         }
         match response.interact_pointer_pos().filter(|_| response.clicked()) {

@@ -2,11 +2,13 @@
 
 use super::panels::legend::number;
 use crate::dataset::Dataset;
-use crate::dataset::surface::{Sensor, SurfaceSettings};
-use crate::pipeline::session::{Session, layout_name};
-use crate::pipeline::settings::method::Method;
-use crate::pipeline::settings::scene::{SceneRun, StructuralScale};
+use crate::dataset::calibration::Calibration;
+use crate::dataset::surface::Sensor;
+use crate::pipeline::any_preset::ComponentLimit;
+use crate::pipeline::session::Session;
+use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::BirthRule;
+use crate::train::scene::units::StructuralScale;
 
 /// Lines for the scene panel: label and value.
 pub fn session_info(session: &Session) -> Vec<(String, String)> {
@@ -15,10 +17,7 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
         dataset.path.as_ref().map_or_else(|| "built in".to_owned(), |p| p.display().to_string());
     let mut info = vec![
         ("Dataset".to_owned(), path),
-        (
-            "Layout".to_owned(),
-            format!("{} ({})", layout_name(dataset.layout), dataset.recognised_by),
-        ),
+        ("Layout".to_owned(), format!("{} ({})", dataset.layout.name(), dataset.recognised_by)),
     ];
     for split in &dataset.splits {
         let k = &split.frames[0].camera.intrinsics;
@@ -26,27 +25,31 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
         let text = format!("{} frames, {}×{}, {depth}", split.frames.len(), k.width, k.height);
         info.push((format!("Split {}", split.name), text));
     }
-    match &session.config().method {
-        Method::Paper(train) => {
-            info.push(("Preset".to_owned(), "paper".to_owned()));
-            info.push(("Components".to_owned(), train.components.to_string()));
-            info.push(("Range from".to_owned(), session.config().position_range_source.clone()));
+    let config = session.config();
+    info.push(("Preset".to_owned(), config.method.preset().to_string()));
+    match config.method.any().component_limit() {
+        ComponentLimit::Fixed(n) => {
+            info.push(("Components".to_owned(), n.to_string()));
+            info.push(("Range from".to_owned(), config.position_range_source.clone()));
         }
-        Method::Scene(run) => info.extend(scene_info(run, dataset)),
+        ComponentLimit::Asked(n) => info.push(("Budget".to_owned(), format!("{n} components"))),
+        ComponentLimit::Default(n) => {
+            info.push(("Budget".to_owned(), format!("none set (at most {n} components)")));
+        }
     }
+    info.extend(config.method.scene().into_iter().flat_map(scene_info));
+    let is_assumed = config.method.assumes_calibration(dataset);
+    let calibration = calibration(config.method.any().calibration(), is_assumed);
+    info.push(("Calibration".to_owned(), calibration.to_owned()));
     info
 }
 
-fn scene_info(run: &SceneRun, dataset: &Dataset) -> Vec<(String, String)> {
+fn scene_info(run: &SceneRun) -> Vec<(String, String)> {
     let SceneRun { scale, engine, surface, .. } = run;
     let h = number(engine.h);
     let scale = match scale {
         StructuralScale::Pixels(n) => format!("{h} world units (asked for: {n} pixels)"),
         StructuralScale::World(_) => format!("{h} world units"),
-    };
-    let budget = match run.budget {
-        Some(budget) => format!("{} components", budget.components()),
-        None => format!("none set (at most {} components)", engine.most),
     };
     let stages = [
         (surface.plane_fit, "plane fit"),
@@ -56,13 +59,10 @@ fn scene_info(run: &SceneRun, dataset: &Dataset) -> Vec<(String, String)> {
     let on: Vec<&str> = stages.iter().filter(|(is_on, _)| *is_on).map(|(_, name)| *name).collect();
     let preparation = if on.is_empty() { "depth as measured".to_owned() } else { on.join(", ") };
     [
-        ("Preset", "scene".to_owned()),
         ("Structural scale", scale),
         ("Births", birth_rule(engine.births).to_owned()),
-        ("Budget", budget),
         ("Sensor", sensor(surface.sensor)),
         ("Preparation", preparation),
-        ("Calibration", calibration(surface, dataset).to_owned()),
     ]
     .map(|(label, value)| (label.to_owned(), value))
     .into()
@@ -86,15 +86,10 @@ fn sensor(sensor: Sensor) -> String {
     }
 }
 
-fn calibration(surface: &SurfaceSettings, dataset: &Dataset) -> &'static str {
-    match &surface.calibration {
+fn calibration(calibration: Option<&Calibration>, is_assumed: bool) -> &'static str {
+    match calibration {
         None => "none: colour and depth are taken as registered",
-        Some(_) if is_assumed(surface, dataset) => "the published Kinect's colour camera",
+        Some(_) if is_assumed => "the published Kinect's colour camera",
         Some(_) => "given",
     }
-}
-
-/// Whether the cameras are corrected by what is known of such cameras and not of these.
-pub fn is_assumed(surface: &SurfaceSettings, dataset: &Dataset) -> bool {
-    surface.calibration.is_some() && surface.calibration == dataset.known_calibration()
 }

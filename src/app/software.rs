@@ -51,6 +51,7 @@ impl SoftwarePainter {
     /// Starts the drawing thread.
     pub fn new(waker: Waker) -> std::io::Result<Self> {
         let mut renderer = CpuRenderer::new();
+        // In rayon's global pool a picture would take every core, those of the trainer included.
         let alone = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()
@@ -95,6 +96,7 @@ impl SoftwarePainter {
             self.n_drawn = picture.n_drawn;
             let sample = drawn.insert(DrawSample::new(0));
             sample.add(DrawStage::Picture, Some(picture.ms));
+            // Linear, since pictures made beside training or in haste have half the size.
             match &mut self.texture {
                 Some(texture) => texture.set(picture.image, TextureOptions::LINEAR),
                 None => {
@@ -107,6 +109,8 @@ impl SoftwarePainter {
             }
         }
         self.ask(ui, request, effort);
+        // A picture without splats is left out, as it would only fill the cleared window again,
+        // which is dear on a software adapter; a comparison may still show a photograph.
         if let Some(texture) = &self.texture
             && (self.n_drawn > 0 || request.second.is_some())
         {
@@ -127,6 +131,7 @@ impl SoftwarePainter {
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which asks again
         }
+        // Only pictures that follow the training wait: not those of a moved camera, nor the first.
         let pause = SHARED_INTERVAL.saturating_sub(self.asked_at.elapsed());
         let has_picture = self.n_drawn > 0;
         if effort == Effort::Shared && !moved && has_picture && !pause.is_zero() {

@@ -6,9 +6,9 @@ use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
+use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::pipeline::inspection::Inspection;
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
@@ -123,10 +123,7 @@ pub struct Opened {
 impl Opened {
     /// Its settings, where it is trained by the scene preset.
     pub fn scene(&self) -> Option<&SceneRun> {
-        match &self.method {
-            Some(Method::Scene(run)) => Some(run),
-            Some(Method::Paper(_)) | None => None,
-        }
+        self.method.as_ref()?.scene()
     }
 
     /// The camera that took the photographs, where it is not the one that measured depth.

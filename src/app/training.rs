@@ -4,7 +4,8 @@
 use super::stored_text;
 use crate::pipeline::settings::method::MethodRequest;
 use crate::pipeline::settings::scene::SceneOverrides;
-use crate::train::paper::config::{PaperConfig, Preset};
+use crate::train::paper::config::PaperConfig;
+use crate::train::setting::Preset;
 use serde::{Deserialize, Serialize};
 
 /// How what is opened next is trained.
@@ -47,8 +48,8 @@ impl TrainSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::settings::scene::{Budget, StructuralScale};
     use crate::train::scene::config::BirthRule;
+    use crate::train::scene::units::{Budget, StructuralScale};
 
     #[test]
     fn settings_survive_a_restart() {

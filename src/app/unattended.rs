@@ -29,12 +29,15 @@ impl Unattended {
     /// Returns what the user should read of it, errors of the training meanwhile included.
     pub fn finish(self, folder: &Path) -> Vec<(NoticeKind, String)> {
         let before = self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
+        // Polled, since the waker belongs to windows and there is none.
         while self.0.is_alive() && self.0.snapshot().state == RunState::Training {
             std::thread::sleep(LOOK);
         }
+        // Nobody waits for these by number: windows count from 1.
         self.0.send(WorkerOrder::Save(0, folder.join("checkpoint.vbgs")));
         self.0.send(WorkerOrder::Export(0, folder.join("scene.ply"), Mapping::default()));
         self.0.send(WorkerOrder::Export(0, folder.join("scene.glb"), Mapping::default()));
+        // Orders are followed in turn: once this one is seen, the files are written or have failed.
         let done = WorkerOrder::Report(NoticeKind::Info, DONE.to_owned());
         self.0.send(done);
         while self.0.is_alive() && self.0.snapshot().notices.last().is_none_or(|n| n.text != DONE) {
@@ -43,6 +46,7 @@ impl Unattended {
         let snapshot = self.0.snapshot();
         let fresh = snapshot.notices.iter().filter(|n| n.serial > before && n.text != DONE);
         let mut notices: Vec<_> = fresh.map(|n| (n.kind, n.text.clone())).collect();
+        // A crash that the thread has outlived is among its notices; one that ended it is not.
         if let Some(crash) = self.0.crash().filter(|_| !self.0.is_alive()) {
             notices.push((NoticeKind::Error, crash.to_string()));
         }

@@ -71,6 +71,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let (own, failed) = (requests.clone(), requests.clone());
         let wake_after_panic = waker.clone();
         let work = move || {
+            // A copy of its own, so that no lock is held while an answer is made.
             let mut splats = SplatSet::default();
             while let Some((changes, request)) = next(&own) {
                 for change in changes {
@@ -86,6 +87,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(move || {
             if let Err(panic) = catch_unwind(AssertUnwindSafe(work)) {
                 failed.answer(Err(panic));
+                // Even if the answer was to be quiet: the window has to come and take the panic.
                 wake_after_panic();
             }
         })?;
@@ -99,6 +101,7 @@ impl<Q: Send + 'static, A: Send + 'static> ViewThread<Q, A> {
             inbox.changes.clear();
         }
         inbox.changes.push(change);
+        // Released first: the thread would wake up only to wait for the lock.
         drop(inbox);
         self.requests.wake.notify_one();
     }
@@ -138,6 +141,8 @@ fn next<Q, A>(requests: &Requests<Q, A>) -> Option<Work<Q>> {
         }
         let request = inbox.request.take();
         if request.is_some() || !inbox.changes.is_empty() {
+            // Under the same lock that takes the request: between the two the
+            // thread would look idle.
             inbox.is_working = request.is_some();
             return Some((std::mem::take(&mut inbox.changes), request));
         }
@@ -150,6 +155,7 @@ impl<Q, A> Drop for ViewThread<Q, A> {
         self.requests.lock().is_closed = true;
         self.requests.wake.notify_one();
         if let Some(thread) = self.thread.take() {
+            // A panic of the work was caught and is an answer by now.
             let _ = thread.join();
         }
     }

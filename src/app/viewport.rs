@@ -35,6 +35,8 @@ pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguratio
     let mut configuration = egui_wgpu::WgpuConfiguration::default();
     if let egui_wgpu::WgpuSetup::CreateNew(setup) = &mut configuration.wgpu_setup {
         setup.device_descriptor = Arc::new(crate::render::gpu::context::device_descriptor);
+        // Without a selector wgpu ranks the adapters itself, by what this
+        // surface can be drawn with.
         if *choice != AdapterChoice::Auto {
             setup.native_adapter_selector = Some(selector(choice.clone()));
         }
@@ -46,6 +48,7 @@ pub fn wgpu_configuration(choice: &AdapterChoice) -> egui_wgpu::WgpuConfiguratio
 fn selector(choice: AdapterChoice) -> egui_wgpu::NativeAdapterSelectorMethod {
     Arc::new(move |adapters, surface| {
         let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
+        // `None` is the answer to `Auto` alone, which sets no selector.
         let chosen = adapters::choose(&choice, &facts).map_err(|e| e.to_string())?.unwrap_or(0);
         let adapter = adapters.get(chosen).ok_or("no adapter found")?;
         match surface {
@@ -142,6 +145,7 @@ impl GpuViewPainter {
         let mut scratch = SortScratch::default();
         let sort = move |splats: &SplatSet, (camera, first, second): SortRequest| {
             let started = Instant::now();
+            // Copied out of the scratch, since the order leaves this thread and the memory stays.
             let mut order =
                 |options| back_to_front(splats, &camera, &options, &mut scratch).to_vec();
             let (first, second) = (order(first), second.map(order));
@@ -181,6 +185,7 @@ impl GpuViewPainter {
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match (&change, &mut self.pending) {
             (SplatChange::Some { ids, .. }, Some(pending)) => pending.extend(ids),
+            // All of it is still to be uploaded, these splats among it.
             (SplatChange::Some { .. }, None) => {}
             (SplatChange::All(_), pending) => *pending = None,
         }
@@ -198,14 +203,20 @@ impl GpuViewPainter {
         request: &PictureRequest,
         splats: &SplatSet,
     ) -> Result<DrawSample, ViewPaintError> {
+        // Any fault ends this painter, even one of egui's drawing: both use one device, and a fault
+        // does not say whose it is.
         if let Some(fault) = self.faults.take().into_iter().next() {
             return Err(ViewPaintError::Fault(fault.message));
         }
+        // Uploaded before an order is set, which is refused if it names splats
+        // that are not there yet.
         let mut sample = DrawSample::new(self.upload(splats)?);
         self.sort(request);
         sample.add(DrawStage::Order, self.sort_ms);
         self.draw(request, &mut sample)?;
         self.compose(request)?;
+        // egui keeps the callback until the window's pass, where `self` is out of its reach: hence
+        // the shared compositor.
         let callback = PaintScene(self.compositor.clone());
         ui.painter().add(egui_wgpu::Callback::new_paint_callback(rect, callback));
         Ok(sample)
@@ -223,6 +234,8 @@ impl GpuViewPainter {
             Ok(())
         };
         draw(&mut self.renderer, &request.options)?;
+        // A second renderer and not the first again: a renderer holds one camera and one
+        // image for each submission.
         if let Some(ComparedPicture { partner: Partner::Splats(options), .. }) = &request.second {
             if self.second.is_none() {
                 self.second = Some(SplatRenderer::new(device, queue, OrderOf::Second)?);
@@ -231,6 +244,7 @@ impl GpuViewPainter {
                 draw(second, options)?;
             }
         }
+        // Before egui submits the window's pass, which reads these images from the same queue.
         queue.submit([encoder.finish()]);
         Ok(())
     }
@@ -263,6 +277,8 @@ impl GpuViewPainter {
     fn upload(&mut self, splats: &SplatSet) -> Result<u64, GpuError> {
         let bytes = match self.pending.take() {
             None => {
+                // Buffers are kept over replacements, since scenes grow again; only those of a far
+                // larger scene are given back.
                 if self.scene.capacity() > IDLE_ROOM * splats.len() {
                     self.scene = GpuScene::new(&self.device, &self.queue, &[])?;
                 }
@@ -283,6 +299,8 @@ impl GpuViewPainter {
             _ => None,
         };
         let asked = (request.camera, request.options, second);
+        // It may be of an older view, which nobody sees for a frame or two
+        // (`rendering.md`, Uploads).
         if let Some(sorted) = self.sorter.take() {
             self.sort_ms = Some(sorted.ms);
             let orders = [(OrderOf::First, Some(sorted.first)), (OrderOf::Second, sorted.second)];
@@ -292,6 +310,8 @@ impl GpuViewPainter {
                 self.is_stale |= set.is_some_and(|set| set.is_err());
             }
         }
+        // Not while one is being sought: that wakes the window, which then
+        // asks for the newest view.
         if (self.is_stale || self.sorted_for != Some(asked)) && !self.sorter.is_busy() {
             self.sorter.ask(asked, Announce::Wake);
             self.sorted_for = Some(asked);

@@ -40,6 +40,8 @@ fn keep_open(
             }
             Ok((Leave::DeviceLost, lived)) => {
                 ever_open = true;
+                // Counted anew after a good while: a run of many hours may lose its device now and
+                // then, but one that is lost at every start will be lost again.
                 losses = if lived >= WELL_AFTER { 1 } else { losses + 1 };
                 if losses <= MAX_LOSSES {
                     tell(NoticeKind::Error, "the graphics device was lost and the window with it; this is a new window, training went on meanwhile".to_owned());
@@ -50,6 +52,9 @@ fn keep_open(
             Err(error @ WindowError::Crashed(_)) => return Err((error, ever_open)),
             Err(error) => error,
         };
+        // A first window that wgpu's own choice cannot open is left to the caller, who
+        // has something to do without one. The software adapter is for a run that
+        // would lose its window.
         let next = match (&adapter, ever_open) {
             (AdapterChoice::Software, true) | (AdapterChoice::Auto, false) => {
                 return Err((failure, ever_open));
@@ -77,6 +82,7 @@ pub fn run(
     started: Instant,
 ) -> Result<(), WindowError> {
     let adapter = adapter.unwrap_or_else(adapter_memory::remembered);
+    // Asked first: without a display nothing has to be started, and the message is its own.
     if !has_display() {
         return Err(WindowError::NoDisplay);
     }
@@ -96,6 +102,7 @@ pub fn run(
             Some(crash) => Err(WindowError::Crashed(Box::new(crash))),
         },
         Err((error @ WindowError::Crashed(_), _)) => Err(error),
+        // The worker goes along with the error: dropping it would end the training.
         Err((error, ever_open)) if ever_open && host.is_at_work() => {
             Err(WindowError::Gone(Box::new(error), Unattended::new(host.worker)))
         }
@@ -117,6 +124,8 @@ impl Host {
     fn new(started: Instant) -> std::io::Result<Self> {
         let context: Arc<Mutex<Option<Context>>> = Arc::default();
         let window = context.clone();
+        // One waker for all windows: the thread outlives each of them, so it
+        // looks up which is open.
         let waker: Waker = Arc::new(move || {
             if let Some(context) = &*window.lock().unwrap_or_else(PoisonError::into_inner) {
                 context.request_repaint();
@@ -139,6 +148,7 @@ impl Host {
         let exit = Exit::default();
         let (word, worker, context) = (exit.clone(), self.worker.clone(), self.context.clone());
         let (started, shown) = (self.started, self.shown.clone());
+        // Cloned and not taken: a window that fails to open has given none of them.
         let orders = first.clone();
         let create = move |creation: &eframe::CreationContext<'_>| {
             let window = creation.egui_ctx.clone();
@@ -148,11 +158,15 @@ impl Host {
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
         let options = native_options(adapter);
+        // All windows run on this thread: winit allows one event loop in a process, which eframe
+        // keeps by thread to run it again.
         let ended = guarded(&self.worker, &exit, || {
             Ok(eframe::run_native("vbgs-studio", options, Box::new(create))?)
         });
+        // After an error too: the waker must not hold the context of a window that is gone.
         *self.context.lock().unwrap_or_else(PoisonError::into_inner) = None;
         ended?;
+        // The next window finds everything opened and lacks the splats only.
         *first = vec![WorkerOrder::Deliver];
         Ok(exit.why())
     }
@@ -166,6 +180,7 @@ fn tell_caveat(
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
     let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
+    // A lost device brings the same adapter back, of which the user knows already.
     if let Some(text) = caveat.clone().filter(|_| *shown != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }

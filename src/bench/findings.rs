@@ -6,11 +6,11 @@
 
 use crate::bench::plot::draw::PlotError;
 use crate::dataset::synthetic::ParamsError;
+use crate::eval::machine;
 use crate::eval::report::MachineReport;
 use crate::eval::views::EvalError;
 use crate::math::image::RgbImage;
 use crate::pipeline::error::SessionError;
-use crate::pipeline::machine;
 use crate::pipeline::prefetch::SpawnError;
 #[cfg(feature = "gui")]
 use crate::render::gpu::headless::HeadlessError;

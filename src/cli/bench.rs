@@ -117,6 +117,7 @@ fn measure(
     args: &CommonArgs,
     work: impl FnOnce(Progress) -> Result<Bench, BenchError>,
 ) -> Result<(), Failure> {
+    // Before minutes of work whose result would have no place.
     output::create_folder(&args.out)?;
     let bench = progress::steps("bench", work)?;
     let file = |extension: &str| -> PathBuf { args.out.join(bench.name).with_extension(extension) };

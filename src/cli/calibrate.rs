@@ -11,6 +11,7 @@ use vbgs_studio::dataset::calibration::Calibration;
 
 /// Searches as asked.
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
+    // Read before the recording is opened, so that a mistake in it is said at once.
     let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
     let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
     announce(&dataset);

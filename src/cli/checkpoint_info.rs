@@ -6,7 +6,8 @@ use super::output;
 use serde::Serialize;
 use std::path::PathBuf;
 use vbgs_studio::dataset;
-use vbgs_studio::pipeline::checkpoint::{Fingerprint, SavedRun};
+use vbgs_studio::dataset::fingerprint::Fingerprint;
+use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::run::RunConfig;
 
 #[derive(Serialize)]
@@ -38,9 +39,10 @@ struct CheckpointInfo {
 /// Reads all of it, and looks whether its dataset is still there.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let run = SavedRun::read(&args.path)?;
+    // Revived, not read only: what is drawn follows from the sums and is stored nowhere.
     let learner = run.revive()?.learner;
     let (used, components) = (learner.used(), learner.components());
-    let drawn = learner.splats().iter().filter(|splat| splat.is_drawable()).count();
+    let drawn = learner.stored_splats().iter().filter(|splat| splat.is_drawable()).count();
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
     let SavedRun { version, bytes, config, meta, content, .. } = run;
     let cursor = &content.cursor;
@@ -77,6 +79,7 @@ fn dataset_defect(run: &SavedRun) -> Option<String> {
         None => dataset.training_split(),
     };
     let difference = match split {
+        // Without a difference there is no defect: `?` ends with `None`.
         Ok(split) => run.meta.fingerprint.difference(&Fingerprint::of(&dataset, split))?,
         Err(error) => error.to_string(),
     };

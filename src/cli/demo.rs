@@ -19,6 +19,7 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     output::line(format!("{reason}: training the demo headless into {FOLDER}/"));
     let interrupt = Interrupt::listen()?;
     let mut session = demo::session(SceneOverrides::default())?;
+    // Ctrl-C ends the training, not the command: files of what was learnt are written all the same.
     let finished = train::train(&mut session, &interrupt, |_, _| ())?;
     let out = Path::new(FOLDER);
     output::create_folder(out)?;
@@ -27,6 +28,7 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     write(
         &out.join("scene.glb"),
         &splats,
+        // The room is made in metres; what is not known to be is written without a unit.
         &WriteOptions { metric: true, ..WriteOptions::new(ModelFormat::Glb) },
     )?;
     let camera = session.dataset().splits[session.plan().split].frames[0].camera;

@@ -20,6 +20,7 @@ struct EvalOutput {
 
 /// Measures as asked.
 pub fn run(args: &EvalArgs) -> Result<(), Failure> {
+    // Wrong usage first: models and datasets take seconds to read.
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let model = model::load(&args.model)?;
     let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
@@ -58,6 +59,7 @@ fn choose_views(dataset: &Dataset, args: &EvalArgs) -> Result<(usize, Vec<usize>
             (split, (0..dataset.splits[split].frames.len()).collect())
         }
         None => {
+            // A dataset without depth has no split to train on, but photographs to compare with.
             let evaluation = dataset.evaluation(dataset.training_split().unwrap_or(0));
             eprintln!("note: evaluating on {}", evaluation.why);
             (evaluation.split, evaluation.frames)

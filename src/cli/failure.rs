@@ -31,14 +31,18 @@ impl Failure {
                 ExitCode::FAILURE
             }
             Self::Usage(message) => {
+                // In the form of clap's own errors, which are the other half of wrong usage.
                 eprintln!("error: {message}\n\nFor more information, try '--help'.");
                 ExitCode::from(2)
             }
+            // As shells report a process ended by Ctrl-C: 128 and the number of the signal.
             Self::Interrupted => ExitCode::from(130),
         }
     }
 }
 
+// Legal only while `Failure` is no error itself: it would then be covered twice, the other time by
+// the `From<T> for T` of the standard library.
 impl<E: Into<anyhow::Error>> From<E> for Failure {
     fn from(error: E) -> Self {
         let error = error.into();

@@ -9,7 +9,6 @@ use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{self, Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::model::splat::splats::bounds;
-use vbgs_studio::pipeline::session::layout_name;
 
 #[derive(Serialize)]
 struct DatasetInfo {
@@ -72,7 +71,7 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
         dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
     DatasetInfo {
         path: args.path.display().to_string(),
-        layout: layout_name(dataset.layout),
+        layout: dataset.layout.name(),
         recognised_by: dataset.recognised_by.clone(),
         splits,
         evaluation,
@@ -93,6 +92,7 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
         match dataset.load(split, index) {
             Err(error) => defects.push(error.to_string()),
             Ok(frame) => {
+                // Trusted or not: this is what `--depth-range` is chosen by.
                 let depth = frame.depth_z().map(|d| d.data).unwrap_or_default();
                 for z in depth.into_iter().filter(|&z| z > 0.0).map(f64::from) {
                     range = Some(range.map_or([z, z], |[lo, hi]| [lo.min(z), hi.max(z)]));
@@ -102,6 +102,7 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
         bar.inc(1);
     }
     bar.finish_and_clear();
+    // Opened datasets have no empty splits.
     let k: &Intrinsics = &frames[0].camera.intrinsics;
     SplitInfo {
         name: dataset.splits[split].name.clone(),

@@ -15,6 +15,8 @@ impl Interrupt {
         let flag = asked.clone();
         ctrlc::set_handler(move || {
             if flag.swap(true, Ordering::SeqCst) {
+                // The first waits for the end of a frame, which may be long. No file is left half
+                // written: each gets its name when it is whole.
                 std::process::exit(130);
             }
         })?;

@@ -38,6 +38,7 @@ const MAX_THREADS: usize = 1024;
 /// Runs the command the process was started with. Exit status: 0 done, 1 the work failed, 2 wrong
 /// usage, 130 interrupted.
 pub fn run() -> ExitCode {
+    // Taken first: the log says how long it took from here until splats were visible.
     let started = Instant::now();
     let arguments = Arguments::from_command_line();
     start_logging();
@@ -48,6 +49,7 @@ pub fn run() -> ExitCode {
 }
 
 fn dispatch(arguments: Arguments, started: Instant) -> Result<(), Failure> {
+    // Before any work: the global pool is made at its first use and cannot be changed then.
     set_threads(arguments.threads)?;
     match arguments.command {
         None => open_window(arguments, started),
@@ -104,6 +106,7 @@ fn start_logging() {
     let level = std::env::var("VBGS_LOG").unwrap_or_else(|_| "warn".to_owned());
     let quiet = "eframe=off,winit=error,egui_wgpu=error,wgpu_core=error,wgpu_hal=off,naga=error";
     let filter = EnvFilter::try_new(format!("{level},{quiet}"))
+        // A level that cannot be read must not keep the program from its work.
         .unwrap_or_else(|_| EnvFilter::new(format!("warn,{quiet}")));
     tracing_subscriber::fmt()
         .with_env_filter(filter)

@@ -61,10 +61,8 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
 
 /// Comment lines of files that name a conversion other than the plain one.
 pub fn conversion_comments(method: &Method) -> Vec<String> {
-    match method {
-        Method::Paper(config) if config.conversion.form == CovarianceForm::LegacyCholesky => {
-            vec!["vbgs legacy-cov".to_owned()]
-        }
-        Method::Paper(_) | Method::Scene(_) => Vec::new(),
+    match method.any().covariance_form() {
+        CovarianceForm::LegacyCholesky => vec!["vbgs legacy-cov".to_owned()],
+        CovarianceForm::Eigen => Vec::new(),
     }
 }

@@ -18,6 +18,7 @@ use vbgs_studio::math::image::RgbImage;
 /// One line for people.
 pub fn line(text: impl std::fmt::Display) {
     // A closed pipe is the reader's choice, not an error of ours.
+    // `println!` would panic on it.
     let _ = writeln!(std::io::stdout(), "{text}");
 }
 

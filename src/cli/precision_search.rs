@@ -9,6 +9,7 @@ use vbgs_studio::bench::paper::precision_search::SearchPlan;
 
 /// Searches as asked.
 pub fn run(args: &PrecisionSearchArgs) -> Result<(), Failure> {
+    // The plan checks the bound, so it is made before the dataset is opened.
     let mut plan = SearchPlan::new(args.common.options(args.max_frames), args.bound)?;
     plan.components = args.components.unwrap_or(plan.components);
     let dataset = open(Some(&args.dataset), &args.depth)?;

@@ -22,6 +22,7 @@ pub fn bar(n: usize, what: &'static str) -> ProgressBar {
 pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> T) -> T {
     let bar = bar(0, what);
     let result = work(&mut |done, all| {
+        // Known only now: how many steps there are depends on the data.
         bar.set_length(all as u64);
         bar.set_position(done as u64);
     });

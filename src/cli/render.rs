@@ -23,6 +23,7 @@ const DEFAULT_ELEVATION: f64 = 25.0;
 pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(args.lens)?;
     check_fov(args)?;
+    // Said before the model is read, which takes longer.
     if args.turntable.is_none() && !is_png(&args.output) {
         return Err(Failure::Usage(format!(
             "--output: expected a name ending in .png, found {}",
@@ -105,6 +106,7 @@ fn render_view(
     };
     let options = |method| RenderOptions {
         exposing: args.exposure,
+        // Not as the viewport draws: this is the picture that `eval` scores.
         ..RenderOptions::evaluation(method, args.background)
     };
     let camera = photographed.map_or(entry.camera, |color| color.beside(&entry.camera));
@@ -164,6 +166,7 @@ fn named(path: &Path, method: RenderMethod) -> PathBuf {
 
 fn check_fov(args: &RenderArgs) -> Result<(), Failure> {
     let (is_fine, most) = match args.lens {
+        // Towards 180 degrees the image plane of a pinhole grows without bound.
         Lens::Pinhole => (args.fov < 170.0, "less than 170"),
         Lens::Fisheye => (args.fov <= 360.0, "at most 360"),
     };

@@ -16,7 +16,7 @@ use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::session::{Session, Step};
-use vbgs_studio::pipeline::settings::method::{Method, MethodRequest};
+use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
@@ -44,7 +44,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let end = train(&mut session, &interrupt, |session, bar| {
         if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
-            early.push((session.visited(), session.splats()));
+            early.push((session.visited(), session.stored_splats()));
         }
         let due = args.autosave_frames.is_some_and(|n| learnt(session).is_multiple_of(n));
         if due && let Err(error) = session.save_keeping_old(&checkpoint) {
@@ -93,7 +93,7 @@ fn note(session: &Session) {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
-    if takes_known_calibration(session) {
+    if session.config().method.assumes_calibration(session.dataset()) {
         eprintln!("note: {KNOWN_CALIBRATION}");
     }
     let memory = session.memory();
@@ -106,15 +106,6 @@ fn note(session: &Session) {
 }
 
 const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another, `vbgs-studio calibrate DATASET` checks it";
-
-/// Whether colours come from what is known of the layout's cameras.
-fn takes_known_calibration(session: &Session) -> bool {
-    let known = session.dataset().known_calibration();
-    match &session.config().method {
-        Method::Scene(run) => known.is_some() && run.surface.calibration == known,
-        Method::Paper(_) => false,
-    }
-}
 
 /// Frames learnt over the whole run.
 fn learnt(session: &Session) -> usize {
@@ -246,7 +237,7 @@ fn measure(
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
     let views = (split, &frames[..]);
-    let splats = session.splats();
+    let splats = session.stored_splats();
     let found = quality::measure((&splats).into(), dataset, views, comparison)?;
     Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
 }

@@ -23,6 +23,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let adapter = adapter.map(AdapterChoice::parse);
     if let Some(choice) = &adapter {
+        // Asked before the window is: a wrong name is wrong usage, no reason to train the demo.
         let unknown = |e: adapters::UnknownAdapter| Failure::Usage(format!("--{e}"));
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }

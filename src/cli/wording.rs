@@ -4,11 +4,12 @@
 use std::error::Error;
 use vbgs_studio::bench::findings::BenchError;
 use vbgs_studio::calibrate::CalibrateError;
+use vbgs_studio::dataset::surface::sample::DepthAdvice;
 use vbgs_studio::eval::views::EvalError;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::memory::MemoryError;
+use vbgs_studio::pipeline::settings::scene::SceneError;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::pipeline::settings::scene::{DepthAdvice, SceneError};
 use vbgs_studio::train::candidates::IndexError;
 use vbgs_studio::train::paper::config::PaperOverrides;
 use vbgs_studio::train::setting::ConfigError;
@@ -53,6 +54,8 @@ pub fn error(error: &anyhow::Error) -> String {
 
 /// The text of an error whose advice or subject is an option.
 fn by_options(error: &(dyn Error + 'static)) -> Option<String> {
+    // The library's texts are edited, not written anew, since their numbers stand there alone. A
+    // sentence that is reworded there passes here as it is, without its option.
     let text = || error.to_string();
     if let Some(config) = error.downcast_ref() {
         Some(wrong_setting(config))
@@ -105,9 +108,7 @@ fn scene_error(error: &SceneError) -> Option<String> {
                 .replace("structural scale: ", "--scale: ")
                 .replace("set the depth scale", "say so with --depth-scale"),
         ),
-        SceneError::NoPoints { advice, .. } => {
-            Some(error.to_string().replace(&advice.to_string(), &depth_advice(advice)))
-        }
+        SceneError::NoPoints(none) => Some(none.saying(&depth_advice(&none.advice))),
         SceneError::Config(_) => None,
     }
 }
@@ -145,6 +146,7 @@ fn calibrate_error(error: &CalibrateError) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use vbgs_studio::dataset::surface::sample::NoUsableDepth;
     use vbgs_studio::pipeline::error::SessionError;
 
     fn said(found: impl Error + Send + Sync + 'static) -> String {
@@ -170,12 +172,14 @@ mod tests {
         let text = said(SessionError::from(noise));
         assert!(text.starts_with("--scale: expected at least"), "{text}");
         assert!(text.ends_with("say so with --depth-scale"), "{text}");
-        let points = |advice| SceneError::NoPoints {
-            dataset: "room".into(),
-            trusted: "range from 0.3 on".into(),
-            found: "no depth at all".into(),
-            frames: 3,
-            advice,
+        let points = |advice| {
+            SceneError::from(NoUsableDepth {
+                dataset: "room".into(),
+                trusted: "range from 0.3 on".into(),
+                found: "no depth at all".into(),
+                frames: 3,
+                advice,
+            })
         };
         let unit = DepthAdvice::OtherUnit { unit: "millimetres", factor: 0.001 };
         let text = said(SessionError::from(points(unit)));

@@ -28,6 +28,7 @@ use std::path::{Path, PathBuf};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+// People edit this file: a misspelt field must not become a correction that is silently left out.
 #[serde(default, deny_unknown_fields)]
 pub struct Calibration {
     /// The camera that took the colour images; `None` where they are registered to depth.

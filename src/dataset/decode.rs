@@ -108,6 +108,8 @@ fn decode(path: &Path) -> Result<DynamicImage, FrameProblem> {
     // Read whole first: whether a JPEG ends is asked of its bytes before they are decoded.
     let bytes = std::fs::read(path)?;
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format()?;
+    // A decoder fills the rest of a truncated JPEG with grey and says nothing; a truncated PNG it
+    // refuses by itself.
     if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(&bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
@@ -125,6 +127,7 @@ fn guarded<T>(read: impl FnOnce() -> Result<T, FrameProblem>) -> Result<T, Frame
 /// stuffed, so `FF D9` there cannot be data; thumbnails lie in segments before it.
 fn jpeg_ends(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
+    // Behind the start-of-image marker, which carries no length.
     let mut at = 2;
     while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
         if marker == START_OF_SCAN {

@@ -1,7 +1,6 @@
 //! What a dataset is recognised by, without decoding an image.
 
-use crate::dataset::{Dataset, FrameEntry};
-use crate::pipeline::session::layout_name;
+use super::{Dataset, FrameEntry};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -51,7 +50,7 @@ impl Fingerprint {
             }
         }
         Self {
-            layout: layout_name(dataset.layout).to_owned(),
+            layout: dataset.layout.name().to_owned(),
             split: split.name.clone(),
             frames: split.frames.len(),
             size: [first.camera.intrinsics.width, first.camera.intrinsics.height],

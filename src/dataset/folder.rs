@@ -23,6 +23,8 @@ pub(super) struct Folder {
 
 /// What one folder holds, by name.
 pub(super) struct FolderListing {
+    // Sorted: a system lists a folder in any order, and frames without a list come in that of
+    // names.
     entries: BTreeMap<String, EntryKind>,
 }
 
@@ -66,6 +68,8 @@ impl Folder {
         name: &str,
     ) -> Result<PathBuf, FrameProblem> {
         let relative = folder.join(name);
+        // Only a link can lead out: `folder` was checked when it was listed, and `name` is listed.
+        // Resolving every frame's path would ask the system once a file.
         if listing.entries.get(name) == Some(&EntryKind::Link) {
             self.inside(&relative)?;
         }
@@ -160,6 +164,7 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
 /// The start of a small text file; bytes that are no UTF-8 become replacement characters.
 pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
     let mut bytes = Vec::new();
+    // Bounded: what a foreign dataset calls a pose may be of any length.
     std::fs::File::open(path)?.take(SMALL_TEXT_LIMIT).read_to_end(&mut bytes)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }

@@ -119,6 +119,7 @@ impl Frame {
     /// [`FrameProblem::NoDepth`] of a frame with colour only.
     pub(super) fn depth_to_use(&self) -> Result<&Depth, FrameError> {
         self.depth.as_ref().ok_or_else(|| FrameError {
+            // A frame in memory no longer knows its files; its name stands for them.
             file: self.name.clone().into(),
             frame: self.name.clone(),
             problem: FrameProblem::NoDepth,
@@ -170,6 +171,7 @@ impl DepthBuffer<'_> {
     fn depth(&self, size: (u32, u32)) -> Result<Depth, FrameProblem> {
         check_length("lengths of depth", self.lengths.len(), size, 1)?;
         let [near, far] = self.trusted;
+        // Negated, so that NaN is refused as well.
         if !(near >= 0.0 && near < far) {
             return Err(FrameProblem::TrustedDepth { near, far });
         }

@@ -74,11 +74,13 @@ fn shorten(text: &str) -> String {
 }
 
 fn from_rows(values: &[f64; 16]) -> DMat4 {
+    // Files hold rows, glam takes columns.
     DMat4::from_cols_array(values).transpose()
 }
 
 /// Row-major text of a matrix with all digits, one row per line.
 pub(super) fn to_text(matrix: &DMat4) -> String {
+    // `{:e}` writes the fewest digits that read back as the same number.
     let row = |r: DVec4| format!("{:e} {:e} {:e} {:e}\n", r.x, r.y, r.z, r.w);
     (0..4).map(|i| row(matrix.row(i))).collect()
 }

@@ -19,6 +19,7 @@
 pub mod calibration;
 pub mod depth;
 pub mod error;
+pub mod fingerprint;
 pub mod formats;
 pub mod frame;
 pub mod range;

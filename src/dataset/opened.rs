@@ -58,9 +58,11 @@ pub struct Dataset {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
+    // Before any file is touched: a wrong option is wrong usage, whatever the folder holds.
     options.check()?;
     let folder = Folder::open(path)?;
     let (layout, recognised_by, parsed) = formats::parse(&folder, options)?;
+    // Of the resolved path: `.` has no last part of its own.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
     let dataset = Dataset {
         name: name.unwrap_or_else(|| "dataset".to_owned()),
@@ -82,6 +84,7 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
 
 fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
     let skipped = warnings.len();
+    // Nobody else holds the warnings yet, so that the first error can be taken out of its `Arc`.
     match warnings.into_iter().next().and_then(|w| Arc::into_inner(w.error)) {
         Some(first) => {
             DatasetError::NoUsableFrame { path: path.to_owned(), skipped, first: Box::new(first) }

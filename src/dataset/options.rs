@@ -14,6 +14,7 @@ pub struct LoadOptions {
 impl LoadOptions {
     /// Whether every number lies in its range.
     pub(super) fn check(&self) -> Result<(), DatasetError> {
+        // Both are negated, so that NaN is refused too; an infinite far end is legal.
         if let Some(scale) = self.depth_scale.filter(|s| !(s.is_finite() && *s > 0.0)) {
             return Err(DatasetError::Option {
                 setting: "depth scale",

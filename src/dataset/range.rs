@@ -77,6 +77,8 @@ fn sample(
         for column in (STRIDE / 2..width).step_by(STRIDE) {
             let value = depth.value_at(column, row).filter(|v| depth.trusts(*v));
             let Some(value) = value else { continue };
+            // Exact whatever the run's convention: the published one holds for Blender layouts
+            // alone, whose range is known and never estimated.
             let local = camera_point(k, CameraConvention::Exact, depth.kind, [column, row], value);
             let world = frame.camera.pose.transform_point(local);
             for (axis, v) in axes.iter_mut().zip(world.to_array()) {

@@ -226,6 +226,7 @@ impl Unprojector {
         match &depth.codes {
             DepthCodes::Inverse8(codes) => {
                 self.judge_levels(frame, depth, codes, settings.filter, &mut tally);
+                // Holes get 0, which is never read: they are not kept.
                 let lengths: [f64; 256] =
                     std::array::from_fn(|d| decode_inverse8(d as u8).unwrap_or(0.0));
                 self.emit(frame, depth.kind, settings, out, |i| lengths[codes.data[i] as usize]);
@@ -358,6 +359,7 @@ impl Unprojector {
                         let local = local_point(self.columns[column], slope_y, kind, length(i));
                         let p = (rotation * local + origin).as_vec3();
                         let [r, g, b, _] = frame.color.data[i].map(|c| channel[c as usize]);
+                        // What the largest element beside a NaN is depends on the machine.
                         if p.abs().max_element() <= MAX_COORDINATE && !p.is_nan() {
                             out.push([p.x, p.y, p.z, r, g, b]);
                         }

@@ -88,6 +88,7 @@ pub fn measure<'a>(
     let splats = splats.into();
     let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, _, loaded: Result<Frame, FrameError>| {
+        // Unusable files are named where views are scored.
         let frame = loaded.ok()?;
         let surfaces = Surfaces::of(&frame, sensor)?;
         in_view(frame.name, &surfaces, splats, render, renderer)
@@ -146,6 +147,7 @@ impl Cracks {
             n_over[0] += usize::from(transmittance > 0.1);
             n_over[1] += usize::from(transmittance > 0.3);
         }
+        // NaN where there are none, which the last line throws away.
         let [over_01, over_03] = n_over.map(|n| n as f64 / n_interior as f64);
         let interior = n_interior as f64 / interior.data.len() as f64;
         (n_interior > 0).then_some(Self { interior, over_01, over_03 })

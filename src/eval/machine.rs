@@ -1,6 +1,6 @@
 //! What the machine says about itself.
 
-use crate::eval::report::MachineReport;
+use super::report::MachineReport;
 use crate::math::simd::Isa;
 use std::fs;
 

@@ -55,6 +55,7 @@ pub fn seen(
     options: &EvalOptions,
 ) -> Result<Option<SeenReport>, EvalError> {
     let (report, _) = evaluate(splats, dataset, split, frames, options, |_| ())?;
+    // As many views could be scored as frames were learnt: unusable files are neither.
     let EvalReport { views: after_frames, renderer, seen_mean, .. } = report;
     Ok(seen_mean.map(|seen| SeenReport { after_frames, renderer, seen }))
 }

@@ -129,6 +129,7 @@ pub fn depth_error(
 /// Mean and population standard deviation (ddof 0); NaN for no values.
 pub fn mean_std(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
+    // Two passes: views score nearly alike, and a difference of squares would cancel.
     let mean = values.iter().sum::<f64>() / n;
     let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n;
     (mean, variance.sqrt())

@@ -19,6 +19,7 @@ pub const REPORT_FORMAT: &str = "vbgs-report/1";
 
 /// Everything a training run says about itself.
 #[derive(Clone, Debug, Serialize)]
+// Generic: settings belong to the pipeline, which this room may not know.
 pub struct Report<C> {
     /// Version tag, [`REPORT_FORMAT`], for programs that read reports.
     pub format: &'static str,

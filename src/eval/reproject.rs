@@ -59,14 +59,16 @@ impl Reprojection {
         // Casts below saturate, so squares that reach beyond the image end at its border.
         let span = |axis: usize, size: usize| {
             let (lo, hi) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
-            // Casts saturate, so what lies outside ends at the border.
+            // Pixels have their centres at +½.
             (lo - 0.5).ceil() as usize..((hi + 0.5).floor() as usize).min(size)
         };
+        // On a plane 1/z is affine in the image, z is not.
         let inverse_z = corners.map(|corner| 1.0 / corner.z);
         for row in span(1, self.z.height) {
             for column in span(0, self.z.width) {
                 let pixel = [column as f32 + 0.5, row as f32 + 0.5];
                 let parts = [cross(b, c, pixel), cross(c, a, pixel), cross(a, b, pixel)];
+                // Either winding: a square seen from behind hides what lies beyond it as well.
                 if parts.iter().any(|part| part * area.signum() < -EDGE_SLACK) {
                     continue;
                 }

@@ -54,6 +54,8 @@ pub fn ssim<R: Real>(
     let (isa, window) = (Isa::best(), gaussian_window());
     let n_rows = height + 2 * pad + 1 - SSIM_WINDOW;
     // Collected, not reduced: the order of a parallel sum would show in the last digits.
+    // Rows share nothing but the images: each sums its eleven rows of pixels anew, so that any
+    // thread can take it and no rounding is carried from row to row.
     let row_sums: Vec<f64> = (0..n_rows)
         .into_par_iter()
         .map_init(Vec::new, |moments, row| {

@@ -83,6 +83,7 @@ impl Surfaces {
         let width = self.z.width;
         let corner = |(i, &z): (usize, &f32)| {
             let p = there_from_here * (here.ray(i % width, i / width) * f64::from(z)) + shift;
+            // f64 up to here: far from the world's origin f32 would move the pixel.
             (z > 0.0 && p.z as f32 > near).then(|| Corner {
                 at: [there.fx * p.x / p.z + there.cx, there.fy * p.y / p.z + there.cy]
                     .map(|x| x as f32),

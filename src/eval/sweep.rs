@@ -23,6 +23,7 @@ pub fn over_views<T: Send>(
     let mut found = Vec::with_capacity(views.len());
     // In batches of as many views as renderers: each keeps its buffers, and results come in order.
     for batch in views.chunks(at_once) {
+        // One view a task: with two in one another renderer would wait.
         let visited = renderers.par_iter_mut().zip(batch).with_max_len(1);
         found.par_extend(
             visited.map(|(renderer, &index)| visit(renderer, index, dataset.load(split, index))),

@@ -4,6 +4,7 @@
 pub fn text<const N: usize>(header: [&str; N], rows: &[[String; N]]) -> String {
     let lines: Vec<[String; N]> =
         std::iter::once(header.map(str::to_owned)).chain(rows.iter().cloned()).collect();
+    // By characters, as `format!` pads.
     let width = |i: usize| lines.iter().map(|l| l[i].chars().count()).max().unwrap_or(0);
     let widths: [usize; N] = std::array::from_fn(width);
     let starts_a_word = |cell: &String| cell.starts_with(|c: char| c.is_alphabetic() || c == '+');

@@ -115,6 +115,7 @@ pub fn evaluate<'a>(
     let mut scores = Vec::with_capacity(views.len());
     for visited in over_views(dataset, split, views, visit, progress) {
         match visited {
+            // Too small for SSIM are all views of a split or none, so that no file is to blame.
             Ok(score) => scores.push(score?),
             Err(frame) => skipped.push(frame),
         }
@@ -146,6 +147,7 @@ pub fn ground_truth(frame: &Frame, kind: GroundTruth, background: [f32; 3]) -> R
             GroundTruth::Rgb => rgb,
             GroundTruth::Composited => {
                 let alpha = a as f32 / 255.0;
+                // As encoded, not in linear light: so do renderers (`rendering.md`, Conventions).
                 std::array::from_fn(|i| alpha * rgb[i] + (1.0 - alpha) * background[i])
             }
         }

@@ -1,4 +1,8 @@
 //! Files appear whole or not at all (`export.md`, Atomic writing).
+//!
+//! Written beside the target, brought to the disk, then renamed over it: at every moment the name
+//! stands for a whole file, the older or the newer one. Back-ups are second names of the older file
+//! rather than copies, where the file system has them.
 
 use super::error::{ExportError, Fault};
 use std::ffi::OsString;
@@ -106,6 +110,7 @@ fn write_through(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<u64, Fault> {
+    // Neither created nor emptied: the name may stand for something else since it was looked at.
     let stream = std::fs::OpenOptions::new()
         .write(true)
         .open(path)
@@ -131,6 +136,7 @@ fn fill_temporary(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(NamedTempFile, u64), Fault> {
+    // `/` and what ends in `..` have no name of their own.
     let Some(name) = path.file_name() else { return Err(Fault::IsFolder) };
     let folder = folder_of(path);
     if !folder.is_dir() {
@@ -139,6 +145,7 @@ fn fill_temporary(
     let mut prefix = OsString::from(".");
     prefix.push(name);
     prefix.push(format!(".{}.", std::process::id()));
+    // In the target's own folder: across file systems a rename is a copy, which may end half way.
     let temporary = create_temporary(folder, &prefix)
         .map_err(|source| Fault::Io { action: "create a file in this folder", source })?;
 
@@ -147,6 +154,7 @@ fn fill_temporary(
     let written = out.written;
     filled.map_err(failed("write", written))?;
     let temporary = out.inner.into_inner().map_err(|e| failed("write", written)(e.into_error()))?;
+    // Before the rename: else a crash may leave the new name with content that never arrived.
     temporary.as_file().sync_all().map_err(failed("bring the data to the disk", written))?;
     Ok((temporary, written))
 }

@@ -177,6 +177,7 @@ pub(super) fn shorten(text: &str) -> String {
 pub(super) fn reserved<T>(n: usize) -> Result<Vec<T>, Fault> {
     let mut items = Vec::new();
     let bytes = n as u64 * size_of::<T>() as u64;
+    // Sizes come from files: too large a one is to be a message, not the end of the program.
     items.try_reserve_exact(n).map_err(|_| Fault::OutOfMemory { bytes })?;
     Ok(items)
 }

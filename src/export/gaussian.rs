@@ -13,6 +13,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
 /// Opacities are kept this far from 0 and 1 where their logit is written (`export.md`, From splat
 /// to file).
+// Logits then end at ±13.8.
 const LOGIT_MARGIN: f64 = 1e-6;
 /// Quaternions shorter than this have no direction.
 const MIN_QUATERNION: f64 = 1e-12;

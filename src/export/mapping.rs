@@ -66,6 +66,8 @@ pub enum GradientSplit {
 impl Mapping {
     /// The opacity mapping that measured best with a split.
     pub fn of(split: GradientSplit) -> Self {
+        // On Lego four clipped splats gave 26.6 dB and two of equal area 26.5; single ones 26.1 of
+        // equal area, 25.7 clipped.
         let opacity = match split {
             GradientSplit::One | GradientSplit::Two => OpacityMapping::EqualArea,
             GradientSplit::Four => OpacityMapping::Clip,

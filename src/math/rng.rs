@@ -79,6 +79,7 @@ impl Rng {
     /// Standard normal (Box-Muller).
     pub fn normal(&mut self) -> f64 {
         // `uniform` may be 0, whose logarithm is infinite; 1 − it may not.
+        // The method gives two; keeping the other would take a state besides the counter.
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.uniform()).cos()
     }

@@ -209,6 +209,7 @@ fn jacobi_rotate(a: &mut [[f64; 3]; 3], v: &mut [[f64; 3]; 3], p: usize, q: usiz
     let c = 1.0 / (t * t + 1.0).sqrt();
     let s = t * c;
     let (app, aqq, apq) = (a[p][p], a[q][q], a[p][q]);
+    // What changes is added: the full formula would cancel where an eigenvalue is small.
     a[p][p] = app - t * apq;
     a[q][q] = aqq + t * apq;
     a[p][q] = 0.0;

@@ -8,6 +8,7 @@
 
 pub mod attributes;
 pub mod conjugate;
+pub mod inspection;
 pub mod paper;
 pub mod scene;
 pub mod splat;

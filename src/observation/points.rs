@@ -4,6 +4,7 @@
 use crate::math::real::Real;
 
 /// Points per tile when the source has no pixel structure.
+// As many as a tile of 8×8 pixels has.
 const DEFAULT_TILE: usize = 64;
 
 /// Points of one frame, normalised (see [`Normalization`](crate::math::normalization::Normalization)), grouped into tiles: sums are formed

@@ -8,6 +8,7 @@ use glam::DVec3;
 /// One measured point of a surface. Positions are relative to [`Observation::origin`], in world
 /// units along the world's axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+// A number follows each vector: 64 bytes without padding, which `Pod` would refuse.
 #[repr(C, align(16))]
 pub struct SurfacePoint {
     /// Position relative to [`Observation::origin`], world units.

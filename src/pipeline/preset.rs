@@ -3,7 +3,7 @@
 //! material. `pipeline/start.rs` is the one place that asks which preset a run follows; whoever
 //! needs less than the types asks [`AnyPreset`].
 
-use super::any_preset::AnyPreset;
+use super::any_preset::{AnyPreset, Revived};
 use super::error::SessionError;
 use super::mismatch::Mismatch;
 use super::prepare::Prepare;
@@ -55,4 +55,20 @@ pub struct Beginning<O> {
     pub learner: Box<dyn Learns<O>>,
     /// World to model coordinates.
     pub normalization: Normalization,
+}
+
+/// [`TypedPreset::restore`] for whoever does not ask what the learner learns from.
+///
+/// # Errors
+/// As [`TypedPreset::restore`].
+pub(super) fn revive<P: TypedPreset>(
+    preset: &P,
+    model: &StoredModel,
+    frames: u64,
+) -> Result<Revived, Mismatch>
+where
+    ObservationOf<P>: 'static,
+{
+    let Beginning { learner, normalization } = preset.restore(model, frames)?;
+    Ok(Revived { learner, normalization })
 }

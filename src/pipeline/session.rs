@@ -3,16 +3,14 @@
 use super::births::Births;
 use super::error::SessionError;
 use super::frame_loop::{FrameLoop, FrameStatus, SteppedFrame};
-use super::machine;
-use super::memory::Estimate;
 use super::past::Past;
-use super::plan::{Order, Plan, Selection};
+use super::plan::{Plan, Selection};
 use super::run::RunConfig;
-use super::settings::method::{Method, MethodRequest};
-use super::settings::scene::SceneRun;
+use super::settings::method::MethodRequest;
 use super::start::{Origin, frame_loop};
+use crate::dataset::Dataset;
 use crate::dataset::range;
-use crate::dataset::{Dataset, Layout};
+use crate::eval::machine;
 use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
@@ -20,6 +18,7 @@ use crate::math::normalization::Normalization;
 use crate::math::orbit::mean_up;
 use crate::model::splat::appearance::SplatSet;
 use crate::train::learner::Learner;
+use crate::train::memory::MemoryEstimate;
 use crate::train::outcome::FrameOutcome;
 use glam::DVec3;
 use std::sync::Arc;
@@ -80,15 +79,7 @@ impl Session {
         let seed = asked.seed();
         let plan = Plan::new(&dataset, &selection, seed)?;
         // A scene says best what is wrong with its depth.
-        let method = match asked {
-            MethodRequest::Paper(config) => Method::Paper(config),
-            MethodRequest::Scene(overrides) => {
-                // Frames in their own order: whatever is found in them is the same in any order.
-                let whole = Selection { order: Order::Sequential, ..selection.whole() };
-                let all = Plan::new(&dataset, &whole, seed)?;
-                Method::Scene(Box::new(SceneRun::new(&dataset, &all, &overrides)?))
-            }
-        };
+        let method = asked.on(&dataset, &selection)?;
         let range = range::estimate(&dataset, plan.split)?;
         let config = RunConfig::new(&dataset, method, selection, &range);
         let past = Past::none(&dataset, plan.split);
@@ -240,7 +231,7 @@ impl Session {
     }
 
     /// What the run takes of the machine's memory at most.
-    pub fn memory(&self) -> Estimate {
+    pub fn memory(&self) -> MemoryEstimate {
         self.config.method.any().memory(self.plan.pixels(&self.dataset))
     }
 
@@ -269,8 +260,8 @@ impl Session {
         self.learner().splats()
     }
 
-    /// The same in the order in which checkpoints hold the components: what files are made of, so
-    /// that equal models give equal files.
+    /// What files are made of and what is measured: in the order in which checkpoints hold the
+    /// components, so that equal models give equal files, and never more than the budget.
     pub fn stored_splats(&self) -> SplatSet {
         self.learner().stored_splats()
     }
@@ -282,7 +273,7 @@ impl Session {
 
     /// Components that are drawn.
     fn drawn(&self) -> usize {
-        self.splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
+        self.stored_splats().view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
 
     /// The report so far; `adapter` names the graphics adapter that draws, if any.
@@ -297,7 +288,7 @@ impl Session {
                     .path
                     .as_ref()
                     .map_or_else(|| self.dataset.name.clone(), |p| p.display().to_string()),
-                layout: layout_name(self.dataset.layout).to_owned(),
+                layout: self.dataset.layout.name().to_owned(),
                 split: split.name.clone(),
                 frames: self.plan.frames.len(),
                 width: first.map_or(0, |k| k.width),
@@ -319,9 +310,4 @@ impl Session {
             seen: Vec::new(),
         }
     }
-}
-
-/// As reports and `info` spell it.
-pub fn layout_name(layout: Layout) -> &'static str {
-    layout.name()
 }

@@ -78,6 +78,7 @@ struct Ownership {
 impl Ownership {
     fn count(&mut self, q: &[f64], n_components: usize) {
         self.rows.resize(n_components.max(self.rows.len()), (0.0, 0));
+        // Only rows of the last frame: a frame reaches few of the components.
         for id in self.ids.drain(..) {
             self.rows[id as usize] = (0.0, 0);
         }

@@ -66,6 +66,8 @@ impl Scoring {
     pub fn responsibilities<S: Real>(&self, distances: &mut [f64]) -> f64 {
         // Scores are of the order of 1e9 nats, of which f32 keeps hundreds: only differences to the
         // least mean anything.
+        // NaN loses every comparison here, but comes back through the sum, and the caller leaves
+        // the point out.
         let min = distances.iter().fold(f64::INFINITY, |min, &q| if q < min { q } else { min });
         let (scale, min) = (S::of(self.half_precision), S::of(min));
         let mut sum = S::ZERO;

@@ -17,56 +17,60 @@ use crate::model::stored::StoredModel;
 
 /// A model that learns. Components are numbered from 0; a number never changes its component.
 pub trait Learner: Send + Sync {
-    /// The stages of a frame, in the order they run.
+    /// The stages of a frame, in the order they run: the rows of every table of its times.
     fn stages(&self) -> &'static [TrainStage];
 
-    /// Frames learnt.
+    /// Frames learnt since the model began, those before a resumed checkpoint included.
     fn frames(&self) -> u64;
 
-    /// Components, used or not.
+    /// Components, used or not: one above the highest number. Slots of what is drawn are as many.
     fn components(&self) -> usize;
 
-    /// Components with points.
+    /// Components in use: with points in the published algorithm, with seeds in a scene.
     fn used(&self) -> usize;
 
-    /// Components that the last frame changed.
+    /// Components that the last frame changed: whose splats and attributes viewers ask for anew.
     fn changed(&self) -> Changed<'_>;
 
     /// Whether a frame changes components other than [`Self::changed`] says, by what it saw through
     /// them: these are told only when training rests.
     fn changes_unseen(&self) -> bool;
 
-    /// Bytes the model itself occupies.
+    /// Bytes the model itself occupies, without the buffers that learning takes.
     fn model_bytes(&self) -> usize;
 
-    /// Posterior of a component, normalised coordinates.
+    /// Posterior of a component. Positions are normalised, or of a scene in world units from its
+    /// origin; colours are normalised. For the inspector and attributes: no E-step reads it.
     fn posterior(&self, component: usize) -> ComponentPosterior;
 
-    /// What renderers draw of a component, world units; opacity 0 if nothing.
+    /// What renderers draw of a component, world units; opacity 0 if nothing. Formed on demand:
+    /// many at once come from [`Self::splats_of`], on all threads.
     fn splat(&self, component: usize) -> (Splat, Appearance);
 
     /// What renderers draw of all components, world units; slot `k` is component `k`.
     fn splats(&self) -> SplatSet;
 
-    /// What files hold of all components: those of [`Self::splats`] in an order in which equal
-    /// models give equal files.
+    /// What files hold and what is measured: the splats in an order in which equal models give equal
+    /// files, within the budget.
     fn stored_splats(&self) -> SplatSet {
         self.splats()
     }
 
-    /// What renderers draw of the listed components, in their order.
+    /// What renderers draw of the listed components, world units, in the order of the list: what a
+    /// viewer puts into their slots.
     fn splats_of(&self, components: &[u32]) -> SplatSet;
 
     /// Evidence of each component's points of the last frame, while somebody asks for it.
     fn component_elbo(&self) -> &ComponentElbo;
 
-    /// See [`Self::component_elbo`]: where it is asked for.
+    /// See [`Self::component_elbo`]: where sums are asked for, from the next frame on, or ended.
     fn component_elbo_mut(&mut self) -> &mut ComponentElbo;
 
-    /// What a user should know about the model as it stands.
+    /// What a user should know about the model as it stands, told when training ends; empty if all
+    /// points found their place.
     fn warnings(&self) -> Vec<TrainingWarning>;
 
-    /// What a checkpoint holds.
+    /// A copy of what a checkpoint holds: all that a run needs to go on with the same bits.
     fn stored(&self) -> StoredModel;
 }
 
@@ -84,8 +88,8 @@ pub trait Learns<Input>: Learner {
 /// Components that a frame changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Changed<'a> {
-    /// Each once.
+    /// These and no others, each once, in no particular order.
     Listed(&'a [u32]),
-    /// All there are.
+    /// All there are, whether or not they received a point.
     All,
 }

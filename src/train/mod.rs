@@ -6,6 +6,7 @@ pub mod candidates;
 pub mod component_elbo;
 pub mod estep;
 pub mod learner;
+pub mod memory;
 pub mod outcome;
 pub mod paper;
 pub mod scene;

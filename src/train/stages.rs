@@ -1,12 +1,13 @@
 //! What a frame's time is spent on, preset by preset. Each preset names its own stages, in the
 //! order they run: reports, spreadsheets and the latency panel show these names and no others.
 
-/// A stage of training one frame.
+/// A stage of training one frame. Its time is wall time, milliseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainStage {
-    /// Name of its field in reports and its column in spreadsheets.
+    /// Name of its field in reports and its column in spreadsheets. Files keep it: older reports
+    /// lose the times of one that is renamed.
     pub key: &'static str,
-    /// Name on screen.
+    /// Name on screen, in the latency panel.
     pub label: &'static str,
     /// What is done in it, for a tooltip.
     pub what: &'static str,
@@ -15,13 +16,13 @@ pub struct TrainStage {
 /// Stages of the published algorithm; numbers are positions in [`PAPER_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PaperStage {
-    /// Candidate search.
+    /// Candidate search, before the fit and in it.
     Candidates,
-    /// Scores and responsibilities.
+    /// Scores and responsibilities, before the fit and in it.
     EStep,
-    /// Sums per tile.
+    /// Sums per tile, which are not the model's yet.
     Stats,
-    /// Addition of the frame's sums to the model's.
+    /// Addition of the frame's sums to the model's, the one step that changes totals.
     Update,
     /// Choosing and moving components, and rebuilding the index.
     Reassign,
@@ -30,19 +31,19 @@ pub enum PaperStage {
 /// Stages of the scene preset; numbers are positions in [`SCENE_STAGES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SceneStage {
-    /// Correction of the frame's pose.
+    /// Correction of the frame's pose, where recorded poses are not taken for exact.
     Pose,
-    /// Search of each point's component.
+    /// Search of each point's component: the nearest seed within the structural scale.
     Assign,
-    /// Components for points that have none.
+    /// New components for points that found none, one after the other on one thread.
     Births,
     /// Evidence of the points, their refinement along the ray, and the frame's exposure.
     Refine,
     /// Sums per component.
     Stats,
-    /// Projection of every component into the frame.
+    /// Projection of every component into the frame, which counts hits and misses.
     Visibility,
-    /// Merging down to the budget.
+    /// Merging down to the budget; in most frames nothing.
     Merge,
 }
 
@@ -50,7 +51,7 @@ const fn stage(key: &'static str, label: &'static str, what: &'static str) -> Tr
     TrainStage { key, label, what }
 }
 
-/// By [`PaperStage`].
+/// Stages of the published algorithm, by [`PaperStage`].
 pub const PAPER_STAGES: [TrainStage; 5] = [
     stage("candidates", "Candidate search", "The nearest components of every point"),
     stage("e_step", "E-step", "Scores and responsibilities of the candidates"),
@@ -59,7 +60,7 @@ pub const PAPER_STAGES: [TrainStage; 5] = [
     stage("reassign", "Reassignment", "Unused components move to badly explained points"),
 ];
 
-/// By [`SceneStage`].
+/// Stages of the scene preset, by [`SceneStage`].
 pub const SCENE_STAGES: [TrainStage; 7] = [
     stage(
         "pose",
@@ -78,6 +79,6 @@ pub const SCENE_STAGES: [TrainStage; 7] = [
     stage("merge", "Merging", "Components are merged down to the budget"),
 ];
 
-/// Stages of a frame at most, of any preset.
+/// Stages of a frame at most, of any preset: times are kept in an array of so many.
 pub const MAX_STAGES: usize = SCENE_STAGES.len();
 const _: () = assert!(PAPER_STAGES.len() <= MAX_STAGES);

@@ -1,4 +1,8 @@
 //! Where a frame's time goes.
+//!
+//! Stages have the names that their preset gives them. A pass runs its stages tile by tile on all
+//! threads, so that none has a wall time of its own: the pass's is split among them in proportion
+//! to what threads spent in each, seen on a few tiles ([`StageClock`]).
 
 use super::stages::{MAX_STAGES, PAPER_STAGES, PaperStage, SCENE_STAGES, SceneStage, TrainStage};
 use serde::ser::SerializeMap;

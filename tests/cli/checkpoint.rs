@@ -45,7 +45,7 @@ fn options_that_contradict_the_checkpoint_are_wrong_usage() {
         ("--components 5", &["--components: expected 2000", "out/checkpoint.vbgs", "found 5"][..]),
         ("--config other.ron", &["--components: expected 2000", "found 7"]),
         ("--stride 2", &["--stride: expected 1", "found 2", "leave the option out"]),
-        ("--depth-scale 0.5", &["--depth-scale: expected no such option", "found 0.5"]),
+        ("--depth-scale 0.5", &["--depth-scale: expected no value", "found 0.5"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");
         scratch.run(&run).fails(2, parts);

@@ -88,7 +88,7 @@ fn options_that_contradict_a_scene_are_wrong_usage() {
         ("--precision f64", &["--precision: expected mixed", "found f64"]),
         ("--preset paper", &["--preset: expected scene", "found paper"]),
         ("--preset paper --config paper.ron", &["--preset: expected scene", "found paper"]),
-        ("--components 5", &["--components: expected no such option", "found 5", "leave"]),
+        ("--components 5", &["--components: expected no value", "found 5", "leave"]),
         ("--stride 2", &["--stride: expected 1", "found 2", "leave the option out"]),
     ] {
         let run = format!("train room --out out --resume out/checkpoint.vbgs {options}");

@@ -12,6 +12,7 @@ use vbgs_studio::train::learner::Changed;
 use vbgs_studio::train::paper::config::{
     Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy, StatisticsForm,
 };
+use vbgs_studio::train::setting::table::SettingLayer;
 
 const COMPONENTS: usize = 3000;
 

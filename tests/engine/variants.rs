@@ -12,6 +12,7 @@ use vbgs_studio::train::paper::config::{
 use vbgs_studio::train::paper::engine;
 use vbgs_studio::train::paper::init::InitialDraw;
 use vbgs_studio::train::paper::learner::PaperLearner;
+use vbgs_studio::train::setting::table::SettingLayer;
 
 const COMPONENTS: usize = 3000;
 const POLICIES: [ReassignPolicy; 4] = [

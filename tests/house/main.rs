@@ -8,6 +8,7 @@
 mod graph;
 mod known;
 mod names;
+mod presets;
 mod rules;
 mod sizes;
 mod tokens;
@@ -26,6 +27,8 @@ const MAX_MEDIAN_LINES: usize = 250;
 const MAX_MAIN_LINES: usize = 40;
 /// Longest function, lines.
 const MAX_FUNCTION_LINES: usize = 60;
+/// Patterns outside the seam that ask which preset is meant, at most.
+const MAX_PRESET_ARMS: usize = 10;
 
 /// Every file of `src` with its path there.
 fn sources() -> Vec<(String, String)> {
@@ -110,4 +113,13 @@ fn files_are_small() {
     assert!(median <= MAX_MEDIAN_LINES, "the median file has {median} lines");
     let (main, _) = sizes.iter().find(|(_, path)| path == "main.rs").unwrap();
     assert!(*main <= MAX_MAIN_LINES, "main.rs has {main} lines");
+}
+
+#[test]
+fn presets_are_told_apart_in_the_seam() {
+    let mut found = Vec::new();
+    for (file, source) in sources() {
+        found.extend(presets::arms(&file, &source).iter().map(|line| format!("{file}:{line}")));
+    }
+    assert!(found.len() <= MAX_PRESET_ARMS, "{}:\n  {}", found.len(), found.join("\n  "));
 }

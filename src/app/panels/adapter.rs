@@ -32,6 +32,7 @@ pub fn ui(adapters: &Adapters, ui: &mut Ui) -> Option<AdapterRequest> {
         let name = adapter.to_string();
         let clicked = ui.selectable_label(is_current, &name).on_hover_text(switch).clicked();
         if clicked && !is_current {
+            // By name and not by place: it is kept for the next start, when others may be listed.
             asked = Some(AdapterRequest::Adapter(AdapterChoice::Named(name)));
         }
     }

@@ -4,8 +4,8 @@ use super::legend::number;
 use crate::app::state::{Inspected, Snapshot};
 use crate::math::image::unit_to_byte;
 use crate::math::sym3::Sym3;
+use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
-use crate::pipeline::inspection::Inspection;
 use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
 
 /// A heading and its lines: label, values and unit.

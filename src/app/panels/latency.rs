@@ -64,6 +64,7 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
     Plot::new("latency")
         .height(190.0)
         .include_y(0.0)
+        // No gestures: the wheel scrolls the panel, and the bounds follow the newest frames.
         .allow_drag(false)
         .allow_zoom(false)
         .allow_scroll(false)

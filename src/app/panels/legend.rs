@@ -15,6 +15,7 @@ const STRIPS: usize = 60;
 /// Draws the legend with its lower left corner at `corner`.
 pub fn ui(attribute: Attribute, range: Option<&Range>, corner: Pos2, ui: &Ui) {
     let area = Area::new(Id::unique("legend")).fixed_pos(corner).pivot(Align2::LEFT_BOTTOM);
+    // Without a share of the pointer, which steers the camera below.
     area.interactable(false).show(ui.ctx(), |ui| {
         Frame::popup(ui.style()).show(ui, |ui| {
             ui.set_width(BAR.x);

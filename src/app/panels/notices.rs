@@ -29,6 +29,8 @@ pub fn ui(snapshot: &Snapshot, dismissed_up_to: u64, ui: &Ui) -> u64 {
                     });
                 }
                 if ui.button("Dismiss").clicked() {
+                    // Older ones too, which there was no room for: else every click
+                    // would bring up three more.
                     dismissed = snapshot.notices.last().map_or(dismissed, |n| n.serial);
                 }
             });

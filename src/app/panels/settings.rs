@@ -52,6 +52,7 @@ pub fn ui(
         asked = adapters.and_then(|adapters| adapter::ui(adapters, ui));
         ui.add_space(12.0);
         if ui.button("Reset all").on_hover_text("Back to what a fresh start has").clicked() {
+            // What colours mean is chosen above the viewport and never stored, so it stays.
             *settings = ViewSettings { color_mode: settings.color_mode, ..ViewSettings::default() };
             *train_settings = TrainSettings::default();
         }

@@ -1,9 +1,9 @@
 //! The line at the bottom: state, speed, components, memory, adapter.
 
 use crate::app::state::{RunState, Snapshot};
+use crate::eval::machine;
 use crate::eval::report::quantile;
-use crate::pipeline::machine;
-use crate::pipeline::settings::method::Method;
+use crate::pipeline::any_preset::ComponentLimit;
 use eframe::egui::{Color32, Label, RichText, Ui};
 
 /// What the line says beside the snapshot.
@@ -60,13 +60,12 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) {
 /// Only the paper's preset has components that nothing uses.
 fn components(snapshot: &Snapshot) -> String {
     let Snapshot { components, used, opened, .. } = snapshot;
-    match opened.as_ref().and_then(|opened| opened.method.as_ref()) {
+    let method = opened.as_ref().and_then(|opened| opened.method.as_ref());
+    match method.map(|method| method.any().component_limit()) {
         None => format!("{components} splats"),
-        Some(Method::Paper(_)) => format!("{used} of {components} components used"),
-        Some(Method::Scene(run)) => match run.budget {
-            None => format!("{used} components"),
-            Some(budget) => format!("{used} of at most {} components", budget.components()),
-        },
+        Some(ComponentLimit::Fixed(_)) => format!("{used} of {components} components used"),
+        Some(ComponentLimit::Default(_)) => format!("{used} components"),
+        Some(ComponentLimit::Asked(most)) => format!("{used} of at most {most} components"),
     }
 }
 

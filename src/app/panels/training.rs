@@ -1,9 +1,10 @@
 //! How what is opened or reset next is trained.
 
 use crate::app::training::TrainSettings;
-use crate::pipeline::settings::scene::{Budget, DEFAULT_PIXELS, SceneOverrides, StructuralScale};
-use crate::train::paper::config::Preset;
+use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
+use crate::train::scene::units::{Budget, DEFAULT_PIXELS, StructuralScale};
+use crate::train::setting::Preset;
 use crate::train::setting::table::{Setting, SettingLayer, Spelling};
 use crate::train::setting::value::{Choice, SettingValue};
 use eframe::egui::{Button, DragValue, Grid, RichText, Ui};

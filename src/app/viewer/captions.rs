@@ -28,6 +28,8 @@ impl SceneView {
             if let Combination::Wipe(_) = second.how
                 && overlay::divider(ui, rect, compared, &mut self.divider)
             {
+                // As if the camera moved: on the CPU, pictures are made in haste
+                // until the divider rests.
                 self.moved_at = Instant::now();
             }
             self.captions(ui, inner.intersect(compared.shrink(overlay::MARGIN)), second);
@@ -80,6 +82,7 @@ impl SceneView {
         if let Some((text, since)) = &self.hint
             && since.elapsed() < HINT
         {
+            // egui sleeps without input, and the hint would stay.
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }

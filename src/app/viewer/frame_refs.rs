@@ -50,6 +50,7 @@ impl FrameRef {
             Direction::Back => (self.number() + n - 1) % n,
         };
         let mut split = 0;
+        // Splits without frames are passed over by the same rule.
         while index >= self.dataset.splits[split].frames.len() {
             index -= self.dataset.splits[split].frames.len();
             split += 1;

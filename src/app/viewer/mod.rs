@@ -120,6 +120,8 @@ impl SceneView {
     /// Hands changed splats over.
     pub fn change(&mut self, update: SplatUpdate) {
         if let Some(photos) = &mut self.photos {
+            // With the colours that were learned: a figure must not depend on
+            // what colours show here.
             photos.change(update.change.clone());
         }
         let change = self.palette.change(update);
@@ -138,6 +140,7 @@ impl SceneView {
 
     /// Draws with another painter from here on; the scene is handed over again.
     pub fn draw_by(&mut self, mut painter: ViewPainter) {
+        // A new painter has nothing, and the trainer sends no more than what changes.
         let splats = self.palette.splats();
         painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
@@ -233,6 +236,7 @@ impl SceneView {
 
     fn step(&mut self, opened: &Opened, direction: Direction) {
         let frame = match (&self.latest_frame, direction) {
+            // The first step after steering leads back to where one stood, not past it.
             (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
             (Some(frame), _) => Some(frame.stepped(direction)),
             (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
@@ -262,6 +266,7 @@ impl SceneView {
         if size[0] == 0 || size[1] == 0 {
             return None; // minimised, or squeezed out by the panels
         }
+        // Before the camera is asked for: a drag shows in the picture of the same pass.
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
         let result = self.look_at_photo(ui, opened, snapshot.state == RunState::Training);
@@ -272,6 +277,8 @@ impl SceneView {
         if let Some((attribute, range)) = self.palette.legend() {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
+        // A click is about places, which colours do not change, and these
+        // splats are shared uncopied.
         let splats = self.palette.learned();
         let picked = self.selection.ui(ui, &response, &request, splats, snapshot, &self.waker);
         message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
@@ -387,12 +394,14 @@ impl SceneView {
         state: RunState,
     ) -> Option<String> {
         let moving = self.moved_at.elapsed() < SETTLE;
+        // Steering comes before training: while a hand moves the camera, pictures take all threads.
         let effort = match (moving, state) {
             (true, _) => Effort::Moving,
             (false, RunState::Training) => Effort::Shared,
             (false, _) => Effort::Full,
         };
         if moving {
+            // egui sleeps without input: it is woken once more to refine what was drawn in haste.
             ui.ctx().request_repaint_after(SETTLE);
         }
         match self.painter.paint(ui, rect, request, effort, self.palette.splats()) {

@@ -13,6 +13,8 @@ pub const MARGIN: f32 = 10.0;
 /// `divider` is a share of the whole viewport's width. Whether it is being dragged.
 pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bool {
     let x_of = |share: f32| viewport.left() + share * viewport.width();
+    // Held in the picture where it is drawn and not where it is kept: a narrow photograph must not
+    // move the divider for good.
     let x = x_of(*divider).clamp(compared.left(), compared.right());
     let grip = Rect::from_center_size(
         Pos2::new(x, compared.center().y),
@@ -27,6 +29,7 @@ pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bo
         let at = pointer.x.clamp(compared.left(), compared.right());
         *divider = (at - viewport.left()) / viewport.width();
     }
+    // Again after the drag, or the line would follow the pointer a pass behind.
     let x = x_of(*divider).clamp(compared.left(), compared.right());
     let painter = ui.painter();
     painter.vline(x, compared.y_range(), Stroke::new(3.0, Color32::from_black_alpha(140)));
@@ -44,6 +47,7 @@ pub fn plate(ui: &mut Ui, at: Pos2, anchor: Align2, text: &str, tooltip: &str) {
     let size = ui.painter().layout_no_wrap(text.to_owned(), font.clone(), Color32::WHITE).size();
     let rect = anchor.anchor_size(at, size + Vec2::new(16.0, 8.0));
     ui.painter().rect_filled(rect, 4.0, Color32::from_black_alpha(170));
+    // Text that can be selected would take drags that are meant for the camera.
     let label = Label::new(RichText::new(text).font(font).color(Color32::WHITE)).selectable(false);
     let response = ui.put(rect, label);
     if !tooltip.is_empty() {

@@ -31,6 +31,7 @@ impl ViewPainter {
         };
         let capabilities = viewport::capabilities(state);
         tracing::info!("adapter: {capabilities}");
+        // It would compute on the same cores, and far slower (`rendering.md`, Software adapters).
         if capabilities.is_software() && painting == Painting::Auto {
             let who = format!("CPU renderer; window by {capabilities}");
             return Ok((Self::software(waker)?, who));
@@ -38,6 +39,7 @@ impl ViewPainter {
         match GpuViewPainter::new(state, faults.clone(), waker.clone()) {
             Ok(painter) => Ok((Self::Gpu(Box::new(painter)), capabilities.to_string())),
             Err(error) => {
+                // The window itself may well be drawn by it; only the scene moves to the CPU.
                 tracing::warn!("{error}");
                 Ok((Self::software(waker)?, format!("CPU renderer ({error})")))
             }

@@ -38,6 +38,7 @@ pub struct PhotoQuery {
 
 impl PhotoQuery {
     fn is_same_photo(&self, other: &Self) -> bool {
+        // The colour camera is left out: it follows from the frame's dataset and from `prepared`.
         self.frame == other.frame
             && self.prepared == other.prepared
             && self.options.background == other.options.background
@@ -120,6 +121,8 @@ impl PhotoRequests {
             Some(now) if now.is_same_photo(query) => {
                 if now.options != query.options {
                     self.is_stale = true;
+                    // The photograph stays on screen; only the figure was
+                    // measured by other settings.
                     if let Some(Ok(result)) = &mut self.result {
                         result.psnr = None;
                     }
@@ -135,6 +138,7 @@ impl PhotoRequests {
 
     fn take_answer(&mut self) {
         let (Some(answer), Some(query)) = (self.thread.take(), &self.query) else { return };
+        // The user may have stepped on while it was made.
         if answer.query.is_same_photo(query) && answer.query.options == query.options {
             self.result = Some(answer.result);
         }
@@ -147,8 +151,10 @@ impl PhotoRequests {
         }
         match &self.result {
             None => self.thread.ask((query.clone(), Question::Show), Announce::Wake),
+            // A photograph that is painted over is no measure of a scene.
             Some(Ok(result)) if self.is_stale && result.pixel_counts.is_none() => {
                 let pause = INTERVAL.saturating_sub(self.measured_at.elapsed());
+                // The first figure does not wait; the pauses are between two.
                 if result.psnr.is_some() && !pause.is_zero() {
                     ui.ctx().request_repaint_after(pause);
                     return;
@@ -211,6 +217,7 @@ impl PhotoWorker {
     }
 
     fn photo(&mut self, query: &PhotoQuery) -> Result<Photo, String> {
+        // Decoded once: during training the same photograph is measured against twice a second.
         if let Some((latest, photo)) = &self.latest
             && latest.is_same_photo(query)
         {

@@ -87,6 +87,7 @@ impl PixelStatusPainter {
 /// Draws the legend with its lower right corner at `corner`: what there is of each, by its share.
 pub fn legend(counts: &SurfaceCounts, corner: Pos2, ui: &Ui) {
     let area = Area::new(Id::unique("pixel status")).fixed_pos(corner).pivot(Align2::RIGHT_BOTTOM);
+    // Without a share of the pointer, which steers the camera below.
     area.interactable(false).show(ui.ctx(), |ui| {
         Plate::popup(ui.style()).show(ui, |ui| {
             ui.label(RichText::new("Preparation").strong());

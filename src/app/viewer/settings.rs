@@ -115,9 +115,11 @@ impl ViewSettings {
     fn in_range(self) -> Self {
         let start = Self::default();
         let within = |value: f32, range: RangeInclusive<f32>, otherwise: f32| {
+            // `clamp` lets a NaN through.
             if value.is_finite() { value.clamp(*range.start(), *range.end()) } else { otherwise }
         };
         let pinhole = self.pinhole_fov_deg.filter(|fov| fov.is_finite());
+        // The text may be written by hand: only in the window does `set_lens` see to this.
         let renderer = if self.lens == Lens::Fisheye { Renderer::Exact } else { self.renderer };
         Self {
             renderer,

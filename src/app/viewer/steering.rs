@@ -19,8 +19,11 @@ impl Gesture {
         let is_turn = response.dragged_by(PointerButton::Primary);
         let is_pan = response.dragged_by(PointerButton::Secondary)
             || response.dragged_by(PointerButton::Middle);
+        // Over a panel the wheel scrolls the panel.
         let dolly = if response.hovered() {
             let (wheel, zoom) = ui.input(|i| (i.smooth_scroll_delta.y, i.zoom_delta()));
+            // A pinch by a factor moves closer by that factor: the camera halves its distance every
+            // 240 points of the wheel.
             f64::from(wheel) + 240.0 * f64::from(zoom).log2()
         } else {
             0.0

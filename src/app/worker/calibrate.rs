@@ -3,7 +3,7 @@
 use super::thread::WorkerThread;
 use crate::app::state::{NoticeKind, Subject};
 use crate::dataset::calibration::Calibration;
-use crate::train::paper::config::Preset;
+use crate::train::setting::Preset;
 use std::path::Path;
 
 impl WorkerThread {
@@ -22,15 +22,15 @@ impl WorkerThread {
 
     /// What a calibration would be of, or why of nothing.
     fn calibratable(&self) -> Result<Subject, &'static str> {
-        match (&self.subject, self.training.preset) {
-            (None, _) => Err("a calibration belongs to a dataset: open that first"),
-            (Some(Subject::Path(open)), _) if open.is_file() => {
+        match &self.subject {
+            None => Err("a calibration belongs to a dataset: open that first"),
+            Some(Subject::Path(open)) if open.is_file() => {
                 Err("a calibration belongs to a dataset and a file is open: open its dataset first")
             }
-            (_, Preset::Paper) => Err(
+            Some(_) if self.training.preset != Preset::Scene => Err(
                 "the paper's preset knows no calibration: choose the scene preset in Settings first",
             ),
-            (Some(subject), Preset::Scene) => Ok(subject.clone()),
+            Some(subject) => Ok(subject.clone()),
         }
     }
 }

@@ -32,6 +32,8 @@ impl WorkerThread {
         };
         let dataset = session.dataset().path.as_deref();
         let FileProposal { folder, stem } = FileProposal::beside(dataset);
+        // Not for the demo: its proposal is the current folder, into which
+        // nothing is written unasked.
         let beside = dataset.map(|_| folder.as_path());
         let saved = rescue::save(beside, &self.rescue_folders, &stem, |path| save(session, path));
         let rescue = match saved {
@@ -49,6 +51,7 @@ fn save(session: &Session, path: &Path) -> Result<(), String> {
     let attempt = || -> Result<(), String> {
         session.save(path).map_err(|error| error.to_string())?;
         let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
+        // A file that cannot be read again must not be found later and taken for the scene.
         read.inspect_err(|_| drop(std::fs::remove_file(path)))
     };
     catch_unwind(AssertUnwindSafe(attempt))

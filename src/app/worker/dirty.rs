@@ -3,6 +3,8 @@
 /// Components that changed since the viewport was last told.
 #[derive(Default)]
 pub struct Dirty {
+    // The list, since most frames change few components; the flags, since a frame may list one that
+    // still waits from the frame before.
     ids: Vec<u32>,
     is_dirty: Vec<bool>,
 }
@@ -32,6 +34,7 @@ impl Dirty {
 
     /// The components, each once; none are left.
     pub fn take(&mut self) -> Vec<u32> {
+        // One by one: to clear all flags would cost as much as the scene is large, at every update.
         for &id in &self.ids {
             self.is_dirty[id as usize] = false;
         }

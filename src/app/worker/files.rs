@@ -16,6 +16,8 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &self.content else { return };
         match session.save(path) {
             Ok(bytes) => {
+                // Not after an export: training cannot go on from one, so a
+                // crash still saves these.
                 self.frames_since_checkpoint = 0;
                 let text = format!(
                     "Saved {} frames ({:.1} MB) to {}",
@@ -38,7 +40,7 @@ impl WorkerThread {
                 mapping,
                 ..WriteOptions::new(format)
             };
-            export::write(path, &self.splats(), &options)
+            export::write(path, &self.stored_splats(), &options)
         });
         match written {
             Ok(summary) => {

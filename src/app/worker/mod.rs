@@ -22,7 +22,7 @@ use super::state::Snapshot;
 use shared::Shared;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thread::WorkerThread;
@@ -30,9 +30,13 @@ use thread::WorkerThread;
 /// Least time between two snapshots where a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);
 
+/// Orders that wait at most. Nobody gives so many while a dataset is opened; a window that did would
+/// wait for the trainer rather than fill the memory.
+const MAX_ORDERS: usize = 1024;
+
 /// Handle of the trainer's thread; dropping it stops the thread after the current frame.
 pub struct Worker {
-    orders: Option<Sender<WorkerOrder>>,
+    orders: Option<SyncSender<WorkerOrder>>,
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
@@ -47,7 +51,7 @@ impl Worker {
     /// first of the folders that takes them.
     pub fn start_with(waker: Waker, rescue_folders: Vec<PathBuf>) -> std::io::Result<Self> {
         PanicReport::listen();
-        let (orders, inbox) = channel();
+        let (orders, inbox) = sync_channel(MAX_ORDERS);
         let shared = Arc::new(Shared::default());
         shared.set_interval(INTERVAL);
         let state = WorkerThread::new(inbox, shared.clone(), waker, rescue_folders);
@@ -98,8 +102,11 @@ impl Worker {
 
     /// Saves what no checkpoint holds yet, after the orders before; waits for it.
     pub fn rescue(&self) -> Rescue {
-        let (sender, receiver) = channel();
+        let (sender, receiver) = sync_channel(1);
         self.send(WorkerOrder::Rescue(sender));
+        // Without a limit of time: the program ends afterwards, and with it what is not
+        // saved. If the thread has ended, the sender has too, and the panic that ended
+        // it tells what was saved.
         receiver.recv().unwrap_or_else(|_| match self.crash() {
             Some(crash) => crash.rescue,
             None => Rescue::Lost {
@@ -112,6 +119,7 @@ impl Worker {
 
 impl Drop for Worker {
     fn drop(&mut self) {
+        // Hanging up is what ends the loop of the thread, so it comes before the join.
         self.orders = None;
         if let Some(thread) = self.thread.take() {
             // A panic of the thread was reported when it happened.

@@ -6,7 +6,7 @@ use crate::app::training::TrainSettings;
 use crate::export::mapping::Mapping;
 use crate::render::attributes::Attribute;
 use std::path::PathBuf;
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::SyncSender;
 
 /// An order to the trainer.
 #[derive(Clone, Debug)]
@@ -31,7 +31,7 @@ pub enum WorkerOrder {
     /// where it is more.
     Export(u64, PathBuf, Mapping),
     /// Save what no checkpoint holds yet and tell where: the window has crashed.
-    Rescue(Sender<Rescue>),
+    Rescue(SyncSender<Rescue>),
     /// Show something that happened elsewhere in the window.
     Report(NoticeKind, String),
     /// Deliver what is known of components with their splats, from now on; `None` ends that.

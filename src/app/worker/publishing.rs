@@ -20,6 +20,14 @@ impl WorkerThread {
         }
     }
 
+    /// The same as files hold it.
+    pub(super) fn stored_splats(&self) -> SplatSet {
+        match &self.content {
+            Some(Content::Session(session)) => session.stored_splats(),
+            Some(Content::Model(_)) | None => self.splats(),
+        }
+    }
+
     /// Tells the window, at most once per interval unless `at_once`. Changed splats are converted
     /// only when the viewport took the last ones.
     pub(super) fn publish(&mut self, at_once: bool) {
@@ -28,6 +36,7 @@ impl WorkerThread {
         if !(at_once || due && news) {
             return;
         }
+        // Before the snapshot: a window that sees it finds its splats too.
         self.deliver_splats();
         self.snapshot.inspected = self.inspect();
         self.snapshot.recent = Arc::new(self.recent.iter().cloned().collect());
@@ -39,6 +48,8 @@ impl WorkerThread {
 
     fn deliver_splats(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
+        // While the window is slow or hidden, changes are kept as a set, which ends at the size of
+        // the scene; a queue of updates would not.
         if !self.dirty.is_empty() && self.shared.updates.is_empty() {
             let ids = self.dirty.take();
             let splats = session.splats_of(&ids);

@@ -37,6 +37,7 @@ impl Shared {
 
     /// Least time between two snapshots.
     pub fn interval(&self) -> Duration {
+        // Relaxed here and below: the number stands for itself, no other memory depends on it.
         Duration::from_micros(self.interval_us.load(Ordering::Relaxed))
     }
 

@@ -11,9 +11,11 @@ use std::sync::Arc;
 impl WorkerThread {
     pub(super) fn open_with(&mut self, calibration: Option<Calibration>, subject: Subject) {
         let mut training = self.training.clone();
+        // Into the copy: settings outlive the dataset that the calibration belongs to.
         training.scene.calibration = calibration.clone();
         let before = self.snapshot.state;
         self.snapshot.state = RunState::Loading;
+        // Told at once: while something is opened this thread tells nothing more.
         self.publish(true);
         match opening::open(&subject, &training, self.next_serial) {
             Ok(opened) => {
@@ -41,11 +43,14 @@ impl WorkerThread {
         self.snapshot = Snapshot {
             opened: Some(Arc::new(opened.opened)),
             notices,
+            // The window may still have to read that its file was written just before.
             latest_write: self.snapshot.latest_write,
             ..Snapshot::default()
         };
         (self.frames_since_checkpoint, self.rescued) = (0, None);
+        // The number would name another component.
         self.inspecting = None;
+        // Also drops what still waits there, which is of the scene before.
         self.shared.updates.push(SplatChange::All(opened.splats).into());
         match &opened.content {
             Content::Session(session) => {
@@ -69,6 +74,8 @@ impl WorkerThread {
             }
         }
         self.content = Some(opened.content);
+        // The splats above went without what is known of them; it follows if
+        // the viewport asks for it.
         self.watch(self.watched);
         for (kind, text) in opened.notices {
             self.notify(kind, text);

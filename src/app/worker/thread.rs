@@ -91,6 +91,8 @@ impl WorkerThread {
     /// Takes orders and trains until the handle is dropped.
     pub fn run(mut self) {
         while let Ok(order) = self.next_order() {
+            // Around each turn and not around the loop, so that a panic costs
+            // one order or one frame.
             let work = catch_unwind(AssertUnwindSafe(|| self.turn(order)));
             let Err(payload) = work else { continue };
             let panic = PanicReport::of(&*payload);
@@ -143,11 +145,14 @@ impl WorkerThread {
                 self.mark_visibility();
             }
             WorkerOrder::Step => {
+                // Before the frame, which may finish or fail the run: that state has to stay.
                 self.set_state(RunState::Paused);
                 self.step();
                 self.mark_visibility();
             }
             WorkerOrder::Reset => {
+                // With its own calibration, but with the settings of now: this is
+                // how they come to hold.
                 if let Some(subject) = self.subject.clone() {
                     self.open_with(self.calibration.clone(), subject);
                 }
@@ -158,6 +163,7 @@ impl WorkerThread {
                 // Nobody listens any more if the window has given up waiting.
                 let _ = answer.send(self.rescue());
             }
+            // The window's own notices are kept here too, so that they outlive it.
             WorkerOrder::Report(kind, message) => self.notify(kind, message),
             WorkerOrder::Watch(attribute) => self.watch(attribute),
             WorkerOrder::Inspect(id) => self.inspecting = id,
@@ -184,10 +190,12 @@ impl WorkerThread {
             NoticeKind::Warning => tracing::warn!("{text}"),
             NoticeKind::Info => tracing::info!("{text}"),
         }
+        // A new list, since snapshots that were published share the old one.
         let mut notices = self.snapshot.notices.to_vec();
         if notices.len() == MAX_NOTICES {
             notices.remove(0);
         }
+        // What is opened counts with the same numbers: both only have to increase.
         notices.push(Notice { serial: self.next_serial, kind, text });
         self.next_serial += 1;
         self.snapshot.notices = Arc::new(notices);

@@ -29,10 +29,13 @@ impl WorkerThread {
                 self.learned(frame);
             }
             Ok(Step::Skipped(skipped)) => {
+                // No notice: a dataset may lack many frames. The status line counts them, the panel
+                // of the scene lists them.
                 tracing::warn!("{}", skipped.message);
                 self.refresh_session_info();
             }
             Ok(Step::Finished) => self.finish(),
+            // Nothing was trained that could be exported.
             Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
             Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
         }
@@ -46,6 +49,7 @@ impl WorkerThread {
         self.snapshot.frames_done += 1;
         self.snapshot.unsaved_frames += 1;
         self.frames_since_checkpoint += 1;
+        // What was saved after an earlier crash lacks this frame.
         self.rescued = None;
         if self.ends.len() == RATE_FRAMES {
             self.ends.pop_front();
@@ -65,6 +69,8 @@ impl WorkerThread {
         self.mark_visibility();
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
+            // The test of what the window costs the trainer reads this line
+            // (`tests/app/window.rs`).
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
             for warning in session.learner().warnings() {
                 self.notify(NoticeKind::Warning, wording::warning(&warning));
@@ -87,6 +93,7 @@ impl WorkerThread {
         self.snapshot.components = session.learner().components();
         self.snapshot.used = session.learner().used();
         self.snapshot.model_bytes = session.learner().model_bytes();
+        // Frames are only ever added to the list; snapshots share it until then.
         if self.snapshot.skipped.len() != session.skipped().len() {
             self.snapshot.skipped = Arc::new(session.skipped().to_vec());
         }

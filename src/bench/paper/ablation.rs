@@ -124,6 +124,7 @@ pub fn run(
     let frames =
         |row: &AblationStep| if row.is_thinned { &thinned[..] } else { &sample.frames[..] };
     let threads = rayon::current_num_threads();
+    // One for all rows: they start alike and differ by what is measured only.
     let draw = InitialDraw::random(plan.components, plan.options.seed);
     let variant = |row: &AblationStep| TimedConfiguration {
         config: row.config.clone(),
@@ -312,6 +313,7 @@ fn panels(rows: &[AblationRow]) -> [Panel; 2] {
             series("fewer points, time scaled", true, x, label),
         ],
     };
+    // Both panels have the same rows; naming them twice would leave no room for marks.
     let blank = vec![String::new(); rows.len()];
     [
         panel(

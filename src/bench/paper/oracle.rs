@@ -82,6 +82,7 @@ impl<'a> DenseOracle<'a> {
         draw: &InitialDraw,
         frames: &'a [Points<f32>],
     ) -> Result<Self, BenchError> {
+        // Else the rounding of the input would count as an error of the arithmetic.
         let rounded = |row: &[f64; 6]| row.map(|v| f64::from(v as f32));
         let means = draw.means.iter().map(rounded).collect();
         let draw = InitialDraw { means, alpha: draw.alpha.clone() };
@@ -121,6 +122,7 @@ impl Seen {
         draw: &InitialDraw,
         frames: &[Points<f32>],
     ) -> Result<Self, BenchError> {
+        // Points and means are in model coordinates already, and nothing here asks for the world.
         let mut engine = engine::begin(config, draw, Normalization::IDENTITY)?;
         for frame in frames {
             engine.learn(frame)?;

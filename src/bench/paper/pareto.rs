@@ -22,6 +22,7 @@ use crate::train::paper::config::{
     Batch, Candidates, PaperConfig, PaperOverrides, Precision, ReassignPolicy,
 };
 use crate::train::paper::init::InitialDraw;
+use crate::train::setting::table::SettingLayer;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -68,6 +69,7 @@ impl ParetoPlan {
             seed: Some(options.seed),
             ..PaperOverrides::default()
         };
+        // Sweeps leave the base's own values out: those are the row `base`.
         let components: &[usize] =
             if quick { &[1000, 10_000, 100_000] } else { &[1000, 10_000, 30_000, 300_000] };
         let (frames, views, repeats) = if quick { (12, 4, 3) } else { (60, 12, 5) };
@@ -94,6 +96,7 @@ impl ParetoPlan {
         let mut add =
             |sweep, name: String, change: PaperOverrides, threads| -> Result<(), BenchError> {
                 let config = PaperConfig::paper().with(&change.or(self.base.clone()))?;
+                // By the setting's own N, which one of the sweeps moves.
                 let draw = InitialDraw::random(config.components, config.seed);
                 stops.push(SweepPoint { sweep, name, config, draw, threads });
                 Ok(())

@@ -73,6 +73,7 @@ pub fn with_threads<T: Send>(
     threads: usize,
     work: impl FnOnce() -> T + Send,
 ) -> Result<T, BenchError> {
+    // The global pool cannot change its number of threads between two turns.
     let pool = ThreadPoolBuilder::new().num_threads(threads).build();
     Ok(pool.map_err(|e| BenchError::Threads { threads, reason: e.to_string() })?.install(work))
 }
@@ -84,6 +85,7 @@ fn run(variant: &TimedConfiguration) -> Result<(Box<dyn PaperLearner>, StageMs),
     for frame in *frames {
         times.push(engine.learn(frame)?.ms);
     }
+    // A single frame counts, cold as it is: without it there would be no time at all.
     let counted = &times[usize::from(times.len() > 1)..];
     Ok((engine, median(counted)))
 }

@@ -63,6 +63,7 @@ impl Ticked {
             }
         };
         let [lo, hi] = span;
+        // The share is one of the whole axis, not of what the values span.
         let span = [lo, hi + (hi - lo) * headroom / (1.0 - headroom)];
         Self { axis: axis.clone(), span, ticks }
     }
@@ -117,6 +118,7 @@ impl Ranged for Ticked {
     fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
         let [lo, hi] = self.span;
         let share = (self.to_axis(*value) - lo) / (hi - lo);
+        // A mark off the axis stays just outside: its pixel, cast and added, could overflow.
         limit.0 + (f64::from(limit.1 - limit.0) * share.clamp(-0.1, 1.1)).round() as i32
     }
 

@@ -81,6 +81,7 @@ pub struct Panel {
 }
 
 type Chart<'a, 'b> = ChartContext<'a, BitMapBackend<'b>, Cartesian2d<Ticked, Ticked>>;
+// Errors of plotters name the drawing area in their type; here only their text is needed.
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
 /// Draws panels side by side under a title.

@@ -27,6 +27,7 @@ impl Rect {
 /// corners that the texts must stay between.
 pub fn place(marks: &[([i32; 2], &str)], area: [[i32; 2]; 2]) -> Vec<[i32; 2]> {
     let around = |[x, y]: [i32; 2]| Rect { lo: [x - MARK, y - MARK], hi: [x + MARK, y + MARK] };
+    // All marks before the first text, or a text could cover a mark that comes later.
     let mut taken: Vec<Rect> = marks.iter().map(|(at, _)| around(*at)).collect();
     let mut corners = Vec::with_capacity(marks.len());
     for (at, text) in marks {

@@ -35,6 +35,7 @@ struct TimedMethod {
 impl TimedGpu {
     /// Every path on the adapter chosen.
     pub fn all(choice: &AdapterChoice) -> Result<Vec<Self>, HeadlessError> {
+        // Shared by both paths: drivers were seen to break when several devices come and go.
         let gpu = Rc::new(HeadlessGpu::new(choice)?);
         [DrawPath::Quads, DrawPath::Tiles]
             .into_iter()
@@ -104,6 +105,7 @@ impl TimedPainter for TimedGpu {
         self.scene = GpuScene::new(device, queue, splats)?;
         // Lists grow again with every scene.
         (self.projected.is_warm, self.exact.is_warm) = (false, false);
+        // The upload must not end in the time of the first frame.
         Ok(self.gpu.wait()?)
     }
 

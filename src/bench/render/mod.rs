@@ -88,6 +88,8 @@ impl<'a> Turns<'a> {
         let mut found: Vec<TimedTarget> = self.targets();
         let framing = framing(self.splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
         for round in 0..=frames {
+            // The round that warms up stands where the last one does, a whole turn away: those that
+            // count see every side once.
             let camera = view(&framing, up, size, round as f64 / frames as f64 * TAU);
             for target in found.iter_mut().filter(|target| target.failure.is_none()) {
                 let method = target.renderer.into();

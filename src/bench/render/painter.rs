@@ -1,8 +1,8 @@
 //! Frames with their times, by whatever draws them.
 
+use crate::eval::machine;
 use crate::math::camera::Camera;
 use crate::model::splat::splats::Splat;
-use crate::pipeline::machine;
 use crate::render::RenderOptions;
 use crate::render::cpu::{CpuRenderer, CpuStage};
 #[cfg(feature = "gui")]
@@ -116,6 +116,7 @@ impl TimedPainter for TimedCpu {
         let started = from;
         self.0.render_observed(splats.into(), camera, options, |stage| {
             stages[stage as usize] = Some(ms_since(from));
+            // Taken anew, so that noting a time is part of no stage.
             from = Instant::now();
         });
         Ok(FrameStageMs { total: ms_since(started), stages })

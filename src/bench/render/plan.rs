@@ -61,6 +61,7 @@ impl RenderPlan {
             device: BenchDevice::All,
             #[cfg(feature = "gui")]
             adapter: None,
+            // Repeats are frames here: each is drawn from a side of its own.
             frames: options.repeats.unwrap_or(if options.quick { 5 } else { 15 }),
             options,
         }

@@ -75,6 +75,7 @@ impl BenchScene {
 fn resampled(splats: &[Splat], n: usize, seed: u64) -> Vec<Splat> {
     let mut rng = Rng::new(seed, Purpose::Synthetic, 1);
     let share = n as f64 / splats.len() as f64;
+    // Surfaces have two dimensions: the area of all splats stays when sides shrink by the root.
     let shrink = share.powf(-0.5) as f32;
     let mut copy = |i: usize| {
         let original = &splats[(i as f64 / share) as usize];

@@ -60,6 +60,7 @@ impl AccuracyPlan {
         Self {
             frames: options.max_frames.unwrap_or(frames),
             views,
+            // Repeats are orders here: the same order again would give the same bits.
             orders: options.repeats.unwrap_or(orders),
             scales,
             options,
@@ -88,6 +89,7 @@ pub fn run(
     let mut rows = parts(&base);
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
+    // Budgets are shares of what is born without one, which only a run of its own tells.
     rows.extend(budgets(&base, stage.born(&base)?));
     // Equal configurations are run once.
     let mut runs: Vec<SceneRun> = Vec::new();
@@ -108,6 +110,7 @@ pub fn run(
             Plan { frames: stage.ordered(order, plan.options.seed), ..stage.plan.clone() };
         let trained = train(&stage.dataset, &ordered, &runs, &mut step)?;
         for (trained, measured) in trained.into_iter().zip(&mut measured) {
+            // Cracks are looked for in one order only: they cost two renders more a view.
             let quality = stage.quality(&trained, order == 0)?;
             measured.push(Measured { trained, quality });
             step();
@@ -186,6 +189,7 @@ impl AccuracyRuns {
         for n_frames in SEEN_AFTER.into_iter().filter(|&n| n <= self.plan.frames.len()) {
             let frames = self.plan.frames[..n_frames].to_vec();
             let plan = Plan { frames, ..self.plan.clone() };
+            // Trained anew: the runs of the tables leave nothing behind of what they were midway.
             for early in train(&self.dataset, &plan, std::slice::from_ref(base), &mut || ())? {
                 let (dataset, splats) = (&self.dataset, early.splats.view());
                 let frames = (plan.split, plan.frames.as_slice());

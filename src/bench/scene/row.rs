@@ -88,6 +88,7 @@ impl AccuracyRow {
             mean_std(&orders.iter().map(value).collect::<Vec<_>>()).0
         };
         let mean_known = |value: &dyn Fn(&EvalReport) -> Option<f64>| {
+            // None if one order has none: a mean over the others would not compare.
             let values: Option<Vec<f64>> = orders.iter().map(|m| value(&m.quality)).collect();
             values.map(|values| mean_std(&values).0)
         };

@@ -111,7 +111,7 @@ fn train_alike(
         // Rules of drawing leave sums alone, so one model is drawn by each of them.
         course.engine.set_splat_rule(run.engine.native);
         Some(Trained {
-            splats: course.engine.splats(),
+            splats: course.engine.stored_splats(),
             born: course.engine.components(),
             model_bytes: course.engine.model_bytes(),
             train_ms: course.train_ms.clone(),
@@ -123,6 +123,8 @@ fn train_alike(
 
 impl TrainedSums {
     fn has_sums_of(&self, run: &SceneRun) -> bool {
+        // Alignment reads the ridge of the splat rule, which no row of the tables changes; one that
+        // did would need sums of its own.
         SceneConfig { native: self.config.native, ..run.engine.clone() } == self.config
     }
 

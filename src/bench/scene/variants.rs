@@ -11,9 +11,10 @@ use crate::dataset::surface::Sensor;
 use crate::dataset::surface::sensor::Thresholds;
 use crate::model::scene::opacity::DensityOpacity;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun, StructuralScale};
+use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::sum_form::SumForm;
+use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
 
 /// Which table a row belongs to.
@@ -59,6 +60,7 @@ const PARTS: [PresetChange; 11] = [
     ("depth refinement", |run| run.engine.refine = false),
     ("colour by direction", |run| run.engine.native.directional = false),
     ("colour gradient", |run| run.engine.native.gradient = false),
+    // At 1 a pixel counts as covered in full when it is: nothing is filled.
     ("closing", |run| run.engine.native.closing = 1.0),
 ];
 
@@ -88,6 +90,7 @@ fn uncalibrated(run: &mut SceneRun) {
         Sensor::Inverse8Ray => -INVERSE8_OFFSET,
         _ => 0.0,
     };
+    // The sensor's profile adds the bias whatever is calibrated; only an offset takes it back.
     let none = Calibration { depth_offset, ..Calibration::NONE };
     if run.surface.calibration.is_some() || depth_offset != 0.0 {
         run.surface.calibration = Some(none);
@@ -98,6 +101,7 @@ fn uncalibrated(run: &mut SceneRun) {
 /// with opacity 0.95, as a plain Gaussian.
 fn constant_opacity(run: &mut SceneRun) {
     let native = &mut run.engine.native;
+    // So small a density saturates at once: opacity is τ wherever there are points.
     native.opacity = DensityOpacity { tau: 0.95, rho0: 1e-12, doubt: 1.0, least: 0.0 };
     native.least_points = 30.0;
     native.scale = 1.7;

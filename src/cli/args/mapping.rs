@@ -50,6 +50,7 @@ impl MappingArgs {
             Some(SplitName::Four) => GradientSplit::Four,
         };
         let opacity = match self.export_mapping {
+            // What is best depends on the split: equal areas for one or two, clipping for four.
             None => Mapping::of(split).opacity,
             Some(MappingName::EqualArea) => OpacityMapping::EqualArea,
             Some(MappingName::Clip) => OpacityMapping::Clip,

@@ -8,11 +8,14 @@ pub fn choice<T>() -> impl TypedValueParser<Value = T>
 where
     T: FromStr<Err = strum::ParseError> + strum::VariantNames + Clone + Send + Sync + 'static,
 {
+    // Names first, so that help and errors list them; parsing alone could only refuse.
     PossibleValuesParser::new(T::VARIANTS).try_map(|name| name.parse::<T>())
 }
 
 /// A whole number, 1 or more.
 pub fn parse_count(text: &str) -> Result<usize, String> {
+    // Its options allow negative numbers: clap would else take `-5` for an option that it does not
+    // know, and nobody would say what is expected.
     let count = text.parse().ok().filter(|&n| n > 0);
     count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
 }
@@ -23,6 +26,7 @@ pub fn parse_color(text: &str) -> Result<[f32; 3], String> {
         "white" => return Ok([1.0; 3]),
         _ => {}
     }
+    // ASCII, or a slice of two bytes could cut a character and panic.
     let hex = text.strip_prefix('#').filter(|h| h.len() == 6 && h.is_ascii());
     let byte = |i: usize| hex.and_then(|h| u8::from_str_radix(&h[2 * i..2 * i + 2], 16).ok());
     match (byte(0), byte(1), byte(2)) {

@@ -25,6 +25,7 @@ pub struct RenderArgs {
     #[arg(long, requires = "dataset")]
     pub split: Option<String>,
     /// Azimuth and elevation in degrees, distance in world units, about the scene's centre
+    // Hyphens, not negative numbers: `-30,20,4` is no number to clap.
     #[arg(long, value_name = "AZ,EL,DIST", value_parser = parse_orbit, allow_hyphen_values = true)]
     pub orbit: Option<[f64; 3]>,
     /// N views once around the scene, written as 000.png, 001.png, …

@@ -22,6 +22,7 @@ pub struct RendererArgs {
     pub renderer: RendererName,
     /// What the exact renderer does about splats thinner than a pixel [default: footprint]
     #[arg(long, value_parser = choice::<Antialias>())]
+    // No default here: a setting given beside the projected renderer is refused, one left out not.
     pub antialias: Option<Antialias>,
     /// Where the exact renderer looks for a splat: from the camera on, or behind it too as the
     /// published one does [default: ray]

@@ -90,6 +90,7 @@ fn option(about: &'static About, stands_for: &'static str) -> Arg {
         return arg.value_parser(PossibleValuesParser::new(values).map(OsString::from));
     }
     let arg = arg.allow_negative_numbers(true);
+    // Files are read later: a damaged one is no wrong usage and must not end with its status.
     if about.is_in_file {
         return arg.value_parser(OsStringValueParser::new());
     }
@@ -110,6 +111,7 @@ fn parts(name: &'static str, help: &'static str) -> Arg {
     });
     let arg = Arg::new(name).long(name).value_name("PART").help(help).help_heading(SCENE);
     let arg = arg.value_delimiter(',').action(ArgAction::Append);
+    // clap hands over what was typed, be it an alias.
     arg.value_parser(PossibleValuesParser::new(parts).map(|given| current_name(&given).to_owned()))
 }
 

@@ -9,7 +9,7 @@ use super::settings::SettingsArgs;
 use clap::Args;
 use std::path::PathBuf;
 use vbgs_studio::pipeline::plan::{Order, Shard};
-use vbgs_studio::train::paper::config::Preset;
+use vbgs_studio::train::setting::Preset;
 
 #[derive(Args)]
 pub struct TrainArgs {

@@ -229,6 +229,7 @@ impl FrameList {
                 None => self.number("depth_scale")?,
             };
             match options.depth_scale.or(stated).filter(|s| s.is_finite() && *s > 0.0) {
+                // Scenes of this layout are rendered: codes this fine are computed depth.
                 Some(unit) => (CodeKind::Linear16(unit), Sensor::Exact { noise: 0.0 }),
                 None => {
                     return Err(self.wrong(
@@ -241,6 +242,7 @@ impl FrameList {
         } else {
             (CodeKind::Inverse8, Sensor::Inverse8Ray)
         };
+        // Rendered depth is right at any length; only a sensor has a range to be trusted in.
         let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
         Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, sensor })
     }

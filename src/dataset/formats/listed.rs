@@ -18,6 +18,7 @@ pub(super) struct ListedFrame {
     pub name: String,
     pub pose: Pose,
     pub color: PathBuf,
+    // An error until all frames are listed: in a split without any depth a missing file is none.
     pub depth: Result<PathBuf, FrameProblem>,
 }
 
@@ -35,6 +36,7 @@ impl ListedSplit {
 
     /// The first readable colour header: it sets the size of the split's camera.
     pub fn color_header(&self) -> Option<ImageHeader> {
+        // Not that of the first frame: one damaged image must not cost the whole split.
         self.frames.iter().find_map(|c| decode::header(&c.color).ok())
     }
 

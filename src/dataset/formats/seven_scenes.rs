@@ -62,6 +62,7 @@ fn recognise(folder: &Folder) -> Option<String> {
     if !with_frames.is_empty() {
         return Some(format!("`*.color.*` files in {}", with_frames.join(", ")));
     }
+    // Lists without their sequences are recognised too: messages then name what to unpack.
     let lists = split_files(folder);
     (!lists.is_empty()).then(|| format!("split files {}", lists.join(", ")))
 }
@@ -129,6 +130,7 @@ fn split_folders(
     }
     let mut splits = Vec::new();
     for list in lists {
+        // `TrainSplit.txt` is the split `train`: rules for splits know small letters only.
         let split = list.trim_end_matches(SPLIT_SUFFIX).to_lowercase();
         let file = folder.path.join(list);
         let text = read_small_text(&file)
@@ -195,6 +197,7 @@ fn listed_frame(
         true => checked(&depth_name),
         false => Err(FrameProblem::MissingDepth(depth_name)),
     };
+    // With its folder: every sequence counts its frames from 0.
     let name = relative.join(stem).display().to_string();
     Ok(ListedFrame { name, pose, color, depth })
 }

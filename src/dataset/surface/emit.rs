@@ -88,6 +88,7 @@ impl<'a> Emitter<'a> {
                 // Set bits only: blocks at the rim of an object hold few usable pixels.
                 let mut left = fitted.usable[at];
                 while left != 0 {
+                    // In the order of pixels: births depend on the order of points.
                     let lane = left.trailing_zeros() as usize;
                     left &= left - 1;
                     let is_accepted = fitted.accepted[at] >> lane & 1 == 1;

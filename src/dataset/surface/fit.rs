@@ -156,6 +156,8 @@ fn window<V: Vector>(planes: &Planes, at: usize, noise: V, steepness: V) -> [V; 
     let inverse = V::load(&planes.inverse[at..]);
     let per_unit = z * z / noise;
     let far = V::splat(FAR);
+    // Wider with distance: a slanted plane moves away from the pixel's depth step by step, and the
+    // first round does not know its tilt yet.
     let mut gates = [noise * V::splat(1.5); RADIUS + 1];
     for (distance, gate) in gates.iter_mut().enumerate().skip(1) {
         let distance = V::splat(distance as f32);
@@ -212,6 +214,7 @@ fn inliers<V: Vector>(residuals: &[V; WINDOW], plane: [V; 3], limit: V) -> Sums<
     for row in 0..SIDE {
         let offset = V::splat(row as f32 - RADIUS as f32);
         let centre = middle + offset * step_down;
+        // Written out for a window of five columns: another radius needs other moments below.
         let expected =
             [centre - double_step, centre - step, centre, centre + step, centre + double_step];
         let mut count = [zero; SIDE];

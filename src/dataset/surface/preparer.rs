@@ -73,6 +73,7 @@ impl Preparer {
         resize(&mut out.ranges, width, height);
         resize(statuses, width, height);
         let calibration = settings.calibration();
+        // Whole before the first fit: windows read beyond their tile, occluders come from anywhere.
         planes.fill(frame, depth, &profile, calibration, &mut out.ranges, statuses);
         out.points.clear();
         let emitter = Emitter::new(frame, planes, settings, &profile, occluders);

@@ -1,43 +1,48 @@
 //! A look at some frames before training: how wide a pixel is, and whether depth makes sense.
 
-use super::scene::error::{DepthAdvice, SceneError};
-use super::units::{NEARER_SHARE, StructuralScale};
+use super::{Preparer, SurfaceSettings};
 use crate::dataset::Dataset;
-use crate::dataset::surface::{Preparer, SurfaceSettings};
 use crate::observation::surface::Observation;
-use crate::pipeline::plan::Plan;
 
+/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
+const NEARER_SHARE: f64 = 0.95;
 /// Frames looked at before training, evenly spaced.
 const SAMPLED_FRAMES: usize = 8;
 /// Every so-many-th point of them.
 const SAMPLED_POINTS: usize = 7;
 
-/// What some frames of a plan look like.
-pub(super) struct Sample {
-    /// Width of a pixel at the typical distance, world units.
-    footprint: f64,
+/// What some frames of a split look like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameSample {
+    /// Width of a pixel at the distance that 19 of 20 points are nearer than, world units.
+    pub footprint: f64,
     /// Distance within which depths are one surface, world units.
-    tolerance: f64,
-    /// Distances that a twentieth of the points lie below and above.
-    depths: [f64; 2],
+    pub tolerance: f64,
+    /// Distances that a twentieth of the points lie below and above, world units.
+    pub depths: [f64; 2],
 }
 
-impl Sample {
-    pub(super) fn of(
+impl FrameSample {
+    /// Of frames of a split, prepared as they will be for training.
+    ///
+    /// # Errors
+    /// [`NoUsableDepth`] if none of those looked at has a usable pixel.
+    pub fn of(
         dataset: &Dataset,
-        plan: &Plan,
+        split: usize,
+        frames: &[usize],
         surface: &SurfaceSettings,
-    ) -> Result<Self, SceneError> {
+    ) -> Result<Self, NoUsableDepth> {
         let mut preparer = Preparer::new();
         let mut observation = Observation::empty();
         let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
         let mut trusted = [0.0; 2];
         let mut n = 0;
-        for index in sampled(&plan.frames) {
+        for index in sampled(frames) {
             if n == SAMPLED_FRAMES {
                 break;
             }
-            let Ok(frame) = dataset.load(plan.split, index) else { continue };
+            let Ok(frame) = dataset.load(split, index) else { continue };
             let Some(depth) = &frame.depth else { continue };
             n += 1;
             trusted = depth.trusted;
@@ -59,17 +64,62 @@ impl Sample {
             _ => Err(no_points(dataset, trusted, &mut seen, n)),
         }
     }
+}
 
-    /// In world units; at least what noise allows.
-    pub(super) fn scale(&self, asked: StructuralScale) -> Result<f64, SceneError> {
-        match asked {
-            StructuralScale::Pixels(n) => Ok((n * self.footprint).max(self.tolerance)),
-            StructuralScale::World(h) if h >= 0.5 * self.tolerance => Ok(h),
-            StructuralScale::World(found) => {
-                let [near, far] = self.depths;
-                Err(SceneError::BelowNoise { least: 0.5 * self.tolerance, found, near, far })
+/// What to do about depth of which nothing is usable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DepthAdvice {
+    /// The images hold none at all.
+    CheckImages,
+    /// It looks like another unit, taken for metres.
+    OtherUnit {
+        /// That unit.
+        unit: &'static str,
+        /// What the depth scale has to be multiplied by.
+        factor: f64,
+    },
+    /// No usual unit brings it into the trusted range.
+    SetUnit,
+}
+
+impl std::fmt::Display for DepthAdvice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::CheckImages => f.write_str("check that the depth images belong to this dataset"),
+            Self::OtherUnit { unit, factor } => write!(
+                f,
+                "the depths look like {unit} taken for metres: multiply the depth scale by {factor}, or widen the depth range"
+            ),
+            Self::SetUnit => {
+                f.write_str("set the depth scale to its unit, or widen the depth range")
             }
         }
+    }
+}
+
+/// No pixel of the sampled frames is a point.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{}", self.saying(.advice))]
+pub struct NoUsableDepth {
+    /// Name of the dataset.
+    pub dataset: String,
+    /// Interval of lengths that training uses, world units.
+    pub trusted: String,
+    /// What the depth images hold, world units.
+    pub found: String,
+    /// Frames looked at.
+    pub frames: usize,
+    /// What to do.
+    pub advice: DepthAdvice,
+}
+
+impl NoUsableDepth {
+    /// The message with the advice in other words: those of a command line, say.
+    pub fn saying(&self, advice: &dyn std::fmt::Display) -> String {
+        let Self { dataset, trusted, found, frames, .. } = self;
+        format!(
+            "{dataset}: expected depth within the trusted {trusted}, found {found} in {frames} sampled frames and not one usable pixel; {advice}"
+        )
     }
 }
 
@@ -88,7 +138,12 @@ fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
 }
 
 /// Says what depth there is, and which unit it seems to have.
-fn no_points(dataset: &Dataset, trusted: [f64; 2], seen: &mut [f64], frames: usize) -> SceneError {
+fn no_points(
+    dataset: &Dataset,
+    trusted: [f64; 2],
+    seen: &mut [f64],
+    frames: usize,
+) -> NoUsableDepth {
     let interval = |[a, b]: [f64; 2]| match b.is_finite() {
         true => format!("range {a:.3} to {b:.3}"),
         false => format!("range from {a:.3} on"),
@@ -102,7 +157,7 @@ fn no_points(dataset: &Dataset, trusted: [f64; 2], seen: &mut [f64], frames: usi
         None => DepthAdvice::CheckImages,
         Some(middle) => unit_advice(trusted, middle),
     };
-    SceneError::NoPoints {
+    NoUsableDepth {
         dataset: dataset.name.clone(),
         trusted: interval(trusted),
         found,

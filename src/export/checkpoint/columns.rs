@@ -67,6 +67,7 @@ pub(super) fn join<T: Pod>(
     mut rows: Vec<[T; N_SUMS]>,
 ) -> Vec<[T; N_SUMS]> {
     let size = size_of::<T>();
+    // Read unaligned: a file's bytes lie at any address, and an `i128` asks for one of 16.
     let counts = counts.chunks_exact(size);
     let first = first.chunks_exact(N_FIRST * size);
     let second = second.chunks_exact(N_SECOND * size);

@@ -16,6 +16,7 @@ use std::io::{self, Write};
 
 /// The line ends and the high bit show damage by transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
+// 22 tags are known. A bound keeps the table small whatever a header claims.
 const MAX_SECTIONS: usize = 64;
 const ALIGNMENT: u64 = 64;
 const CRC_BYTES: usize = 4;
@@ -89,6 +90,7 @@ impl<'a> Section<'a> {
 /// Writes a whole file.
 pub(super) fn write(out: &mut dyn Write, sections: &[Section]) -> io::Result<()> {
     let mut end = (size_of::<Header>() + size_of::<Entry>() * sections.len() + CRC_BYTES) as u64;
+    // Offsets and checksums before any byte: the table is in front, and a pipe goes forward only.
     let entries: Vec<Entry> = sections
         .iter()
         .map(|section| {
@@ -177,6 +179,7 @@ impl<'a> Container<'a> {
             if crc32fast::hash(content) != entry.crc {
                 return Err(Defect::Checksum { place: tag_text(entry.tag) });
             }
+            // Later minor versions may add what can be passed over, under tags in lower case.
             if !tag::is_known(entry.tag) && !entry.tag[0].is_ascii_lowercase() {
                 return Err(Defect::UnknownSection { tag: tag_text(entry.tag), version });
             }
@@ -218,6 +221,7 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     if range.start < end {
         return refuse(&format!("an offset of {end} or more"), entry.offset.to_string());
     }
+    // Bytes between sections could hold anything, unseen by any checksum.
     if range.start - end >= ALIGNMENT as usize || bytes[end..range.start].iter().any(|&b| b != 0) {
         return refuse("zeros up to the next multiple of 64 before it", "something else".into());
     }

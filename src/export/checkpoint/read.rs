@@ -6,7 +6,7 @@ use super::content::{Checkpoint, Cursor, Loaded};
 use super::error::{CheckpointError, Defect, tag_text};
 use super::sections::Sections;
 use super::{check, mixture, scene, tag};
-use crate::export::read_file;
+use crate::export::read::read_file;
 use crate::model::stored::StoredModel;
 use std::io::Read;
 use std::path::Path;
@@ -43,6 +43,7 @@ pub fn read(path: &Path) -> Result<Loaded, CheckpointError> {
 pub fn parse(bytes: &[u8]) -> Result<Loaded, Defect> {
     let container = Container::parse(bytes)?;
     let sections = Sections(&container);
+    // By its sections: files of version 1.0 hold mixtures and name no preset.
     let model = match tag::OF_SCENES.iter().any(|tag| sections.has(*tag)) {
         true => StoredModel::Scene(scene::read(&sections)?),
         false => mixture::read(&sections)?,

@@ -36,6 +36,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     }
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
+    // Pairs of u16 as one word: hits in the low half, as little-endian machines have them.
     sections.push(Section::new::<u32>(tag::LOOKS, bytemuck::cast_slice(&state.visibility)));
     // Scenes without fitted gains keep the bytes that files had before gains existed.
     if !state.exposures.is_empty() {
@@ -49,6 +50,7 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
 pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     sections.refuse(&tag::OF_MIXTURES, "scene")?;
     let seeds = sections.rows::<f32, 3>(tag::SEEDS, None)?;
+    // None is right, too: a run may be saved before any frame had points.
     check_size(tag::SEEDS, 0, seeds.len())?;
     let components = match sections.has(tag::COMPONENTS) {
         true => Some(sections.elements::<u32>(tag::COMPONENTS, Some(seeds.len()))?),

@@ -61,6 +61,7 @@ impl<'a> Sections<'a> {
         let n = bytes.len() / size_of::<T>();
         let mut elements = reserved(n).map_err(Defect::Memory)?;
         elements.resize(n, T::zeroed());
+        // Copied into place, not cast: in a file's bytes elements lie at any address.
         bytemuck::cast_slice_mut(&mut elements).copy_from_slice(bytes);
         Ok(elements)
     }

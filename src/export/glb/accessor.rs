@@ -128,6 +128,7 @@ fn view_bytes<'a>(
     let view = root.buffer_views.get(index).ok_or_else(|| {
         Fault::malformed(place, "a bufferView of that number", format!("number {index}"))
     })?;
+    // Whatever packs bytes says so in its name, `EXT_meshopt_compression` for one.
     if let Some(name) = view.extensions.keys().find(|name| name.contains("compression")) {
         return Err(unsupported(format!("{place} is compressed ({})", shorten(name))));
     }

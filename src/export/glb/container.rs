@@ -24,6 +24,7 @@ pub(super) fn write_start(out: &mut dyn Write, json: &str, bin_length: u64) -> i
         out.write_all(&word.to_le_bytes())?;
     }
     out.write_all(json.as_bytes())?;
+    // Spaces after JSON, as glTF asks for. BIN needs no zeros: rows are multiples of 4.
     out.write_all(&b"   "[..padded - json.len()])?;
     out.write_all(&(bin_length as u32).to_le_bytes())?;
     out.write_all(&BIN.to_le_bytes())
@@ -45,6 +46,7 @@ pub(super) fn split(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     if behind >= bytes.len() {
         return Ok((json, None));
     }
+    // What follows is some extension's: glTF has readers ignore chunks that they do not know.
     let (bin, _) = chunk(bytes, behind, BIN, "BIN chunk")?;
     Ok((json, Some(bin)))
 }

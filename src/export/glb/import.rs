@@ -137,6 +137,7 @@ impl<'a> Columns<'a> {
             rotation: open(root, buffers, part, ROTATION, count)?,
             scale: open(root, buffers, part, SCALE, count)?,
             opacity: open(root, buffers, part, OPACITY, count)?,
+            // Not of linear colours: encoded, what is linear in the direction is so no more.
             degree_1: match has_degree_1(part) && !linear {
                 true => {
                     let [y, z, x] = SH_1.map(|name| open(root, buffers, part, name, count));

@@ -22,6 +22,7 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
     let mut seen = vec![false; root.nodes.len()];
     let mut stack: Vec<(usize, DMat4)> =
         start_nodes(root)?.into_iter().rev().map(|node| (node, DMat4::IDENTITY)).collect();
+    // A stack, not recursion: a file may nest nodes as deep as it is long.
     while let Some((index, scene_from_parent)) = stack.pop() {
         let place = || format!("node {index}");
         let node = root.nodes.get(index).ok_or_else(|| {
@@ -35,6 +36,7 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
         if let Some(mesh) = node.mesh {
             meshes.push((Placement::checked(scene_from_node, &place())?, mesh));
         }
+        // Backwards, since a stack gives back the last first: meshes come as the file lists them.
         stack.extend(node.children.iter().rev().map(|&child| (child, scene_from_node)));
     }
     Ok(meshes)

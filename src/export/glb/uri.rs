@@ -34,6 +34,7 @@ fn read_sibling(path: &Path, length: usize, place: &str) -> Result<Vec<u8>, Faul
 /// The relative path a URI names, if it stays in the folder of the glTF.
 fn sibling(uri: &str) -> Option<PathBuf> {
     let decoded = decode_percent(uri)?;
+    // Schemes, drive letters, separators of another system, names that end early.
     let foreign = decoded.is_empty() || decoded.contains([':', '\\', '\0']);
     let path = PathBuf::from(decoded);
     let stays = path.components().all(|part| matches!(part, Component::Normal(_)));

@@ -186,9 +186,11 @@ fn root(
             extras: extras(options),
         },
         extensions_used: vec![EXTENSION.to_owned()],
+        // Not required: viewers without the extension then draw `COLOR_0` as points.
         extensions_required: Vec::new(),
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
+        // No transform to y-up here, since some readers ignore a node's: positions are turned.
         nodes: vec![Node { mesh: Some(0), ..Node::default() }],
         meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,

@@ -13,6 +13,7 @@ use std::io::{self, Write};
 /// splats).
 const MAX_HEADER_BYTES: usize = 4096;
 
+// Without `red green blue`: spark would then read bare points, and brush let them win over `f_dc`.
 const BEFORE_REST: [&str; 9] = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
 const AFTER_REST: [&str; 8] =
     ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
@@ -69,6 +70,7 @@ impl PlyLayout {
         put(&[0.0; 3]); // normals: readers of this layout skip them
         put(&harmonics::of_color(gaussian.color).to_array());
         let degree_1 = harmonics::of_directional(gaussian.directional);
+        // Channel by channel, each filled up by itself: that is how readers count the coefficients.
         for channel in 0..3 {
             let mut rest = [0.0; N_REST_DEGREE_3];
             rest[..N_REST_DEGREE_1].copy_from_slice(&degree_1.map(|f| f[channel]));

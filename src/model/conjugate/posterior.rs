@@ -59,6 +59,7 @@ impl ComponentPosterior {
         let (mean_space, inverse_scale) = if n > 0.0 {
             let offset = moments.first / n;
             let data_mean = mean_init + offset;
+            // The one subtraction left: both terms are of the size of a cell, not of the world.
             let scatter = moments.second.add_scaled(-n, Sym3::outer(offset));
             let shrinkage = hyper.kappa0_space * n / kappa_space;
             (
@@ -66,6 +67,7 @@ impl ComponentPosterior {
                 prior_scale.add_scaled(1.0, scatter).add_scaled(shrinkage, Sym3::outer(data_mean)),
             )
         } else {
+            // The prior's mean, not `mean_init`: the reference draws unused components there.
             (DVec3::ZERO, prior_scale)
         };
         Self {
@@ -112,6 +114,7 @@ fn definite(inverse_scale: Sym3, prior: f64) -> Sym3 {
         return inverse_scale;
     }
     let eigen = inverse_scale.eigen();
+    // A smaller one would be rounded away again when the matrix is put together.
     let floor = prior.max(RESOLUTION * eigen.values.x);
     let raised = eigen.values.max(DVec3::splat(floor));
     let rebuilt = eigen.vectors * DMat3::from_diagonal(raised) * eigen.vectors.transpose();
@@ -157,6 +160,8 @@ impl Conversion {
     pub fn right() -> Self {
         Self {
             form: CovarianceForm::Eigen,
+            // On Lego 22.0 dB, where the reference's 1.41 gives 20.7; without reassignment, where
+            // gaps are wide, 19.6 and 20.5.
             scale_factor: 1.0,
             opacity: OPACITY,
             keep_unused: false,

@@ -6,6 +6,8 @@ use glam::DVec3;
 
 /// Sums per component: `N`, `a' = Σ r d` (3), `B' = Σ r d dᵀ` (6), `b = Σ r c` (3), where
 /// `d = s − m_k` (`model.md`, Sufficient statistics).
+// No `Σ r c cᵀ`, which the reference sums as well: the colour precision is not learnt, so nothing
+// would read it.
 pub const N_SUMS: usize = 13;
 
 /// Sums of one component over one tile of points, not yet rounded to the form of the totals.

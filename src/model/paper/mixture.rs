@@ -25,6 +25,7 @@ impl<R: Real> InitialModel<R> {
     pub fn new(hyper: Hyper, means: &[[f64; 6]], alpha: &[f64]) -> Self {
         assert_eq!(means.len(), hyper.components, "one mean per component");
         assert_eq!(alpha.len(), hyper.components, "one concentration per component");
+        // In squared distances, as scores are kept: at 10⁹ nats f32 is right to hundreds only.
         let to_weight = 2.0 / hyper.expected_precision_space();
         let ln_weights = dirichlet::expected_ln_weights(alpha);
         let weight: Vec<R> = ln_weights.into_iter().map(|w| R::of(w * to_weight)).collect();

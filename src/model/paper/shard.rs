@@ -6,6 +6,7 @@ use crate::model::conjugate::statistics::{Moments, N_SUMS, TileRecord};
 use std::collections::BTreeMap;
 
 /// Records whose rows are fetched together.
+// With the stamp in the first line two to three times as fast as row by row.
 const ROWS_AHEAD: usize = 16;
 
 /// Rows of consecutive components.
@@ -78,6 +79,7 @@ impl<T: TotalScalar> TotalShard<T> {
             };
             sorted.extend(records.iter().map(widened));
         });
+        // A tile has one record of a component: keys are unique, so there is one order only.
         sorted.sort_unstable_by_key(|record| (record.id, record.tile));
         self.add_all(frame, first, &sorted);
         self.sorted = sorted;
@@ -113,6 +115,7 @@ impl<T: TotalScalar> TotalShard<T> {
     #[inline(always)]
     fn add<R: Real>(&mut self, place: usize, record: &TileRecord<R>) {
         let sums = record.sums.map(R::to_f64);
+        // Whole or not at all: else a component that counts as unused would keep moments.
         if T::vanishes(sums[0]) {
             return;
         }

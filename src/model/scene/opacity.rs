@@ -31,6 +31,7 @@ impl DensityOpacity {
     pub fn opacity(&self, count: f64, expected: f64, frames: u64) -> f64 {
         let rho = count / (expected + self.doubt * early(frames));
         // `exp_m1` keeps the digits of small densities.
+        // A power of the density was tried: no better at an equal share of what shines through.
         let opacity = self.tau * -(-rho / self.rho0).exp_m1();
         if opacity > self.least { opacity } else { 0.0 }
     }
@@ -41,6 +42,7 @@ const EARLY_FRAMES: f64 = 50.0;
 
 /// How much of what many frames may ask of a component so many may: 0 to 1.
 pub fn early(frames: u64) -> f64 {
+    // In full at once, new surfaces would stay invisible: nothing could outweigh the doubt yet.
     (frames as f64 / EARLY_FRAMES).min(1.0)
 }
 

@@ -67,6 +67,7 @@ impl SplatRule {
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
+            // By the points' own covariance: without the prior and the factor that shape the splat.
             appearance.gradient =
                 rows(sums.gradient(covariance, self.gradient_ridge * context.h * context.h));
         }
@@ -104,6 +105,7 @@ impl SplatRule {
         let view = sums.view / n;
         let joint = sums.color_view * (1.0 / n) - outer(sums.color / n, view);
         let spread = sums.view_second.scaled(1.0 / n).add_scaled(-1.0, Sym3::outer(view));
+        // A surface seen from one side only has hardly a spread of directions: the ridge holds it.
         let [constant, falling] = self.directional_ridge;
         match spread.add_scaled(1.0, Sym3::diagonal(constant + falling / n)).inverse() {
             Some(inverse) => joint * inverse.to_mat3(),

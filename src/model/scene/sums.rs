@@ -20,6 +20,7 @@ use std::ops::Add;
 pub const N_SUMS: usize = 42;
 
 /// Largest offset of a point from its component's seed, units of `h`, that sums are formed of.
+// Just below √8: 8,192 points of its square then stay below 2³¹ quanta of 2⁻¹⁵.
 pub const MAX_OFFSET: f32 = 2.8;
 
 /// Largest term of a sum: the square of [`MAX_OFFSET`].
@@ -181,6 +182,7 @@ impl SceneSums {
             first: self.first + shift * self.count,
             second,
             color_offset: self.color_offset + outer(self.color, shift),
+            // Normals, directions and their products with colours know no place.
             ..*self
         }
     }

@@ -68,6 +68,7 @@ impl ExposureLog {
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
         let away = |frame: &FrameExposure| frame.squared_distance(pose, self.reach);
         let nearest = self.frames.iter().map(away).fold(f64::INFINITY, f64::min);
+        // Of logarithms, since gains are factors: half and twice as bright make as bright.
         let (mut total, mut logs) = (0.0, DVec3::ZERO);
         for frame in &self.frames {
             // Relative to the nearest frame: far from all of them every weight alone would

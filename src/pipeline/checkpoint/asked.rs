@@ -8,10 +8,9 @@ use super::error::RunError;
 use super::saved::SavedRun;
 use crate::dataset::LoadOptions;
 use crate::pipeline::plan::{Order, Selection, Shard};
-use crate::pipeline::settings::method::Method;
-use crate::pipeline::settings::scene::SceneOverrides;
-use crate::train::paper::config::{PaperOverrides, Preset};
-use crate::train::setting::table::{Conflict, SettingLayer};
+use crate::pipeline::settings::GivenSettings;
+use crate::train::setting::Preset;
+use crate::train::setting::table::Conflict;
 use crate::train::setting::value::text_of;
 use serde::Serialize;
 use std::fmt::Debug;
@@ -21,10 +20,8 @@ use std::fmt::Debug;
 pub struct ResumeRequest {
     /// Origin of the defaults.
     pub preset: Option<Preset>,
-    /// Settings of a model of the paper's preset.
-    pub paper: PaperOverrides,
-    /// Settings of a model of the scene's.
-    pub scene: SceneOverrides,
+    /// Settings of the model.
+    pub model: GivenSettings,
     /// Split to train on.
     pub split: Option<String>,
     /// Order of the frames.
@@ -47,48 +44,24 @@ impl SavedRun {
     pub fn check(&self, asked: &ResumeRequest) -> Result<(), RunError> {
         let method = &self.config.method;
         let conflict = differs("--preset", asked.preset.as_ref(), Some(&method.preset()))
-            .or_else(|| of_model(&asked.paper, &asked.scene, method))
+            .or_else(|| asked.model.conflict(method))
             .or_else(|| of_frames(asked, &self.config.selection))
             .or_else(|| of_depth(&asked.load, &self.config.load));
         match conflict {
             None => Ok(()),
             Some(Conflict { setting, stored, asked }) => {
+                let stored = stored.unwrap_or_else(|| "no value".to_owned());
                 Err(RunError::Conflict { setting, path: self.path.clone(), stored, asked })
             }
         }
     }
 }
 
-/// Settings of the run's preset against the run's; of the other, only those with an option of both
-/// may be given.
-fn of_model(paper: &PaperOverrides, scene: &SceneOverrides, method: &Method) -> Option<Conflict> {
-    match method {
-        Method::Paper(config) => {
-            paper.conflict(config).or_else(|| foreign::<_, PaperOverrides>(scene))
-        }
-        Method::Scene(run) => scene.conflict(run).or_else(|| foreign::<_, SceneOverrides>(paper)),
-    }
-}
-
-fn foreign<Other: SettingLayer, Own: SettingLayer>(layer: &Other) -> Option<Conflict> {
-    let (about, asked) = layer.foreign_to::<Own>()?;
-    Some(Conflict { setting: about.name(), stored: "no such option".to_owned(), asked })
-}
-
 /// Which frames, and in which order.
 fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
     // Taken apart whole, so that a new field asks to be compared; a limit of frames may change.
-    let ResumeRequest {
-        preset: _,
-        paper: _,
-        scene: _,
-        split,
-        order,
-        stride,
-        shard,
-        load: _,
-        max_frames: _,
-    } = asked;
+    let ResumeRequest { preset: _, model: _, split, order, stride, shard, load: _, max_frames: _ } =
+        asked;
     differs("--split", split.as_ref(), stored.split.as_ref())
         .or_else(|| differs("--order", order.as_ref(), Some(&stored.order)))
         .or_else(|| differs("--stride", stride.as_ref(), Some(&stored.stride)))
@@ -108,6 +81,9 @@ fn differs<T: PartialEq + Serialize + Debug>(
     stored: Option<&T>,
 ) -> Option<Conflict> {
     let asked = asked.filter(|_| asked != stored)?;
-    let stored = stored.map_or_else(|| "no such option".to_owned(), text_of);
-    Some(Conflict { setting: option.to_owned(), stored, asked: text_of(asked) })
+    Some(Conflict {
+        setting: option.to_owned(),
+        stored: stored.map(text_of),
+        asked: text_of(asked),
+    })
 }

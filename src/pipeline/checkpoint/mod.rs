@@ -2,7 +2,6 @@
 
 mod asked;
 mod error;
-mod fingerprint;
 mod json;
 mod merge;
 mod resume;
@@ -11,6 +10,5 @@ mod saved;
 
 pub use asked::ResumeRequest;
 pub use error::RunError;
-pub use fingerprint::Fingerprint;
 pub use merge::merge;
 pub use saved::{Meta, SavedRun};

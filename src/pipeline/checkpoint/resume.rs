@@ -2,11 +2,11 @@
 
 use super::asked::ResumeRequest;
 use super::error::RunError;
-use super::fingerprint::Fingerprint;
 use super::json::parse;
 use super::save::History;
 use super::saved::SavedRun;
 use crate::dataset::Dataset;
+use crate::dataset::fingerprint::Fingerprint;
 use crate::export::checkpoint::Checkpoint;
 use crate::pipeline::past::Past;
 use crate::pipeline::plan::Plan;

@@ -1,13 +1,13 @@
 //! From a session to a checkpoint.
 
 use super::error::RunError;
-use super::fingerprint::Fingerprint;
 use super::json::canonical;
 use super::saved::Meta;
+use crate::dataset::fingerprint::Fingerprint;
+use crate::eval::machine;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::export::checkpoint::{self, Checkpoint, Cursor};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::machine;
 use crate::pipeline::session::Session;
 use serde::{Deserialize, Serialize};
 use std::path::Path;

@@ -1,12 +1,12 @@
 //! A run read from a checkpoint.
 
 use super::error::RunError;
-use super::fingerprint::Fingerprint;
 use super::json::parse;
+use crate::dataset::fingerprint::Fingerprint;
+use crate::eval::machine;
 use crate::export::checkpoint::{self, Checkpoint, Loaded};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::any_preset::Revived;
-use crate::pipeline::machine;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::run::RunConfig;
 use glam::DVec3;
@@ -60,9 +60,9 @@ impl SavedRun {
         Ok(run)
     }
 
-    /// Splats of all components, as the session's that was saved.
+    /// Splats as the session's files hold them.
     pub fn splats(&self) -> Result<SplatSet, RunError> {
-        Ok(self.revive()?.learner.splats())
+        Ok(self.revive()?.learner.stored_splats())
     }
 
     /// The model, ready to go on, and world to model coordinates.

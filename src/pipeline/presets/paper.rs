@@ -1,21 +1,23 @@
 //! The published algorithm.
 
-use crate::dataset::calibration::ColorCamera;
+use crate::dataset::calibration::Calibration;
 use crate::dataset::error::DatasetError;
 use crate::dataset::range::PositionRange;
 use crate::dataset::unproject::{CameraConvention, UnprojectSettings, Unprojector};
 use crate::dataset::{Dataset, Layout};
 use crate::math::normalization::Normalization;
 use crate::model::paper::state::{ModelState, Totals};
+use crate::model::splat::splats::CovarianceForm;
 use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
-use crate::pipeline::any_preset::{AnyPreset, OrderDependence, Revived};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Revived};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::memory::Estimate;
+use crate::pipeline::memory;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::preset::{Beginning, TypedPreset};
+use crate::pipeline::preset::{Beginning, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
+use crate::train::memory::MemoryEstimate;
 use crate::train::paper::config::{Init, PaperConfig, UpdateWidth};
 use crate::train::paper::engine;
 use crate::train::paper::init::InitialDraw;
@@ -25,8 +27,22 @@ impl AnyPreset for PaperConfig {
         self.seed
     }
 
-    fn color_camera(&self) -> Option<ColorCamera> {
+    /// The published program takes colour and depth as registered.
+    fn calibration(&self) -> Option<&Calibration> {
         None
+    }
+
+    fn component_limit(&self) -> ComponentLimit {
+        ComponentLimit::Fixed(self.components)
+    }
+
+    fn covariance_form(&self) -> CovarianceForm {
+        self.conversion.form
+    }
+
+    /// What it takes from the dataset, the range of positions, is stored with the model.
+    fn placement(&self) -> Vec<(&'static str, String)> {
+        Vec::new()
     }
 
     /// The published loader's rays are part of the preset, where that loader applies.
@@ -37,8 +53,8 @@ impl AnyPreset for PaperConfig {
         }
     }
 
-    fn memory(&self, pixels: usize) -> Estimate {
-        Estimate::new(self, pixels, rayon::current_num_threads())
+    fn memory(&self, pixels: usize) -> MemoryEstimate {
+        self.memory(pixels, rayon::current_num_threads())
     }
 
     /// A mixture depends on the order by its start and its totals alone, which merging compares.
@@ -51,8 +67,7 @@ impl AnyPreset for PaperConfig {
     }
 
     fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch> {
-        let Beginning { learner, normalization } = self.restore(model, frames)?;
-        Ok(Revived { learner, normalization })
+        revive(self, model, frames)
     }
 }
 
@@ -72,7 +87,7 @@ impl TypedPreset for PaperConfig {
         pixels: usize,
     ) -> Result<Beginning<Points<f32>>, SessionError> {
         let normalization = range.normalization();
-        self.memory(pixels).check(self.components)?;
+        memory::check(AnyPreset::memory(self, pixels), self.components)?;
         let draw = initial_draw(dataset, run, self, normalization)?;
         let learner = engine::begin(self, &draw, normalization)?;
         Ok(Beginning { learner, normalization })

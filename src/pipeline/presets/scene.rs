@@ -1,21 +1,22 @@
 //! The scene preset.
 
-use crate::dataset::calibration::ColorCamera;
+use crate::dataset::calibration::Calibration;
 use crate::dataset::range::PositionRange;
 use crate::dataset::surface::SurfaceSettings;
 use crate::dataset::unproject::CameraConvention;
 use crate::dataset::{Dataset, Layout};
 use crate::math::normalization::Normalization;
 use crate::model::scene::state::{SceneState, StoredSums};
+use crate::model::splat::splats::CovarianceForm;
 use crate::model::stored::StoredModel;
 use crate::observation::surface::Observation;
-use crate::pipeline::any_preset::{AnyPreset, OrderDependence, Revived};
+use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Revived};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::memory::Estimate;
 use crate::pipeline::mismatch::Mismatch;
-use crate::pipeline::preset::{Beginning, TypedPreset};
+use crate::pipeline::preset::{Beginning, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
+use crate::train::memory::MemoryEstimate;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::engine;
 use crate::train::scene::sum_form::SumForm;
@@ -25,16 +26,34 @@ impl AnyPreset for SceneRun {
         self.seed
     }
 
-    fn color_camera(&self) -> Option<ColorCamera> {
-        self.surface.calibration.as_ref()?.color_camera
+    fn calibration(&self) -> Option<&Calibration> {
+        self.surface.calibration.as_ref()
+    }
+
+    fn component_limit(&self) -> ComponentLimit {
+        match self.budget {
+            Some(budget) => ComponentLimit::Asked(budget.components()),
+            None => ComponentLimit::Default(self.engine.most),
+        }
+    }
+
+    fn covariance_form(&self) -> CovarianceForm {
+        CovarianceForm::Eigen
+    }
+
+    fn placement(&self) -> Vec<(&'static str, String)> {
+        vec![
+            ("structural scale", self.engine.h.to_string()),
+            ("origin", self.surface.origin.to_string()),
+        ]
     }
 
     fn camera_convention(&self, _: Layout) -> CameraConvention {
         CameraConvention::Exact
     }
 
-    fn memory(&self, pixels: usize) -> Estimate {
-        Estimate::of_scene(&self.engine, pixels)
+    fn memory(&self, pixels: usize) -> MemoryEstimate {
+        self.engine.memory(pixels)
     }
 
     fn order_dependence(&self, components: usize) -> Option<OrderDependence> {
@@ -47,8 +66,7 @@ impl AnyPreset for SceneRun {
     }
 
     fn revive(&self, model: &StoredModel, frames: u64) -> Result<Revived, Mismatch> {
-        let Beginning { learner, normalization } = self.restore(model, frames)?;
-        Ok(Revived { learner, normalization })
+        revive(self, model, frames)
     }
 }
 

@@ -1,8 +1,13 @@
-//! The settings of a model: the paper's or the scene's.
+//! The settings of a model, the paper's or the scene's. Here and in `pipeline/start.rs` it is asked
+//! which of the two; everybody else asks [`AnyPreset`].
 
 use super::scene::{SceneOverrides, SceneRun};
+use crate::dataset::Dataset;
 use crate::pipeline::any_preset::AnyPreset;
-use crate::train::paper::config::{PaperConfig, Preset};
+use crate::pipeline::error::SessionError;
+use crate::pipeline::plan::{Order, Plan, Selection};
+use crate::train::paper::config::PaperConfig;
+use crate::train::setting::Preset;
 use serde::{Deserialize, Serialize};
 
 /// How a model is trained.
@@ -31,6 +36,20 @@ impl Method {
             Self::Scene(run) => &**run,
         }
     }
+
+    /// The settings of a scene, for what only scenes have; `None` for a mixture.
+    pub fn scene(&self) -> Option<&SceneRun> {
+        match self {
+            Self::Paper(_) => None,
+            Self::Scene(run) => Some(run),
+        }
+    }
+
+    /// Whether cameras are corrected by what is known of such cameras and not of these.
+    pub fn assumes_calibration(&self, dataset: &Dataset) -> bool {
+        let calibration = self.any().calibration();
+        calibration.is_some() && calibration == dataset.known_calibration().as_ref()
+    }
 }
 
 /// What a user asks for, before the dataset is looked at.
@@ -48,6 +67,26 @@ impl MethodRequest {
         match self {
             Self::Paper(config) => config.seed,
             Self::Scene(overrides) => overrides.seed.unwrap_or(0),
+        }
+    }
+
+    /// Settings that fit a dataset.
+    ///
+    /// # Errors
+    /// [`SessionError`] for a setting out of range and for frames that a scene cannot begin with.
+    pub(in crate::pipeline) fn on(
+        self,
+        dataset: &Dataset,
+        selection: &Selection,
+    ) -> Result<Method, SessionError> {
+        match self {
+            Self::Paper(config) => Ok(Method::Paper(config)),
+            Self::Scene(overrides) => {
+                // Frames in their own order: whatever is found in them is the same in any order.
+                let whole = Selection { order: Order::Sequential, ..selection.whole() };
+                let all = Plan::new(dataset, &whole, overrides.seed.unwrap_or(0))?;
+                Ok(Method::Scene(Box::new(SceneRun::new(dataset, &all, &overrides)?)))
+            }
         }
     }
 }

@@ -1,9 +1,7 @@
 //! Settings of a run: what a user asks, and what becomes of it on a dataset.
 
 pub mod method;
-mod published;
-mod sample;
+mod presets;
 pub mod scene;
-mod units;
 
-pub use published::preset_file;
+pub use presets::{Foreign, GivenSettings, preset_file};

@@ -21,6 +21,7 @@ pub(super) fn exp2<V: Vector>(x: V) -> V {
     let f = x - (shifted - V::splat(ROUND));
     let mut sum = V::splat(EXP2[5]);
     for &coefficient in EXP2[..5].iter().rev() {
+        // Not fused: images have the same bits on every instruction set.
         sum = sum * f + V::splat(coefficient);
     }
     sum.scale_by_bits(shifted)

@@ -23,6 +23,7 @@ pub(super) struct DepthSorter {
 impl DepthSorter {
     /// Sorts by ascending key; equal keys keep their order.
     pub(super) fn sort(&mut self, items: &mut Vec<Keyed>) {
+        // All passes are counted in one walk: sorting by a digit leaves the counts of others alone.
         let mut starts = digit_starts(items);
         // Three swaps leave the result in the caller's list, since each pass swaps.
         self.buffer.resize(items.len(), Keyed::default());

@@ -4,6 +4,8 @@ use crate::math::simd::LANES;
 use std::ops::Range;
 
 /// Elements handled by one step of the search: two vectors.
+// Two, because least distances of sixteen lanes then bound up to sixteen neighbours, without a
+// selection.
 pub(super) const STEP: usize = 2 * LANES;
 
 /// Positions as columns, and what each stands for. Behind the `len` entries every column has at
@@ -69,6 +71,7 @@ impl Columns {
     #[inline(always)]
     pub fn pad(&mut self) {
         self.reserve(self.len);
+        // One axis is enough: whatever finite numbers the others hold, the distance is infinite.
         self.x[self.len..self.len + STEP].fill(f32::INFINITY);
     }
 

@@ -35,6 +35,7 @@ impl Extent {
     #[inline(always)]
     pub fn of<V: Vector>(points: &Columns, range: Range<usize>) -> Self {
         let [lo, hi] = bounding_box::<V>(points, range.clone());
+        // Halved before they are added: the sum of two large corners would overflow.
         let centre: [f32; 3] = std::array::from_fn(|i| 0.5 * lo[i] + 0.5 * hi[i]);
         let reach2 = reach2::<V>(points, range, centre);
         let largest = lo.iter().chain(&hi).fold(0f32, |largest, v| largest.max(v.abs()));
@@ -65,7 +66,11 @@ impl Extent {
     /// the centre are; `None` where squares might overflow.
     #[inline(always)]
     pub fn limit(&self, nearest2: f32) -> Option<f32> {
+        // Once from a point to the centre, whose neighbours bound the point's, and once to see
+        // those from the centre again.
         let limit = (nearest2.sqrt() + 2.0 * self.reach) * RELATIVE_MARGIN + self.slack;
+        // A point stands up to `reach` off the centre, and the kernel needs finite squares of its
+        // distances.
         (self.is_finite() && limit + self.reach < MAX_RADIUS).then_some(limit)
     }
 }

@@ -60,6 +60,7 @@ impl MeanGrid {
         if means.len() >= u32::MAX as usize {
             return refuse("too many components");
         }
+        // Without a short circuit, so that the loop becomes vector code.
         if !means.iter().flatten().fold(true, |all, v| all & v.is_finite()) {
             return refuse("an initial mean is not finite");
         }
@@ -96,6 +97,7 @@ impl MeanGrid {
         let Columns { x, y, z, tag: ids, len } = sorted;
         let (x, y, z, ids) = (&mut x[..*len], &mut y[..*len], &mut z[..*len], &mut ids[..*len]);
         // Only ids are scattered; positions are then fetched in order, by all threads.
+        // On one thread; counting and scattering in parallel might save 1.4 ms (`train.md`, Speed).
         for (id, &cell) in (0..).zip(cell_of_id.iter()) {
             let next = &mut start[cell as usize + 1];
             ids[*next as usize] = id;
@@ -210,6 +212,7 @@ impl Shape {
     /// every mean in the range of values.
     #[inline(always)]
     fn coordinate(&self, value: f32, axis: usize) -> usize {
+        // The cast saturates: any value has a cell, and `clamp` takes infinite ones to the border.
         let cell = ((value - self.lo[axis]) * self.per_unit) as i32;
         cell.clamp(0, self.dims[axis] as i32 - 1) as usize
     }

@@ -27,6 +27,7 @@ impl KdTree {
         if let Some(&(beyond, _)) = found.get(n.get())
             && found[n.get() - 1].0 == beyond
         {
+            // Of equals the tree keeps any; all at that distance are asked for, so that ids decide.
             let equals = query.within::<SquaredEuclidean<f64>>(beyond).execute();
             found = equals.iter().map(|f| (f.distance, f.item)).collect();
         }

@@ -193,6 +193,8 @@ pub(super) fn neighbours<V: Vector, const KEYS: usize>(
         let d2 = distance2(splat_position([x, y, z]), points);
         let mut key = d2.tag(!entry_bits, entry);
         for kept in &mut keys {
+            // Both from what was kept before: compared with the new one, the wrong id of equals is
+            // evicted (`train.md`, Pitfalls).
             let low = kept.min(key);
             key = kept.max(key);
             *kept = low;

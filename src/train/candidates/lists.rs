@@ -15,6 +15,8 @@ use std::ops::Range;
 pub(in crate::train) const CHUNK: usize = 16;
 
 /// Longest list whose entries fit in the low bits of a key.
+// Thirteen of the 23 bits of a mantissa. Fewer bits of distance would leave more points to be
+// ranked one by one.
 const MAX_KERNEL_LIST: usize = 1 << 13;
 
 /// Length that lists have room for from the start; few tiles need more.
@@ -51,6 +53,7 @@ pub(in crate::train) struct Nearest {
 
 /// Ranks by squared distance, then by id.
 fn key(distance2: f32, id: u32) -> u64 {
+    // Squares are not negative, so their bits are in their order.
     u64::from(distance2.to_bits()) << 32 | u64::from(id)
 }
 
@@ -105,6 +108,7 @@ impl Lists {
         chunk: Range<usize>,
         rank: usize,
     ) -> bool {
+        // Until the list is filled it covers nothing, and `covering` names the raw one.
         self.near_limit = 0.0;
         let extent = Extent::of::<V>(points, chunk);
         let bound2 = self.raw_bound2::<V>(extent.centre, rank);
@@ -143,6 +147,7 @@ impl Lists {
         chunk: Range<usize>,
     ) -> [Nearest; CHUNK] {
         let mut nearest = [Nearest { entry: self.raw.tag[0], second2: f32::NEG_INFINITY }; CHUNK];
+        // A single mean has no second: its key stays infinite, which bounds nothing and is right.
         if !self.shorten::<V>(points, chunk.clone(), self.raw.len.min(2)) {
             return nearest;
         }

@@ -101,6 +101,7 @@ impl VisitChunk for NarrowVisitor<'_> {
             return chunk.for_each(|i| self.rank::<V>(lists, Among::Raw, points, i));
         }
         // One key more than neighbours: it tells whether the last one has an equal.
+        // Constants, so that keys are registers: arrays of a length found at run time are memory.
         match self.rank {
             1 => self.visit_near::<V, 2>(lists, points, chunk),
             2 => self.visit_near::<V, 3>(lists, points, chunk),

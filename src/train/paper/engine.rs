@@ -35,6 +35,7 @@ pub fn begin(
 ) -> Result<Box<dyn PaperLearner>, IndexError> {
     Ok(match config.precision {
         Precision::F64 => in_world(PaperTrainer::<f64>::new(config, draw)?, normalization),
+        // Mixed and f32 runs keep the same points and means, and differ in their totals.
         _ => in_world(PaperTrainer::<f32>::new(config, draw)?, normalization),
     })
 }

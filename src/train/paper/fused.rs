@@ -24,6 +24,7 @@ use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
 
 /// Marks an owner that stands for shares of several components.
+// `NOBODY` has this bit, too: whoever lacks it is a slot, and only the others are told apart.
 const SHARED: u32 = 1 << 31;
 
 /// What a fused pass reads.
@@ -69,6 +70,8 @@ pub(super) struct FusedMemory {
 impl FusedMemory {
     /// With room for what tiles usually need of a model with so many components.
     pub fn new(components: usize) -> Self {
+        // All at once: which thread takes which tiles changes from frame to frame, and a warm frame
+        // must allocate nothing (`tests/engine/allocations.rs`).
         let mut memory = Self::default();
         memory.tile.slots.begin(components);
         memory.tile.components.reserve(USUAL_SLOTS);
@@ -171,6 +174,7 @@ impl TileMemory {
     fn sum(&self, points: &Points<f32>, range: Range<usize>, sums: &mut Vec<[f32; N_SUMS]>) {
         sums.clear();
         sums.resize(self.components.len(), [0.0; N_SUMS]);
+        // By points, never by groups of the search: those follow the grid, sums of f32 their order.
         for (i, &owner) in range.zip(&self.owners) {
             let (space, color) = (points.position(i), points.color(i));
             let mut add = |slot: u32, r: f32| {

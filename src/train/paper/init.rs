@@ -63,7 +63,10 @@ impl InitialDraw {
 }
 
 fn random_alpha(components: usize, seed: u64) -> Vec<f64> {
+    // A stream of its own: weights are the same however many numbers the means have drawn.
     let mut rng = Rng::new(seed, Purpose::Init, 1);
+    // A quirk of the reference, kept: it alters hardly an assignment (`model.md`, Quirks of the
+    // reference).
     (0..components).map(|_| (1.0 + rng.uniform()) / components as f64).collect()
 }
 

@@ -8,6 +8,7 @@ mod fused;
 pub mod index;
 pub mod init;
 pub mod learner;
+pub mod memory;
 pub mod pass;
 mod plain;
 pub mod reassign;

@@ -330,6 +330,7 @@ impl Pass {
 
     /// Adds the sums of the last pass to the totals.
     pub fn commit(&self, statistics: &mut Statistics, moments: Width) {
+        // Threads in any order: integers do not mind, and f32 totals sort what they are given.
         match moments {
             Width::F32 => statistics.add_frame(|shard, add| {
                 self.read_workers().for_each(|w| add(&w.narrow[shard]));

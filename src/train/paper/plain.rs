@@ -171,6 +171,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         let of_points = ids.chunks_exact(per_point).zip(responsibilities.chunks_exact(per_point));
         for (i, (ids, responsibilities)) in self.points.tile(tile).zip(of_points) {
             let (space, color) = (self.points.position(i).map(of), self.points.color(i).map(of));
+            // A point adds one term to each of its candidates, so their order alters no sum.
             for (&id, &r) in ids.iter().zip(responsibilities).filter(|(_, r)| **r > 0.0) {
                 // Zero shares are filtered above: they would make records that say nothing.
                 let slot = slots.find(id);

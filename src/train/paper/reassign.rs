@@ -14,6 +14,7 @@ use rayon::prelude::*;
 const PART: usize = 1 << 10;
 
 /// Parts of a frame that are looked through at once.
+// A fixed number, not one a thread: joined, they are the same list for any number of threads.
 const PARTS: usize = 8;
 /// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of
 /// the mantissa tell bins apart.
@@ -33,6 +34,7 @@ impl Quota {
     /// `n_max = ⌊K f⌋` and `n_req = ⌊unused f⌋` capped by each other; `None` if nothing may move.
     pub fn new(config: &PaperConfig, unused: usize) -> Option<Self> {
         let fraction = config.reassign_fraction;
+        // Products in f64, cut off, as in the reference: one more or less moves other components.
         let share = |n: usize| (n as f64 * fraction) as usize;
         let moves = share(config.components).min(share(unused));
         let low_elbo = match config.reassign {
@@ -140,6 +142,7 @@ impl DestinationChooser {
         let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
         pairs.for_each(|(draw, &(_, point))| {
             let uniform = stream.uniform_at(point.into());
+            // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
             let gap = of(point) - best;
             // The logarithm of `libm` has equal bits on every machine; the platform's need not.
             let time = -libm::log(uniform) / gap;

@@ -1,4 +1,8 @@
 //! The trainer of one precision: owns the model and applies frames to it.
+//!
+//! Frames are scored against the initial model, never the posterior (`model.md`, Three models), so
+//! that their sums simply add. What can fail, the index, is built before anything is added or after
+//! all of it: a frame counts whole or not at all.
 
 use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::Index;
@@ -93,9 +97,12 @@ impl<R: PaperScalar> PaperTrainer<R> {
             }
             ReassignPolicy::Forwarded => {
                 self.fit(points, &mut ms);
+                // The unused of after the fit: what this frame has used must not move.
                 self.reassign(points, self.quota(), &mut ms)?
             }
             ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded => {
+                // Two searches a frame. Keeping the lists of tiles that no moved mean came near is
+                // still to be tried (`train.md`, Speed).
                 let quota = self.quota();
                 if quota.is_some() {
                     self.run_pass(points, self.scored_by(), Output::Elbo, &mut ms);
@@ -143,6 +150,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             config: &self.config,
             statistics: &self.statistics,
         };
+        // Before the fit nobody owns a point: means are still to move.
         let owners = match output {
             Output::Elbo => None,
             Output::ElboAndSums => self.component_elbo.owners(),
@@ -185,10 +193,12 @@ impl<R: PaperScalar> PaperTrainer<R> {
     ) -> Result<usize, IndexError> {
         let Some(quota) = quota else { return Ok(0) };
         let mut clock = Stopwatch::start();
+        // Named by the frame, not carried along: a run that goes on draws as if it never stopped.
         let stream = Rng::new(self.config.seed, Purpose::Reassign, self.frames);
         let destinations = self.chooser.destinations(&self.q, quota, &stream);
         let mut moves = std::mem::take(&mut self.moves);
         moves.clear();
+        // The lowest ids; the reference takes whichever an unstable sort of equals puts first.
         moves.extend(self.statistics.unused().zip(destinations.iter().copied()));
         let moved = self.move_components(points, &moves);
         let n = moves.len();
@@ -247,6 +257,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         frames: u64,
     ) -> Result<Self, IndexError> {
         let ModelState { alpha_init, means, totals } = state;
+        // Means as reassignment left them: the index is not saved, but built of them anew.
         let draw = InitialDraw { means: means.rows(), alpha: alpha_init };
         let mut trainer = Self::new(config, &draw)?;
         trainer.statistics = Statistics::restore(&totals);

@@ -13,6 +13,7 @@ use crate::model::scene::sums::{MAX_OFFSET, N_SUMS, terms};
 use crate::observation::surface::SurfacePoint;
 
 /// Runs of components that threads take; the points of each are gathered by one thread.
+// Every part looks through the owners of all points for its own: more parts, more reading.
 const PARTS: usize = 16;
 
 /// A frame's points with what became of them.
@@ -35,6 +36,8 @@ impl Matched<'_> {
         let (point, shift) = (&self.points[i], self.shifts[i]);
         let real = |x: f32| R::of(f64::from(x));
         let per_h = R::of(1.0 / h);
+        // Merged components reach points beyond `h`, and refinement moves points: without a bound
+        // their terms could overflow a row.
         let offset = [0, 1, 2].map(|axis| {
             let offset = real(point.position[axis]) - real(seed[axis])
                 + real(shift) * real(point.direction[axis]);

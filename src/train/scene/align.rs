@@ -82,7 +82,7 @@ struct Match {
     /// Mean of the component, world units from the origin.
     mean: DVec3,
     color: DVec3,
-    /// SumRow per channel, in the plane.
+    /// One row per channel, in the plane, per world unit.
     gradient: DMat3,
     /// Means of the frame's points.
     seen: DVec3,
@@ -101,6 +101,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         let shift_deviation = f64::from(self.frame.tolerance.refinement);
         let mut motion = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
         for _ in 0..ROUNDS {
+            // About the recorded pose in every round: about the last one, rounds could wander off.
             let mut normal = Normal::prior(&motion, shift_deviation);
             matches.iter().for_each(|matched| normal.add_match(matched, centre, &motion));
             let [turn, shift] = normal.solution()?;
@@ -166,7 +167,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
 
 /// Normal equations of turn and shift.
 struct Normal {
-    /// SumRow by row; the lower triangle.
+    /// Row by row; the lower triangle.
     matrix: [f64; 36],
     right: [f64; 6],
 }
@@ -223,6 +224,7 @@ impl Normal {
     fn solution(&self) -> Option<[DVec3; 2]> {
         let x = Cholesky::new(6, &self.matrix)?.solve(&self.right);
         let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
+        // The factor says nothing of the right side: a colour that is no number shows only here.
         (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
     }
 }

@@ -13,8 +13,10 @@ use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points that are searched for together.
+// As many as a tile of 8×8 pixels, in whose order points come.
 const GROUP: usize = 64;
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
+// 8³: eight pixels are some 3 `h` at the default scale, and a cell is added at either side.
 const MAX_CELLS: i64 = 512;
 
 /// Seeds near a group.

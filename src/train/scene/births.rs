@@ -47,6 +47,7 @@ pub fn give_birth(
         };
         *owner = match found {
             Some(seed) => components.of_seed(seed),
+            // Before the budget: such a place has no cell that a seed could be filed under.
             None if !grid.reaches(place) => {
                 births.out_of_reach += 1;
                 NONE

@@ -118,6 +118,7 @@ impl Components {
             seeds: vec![1; n as usize],
             free: Vec::new(),
         });
+        // One walk over the seeds for all pairs: they share no component, so no chain is followed.
         let mut into: Vec<u32> = (0..n).collect();
         for &(kept, dropped) in pairs {
             into[dropped as usize] = kept;

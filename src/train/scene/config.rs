@@ -95,8 +95,11 @@ impl SceneConfig {
             sums: SumForm::Mixed,
             most: DEFAULT_MAX_COMPONENTS,
             native: SplatRule {
+                // With plain Gaussians such opacities turn surfaces transparent, at a cost of 2 dB:
+                // they belong to flat tops (`model.md`, Density opacity).
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
+                // 1.2 before cracks were filled in finished pixels: width blurs what splats show.
                 scale: 1.12,
                 closing: 0.9,
                 least_scale: 0.05,
@@ -124,6 +127,7 @@ impl SceneConfig {
         let fine = Self::fine(h);
         let native = SplatRule {
             opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.native.opacity },
+            // 1.6 before cracks were filled; half the coverage closes what wider splats closed.
             scale: 1.35,
             closing: 0.5,
             least_scale: 0.15,

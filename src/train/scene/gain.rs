@@ -31,6 +31,7 @@ pub fn gain<W: SumScalar>(
     if total[6] < MIN_MATCHES {
         return [1.0; 3];
     }
+    // A factor alone: with an offset beside it scores were worse (`scene.md`, Gain).
     [0, 1, 2].map(|i| if total[3 + i] > 0.0 { (total[i] / total[3 + i]) as f32 } else { 1.0 })
 }
 
@@ -42,6 +43,7 @@ fn chunk_sums<W: SumScalar>(
 ) -> [f64; 7] {
     let mut sums = [0.0; 7];
     for (point, &owner) in points.iter().zip(owners) {
+        // Components born in this frame have no row yet.
         if owner == NONE || owner as usize >= component_sums.len() {
             continue;
         }

@@ -8,6 +8,7 @@
 /// Stands for no seed, and for no component.
 pub const NONE: u32 = u32::MAX;
 /// Cells from the origin that can be told apart on every axis.
+// At 2²⁰ cells an f32 still tells sixteenths of a cell apart.
 const MAX_CELLS: f32 = (1 << 20) as f32;
 /// Buckets of a grid without seeds.
 const MIN_BUCKETS: usize = 1024;
@@ -122,6 +123,7 @@ impl SeedGrid {
         if !self.reaches(position) {
             return None;
         }
+        // `NONE` is above every id, so that a seed at exactly a cell's width counts.
         let (mut best, mut found) = (self.cell * self.cell, NONE);
         let cell = self.cell_of(position);
         self.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |id, seed| {

@@ -106,6 +106,7 @@ fn summary<W: SumScalar>(
     h: f64,
     id: usize,
 ) -> Summary {
+    // Offsets stay in units of `h`: costs weigh them against colours, which have no unit.
     let sums = SceneSums::new(&component_sums.sums(id), 1.0);
     let seed = DVec3::from_array(SeedPositions { grid, components }.of(id).map(f64::from)) / h;
     Summary { sums, seed, error: if sums.count > 0.0 { error(&sums) } else { 0.0 } }
@@ -124,6 +125,7 @@ fn best_partner(
         return None;
     }
     let mean = (own.seed + own.sums.mean_offset()) * h;
+    // Merging takes means up to 1.5 `h` from their seeds, and neighbours are those of the points.
     let cell = grid.cell_of(mean.as_vec3().to_array());
     let mut best: Option<(f64, u32, u32)> = None;
     grid.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |seed, _| {
@@ -137,6 +139,7 @@ fn best_partner(
         let (a, b) = if is_older { (own, other) } else { (other, own) };
         let Some(cost) = cost(a, b) else { return };
         let pair = if is_older { (cost, id as u32, other_id) } else { (cost, other_id, id as u32) };
+        // Equal costs by the lower ids: seeds come in the order of buckets.
         if best.is_none_or(|best| (pair.0, pair.1, pair.2) < best) {
             best = Some(pair);
         }

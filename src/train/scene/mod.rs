@@ -10,9 +10,11 @@
 pub mod config;
 pub mod engine;
 pub mod learner;
+pub mod memory;
 pub mod partition;
 pub mod sum_form;
 pub mod trainer;
+pub mod units;
 
 mod accumulate;
 mod align;

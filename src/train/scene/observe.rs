@@ -46,6 +46,7 @@ pub fn observe<W: SumScalar>(
             let mean = seed + DVec3::from_array(sum) * (h / n);
             if let Some((visibility, expected)) = viewer.visibility(mean, DVec3::from_array(normal))
             {
+                // A merged component could return what each of its seeds could: an `h²` of surface.
                 row.count_visibility(visibility, expected * seed_positions.components.n_seeds(id));
             }
         }
@@ -69,6 +70,7 @@ impl Viewer<'_> {
         let measured = f64::from(*ranges.at(u as usize, v as usize));
         let [constant, growing] = self.frame.tolerance.margin.map(f64::from);
         let margin = constant + growing * range;
+        // Infinity, where there was no surface, is a miss; NaN, where nothing is known, is neither.
         let visibility = if measured > range + margin {
             Visibility::Miss
         } else if (measured - range).abs() <= margin {

@@ -27,6 +27,7 @@ pub fn shift<W: SumScalar>(
         return 0.0;
     }
     let direction = point.direction.map(f64::from);
+    // The sum of normals as it is: its length cancels where it is divided by `slope`.
     let length = dot(normal, normal).sqrt();
     let slope = dot(normal, direction);
     // Along a slanted ray a small error of the plane moves a point far.

@@ -1,12 +1,10 @@
 //! Lengths and sizes as a user says them.
 
-use crate::train::scene::config::COMPONENT_BYTES;
+use super::config::COMPONENT_BYTES;
 use serde::{Deserialize, Serialize};
 
 /// Structural scale where none is asked for, pixels.
 pub const DEFAULT_PIXELS: f64 = 2.5;
-/// Share of the points that are nearer than the distance at which pixels are taken for lengths.
-pub const NEARER_SHARE: f64 = 0.95;
 
 /// Structural scale: largest distance of a point from the seed of its component.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,7 +61,7 @@ impl From<StructuralScale> for String {
 /// Most components of a scene.
 ///
 /// ```
-/// use vbgs_studio::pipeline::settings::scene::Budget;
+/// use vbgs_studio::train::scene::units::Budget;
 ///
 /// assert_eq!("25000".parse(), Ok(Budget::Components(25_000)));
 /// assert!("5MB".parse::<Budget>()?.components() > 20_000);

@@ -8,6 +8,7 @@
 //! preset files and the tables of the README. A row holds functions, not values, so that settings
 //! keep their own types and comparisons are typed; only messages are text.
 
+use super::preset::Preset;
 use super::range::ConfigError;
 use super::value::{Choice, ValueError};
 use std::ffi::OsStr;
@@ -113,8 +114,8 @@ impl About {
 pub struct Conflict {
     /// The setting, as messages name it.
     pub setting: String,
-    /// The run's value.
-    pub stored: String,
+    /// The run's value, if it has any.
+    pub stored: Option<String>,
     /// The value asked for.
     pub asked: String,
 }
@@ -147,6 +148,11 @@ pub trait SettingLayer: Default + Sized + 'static {
     /// Every setting, in the order in which they are applied and listed.
     const TABLE: &'static [Setting<Self>];
 
+    /// The preset whose settings they are.
+    const PRESET: Preset;
+    /// An example of a file with some of them, for messages.
+    const EXAMPLE: &'static str;
+
     /// These settings where given, `fallback`'s elsewhere.
     fn or(self, fallback: Self) -> Self;
 
@@ -172,7 +178,6 @@ pub trait SettingLayer: Default + Sized + 'static {
     fn conflict(&self, run: &Self::Run) -> Option<Conflict> {
         Self::TABLE.iter().find_map(|setting| {
             let (stored, asked) = (setting.differs)(self, run)?;
-            let stored = stored.unwrap_or_else(|| "none".to_owned());
             Some(Conflict { setting: setting.about.name(), stored, asked })
         })
     }
@@ -188,7 +193,8 @@ pub trait SettingLayer: Default + Sized + 'static {
     }
 }
 
-/// Declares the settings of a preset: a [`SettingLayer`] and its table. Of every setting:
+/// Declares the settings of a preset: a [`SettingLayer`] with an example of a file that gives some, and
+/// its table. Of every setting:
 ///
 /// * its doc comment is its help everywhere;
 /// * `option "--name" "VALUE"`, `part "name"` or `file` is how the command line says it;
@@ -202,7 +208,7 @@ pub trait SettingLayer: Default + Sized + 'static {
 macro_rules! settings {
     (
         $(#[$meta:meta])*
-        pub struct $layer:ident of $run:ty;
+        pub struct $layer:ident of $run:ty, $preset:expr, such as $example:literal;
         $(
             $(#[doc = $doc:literal])+
             $field:ident: $value:ty {
@@ -229,17 +235,6 @@ macro_rules! settings {
                 $(#[serde(alias = $old)])?
                 pub $field: Option<$value>,
             )+
-        }
-
-        impl $layer {
-            /// These settings where given, `fallback`'s elsewhere.
-            pub fn or(self, fallback: Self) -> Self {
-                Self {
-                    $($field: self.$field.clone().or(
-                        fallback.$field$(.filter(|_| self.$above.is_none()))?
-                    ),)+
-                }
-            }
         }
 
         impl $crate::train::setting::table::SettingLayer for $layer {
@@ -305,8 +300,15 @@ macro_rules! settings {
                 },)+
             ];
 
+            const PRESET: $crate::train::setting::Preset = $preset;
+            const EXAMPLE: &'static str = $example;
+
             fn or(self, fallback: Self) -> Self {
-                self.or(fallback)
+                Self {
+                    $($field: self.$field.clone().or(
+                        fallback.$field$(.filter(|_| self.$above.is_none()))?
+                    ),)+
+                }
             }
         }
     };

@@ -8,9 +8,8 @@ use vbgs_studio::model::paper::state::{ModelState, Totals};
 use vbgs_studio::model::splat::splats::CovarianceForm;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::train::paper::config::{
-    Batch, Candidates, IndexKind, Init, Preset, StatisticsForm,
-};
+use vbgs_studio::train::paper::config::{Batch, Candidates, IndexKind, Init, StatisticsForm};
+use vbgs_studio::train::setting::Preset;
 
 fn half() -> SavedRun {
     saved(&trained(&off(), first(3)))
@@ -19,7 +18,8 @@ fn half() -> SavedRun {
 #[test]
 fn settings_that_contradict_the_run_are_refused_by_name() {
     let run = half();
-    let train = |paper| ResumeRequest { paper, ..ResumeRequest::default() };
+    let train =
+        |paper: PaperOverrides| ResumeRequest { model: paper.into(), ..ResumeRequest::default() };
     let none = PaperOverrides::default;
     let cases = [
         ("--components", train(PaperOverrides { components: Some(5), ..none() })),
@@ -68,7 +68,7 @@ fn settings_that_repeat_the_run_are_fine() {
     let run = half();
     let asked = ResumeRequest {
         preset: Some(Preset::Paper),
-        paper: PaperOverrides {
+        model: PaperOverrides {
             components: Some(3000),
             candidates: Some(Candidates::Nearest(4)),
             reassign: Some(ReassignPolicy::Off),
@@ -76,7 +76,8 @@ fn settings_that_repeat_the_run_are_fine() {
             covariance_form: Some(CovarianceForm::Eigen),
             scale_factor: Some(1.0),
             ..PaperOverrides::default()
-        },
+        }
+        .into(),
         order: Some(Order::Sequential),
         stride: Some(1),
         max_frames: Some(4),

@@ -7,10 +7,13 @@ use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::model::scene::state::{SceneState, StoredSums};
 use vbgs_studio::pipeline::checkpoint::{RunError, merge};
 use vbgs_studio::pipeline::plan::Order;
-use vbgs_studio::pipeline::settings::scene::{Budget, SceneOverrides, StructuralScale};
-use vbgs_studio::train::paper::config::Preset;
+use vbgs_studio::pipeline::settings::GivenSettings;
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::scene::config::{BirthRule, VisibilityRule};
 use vbgs_studio::train::scene::sum_form::SumForm;
+use vbgs_studio::train::scene::units::{Budget, StructuralScale};
+use vbgs_studio::train::setting::Preset;
+use vbgs_studio::train::setting::table::SettingLayer;
 
 const LATTICES: [BirthRule; 2] = [BirthRule::Lattice, BirthRule::BodyCentred];
 
@@ -208,7 +211,8 @@ fn scenes_that_began_apart_are_refused() {
 #[test]
 fn settings_that_contradict_the_scene_are_refused_by_name() {
     let run = saved(&trained(&births(BirthRule::Seeds), first(2)));
-    let with = |scene| ResumeRequest { scene, ..ResumeRequest::default() };
+    let with =
+        |scene: SceneOverrides| ResumeRequest { model: scene.into(), ..ResumeRequest::default() };
     let none = SceneOverrides::default;
     let cases = [
         ("--scale", with(SceneOverrides { scale: Some(StructuralScale::Pixels(3.0)), ..none() })),
@@ -242,7 +246,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
         (
             "--components",
             ResumeRequest {
-                paper: PaperOverrides { components: Some(5), ..PaperOverrides::default() },
+                model: PaperOverrides { components: Some(5), ..PaperOverrides::default() }.into(),
                 ..ResumeRequest::default()
             },
         ),
@@ -256,21 +260,23 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     }
     let repeated = ResumeRequest {
         preset: Some(Preset::Scene),
-        paper: PaperOverrides {
-            seed: Some(0),
-            precision: Some(Precision::Mixed),
-            ..PaperOverrides::default()
-        },
-        scene: SceneOverrides {
-            seed: Some(0),
-            scale: Some(StructuralScale::Pixels(2.5)),
-            births: Some(BirthRule::Seeds),
-            refine: Some(true),
-            gradient: Some(true),
-            plane_fit: Some(true),
-            sums: Some(SumForm::Mixed),
-            sensor: Some(Sensor::Exact { noise: 0.0 }),
-            ..SceneOverrides::default()
+        model: GivenSettings {
+            paper: PaperOverrides {
+                seed: Some(0),
+                precision: Some(Precision::Mixed),
+                ..PaperOverrides::default()
+            },
+            scene: SceneOverrides {
+                seed: Some(0),
+                scale: Some(StructuralScale::Pixels(2.5)),
+                births: Some(BirthRule::Seeds),
+                refine: Some(true),
+                gradient: Some(true),
+                plane_fit: Some(true),
+                sums: Some(SumForm::Mixed),
+                sensor: Some(Sensor::Exact { noise: 0.0 }),
+                ..SceneOverrides::default()
+            },
         },
         max_frames: Some(4),
         ..ResumeRequest::default()
@@ -278,7 +284,7 @@ fn settings_that_contradict_the_scene_are_refused_by_name() {
     assert_eq!(finished(run.resume(room(), &repeated, false).unwrap()).frames().len(), 4);
     let mixture = saved(&trained(&off(), first(2)));
     let said = mixture.check(&with(births(BirthRule::Lattice))).unwrap_err().to_string();
-    assert!(said.starts_with("--births: expected no such option"), "{said}");
+    assert!(said.starts_with("--births: expected no value"), "{said}");
 }
 
 #[test]

@@ -88,6 +88,7 @@ pub fn choose(combinations: &[PrecisionCombination]) -> Option<PrecisionCombinat
     let within = || combinations.iter().filter(|c| c.within_bound);
     let fastest = within().min_by(|a, b| a.ms.total_cmp(&b.ms))?;
     let alike = within().filter(|c| !fastest.is_faster_than(c));
+    // Of equals `min_by` keeps the first, and the widest come first.
     alike.min_by(|a, b| a.error.p99().total_cmp(&b.error.p99())).copied()
 }
 

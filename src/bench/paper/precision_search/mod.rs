@@ -27,6 +27,7 @@ pub fn run(
     dataset: Arc<Dataset>,
     progress: Progress,
 ) -> Result<PrecisionSearch, BenchError> {
+    // One view will do: nothing is drawn here.
     let sample = TrainingSample::load(dataset, plan.frames, 1)?;
     let draw = settled_draw(plan, &sample)?;
     let all = combinations();
@@ -35,6 +36,7 @@ pub fn run(
         let change = PaperOverrides { operations: Some(operations), ..PaperOverrides::default() };
         configs.push(plan.config(change)?);
     }
+    // Beside all combinations: the points and means of `f64` are f64 too, as those of none of them.
     for precision in NAMED {
         let change = PaperOverrides { precision: Some(precision), ..PaperOverrides::default() };
         configs.push(plan.config(change)?);

@@ -3,6 +3,7 @@
 use crate::bench::findings::BenchOptions;
 use crate::train::paper::config::{PaperConfig, PaperOverrides, ReassignPolicy};
 use crate::train::setting::ConfigError;
+use crate::train::setting::table::SettingLayer;
 
 /// What is searched, and how thoroughly.
 #[derive(Clone, Debug)]
@@ -30,6 +31,7 @@ impl SearchPlan {
             });
         }
         let (components, frames, repeats) =
+            // More runs than elsewhere: verdicts compare quartiles, which few runs do not have.
             if options.quick { (20_000, 6, 9) } else { (100_000, 12, 15) };
         Ok(Self {
             components,

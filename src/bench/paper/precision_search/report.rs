@@ -8,9 +8,9 @@ use super::combination::{PrecisionCombination, choose};
 use super::plan::SearchPlan;
 use crate::bench::findings::{BENCH_FORMAT, BenchError, BenchOptions};
 use crate::bench::paper::sample::{TrainingSample, count};
+use crate::eval::machine;
 use crate::eval::report::MachineReport;
 use crate::eval::table;
-use crate::pipeline::machine;
 use crate::train::paper::config::{Operations, Precision, UpdateWidth, Width};
 use serde::Serialize;
 
@@ -125,6 +125,7 @@ fn operation_rows(combinations: &[PrecisionCombination], chosen: &Operations) ->
             let found = best(width);
             let is_faster = found.zip(widest).is_some_and(|(f, w)| f.is_faster_than(w));
             let is_chosen = width_of(chosen) == width;
+            // The widest is held against nothing: chosen, it is not said to gain nothing.
             let verdict = match (found, is_chosen, is_faster || width == widths[0]) {
                 (None, _, _) => Verdict::OutsideBound,
                 (_, true, true) => Verdict::Chosen,

@@ -29,6 +29,7 @@ use row::LINES;
 pub fn run(plan: &ScalingPlan, progress: Progress) -> Result<Bench, BenchError> {
     let stops = plan.stops();
     let largest = stops.iter().map(|s| s.points).max().unwrap_or(1);
+    // Rendered once for the largest: the others thin the same frame, so that only size differs.
     let scene = RoomFrames::load(largest, plan.options.seed)?;
     let mut rows = Vec::new();
     for (done, stop) in stops.iter().enumerate() {
@@ -68,6 +69,8 @@ fn time_stop(
             engines.push(engine);
         }
         let mut times: [Vec<StageMs>; LINES.len()] = Default::default();
+        // The same frame again and again is as much work each time: without reassignment the E-step
+        // reads a model that never changes (`model.md`, Three models).
         for _ in 0..plan.repeats.max(1) {
             for (engine, times) in engines.iter_mut().zip(&mut times) {
                 times.push(engine.learn(&frame)?.ms);

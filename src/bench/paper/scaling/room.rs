@@ -43,6 +43,7 @@ impl RoomFrames {
                 let ([x, y, z], [r, g, b]) = (points.position(i), points.color(i));
                 others.push([x, y, z, r, g, b]);
             }
+            // Tiles do not matter here: means are drawn from single points.
             others.close_tile();
         }
         Ok(Self { frame, others })

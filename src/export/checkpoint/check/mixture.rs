@@ -35,6 +35,7 @@ const MIXED: [(usize, usize, usize); 3] = [(5, 4, 7), (6, 4, 9), (8, 7, 9)];
 /// 1e-5, totals kept in f32 drift further, and a total in quanta is off by half a quantum per tile.
 const SLACK: f64 = 1e-3;
 const SLACK_F32_TOTALS: f64 = 1e-1;
+// Two quanta a tile at worst (two halves, and twice a half): room for 8·10⁶ tiles.
 const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
 /// Weights, means and statistics.
@@ -84,6 +85,8 @@ fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
 /// matrix as far as pairs of axes tell.
 #[inline]
 fn sums(k: usize, row: [f64; N_SUMS], slack: f64, slack_abs: f64) -> Result<(), Defect> {
+    // By pairs only: a test of eigenvalues would refuse what rounding leaves indefinite where
+    // points are few (`model.md`, Posterior).
     let bounded = |&(i, a, b): &(usize, usize, usize)| {
         2.0 * row[i].abs() <= (row[a] + row[b]) * (1.0 + slack) + slack_abs
     };

@@ -45,20 +45,14 @@ fn of_datasets(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
     Some(Difference::new("dataset", format!("a difference in {difference}")))
 }
 
-/// Presets, and what a scene's settings are in the world.
+/// Presets, and where settings place the models in the world.
 fn of_methods(a: &Method, b: &Method) -> Option<Difference> {
-    let (what, a, b) = match (a, b) {
-        (Method::Scene(a), Method::Scene(b)) if a.engine.h != b.engine.h => {
-            ("structural scale", a.engine.h.to_string(), b.engine.h.to_string())
-        }
-        (Method::Scene(a), Method::Scene(b)) if a.surface.origin != b.surface.origin => {
-            ("origin", a.surface.origin.to_string(), b.surface.origin.to_string())
-        }
-        _ if a.preset() != b.preset() => {
-            ("setting `preset`", a.preset().to_string(), b.preset().to_string())
-        }
-        _ => return None,
-    };
+    if a.preset() != b.preset() {
+        let found = format!("{} and {}", a.preset(), b.preset());
+        return Some(Difference::new("setting `preset`", found));
+    }
+    let (a, b) = (a.any().placement(), b.any().placement());
+    let ((what, a), (_, b)) = a.iter().zip(&b).find(|(a, b)| a != b)?;
     Some(Difference::new(what, format!("{a} and {b}")))
 }
 

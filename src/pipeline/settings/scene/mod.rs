@@ -5,7 +5,6 @@ pub mod run;
 mod start;
 pub mod table;
 
-pub use crate::pipeline::settings::units::{Budget, DEFAULT_PIXELS, NEARER_SHARE, StructuralScale};
-pub use error::{DepthAdvice, SceneError};
+pub use error::SceneError;
 pub use run::SceneRun;
 pub use table::SceneOverrides;

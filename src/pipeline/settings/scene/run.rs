@@ -2,8 +2,8 @@
 
 use crate::dataset::surface::SurfaceSettings;
 use crate::math::normalization::Normalization;
-use crate::pipeline::settings::units::{Budget, StructuralScale};
 use crate::train::scene::config::SceneConfig;
+use crate::train::scene::units::{Budget, StructuralScale};
 use serde::{Deserialize, Serialize};
 
 /// Every setting of a scene on one dataset.

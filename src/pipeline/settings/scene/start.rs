@@ -9,11 +9,11 @@ use super::error::SceneError;
 use super::run::SceneRun;
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
+use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::pipeline::plan::Plan;
-use crate::pipeline::settings::sample::Sample;
-use crate::pipeline::settings::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
@@ -31,8 +31,8 @@ impl SceneRun {
         let mut run = Self::defaults(dataset, plan, overrides);
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
-        let sample = Sample::of(dataset, plan, &run.surface)?;
-        run.engine.h = sample.scale(run.scale)?;
+        let sample = FrameSample::of(dataset, plan.split, &plan.frames, &run.surface)?;
+        run.engine.h = in_world_units(run.scale, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })
     }
 
@@ -64,5 +64,18 @@ fn measured_with(sensor: Sensor) -> SceneConfig {
         Sensor::Inverse8Ray => SceneConfig::fine(f64::NAN),
         Sensor::Exact { .. } => SceneConfig::exact(f64::NAN),
         Sensor::Kinect | Sensor::Lidar => SceneConfig::coarse(f64::NAN),
+    }
+}
+
+/// A structural scale as a length; at least what noise allows.
+fn in_world_units(scale: StructuralScale, sample: &FrameSample) -> Result<f64, SceneError> {
+    let least = 0.5 * sample.tolerance;
+    match scale {
+        StructuralScale::Pixels(n) => Ok((n * sample.footprint).max(sample.tolerance)),
+        StructuralScale::World(h) if h >= least => Ok(h),
+        StructuralScale::World(found) => {
+            let [near, far] = sample.depths;
+            Err(SceneError::BelowNoise { least, found, near, far })
+        }
     }
 }

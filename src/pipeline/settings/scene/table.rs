@@ -3,19 +3,20 @@
 use super::run::SceneRun;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::Sensor;
-use crate::pipeline::settings::units::{Budget, StructuralScale};
 use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::sum_form::SumForm;
-use crate::train::setting::MAX_COMPONENTS;
+use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
 use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
+use crate::train::setting::{MAX_COMPONENTS, Preset};
 use std::ffi::OsStr;
 use std::path::Path;
 
 settings! {
     /// Settings of a scene that a user may change, in a RON file, on the command line or in the
     /// window; `None` keeps the preset's.
-    pub struct SceneOverrides of SceneRun;
+    pub struct SceneOverrides of SceneRun, Preset::Scene,
+        such as "(scale: \"2.5px\", births: seeds)";
 
     /// Seed of every random stream.
     seed: u64 {

@@ -6,14 +6,14 @@ mod stored;
 
 pub use precision::{Operations, Precision, UpdateWidth, Width};
 pub use settings::{
-    Batch, Candidates, IndexKind, Init, MAX_CANDIDATES, Preset, ReassignPolicy, StatisticsForm,
+    Batch, Candidates, IndexKind, Init, MAX_CANDIDATES, ReassignPolicy, StatisticsForm,
 };
 
 use crate::model::conjugate::posterior::Conversion;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::splat::splats::CovarianceForm;
 use crate::train::setting::table::{SettingLayer, settings};
-use crate::train::setting::{ConfigError, MAX_COMPONENTS};
+use crate::train::setting::{ConfigError, MAX_COMPONENTS, Preset};
 use serde::{Deserialize, Serialize};
 
 /// A checked configuration. Built by [`PaperConfig::paper`] and [`PaperConfig::with`], or read from
@@ -64,7 +64,8 @@ settings! {
     /// Settings of a model of the paper preset that a user may change, in a RON file or on the
     /// command line; `None` keeps the preset's. Files may name it as version 0.1.0 did.
     #[serde(rename = "Overrides")]
-    pub struct PaperOverrides of PaperConfig;
+    pub struct PaperOverrides of PaperConfig, Preset::Paper,
+        such as "(components: 50000, candidates: 4)";
 
     /// Seed of every random stream.
     seed: u64 {

@@ -4,23 +4,10 @@ use crate::model::splat::splats::CovarianceForm;
 use crate::train::setting::value::{Choice, SettingValue, ValueError, named_values};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
-use strum::{Display, EnumString, VariantNames};
+use strum::{EnumString, VariantNames};
 
 /// Most candidates per point; beyond this the dense E-step is meant.
 pub const MAX_CANDIDATES: usize = 1024;
-
-/// A named set of defaults.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
-)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum Preset {
-    /// The algorithm as published.
-    Paper,
-    /// Only what a scene needs.
-    Scene,
-}
 
 /// A number or one word, as a setting that allows both is written.
 #[derive(Serialize, Deserialize)]

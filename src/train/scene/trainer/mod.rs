@@ -1,4 +1,8 @@
 //! The trainer of the scene preset: owns the components and applies frames to them.
+//!
+//! Stages run in the order that they need (`scene.md`, Stages of a frame): a pose is corrected
+//! before points look for components, births are over before anything is summed, and visibility is
+//! counted with the means of after the frame.
 
 mod seam;
 
@@ -161,12 +165,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         lap(&mut ms, SceneStage::Assign);
         let born = self.give_birth(points);
         lap(&mut ms, SceneStage::Births);
+        // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
         self.refine(points, frame.tolerance);
         let gain = self.gain(points);
         lap(&mut ms, SceneStage::Refine);
         self.sum_up(points, gain);
         lap(&mut ms, SceneStage::Stats);
+        // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
         if self.config.gain {
@@ -193,6 +199,8 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Counts which components the frame saw, or saw through.
     fn see(&mut self, frame: &Observation, camera: &Camera) {
+        // Every frame: what is not full holds one frame more, since accumulation sums a component
+        // of more than 4,096 points wide at once.
         self.component_sums.spill_to_wide_rows(&self.touched);
         if self.config.looks == VisibilityRule::Projected {
             let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
@@ -272,6 +280,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             owners.clone_from(&self.owners);
             self.component_elbo.count(&self.q, self.components.n_rows());
         }
+        // On one thread: partial sums of several would round by how many there are.
         let (sum, n) =
             self.q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(s, n), q| (s + q, n + 1));
         (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
@@ -301,6 +310,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let shifts = self.shifts.par_iter_mut().zip(&self.owners).zip(points);
         shifts.with_min_len(512).for_each(|((moved, &owner), point)| {
             let id = owner as usize;
+            // Components born in this frame have no row yet; `NONE` is beyond all.
             if id < component_sums.len() {
                 *moved = shift(component_sums, id, seed_positions.of(id), h, point, limit) as f32;
             }
@@ -340,6 +350,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         if !self.config.births.is_order_invariant() || self.components.used() <= most {
             return None;
         }
+        // In stored order, that of the lattice: the order of births is that of the frames.
         let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
         let Self { component_sums, components, grid, .. } = &mut merged;
         merge_down(component_sums, components, grid, self.config.h, most);

@@ -64,6 +64,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     /// (`model.md`, Quirks of the reference).
     fn posterior(&self, id: usize) -> ComponentPosterior {
         let moments = self.sums(id).moments();
+        // About the seed, so that the prior pulls there and not to the origin, then moved.
         let mut posterior = ComponentPosterior::new(&self.hyper, DVec3::ZERO, &moments);
         posterior.mean_space += self.seed(id);
         posterior
@@ -73,9 +74,10 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         self.config.native.splat(&self.sums(id), &self.splat_context(id))
     }
 
-    /// Of a lattice that exceeds its budget, see [`Self::stored_splats`].
+    /// Of a lattice that exceeds its budget, more than [`Self::stored_splats`] has: merged components
+    /// have no slots that stay.
     fn splats(&self) -> SplatSet {
-        self.within_budget().map_or_else(|| self.every_splat(), |merged| merged.every_splat())
+        self.every_splat()
     }
 
     /// In the order in which checkpoints hold the components; components of a lattice that exceeds

@@ -1,0 +1,69 @@
+//! Files into models: the content says the format, never the name.
+
+use super::error::{ExportError, Fault, reserved, shorten};
+use super::imported::Imported;
+use super::{glb, ply};
+use std::io::Read;
+use std::path::Path;
+
+/// Most splats [`read`] accepts: about 1.4 GB of PLY.
+pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
+
+/// Reads a model, recognised by its content and never by its name: PLY (splats or points), GLB,
+/// or glTF with `data:` or sibling buffers. Accepts up to [`DEFAULT_MAX_SPLATS`] rows.
+///
+/// # Errors
+/// The file cannot be read, is no model, is damaged, or uses what this program does not support;
+/// the [`Fault`] says which. Rows that are not finite are no error: they are counted.
+pub fn read(path: &Path) -> Result<Imported, ExportError> {
+    read_up_to(path, DEFAULT_MAX_SPLATS)
+}
+
+/// Like [`read`], with another limit on the number of rows.
+///
+/// # Errors
+/// As [`read`], and [`Fault::TooMany`] above `max_splats`.
+pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportError> {
+    let import = || {
+        let bytes = read_file(path)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let imported = parse(&bytes, folder, max_splats)?;
+        Ok(Imported { bytes: bytes.len() as u64, ..imported })
+    };
+    import().map_err(|fault: Fault| fault.at(path))
+}
+
+fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
+    let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
+    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        ply::read::ply(bytes, max_splats)
+    } else if bytes.starts_with(b"glTF") {
+        glb::read::glb(bytes, folder, max_splats)
+    } else if text.starts_with(b"{") {
+        glb::read::gltf(text, folder, max_splats)
+    } else {
+        let start = String::from_utf8_lossy(&bytes[..bytes.len().min(16)]);
+        let found = match bytes {
+            [] => "an empty file".to_owned(),
+            _ => format!("a file starting \"{}\"", shorten(&start)),
+        };
+        Err(Fault::NotAModel { found })
+    }
+}
+
+/// The whole file; memory is reserved for the size it really has.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
+    let io = |source: std::io::Error| match source.kind() {
+        std::io::ErrorKind::NotFound => Fault::Missing,
+        _ => Fault::Io { action: "read", source },
+    };
+    if path.is_dir() {
+        return Err(Fault::IsFolder);
+    }
+    let mut file = std::fs::File::open(path).map_err(io)?;
+    let size = file.metadata().map_err(io)?.len();
+    let room = usize::try_from(size).map_err(|_| Fault::OutOfMemory { bytes: size })?;
+    let mut bytes = reserved(room)?;
+    file.read_to_end(&mut bytes).map_err(io)?;
+    Ok(bytes)
+}

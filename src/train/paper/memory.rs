@@ -1,0 +1,63 @@
+//! What the paper preset takes of the machine's memory.
+
+use super::config::{
+    Batch, Candidates, IndexKind, PaperConfig, Precision, StatisticsForm, UpdateWidth,
+};
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::splat::splats::Splat;
+use crate::train::memory::{FRAMES_AT_ONCE, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
+
+/// Bytes of a point in memory: six f32 coordinates.
+const POINT_BYTES: usize = 24;
+/// A candidate and its responsibility where they are written out.
+const PAIR_BYTES: usize = 12;
+/// Points of a tile at most.
+const TILE_POINTS: usize = 64;
+/// Records of a component in a tile, for every point at worst; every thread has room for all, and
+/// what grows, grows to three times as many.
+const RECORD_BYTES: usize = 3 * 60;
+/// Entry of the grid and its copy of colour and weight, cells, and the slots of a thread.
+const INDEX_BYTES: usize = 16 + 16 + 8;
+const SLOT_BYTES: usize = 8;
+/// Entry of the KD-tree and the widened means it is built from.
+const TREE_BYTES: usize = 32 + 24;
+
+impl PaperConfig {
+    /// What a run over frames of `pixels` takes at most on `threads` threads.
+    pub fn memory(&self, pixels: usize, threads: usize) -> MemoryEstimate {
+        let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
+        let total = match self.operations.update {
+            UpdateWidth::F32 => size_of::<[f32; 16]>(),
+            UpdateWidth::Fixed64 => size_of::<[i64; 16]>(),
+            UpdateWidth::Fixed128 => size_of::<[i128; 16]>(),
+        };
+        let tree = if self.index == IndexKind::KdTree { TREE_BYTES } else { 0 };
+        let drawn = size_of::<[f64; 7]>();
+        let splat = size_of::<Splat>();
+        // The start is drawn in f64; a checkpoint holds a copy; the scene is written as splats.
+        let copies = drawn.max(splat + N_SUMS * size_of::<i64>() + 7 * scalar);
+        let per_component = total
+            + 7 * scalar
+            + size_of::<f64>()
+            + INDEX_BYTES
+            + SLOT_BYTES * threads
+            + tree
+            + copies;
+        let per_point = match self.candidates {
+            Candidates::Dense => self.components,
+            Candidates::Nearest(n) => n.min(self.components),
+        };
+        let pairs = match (self.statistics, self.batch) {
+            (StatisticsForm::Fused, _) => TILE_POINTS * threads,
+            (StatisticsForm::Unfused, Batch::Frame) => pixels,
+            (StatisticsForm::Unfused, Batch::Points(n)) => n.min(pixels) + TILE_POINTS,
+        };
+        let of_points = pixels * (FRAMES_AT_ONCE * POINT_BYTES + size_of::<f64>() + PIXEL_BYTES);
+        let records = pixels.min(2 * self.components) * RECORD_BYTES * threads;
+        let pairs = (pairs as u64).saturating_mul((per_point * PAIR_BYTES) as u64);
+        MemoryEstimate {
+            model: (self.components as u64).saturating_mul(per_component as u64),
+            frames: (PROGRAM_BYTES + (of_points + records) as u64).saturating_add(pairs),
+        }
+    }
+}
