@@ -66,8 +66,8 @@ struct Composite {
     area_max: vec2<f32>,
     amount: f32,                // divider of a wipe (share of the width), gain of a difference
     // Coverage that counts as full, and factors on the colour, of either picture.
-    second_closing: f32,
+    second_full_coverage: f32,
     exposure: vec3<f32>,
-    closing: f32,
+    full_coverage: f32,
     second_exposure: vec3<f32>,
 }

@@ -38,10 +38,10 @@ fn combined(uv: vec2<f32>) -> vec3<f32> {
     // Both are sampled before anything branches, as WGSL asks.
     let inner = (uv - composite.area_min) / (composite.area_max - composite.area_min);
     let first = over_background(textureSample(image, image_sampler, uv),
-        composite.exposure, composite.closing);
+        composite.exposure, composite.full_coverage);
     let second =
         over_background(textureSample(second_image, image_sampler, inner),
-        composite.second_exposure, composite.second_closing);
+        composite.second_exposure, composite.second_full_coverage);
     if composite.mode == COMPARE_NOTHING {
         return first;
     }
@@ -55,9 +55,9 @@ fn combined(uv: vec2<f32>) -> vec3<f32> {
 }
 
 // Finished as in `src/render/finish.rs`; the least coverage keeps 1/0 away.
-fn over_background(open: vec4<f32>, exposure: vec3<f32>, closing: f32) -> vec3<f32> {
+fn over_background(open: vec4<f32>, exposure: vec3<f32>, full_coverage: f32) -> vec3<f32> {
     let over =
-        open * min(1.0 / closing, 1.0 / max(open.a, 1e-6)) * vec4<f32>(exposure, 1.0);
+        open * min(1.0 / full_coverage, 1.0 / max(open.a, 1e-6)) * vec4<f32>(exposure, 1.0);
     return clamp(over.rgb + (1.0 - over.a) * composite.background, vec3<f32>(0.0), vec3<f32>(1.0));
 }
 

@@ -111,7 +111,7 @@ impl GradientSplit {
 /// Whether a plain file can hold the drawable splats as they are: none more opaque than 1, none with
 /// a colour gradient, and cracks between them left open.
 pub fn is_plain(view: SplatView) -> bool {
-    view.finishing().closing == 1.0
+    view.finishing().full_coverage == 1.0
         && drawable(view).all(|(i, g)| g.opacity <= 1.0 && gradient(view, i) == DMat3::ZERO)
 }
 
@@ -122,7 +122,7 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
     }
-    let full_coverage = f64::from(view.finishing().closing);
+    let full_coverage = f64::from(view.finishing().full_coverage);
     let mut plain = SplatSet::default();
     for (i, native) in drawable(view) {
         for piece in pieces(native, gradient(view, i), mapping.split) {

@@ -178,9 +178,9 @@ fn shared_structs_agree_with_rust() {
             area_min,
             area_max,
             amount,
-            second_closing,
+            second_full_coverage,
             exposure,
-            closing,
+            full_coverage,
             second_exposure
         ),
     ];

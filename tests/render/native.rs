@@ -56,8 +56,10 @@ fn finished_images_agree_with_the_oracle() {
         let splats = scene.splats(40 + seed as u64);
         let appearance = random_appearance(&splats, 40 + seed as u64);
         let frames = vec![FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
-        let finishing =
-            Finishing { closing: 0.4, exposures: Some(Arc::new(ExposureLog::new(frames, 0.1))) };
+        let finishing = Finishing {
+            full_coverage: 0.4,
+            exposures: Some(Arc::new(ExposureLog::new(frames, 0.1))),
+        };
         let set = SplatSet::new(splats, appearance).finished(finishing);
         for method in METHODS {
             let label = format!("finished {} {method:?}", scene.name);

@@ -109,7 +109,7 @@ fn train_alike(
     let drawn = |run: &&SceneRun| {
         let course = courses.iter_mut().find(|course| course.has_sums_of(run))?;
         // Rules of drawing leave sums alone, so one model is drawn by each of them.
-        course.engine.set_splat_rule(run.engine.native);
+        course.engine.set_splat_rule(run.engine.splat_rule);
         Some(Trained {
             splats: course.engine.stored_splats(),
             born: course.engine.components(),
@@ -125,7 +125,7 @@ impl TrainedSums {
     fn has_sums_of(&self, run: &SceneRun) -> bool {
         // Alignment reads the ridge of the splat rule, which no row of the tables changes; one that
         // did would need sums of its own.
-        SceneConfig { native: self.config.native, ..run.engine.clone() } == self.config
+        SceneConfig { splat_rule: self.config.splat_rule, ..run.engine.clone() } == self.config
     }
 
     fn learn(&mut self, frame: &Observation) -> Result<(), BenchError> {

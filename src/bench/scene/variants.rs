@@ -58,21 +58,21 @@ const PARTS: [PresetChange; 11] = [
     ("gain per frame", |run| run.engine.gain = false),
     ("pose correction", |run| run.engine.align = false),
     ("depth refinement", |run| run.engine.refine = false),
-    ("colour by direction", |run| run.engine.native.directional = false),
-    ("colour gradient", |run| run.engine.native.gradient = false),
+    ("colour by direction", |run| run.engine.splat_rule.directional = false),
+    ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 a pixel counts as covered in full when it is: nothing is filled.
-    ("closing", |run| run.engine.native.closing = 1.0),
+    ("closing", |run| run.engine.splat_rule.full_coverage = 1.0),
 ];
 
 /// Changes beside leaving one part out.
 const CHANGES: [PresetChange; 7] = [
     ("one colour per component", |run| {
-        run.engine.native.gradient = false;
-        run.engine.native.directional = false;
+        run.engine.splat_rule.gradient = false;
+        run.engine.splat_rule.directional = false;
     }),
     ("opacity from the number of points alone", opacity_of_count),
-    ("looks counted by returns", |run| run.engine.looks = VisibilityRule::Returned),
-    ("no prior of the covariance", |run| run.engine.native.prior_points = 0.0),
+    ("looks counted by returns", |run| run.engine.visibility = VisibilityRule::Returned),
+    ("no prior of the covariance", |run| run.engine.splat_rule.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {
         loose_inliers(run);
         uncalibrated(run);
@@ -100,7 +100,7 @@ fn uncalibrated(run: &mut SceneRun) {
 /// The first row (`pipeline.md`, Accuracy bench): every component with at least 30 points is drawn
 /// with opacity 0.95, as a plain Gaussian.
 fn constant_opacity(run: &mut SceneRun) {
-    let native = &mut run.engine.native;
+    let native = &mut run.engine.splat_rule;
     // So small a density saturates at once: opacity is τ wherever there are points.
     native.opacity = DensityOpacity { tau: 0.95, rho0: 1e-12, doubt: 1.0, least: 0.0 };
     native.least_points = 30.0;
@@ -110,7 +110,7 @@ fn constant_opacity(run: &mut SceneRun) {
 /// `τ·(1 − exp(−N/300))`: with that much doubt, the looks do not matter.
 fn opacity_of_count(run: &mut SceneRun) {
     const DOUBT: f64 = 1e12;
-    let opacity = &mut run.engine.native.opacity;
+    let opacity = &mut run.engine.splat_rule.opacity;
     *opacity = DensityOpacity { doubt: DOUBT, rho0: 300.0 / DOUBT, ..*opacity };
 }
 
@@ -163,8 +163,8 @@ const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     let of_share = |share: f64| {
         let mut run = base.clone();
-        run.engine.most = ((born as f64 * share) as usize).max(1);
-        let name = format!("budget {}", run.engine.most);
+        run.engine.max_components = ((born as f64 * share) as usize).max(1);
+        let name = format!("budget {}", run.engine.max_components);
         SceneVariant { table: Table::Budget, name, run }
     };
     BUDGETS.map(of_share).to_vec()

@@ -19,8 +19,8 @@ pub struct SplatRule {
     /// Factor on the standard deviations.
     pub scale: f64,
     /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`.
-    #[serde(default = "open")]
-    pub closing: f64,
+    #[serde(default = "open", rename = "closing")]
+    pub full_coverage: f64,
     /// Least standard deviation, units of `h`.
     pub least_scale: f64,
     /// Standard deviation of the points that every component starts with, units of `h`.
@@ -114,7 +114,7 @@ impl SplatRule {
     }
 }
 
-/// Scenes written before there was a closing.
+/// Of scenes written before cracks were filled.
 fn open() -> f64 {
     1.0
 }

@@ -77,12 +77,12 @@ pub struct SplatSet {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
     /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`; 1 for plain splats.
-    pub closing: f32,
+    pub full_coverage: f32,
     /// How the frames behind the splats were exposed, where that is known.
     pub exposures: Option<Arc<ExposureLog>>,
 }
 
-static PLAIN: Finishing = Finishing { closing: 1.0, exposures: None };
+static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None };
 
 /// Pixels of plain splats stay as they are.
 impl Default for Finishing {

@@ -33,7 +33,7 @@ impl AnyPreset for SceneRun {
     fn component_limit(&self) -> ComponentLimit {
         match self.budget {
             Some(budget) => ComponentLimit::Asked(budget.components()),
-            None => ComponentLimit::Default(self.engine.most),
+            None => ComponentLimit::Default(self.engine.max_components),
         }
     }
 
@@ -132,7 +132,7 @@ fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {
 
 /// The setting by which a scene depends on the order of frames, and the one to take in its place.
 fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
-    let SceneConfig { births, refine, align, gain, looks, sums, most, .. } = config;
+    let SceneConfig { births, refine, align, gain, visibility, sums, max_components, .. } = config;
     if !births.is_order_invariant() {
         Some(("--births seeds".to_owned(), "--births lattice"))
     } else if *refine {
@@ -141,13 +141,16 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
         Some(("--with align".to_owned(), "--without align"))
     } else if *gain {
         Some(("--with gain".to_owned(), "--without gain"))
-    } else if *looks == VisibilityRule::Projected {
+    } else if *visibility == VisibilityRule::Projected {
         Some(("--visibility projected".to_owned(), "--visibility returned"))
     } else if *sums != SumForm::Mixed {
         Some((format!("sums of the form {sums:?}"), "--precision mixed"))
     } else if components >= config.most_seeds() {
         // Which components were born before it was reached depends on the order.
-        Some((format!("a budget of {most} components that was reached"), "a larger --budget"))
+        Some((
+            format!("a budget of {max_components} components that was reached"),
+            "a larger --budget",
+        ))
     } else {
         None
     }

@@ -127,10 +127,10 @@ fn uniforms(background: [f32; 3], finish: Finish, second: Option<Second<'_>>) ->
         area_min: area.min,
         area_max: area.max,
         amount,
-        second_closing: second_finish.closing,
+        second_full_coverage: second_finish.full_coverage,
         padding: [0; 2],
         exposure: finish.exposure,
-        closing: finish.closing,
+        full_coverage: finish.full_coverage,
         second_exposure: second_finish.exposure,
         end: 0,
     }

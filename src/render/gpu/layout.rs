@@ -250,13 +250,13 @@ pub struct Composite {
     /// Divider of a wipe (share of the width) or gain of a difference.
     pub amount: f32,
     /// Coverage that counts as full in the second picture.
-    pub second_closing: f32,
+    pub second_full_coverage: f32,
     /// The next vector begins at 48.
     pub padding: [u32; 2],
     /// Factors on the first picture's colour.
     pub exposure: [f32; 3],
     /// Coverage that counts as full in the first picture.
-    pub closing: f32,
+    pub full_coverage: f32,
     /// Factors on the second picture's colour.
     pub second_exposure: [f32; 3],
     /// WGSL rounds the size up to 80.

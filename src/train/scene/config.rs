@@ -73,13 +73,16 @@ pub struct SceneConfig {
     /// Whether each frame's exposure is fitted to the scene's.
     pub gain: bool,
     /// How hits and misses are counted.
-    pub looks: VisibilityRule,
+    #[serde(rename = "looks")]
+    pub visibility: VisibilityRule,
     /// How sums are kept.
     pub sums: SumForm,
     /// Most components.
-    pub most: usize,
+    #[serde(rename = "most")]
+    pub max_components: usize,
     /// How sums become splats.
-    pub native: SplatRule,
+    #[serde(rename = "native")]
+    pub splat_rule: SplatRule,
 }
 
 impl SceneConfig {
@@ -91,17 +94,17 @@ impl SceneConfig {
             refine: true,
             align: false,
             gain: false,
-            looks: VisibilityRule::Projected,
+            visibility: VisibilityRule::Projected,
             sums: SumForm::Mixed,
-            most: DEFAULT_MAX_COMPONENTS,
-            native: SplatRule {
+            max_components: DEFAULT_MAX_COMPONENTS,
+            splat_rule: SplatRule {
                 // With plain Gaussians such opacities turn surfaces transparent, at a cost of 2 dB:
                 // they belong to flat tops (`model.md`, Density opacity).
                 opacity: DensityOpacity { tau: 3.2, rho0: 0.7, doubt: 20.0, least: 0.3 },
                 least_points: 5.0,
                 // 1.2 before cracks were filled in finished pixels: width blurs what splats show.
                 scale: 1.12,
-                closing: 0.9,
+                full_coverage: 0.9,
                 least_scale: 0.05,
                 prior_scale: 0.3,
                 prior_points: 2.0,
@@ -117,7 +120,7 @@ impl SceneConfig {
     /// that keep them closed where a view comes near.
     pub fn exact(h: f64) -> Self {
         let mut exact = Self::fine(h);
-        exact.native.opacity.tau = 4.5;
+        exact.splat_rule.opacity.tau = 4.5;
         exact
     }
 
@@ -125,30 +128,30 @@ impl SceneConfig {
     /// resolves (`scene.md`, Settings by sensor).
     pub fn coarse(h: f64) -> Self {
         let fine = Self::fine(h);
-        let native = SplatRule {
-            opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.native.opacity },
+        let splat_rule = SplatRule {
+            opacity: DensityOpacity { tau: 6.0, rho0: 3.0, ..fine.splat_rule.opacity },
             // 1.6 before cracks were filled; half the coverage closes what wider splats closed.
             scale: 1.35,
-            closing: 0.5,
+            full_coverage: 0.5,
             least_scale: 0.15,
             gradient_ridge: 0.016,
-            ..fine.native
+            ..fine.splat_rule
         };
-        Self { align: true, gain: true, native, ..fine }
+        Self { align: true, gain: true, splat_rule, ..fine }
     }
 
     /// Seeds at most: merged components keep theirs, and a lattice is merged only when it is drawn.
     pub fn most_seeds(&self) -> usize {
-        self.most.saturating_mul(8)
+        self.max_components.saturating_mul(8)
     }
 
     /// These settings, or the first that is out of range.
     pub fn check(self) -> Result<Self, ConfigError> {
-        if !(1..=MAX_COMPONENTS).contains(&self.most) {
+        if !(1..=MAX_COMPONENTS).contains(&self.max_components) {
             return Err(ConfigError {
                 setting: "budget",
                 expected: format!("1 to {MAX_COMPONENTS} components"),
-                found: self.most.to_string(),
+                found: self.max_components.to_string(),
             });
         }
         if !(self.h.is_finite() && self.h > 0.0) {
@@ -158,12 +161,12 @@ impl SceneConfig {
                 found: self.h.to_string(),
             });
         }
-        let closing = self.native.closing;
-        if !(closing > 0.0 && closing <= 1.0) {
+        let coverage = self.splat_rule.full_coverage;
+        if !(coverage > 0.0 && coverage <= 1.0) {
             return Err(ConfigError {
                 setting: "closing",
                 expected: "a coverage above 0, at most 1".to_owned(),
-                found: closing.to_string(),
+                found: coverage.to_string(),
             });
         }
         Ok(self)

@@ -19,7 +19,7 @@ impl SceneConfig {
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels * (FRAMES_AT_ONCE * point + SCENE_POINT_BYTES + PIXEL_BYTES);
         MemoryEstimate {
-            model: (self.most as u64).saturating_mul(per_component as u64),
+            model: (self.max_components as u64).saturating_mul(per_component as u64),
             frames: PROGRAM_BYTES + of_points as u64,
         }
     }

@@ -147,7 +147,7 @@ impl Oracle {
             n_blended += 1;
         }
         let open = 1.0 - transmittance;
-        let coverage = (open / f64::from(self.finish.closing)).min(1.0);
+        let coverage = (open / f64::from(self.finish.full_coverage)).min(1.0);
         let closed = if open > 0.0 { color * (coverage / open) } else { color };
         let exposure = DVec3::from_array(self.finish.exposure.map(f64::from));
         let over = closed * exposure + self.background * (1.0 - coverage);

@@ -51,7 +51,7 @@ impl SceneRun {
             engine.refine = false;
             engine.align = false;
             engine.gain = false;
-            engine.looks = VisibilityRule::Returned;
+            engine.visibility = VisibilityRule::Returned;
         }
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }

@@ -47,10 +47,10 @@ settings! {
         default "2000000";
         range "1 to {MAX_COMPONENTS} components",
             |budget| (1..=MAX_COMPONENTS).contains(&budget.components());
-        get |run| Some(run.budget.unwrap_or(Budget::Components(run.engine.most)));
+        get |run| Some(run.budget.unwrap_or(Budget::Components(run.engine.max_components)));
         set |run, budget| {
             run.budget = Some(budget);
-            run.engine.most = budget.components();
+            run.engine.max_components = budget.components();
         };
     }
     /// How it is counted how often a component could have been seen: by projecting it into every
@@ -59,7 +59,7 @@ settings! {
         option "--visibility" "RULE";
         was "looks";
         default by "projected; returned with lattices";
-        at |run| run.engine.looks;
+        at |run| run.engine.visibility;
     }
     /// Arithmetic of the sums.
     sums: SumForm {
@@ -125,10 +125,10 @@ settings! {
         part "crack-filling";
         was "closing";
         default "true";
-        get |run| Some(run.engine.native.closing < 1.0);
+        get |run| Some(run.engine.splat_rule.full_coverage < 1.0);
         set |run, fills| {
             if !fills {
-                run.engine.native.closing = 1.0;
+                run.engine.splat_rule.full_coverage = 1.0;
             }
         };
     }
@@ -136,13 +136,13 @@ settings! {
     gradient: bool {
         part "gradient";
         default "true";
-        at |run| run.engine.native.gradient;
+        at |run| run.engine.splat_rule.gradient;
     }
     /// Colour that depends on the view direction.
     directional: bool {
         part "directional";
         default "true";
-        at |run| run.engine.native.directional;
+        at |run| run.engine.splat_rule.directional;
     }
 }
 

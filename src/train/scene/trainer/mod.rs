@@ -192,7 +192,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     fn sum_up(&mut self, points: &[SurfacePoint], gain: [f32; 3]) {
         self.component_sums.grow(self.components.n_rows());
         let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
-        let (h, looks) = (self.config.h, self.config.looks);
+        let (h, looks) = (self.config.h, self.config.visibility);
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
     }
@@ -202,7 +202,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Every frame: what is not full holds one frame more, since accumulation sums a component
         // of more than 4,096 points wide at once.
         self.component_sums.spill_to_wide_rows(&self.touched);
-        if self.config.looks == VisibilityRule::Projected {
+        if self.config.visibility == VisibilityRule::Projected {
             let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
             observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
         }
@@ -228,7 +228,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             component_sums: &self.component_sums,
             seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
             h: self.config.h,
-            ridge: self.config.native.gradient_ridge * self.config.h * self.config.h,
+            ridge: self.config.splat_rule.gradient_ridge * self.config.h * self.config.h,
             frame,
             points: &points,
             owners: &self.owners,
@@ -240,7 +240,8 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Gives points without a component one of their own, as far as the budget allows: a frame may
     /// exceed it by an eighth, until its components are merged. How many were born.
     fn give_birth(&mut self, points: &[SurfacePoint]) -> usize {
-        let (rule, h, most) = (self.config.births, self.config.h as f32, self.config.most);
+        let (rule, h, most) =
+            (self.config.births, self.config.h as f32, self.config.max_components);
         let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
             true => Limits { components: seeds, seeds },
@@ -256,7 +257,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// Merges components until the budget holds; how many became part of others. Components of a
     /// lattice may not depend on when the budget was reached: they are merged when they are drawn.
     fn merge(&mut self) -> usize {
-        let (most, used) = (self.config.most, self.components.used());
+        let (most, used) = (self.config.max_components, self.components.used());
         if used <= most || self.config.births.is_order_invariant() {
             return 0;
         }
@@ -341,12 +342,12 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Draws components by another rule from now on.
     pub fn set_splat_rule(&mut self, rule: SplatRule) {
-        self.config.native = rule;
+        self.config.splat_rule = rule;
     }
 
     /// The scene of a lattice that exceeds its budget, merged until it holds it.
     fn within_budget(&self) -> Option<Self> {
-        let most = self.config.most;
+        let most = self.config.max_components;
         if !self.config.births.is_order_invariant() || self.components.used() <= most {
             return None;
         }
@@ -366,7 +367,7 @@ impl<W: SumScalar> SceneTrainer<W> {
     fn set_of(&self, splats: Vec<Splat>, appearance: Vec<Appearance>) -> SplatSet {
         let exposures = ExposureLog::new(self.exposures.clone(), self.config.h);
         let exposures = (!self.exposures.is_empty()).then(|| Arc::new(exposures));
-        let closing = self.config.native.closing as f32;
-        SplatSet::new(splats, appearance).finished(Finishing { closing, exposures })
+        let full_coverage = self.config.splat_rule.full_coverage as f32;
+        SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures })
     }
 }

@@ -26,7 +26,7 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
 
 impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
     fn set_splat_rule(&mut self, rule: SplatRule) {
-        self.config.native = rule;
+        self.config.splat_rule = rule;
     }
 }
 
@@ -71,7 +71,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.config.native.splat(&self.sums(id), &self.splat_context(id))
+        self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
     }
 
     /// Of a lattice that exceeds its budget, more than [`Self::stored_splats`] has: merged components
