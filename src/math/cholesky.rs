@@ -54,6 +54,48 @@ impl Cholesky {
     }
 }
 
+/// Factor of a symmetric positive definite matrix whose size is known: without memory of its own, for
+/// the many small systems of splats.
+#[derive(Clone, Copy, Debug)]
+pub struct SmallCholesky<const N: usize>([[f64; N]; N]);
+
+impl<const N: usize> SmallCholesky<N> {
+    /// Of a matrix of which only the lower triangle is read. `None` unless it is positive definite.
+    pub fn new(mut matrix: [[f64; N]; N]) -> Option<Self> {
+        for row in 0..N {
+            for column in 0..=row {
+                let (above, below) = matrix.split_at(row);
+                let of_column = if column < row { &above[column] } else { &below[0] };
+                let known: f64 = (0..column).map(|i| below[0][i] * of_column[i]).sum();
+                let rest = matrix[row][column] - known;
+                matrix[row][column] = if row > column {
+                    rest / matrix[column][column]
+                // NaN fails this comparison, as in the factor of any size.
+                } else if rest > 0.0 {
+                    rest.sqrt()
+                } else {
+                    return None;
+                };
+            }
+        }
+        Some(Self(matrix))
+    }
+
+    /// The solution `x` of `matrix · x = right`.
+    pub fn solve(&self, mut right: [f64; N]) -> [f64; N] {
+        let lower = &self.0;
+        for row in 0..N {
+            let known: f64 = (0..row).map(|i| lower[row][i] * right[i]).sum();
+            right[row] = (right[row] - known) / lower[row][row];
+        }
+        for row in (0..N).rev() {
+            let known: f64 = (row + 1..N).map(|i| lower[i][row] * right[i]).sum();
+            right[row] = (right[row] - known) / lower[row][row];
+        }
+        right
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,6 +108,16 @@ mod tests {
             let left: f64 = row.iter().zip(&x).map(|(a, x)| a * x).sum();
             assert!((left - right).abs() < 1e-14);
         }
+    }
+
+    #[test]
+    fn both_factors_solve_alike() {
+        let rows = [[4.0, 1.0, -1.0], [1.0, 3.0, 0.5], [-1.0, 0.5, 2.0]];
+        let right = [1.0, -2.0, 3.0];
+        let any = Cholesky::new(3, rows.as_flattened()).unwrap().solve(&right);
+        assert_eq!(SmallCholesky::new(rows).unwrap().solve(right), *any);
+        assert!(SmallCholesky::new([[1.0, 2.0], [2.0, 1.0]]).is_none(), "indefinite");
+        assert!(SmallCholesky::new([[f64::NAN]]).is_none());
     }
 
     #[test]

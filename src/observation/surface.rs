@@ -1,5 +1,6 @@
 //! What one frame says of the surfaces in it: the input of the scene model.
 
+use super::photograph::Photograph;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::pose::Pose;
@@ -73,6 +74,8 @@ pub struct Observation {
     pub ranges: Image<f32>,
     /// How far depths may differ.
     pub tolerance: DepthTolerance,
+    /// The frame's photograph, where learning asks for it.
+    pub photograph: Option<Photograph>,
 }
 
 impl Observation {
@@ -85,6 +88,7 @@ impl Observation {
             points: Vec::new(),
             ranges: Image::filled(0, 0, f32::NAN),
             tolerance: DepthTolerance { margin: [0.0; 2], refinement: 0.0 },
+            photograph: None,
         }
     }
 }

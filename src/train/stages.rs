@@ -43,6 +43,8 @@ pub enum SceneStage {
     Stats,
     /// Projection of every component into the frame, which counts hits and misses.
     Visibility,
+    /// The step that the photograph asks of the splats; nothing where they do not learn from it.
+    Photometric,
     /// Merging down to the budget; in most frames nothing.
     Merge,
 }
@@ -61,7 +63,7 @@ pub const PAPER_STAGES: [TrainStage; 5] = [
 ];
 
 /// Stages of the scene preset, by [`SceneStage`].
-pub const SCENE_STAGES: [TrainStage; 7] = [
+pub const SCENE_STAGES: [TrainStage; 8] = [
     stage(
         "pose",
         "Pose correction",
@@ -76,6 +78,11 @@ pub const SCENE_STAGES: [TrainStage; 7] = [
     ),
     stage("stats", "Sums", "Sums of every component's points about its seed"),
     stage("visibility", "Visibility", "Which components the frame saw or saw through"),
+    stage(
+        "photometric",
+        "Photometric step",
+        "Splats take the step that the photograph asks for, held by what earlier ones taught them",
+    ),
     stage("merge", "Merging", "Components are merged down to the budget"),
 ];
 

@@ -13,6 +13,7 @@ mod common;
 mod inference;
 mod kinect;
 mod lego;
+mod photometric;
 mod published;
 #[cfg(feature = "bench")]
 mod stability;

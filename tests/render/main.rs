@@ -14,6 +14,7 @@ mod laws;
 mod look;
 mod metrics;
 mod native;
+mod photometric;
 
 use common::agreement::{Agreement, samples};
 use common::oracle::Oracle;

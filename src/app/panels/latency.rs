@@ -17,6 +17,7 @@ const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(213, 94, 0),
     Color32::from_rgb(204, 121, 167),
     Color32::from_rgb(0, 114, 178),
+    Color32::from_rgb(153, 153, 153),
 ];
 
 /// Draws the panel.

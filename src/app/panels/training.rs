@@ -3,6 +3,7 @@
 use crate::app::training::TrainSettings;
 use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
+use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{Budget, DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::Preset;
 use crate::train::setting::table::{Setting, SettingLayer, Spelling};
@@ -42,6 +43,7 @@ fn details(scene: &mut SceneOverrides, ui: &mut Ui) {
                 "scale" => scale(scene, ui),
                 "births" => births(scene, ui),
                 "budget" => budget(scene, ui),
+                "photometric" => photometric(scene, ui),
                 _ => {}
             }
             ui.end_row();
@@ -75,6 +77,18 @@ fn births(scene: &mut SceneOverrides, ui: &mut Ui) {
             let is_chosen = scene.births.unwrap_or(BirthRule::Seeds) == rule;
             if ui.selectable_label(is_chosen, label).on_hover_text(help).clicked() {
                 scene.births = (rule != BirthRule::Seeds).then_some(rule);
+            }
+        }
+    });
+}
+
+fn photometric(scene: &mut SceneOverrides, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        for Choice { name, label, help } in PhotometricMode::choices() {
+            let mode = name.parse().unwrap_or(PhotometricMode::Off);
+            let is_chosen = scene.photometric.unwrap_or(PhotometricMode::Off) == mode;
+            if ui.selectable_label(is_chosen, label).on_hover_text(help).clicked() {
+                scene.photometric = (mode != PhotometricMode::Off).then_some(mode);
             }
         }
     });

@@ -7,11 +7,15 @@ use super::planes::Planes;
 use super::recipe::TILE;
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
+use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
+use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
+use crate::observation::photograph::Photograph;
 use crate::observation::surface::Observation;
+use glam::{DQuat, DVec3};
 
 /// Turns frames into observations; keeps its scratch memory between frames.
 ///
@@ -86,6 +90,7 @@ impl Preparer {
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;
+        out.photograph = settings.photograph.then(|| photograph(frame, calibration));
         Ok(SurfaceCounts::of(&statuses.data))
     }
 
@@ -98,6 +103,35 @@ impl Preparer {
 impl Default for Preparer {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+/// The frame's colours over black with the gain of its calibration, from where they were taken.
+fn photograph(frame: &Frame, calibration: &Calibration) -> Photograph {
+    let gain = calibration.gain(&frame.name).map(|gain| gain as f32);
+    let pixel = |&[red, green, blue, alpha]: &[u8; 4]| {
+        let opaque = f32::from(alpha) / 255.0;
+        let [r, g, b] = [red, green, blue].map(|channel| f32::from(channel) / 255.0 * opaque);
+        [r * gain[0], g * gain[1], b * gain[2], 1.0]
+    };
+    let Image { width, height, data } = &frame.color;
+    let pixels = Image::from_vec(*width, *height, data.iter().map(pixel).collect());
+    let Intrinsics { width, height, .. } = frame.camera.intrinsics;
+    match &calibration.color_camera {
+        None => Photograph {
+            intrinsics: frame.camera.intrinsics,
+            offset: DVec3::ZERO,
+            turn: DQuat::IDENTITY,
+            pixels,
+        },
+        Some(ColorCamera { focal: [fx, fy], principal: [cx, cy], offset, rotation }) => {
+            Photograph {
+                intrinsics: Intrinsics { fx: *fx, fy: *fy, cx: *cx, cy: *cy, width, height },
+                offset: DVec3::from_array(*offset),
+                turn: DQuat::from_scaled_axis(DVec3::from_array(*rotation)),
+                pixels,
+            }
+        }
     }
 }
 

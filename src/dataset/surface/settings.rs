@@ -28,6 +28,9 @@ pub struct SurfaceSettings {
     /// World position that points are relative to.
     #[serde(serialize_with = "to_array", deserialize_with = "from_array")]
     pub origin: DVec3,
+    /// Whether observations carry the photograph. What learns decides, not a file.
+    #[serde(skip)]
+    pub photograph: bool,
 }
 
 impl SurfaceSettings {
@@ -48,6 +51,7 @@ impl SurfaceSettings {
             cosine: true,
             calibration: None,
             origin,
+            photograph: false,
         }
     }
 

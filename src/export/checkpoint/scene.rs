@@ -4,15 +4,22 @@ use super::container::Section;
 use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
+use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::N_SUMS;
+use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
+use crate::model::splat::splats::Splat;
 
 /// Words of a component's visibility counts.
 const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 /// Numbers of a frame's exposure.
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
+
+/// Numbers of a splat and of its appearance.
+const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
+const N_APPEARANCE: usize = size_of::<Appearance>() / size_of::<f32>();
 
 /// In the order of the file.
 pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
@@ -43,6 +50,18 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         let numbers = bytemuck::cast_slice(&state.exposures);
         sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
     }
+    sections.extend(state.photometric.iter().flat_map(|photometric| {
+        [
+            Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
+            Section::new::<f32>(
+                tag::PHOTO_APPEARANCE,
+                bytemuck::cast_slice(&photometric.appearance),
+            ),
+            Section::new(tag::PHOTO_FORM, photometric.form.as_flattened()),
+            Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
+            Section::new(tag::PHOTO_NOISE, &photometric.noise),
+        ]
+    }));
     sections
 }
 
@@ -71,9 +90,25 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             true => bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(tag::EXPOSURES, None)?),
             false => Vec::new(),
         },
+        photometric: match sections.has(tag::PHOTO_SPLATS) {
+            true => Some(photometric(sections, n)?),
+            false => None,
+        },
     };
     check::scene(&state)?;
     Ok(state)
+}
+
+fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {
+    let splats = sections.rows::<f32, N_SPLAT>(tag::PHOTO_SPLATS, Some(n))?;
+    let appearance = sections.rows::<f32, N_APPEARANCE>(tag::PHOTO_APPEARANCE, Some(n))?;
+    Ok(PhotometricState {
+        splats: bytemuck::cast_vec(splats),
+        appearance: bytemuck::cast_vec(appearance),
+        form: sections.rows(tag::PHOTO_FORM, Some(n))?,
+        color: sections.rows(tag::PHOTO_COLOR, Some(n))?,
+        noise: sections.numbers(tag::PHOTO_NOISE)?,
+    })
 }
 
 fn sums(sections: &Sections, n: usize) -> Result<StoredSums, Defect> {

@@ -24,6 +24,11 @@ pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
 pub const LOOKS: [u8; 4] = *b"LOOK";
 pub const COMPONENTS: [u8; 4] = *b"COMP";
 pub const EXPOSURES: [u8; 4] = *b"EXPO";
+pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
+pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
+pub const PHOTO_FORM: [u8; 4] = *b"PHFO";
+pub const PHOTO_COLOR: [u8; 4] = *b"PHCO";
+pub const PHOTO_NOISE: [u8; 4] = *b"PHNO";
 
 /// What every checkpoint may have.
 const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
@@ -31,8 +36,21 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 8] =
-    [ORIGIN, SEEDS, SUMS, WIDE_IDS, WIDE_SUMS, COMPONENTS, LOOKS, EXPOSURES];
+pub const OF_SCENES: [[u8; 4]; 13] = [
+    ORIGIN,
+    SEEDS,
+    SUMS,
+    WIDE_IDS,
+    WIDE_SUMS,
+    COMPONENTS,
+    LOOKS,
+    EXPOSURES,
+    PHOTO_SPLATS,
+    PHOTO_APPEARANCE,
+    PHOTO_FORM,
+    PHOTO_COLOR,
+    PHOTO_NOISE,
+];
 
 /// Whether this program knows what a section means.
 pub fn is_known(tag: [u8; 4]) -> bool {

@@ -57,6 +57,11 @@ impl Vector for Portable {
     }
 
     #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.sqrt())
+    }
+
+    #[inline(always)]
     fn at_most(self, other: Self) -> u32 {
         self.0.simd_le(other.0).to_bitmask() & 0xFF
     }

@@ -19,6 +19,8 @@ pub trait Vector:
     fn min(self, other: Self) -> Self;
     /// The larger of each pair; of no use where a lane is NaN.
     fn max(self, other: Self) -> Self;
+    /// Square root of each lane, rounded correctly.
+    fn sqrt(self) -> Self;
     /// Lane `i` sets bit `i` if it is at most that of `other`.
     fn at_most(self, other: Self) -> u32;
     /// In every lane the bits of `kept`, with `added` in place of the others.

@@ -38,6 +38,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
         visibility: Vec::with_capacity(terms.len()),
         exposures: Vec::new(),
+        photometric: None,
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
     for same in terms.chunk_by(|a, b| a.seed == b.seed) {
@@ -132,6 +133,7 @@ mod tests {
                 .map(|&(_, points)| VisibilityCounts { expected: points, hits: 1, misses: 40_000 })
                 .collect(),
             exposures: Vec::new(),
+            photometric: None,
         }
     }
 

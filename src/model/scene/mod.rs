@@ -6,6 +6,7 @@
 pub mod bounds;
 pub mod merging;
 pub mod opacity;
+pub mod photometric;
 pub mod splat_rule;
 pub mod state;
 pub mod sums;

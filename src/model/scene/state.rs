@@ -1,5 +1,6 @@
 //! Everything a trained scene consists of, as plain columns: what checkpoints hold.
 
+use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
 use crate::model::splat::exposure::FrameExposure;
 use bytemuck::{Pod, Zeroable};
@@ -33,6 +34,8 @@ pub struct SceneState {
     pub visibility: Vec<VisibilityCounts>,
     /// How the frames were exposed, in the order they were learnt in, where gains were fitted.
     pub exposures: Vec<FrameExposure>,
+    /// What photographs taught, row by component, where splats learn from them.
+    pub photometric: Option<PhotometricState>,
 }
 
 /// Order of components that are born in none of their own: by x, then y, then z of their seeds.

@@ -74,7 +74,7 @@ impl TypedPreset for SceneRun {
     type Preparation = SurfaceSettings;
 
     fn preparation(&self, _: &RunConfig, _: Normalization) -> SurfaceSettings {
-        self.surface.clone()
+        SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
     }
 
     fn begin(
@@ -132,9 +132,21 @@ fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {
 
 /// The setting by which a scene depends on the order of frames, and the one to take in its place.
 fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'static str)> {
-    let SceneConfig { births, refine, align, gain, visibility, sums, max_components, .. } = config;
+    let SceneConfig {
+        births,
+        refine,
+        align,
+        gain,
+        visibility,
+        sums,
+        max_components,
+        photometric,
+        ..
+    } = config;
     if !births.is_order_invariant() {
         Some(("--births seeds".to_owned(), "--births lattice"))
+    } else if photometric.is_some() {
+        Some(("--photometric full".to_owned(), "--photometric off"))
     } else if *refine {
         Some(("--with refine".to_owned(), "--without refine"))
     } else if *align {

@@ -11,6 +11,7 @@ mod conic;
 mod drawn;
 mod exact;
 mod lanes;
+pub mod photometric;
 mod prepare;
 mod projected;
 mod raster;

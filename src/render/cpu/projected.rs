@@ -25,7 +25,7 @@ pub(super) fn draw(view: &CpuView, placed: &CameraSplat, support: Support) -> Op
     let tangent = m.truncate() / m.z;
     let k = &view.intrinsics;
     let centre = DVec2::new(k.fx * tangent.x + k.cx, k.fy * tangent.y + k.cy);
-    let covariance = Covariance2::new(view, placed, tangent);
+    let covariance = Covariance2::new(&ImageAxes::new(view, placed));
     let extent_squared = placed.extent_squared();
     let rect = match support {
         Support::Alpha => covariance.rect_of_alpha(view, centre, extent_squared),
@@ -50,17 +50,41 @@ pub(super) fn gradient(shade: &ColorGradient, placed: &CameraSplat, view: &CpuVi
     gradient
 }
 
-impl Covariance2 {
-    /// `J S Jᵀ + 0.3·I` through the image `W = J R Q diag(s)` of the scaled axes.
-    fn new(view: &CpuView, placed: &CameraSplat, tangent: DVec2) -> Self {
+/// A splat's axes in the image.
+pub(super) struct ImageAxes {
+    /// Rows of the Jacobian `J` of the projection at the splat's centre, px per world unit.
+    pub jacobian: [DVec3; 2],
+    /// Rows of `J R Q diag(s)`: the standard deviations along each axis, px.
+    pub scaled: [DVec3; 2],
+    /// Whether the Jacobian follows the centre, which it does near the image alone.
+    pub follows: bool,
+}
+
+impl ImageAxes {
+    pub(super) fn new(view: &CpuView, placed: &CameraSplat) -> Self {
         let (k, z) = (&view.intrinsics, placed.m.z);
+        let tangent = placed.m.truncate() / z;
         // Only the Jacobian's point is clamped, not the centre: far outside, the linearisation
         // would blow splats up (`rendering.md`, Projected renderer).
         let clamped = tangent.max(view.tangent_lo).min(view.tangent_hi);
-        let row_x = DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z);
-        let row_y = DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z);
-        let w_x = placed.axes.transpose_mul_vec3(row_x) * placed.scale;
-        let w_y = placed.axes.transpose_mul_vec3(row_y) * placed.scale;
+        let jacobian = [
+            DVec3::new(k.fx / z, 0.0, -k.fx * clamped.x / z),
+            DVec3::new(0.0, k.fy / z, -k.fy * clamped.y / z),
+        ];
+        let scaled = jacobian.map(|row| placed.axes.transpose_mul_vec3(row) * placed.scale);
+        Self { jacobian, scaled, follows: clamped == tangent }
+    }
+
+    /// Factor of the inverse covariance, low-pass included.
+    pub(super) fn conic(&self) -> Conic {
+        Covariance2::new(self).conic()
+    }
+}
+
+impl Covariance2 {
+    /// `J S Jᵀ + 0.3·I`.
+    fn new(axes: &ImageAxes) -> Self {
+        let [w_x, w_y] = axes.scaled;
         let (xx, yy) = (w_x.length_squared(), w_y.length_squared());
         // Lagrange's identity: the determinant as a sum of positive terms does not cancel.
         let det = w_x.cross(w_y).length_squared() + LOW_PASS_PX2 * (xx + yy + LOW_PASS_PX2);

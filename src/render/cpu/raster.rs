@@ -12,7 +12,7 @@ use wide::bytemuck::cast_slice;
 
 /// Splats binned to tiles at a time: bounds a row's lists to this many entries per tile, whatever
 /// the splats cover.
-const BATCH: usize = 4096;
+pub(super) const BATCH: usize = 4096;
 
 /// A row of tiles being drawn, with its lists; reused between images.
 #[derive(Default)]

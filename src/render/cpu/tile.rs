@@ -16,13 +16,13 @@ use crate::render::options::Lens;
 use glam::DVec2;
 
 /// Groups of lanes per row of a tile.
-const GROUPS: usize = TILE / LANES;
+pub(super) const GROUPS: usize = TILE / LANES;
 
 /// Keeps `0/0` out of the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
 
 /// A lane of a mask that is set.
-const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
+pub(super) const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
 
 /// What the records mean, as a constant that the compiler builds a loop for each of.
 pub(super) struct Form;
@@ -37,7 +37,7 @@ impl Form {
 }
 
 /// 16×16 values, group `GROUPS·row + half`.
-type Plane = [[f32; LANES]; TILE * GROUPS];
+pub(super) type Plane = [[f32; LANES]; TILE * GROUPS];
 
 /// Planes of a tile; they stay in L1 while it is drawn.
 pub(super) struct Tile {
@@ -111,6 +111,16 @@ impl Tile {
 
     pub(super) fn is_finished(&self) -> bool {
         self.open_rows == 0
+    }
+
+    /// Pixel of the image at its upper left.
+    pub(super) fn corner(&self) -> (usize, usize) {
+        (self.left, self.top)
+    }
+
+    /// Bit per row with an unfinished pixel.
+    pub(super) fn open_rows(&self) -> u32 {
+        self.open_rows
     }
 
     /// Transmittance (its sign says nothing outside), colour and depth sums.
@@ -237,7 +247,7 @@ impl Tile {
 
 /// The part of `lo..hi` inside a tile that begins at `first`, from there.
 #[inline(always)]
-fn span(lo: u16, hi: u16, first: usize) -> std::ops::Range<usize> {
+pub(super) fn span(lo: u16, hi: u16, first: usize) -> std::ops::Range<usize> {
     let end = first + TILE;
     ((lo as usize).max(first) - first)..((hi as usize).min(end) - first)
 }
@@ -313,6 +323,19 @@ fn respond<V: Vector>(
     }
 }
 
+/// One channel of a projected splat's colour at an offset from its centre, pixels.
+#[inline(always)]
+pub(super) fn offset_color<V: Vector>(
+    color: f32,
+    gradient: &Gradient,
+    channel: usize,
+    offset: [V; 2],
+) -> V {
+    let zero = V::splat(0.0);
+    let at = Response { exponent: zero, tau: V::splat(1.0), beyond: zero, offset };
+    shaded(color, gradient, channel, &at)
+}
+
 /// One channel of the colour with its gradient (`rendering.md`, Native appearance).
 #[inline(always)]
 fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
@@ -326,5 +349,5 @@ fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Respo
 }
 
 /// Column of each lane within its tile.
-const LANE_COLUMNS: [[f32; LANES]; GROUPS] =
+pub(super) const LANE_COLUMNS: [[f32; LANES]; GROUPS] =
     [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0]];

@@ -1,5 +1,6 @@
 //! Settings of the scene preset.
 
+use super::photometric::rule::PhotometricRule;
 use super::sum_form::SumForm;
 use crate::model::scene::opacity::DensityOpacity;
 use crate::model::scene::splat_rule::SplatRule;
@@ -83,6 +84,10 @@ pub struct SceneConfig {
     /// How sums become splats.
     #[serde(rename = "native")]
     pub splat_rule: SplatRule,
+    /// How splats learn from photographs; `None` if they do not.
+    // Left out where it is off, so that files of scenes without it are what they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photometric: Option<PhotometricRule>,
 }
 
 impl SceneConfig {
@@ -113,6 +118,7 @@ impl SceneConfig {
                 directional: true,
                 directional_ridge: [0.01, 0.2],
             },
+            photometric: None,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What the scene preset takes of the machine's memory.
 
 use super::config::{COMPONENT_BYTES, SceneConfig};
+use crate::model::scene::photometric::PhotometricState;
 use crate::observation::surface::SurfacePoint;
 use crate::train::memory::{FRAMES_AT_ONCE, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 
@@ -15,7 +16,9 @@ const SCENE_POINT_BYTES: usize = 16;
 impl SceneConfig {
     /// What a run over frames of `pixels` takes with as many components as the settings allow.
     pub fn memory(&self, pixels: usize) -> MemoryEstimate {
-        let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES;
+        // A checkpoint holds a copy of what photographs taught, too.
+        let photographs = if self.photometric.is_some() { 2 * PhotometricState::BYTES } else { 0 };
+        let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + photographs;
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels * (FRAMES_AT_ONCE * point + SCENE_POINT_BYTES + PIXEL_BYTES);
         MemoryEstimate {

@@ -12,6 +12,7 @@ pub mod engine;
 pub mod learner;
 pub mod memory;
 pub mod partition;
+pub mod photometric;
 pub mod sum_form;
 pub mod trainer;
 pub mod units;

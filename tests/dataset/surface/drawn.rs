@@ -68,6 +68,7 @@ pub fn settings(sensor: Sensor) -> SurfaceSettings {
         flying_pixels: true,
         cosine: true,
         calibration: None,
+        photograph: false,
         origin: DVec3::ZERO,
     }
 }

@@ -87,7 +87,8 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
         }
     }
     let tolerance = profile.tolerance;
-    (Observation { origin: settings.origin, camera, points, ranges, tolerance }, statuses)
+    let origin = settings.origin;
+    (Observation { origin, camera, points, ranges, tolerance, photograph: None }, statuses)
 }
 
 /// Pixels as an observation orders them.

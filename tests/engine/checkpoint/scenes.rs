@@ -10,6 +10,7 @@ use vbgs_studio::pipeline::plan::Order;
 use vbgs_studio::pipeline::settings::GivenSettings;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::scene::config::{BirthRule, VisibilityRule};
+use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 use vbgs_studio::train::scene::sum_form::SumForm;
 use vbgs_studio::train::scene::units::{Budget, StructuralScale};
 use vbgs_studio::train::setting::Preset;
@@ -49,6 +50,33 @@ fn a_scene_that_stopped_is_the_scene_that_did_not() {
             }
         }
     }
+}
+
+fn photographed() -> SceneOverrides {
+    SceneOverrides { photometric: Some(PhotometricMode::Full), ..SceneOverrides::default() }
+}
+
+#[test]
+fn what_photographs_taught_is_stored_and_goes_on() {
+    let whole = with_threads(1, || trained(&photographed(), first(12)));
+    let expected = timeless(whole.checkpoint().unwrap());
+    let half = with_threads(2, || saved(&trained(&photographed(), first(5))));
+    let resumed = with_threads(2, || finished(half.resume(room(), &up_to(12), false).unwrap()));
+    assert!(timeless(resumed.checkpoint().unwrap()) == expected);
+    assert_eq!(resumed.splats(), whole.splats());
+    let state = scene(&expected).photometric.as_ref().unwrap();
+    assert!(state.splats.iter().any(|splat| splat.is_drawable()));
+    let other = SceneOverrides { photometric: Some(PhotometricMode::Off), ..Default::default() };
+    let refused = saved(&whole).check(&ResumeRequest { model: other.into(), ..up_to(12) });
+    assert!(refused.unwrap_err().to_string().starts_with("--photometric: expected full"));
+}
+
+#[test]
+fn scenes_that_learnt_from_photographs_are_not_added() {
+    let asked = SceneOverrides { births: Some(BirthRule::Lattice), ..photographed() };
+    let parts = ["1/2", "2/2"].map(|part| saved(&trained(&asked, shard(part))));
+    let said = merge(parts.to_vec()).map(drop).unwrap_err().to_string();
+    assert!(said.contains("--photometric off"), "{said}");
 }
 
 #[test]

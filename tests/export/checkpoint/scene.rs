@@ -74,6 +74,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         sums,
         visibility,
         exposures: Vec::new(),
+        photometric: None,
     }))
 }
 
@@ -87,6 +88,7 @@ pub fn nothing() -> SceneState {
         sums,
         visibility: Vec::new(),
         exposures: Vec::new(),
+        photometric: None,
     }
 }
 

@@ -4,6 +4,7 @@ use super::super::error::{Defect, tag_text};
 use super::super::tag;
 use super::{AXES, ascending, value};
 use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbounded};
+use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
 
@@ -41,6 +42,9 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
         }
     }
+    if let Some(photometric) = &state.photometric {
+        self::photometric(photometric)?;
+    }
     let n = state.visibility.len();
     let mut components = state.components.iter().flatten().enumerate();
     if let Some((at, &found)) = components.find(|(_, id)| **id as usize >= n) {
@@ -54,6 +58,26 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
         }
         StoredSums::F32(rows) => each(rows, |k, row| sums(tag::SUMS, k, &row.map(f64::from), F32)),
         StoredSums::F64(rows) => each(rows, |k, row| sums(tag::SUMS, k, row, F64)),
+    }
+}
+
+/// Splats that a renderer can draw, and precisions that are some.
+fn photometric(state: &PhotometricState) -> Result<(), Defect> {
+    for (at, splat) in state.splats.iter().enumerate().filter(|(_, splat)| splat.opacity != 0.0) {
+        if !(splat.is_drawable() && state.appearance[at].is_valid()) {
+            let found = f64::from(splat.opacity);
+            return Err(value(tag::PHOTO_SPLATS, at, "splat", "one that can be drawn", found));
+        }
+        let form = (0..10).map(|i| state.form[at][i * (i + 3) / 2]);
+        let color = (0..7).map(|i| state.color[at][i * (i + 3) / 2]);
+        if let Some(found) = form.chain(color).find(|x| !(*x > 0.0 && x.is_finite())) {
+            let expected = "a positive number";
+            return Err(value(tag::PHOTO_FORM, at, "precision", expected, f64::from(found)));
+        }
+    }
+    match state.noise.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
+        Some(&found) => Err(value(tag::PHOTO_NOISE, 0, "noise", "a number of 0 or more", found)),
+        None => Ok(()),
     }
 }
 

@@ -51,6 +51,7 @@ impl SceneRun {
             engine.refine = false;
             engine.align = false;
             engine.gain = false;
+            engine.photometric = None;
             engine.visibility = VisibilityRule::Returned;
         }
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);

@@ -17,6 +17,7 @@ use super::gain::gain;
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::merge::merge_down;
 use super::observe::observe;
+use super::photometric::PhotometricLearner;
 use super::refine::shift;
 use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
@@ -76,6 +77,8 @@ pub struct SceneTrainer<W> {
     exposures: Vec<FrameExposure>,
     /// Points of the frame being learnt as its corrected pose has them.
     moved: Vec<SurfacePoint>,
+    /// What photographs taught, while splats learn from them.
+    photometric: PhotometricLearner,
 }
 
 impl<W: SumScalar> SceneTrainer<W> {
@@ -101,6 +104,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
             moved: Vec::new(),
+            photometric: PhotometricLearner::default(),
         }
     }
 
@@ -117,6 +121,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             trainer.components = Components::restore(components, trainer.component_sums.len())?;
         }
         trainer.exposures = state.exposures;
+        trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
         trainer.frames = frames;
         Some(trainer)
     }
@@ -128,9 +133,11 @@ impl<W: SumScalar> SceneTrainer<W> {
         let components = self.components.shared().map(<[u32]>::to_vec);
         let seeds = match components {
             Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
-            None => order.into_iter().map(|id| self.grid.position(id as usize)).collect(),
+            None => order.iter().map(|&id| self.grid.position(id as usize)).collect(),
         };
         let exposures = self.exposures.clone();
+        let photometric = self.config.photometric.is_some();
+        let photometric = photometric.then(|| self.photometric.state().listed(&order));
         SceneState {
             origin: self.origin.to_array(),
             seeds,
@@ -138,6 +145,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             sums,
             visibility,
             exposures,
+            photometric,
         }
     }
 
@@ -175,6 +183,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
+        self.learn_photograph(frame, &camera, gain);
+        lap(&mut ms, SceneStage::Photometric);
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
@@ -186,6 +196,31 @@ impl<W: SumScalar> SceneTrainer<W> {
         lap(&mut ms, SceneStage::Merge);
         ms.train = wall.elapsed_ms();
         FrameOutcome { points: n_points, elbo_mean, born, reassigned: 0, merged, ms }
+    }
+
+    /// The step that the frame's photograph asks of the splats.
+    fn learn_photograph(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
+        let (Some(rule), Some(photograph)) = (self.config.photometric, &frame.photograph) else {
+            return;
+        };
+        // Taken out meanwhile: new splats are made of the sums that stay behind.
+        let mut photometric = std::mem::take(&mut self.photometric);
+        let splat = |id| self.splat_of_points(id);
+        photometric.begin(self.component_sums.len(), &self.touched, &rule, splat);
+        let full_coverage = self.config.splat_rule.full_coverage as f32;
+        let exposed = photograph.exposed(gain);
+        let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
+        let camera = photograph.camera(&camera.pose);
+        let changed = photometric.learn(&camera, pixels, full_coverage, &rule);
+        self.photometric = photometric;
+        self.touched.extend(changed);
+        self.touched.sort_unstable();
+        self.touched.dedup();
+    }
+
+    /// The splat of a component by its points alone.
+    fn splat_of_points(&self, id: usize) -> (Splat, Appearance) {
+        self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
     }
 
     /// Adds the points to the sums of their components.
@@ -263,8 +298,18 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         // Some less than allowed: merging takes longer than a frame.
         let target = most - most / 16;
+        let photographed = self.config.photometric.is_some();
+        let count = |sums: &ComponentSums<W>, id: usize| sums.sums(id)[0];
+        let n = if photographed { self.component_sums.len() } else { 0 };
+        let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
         let Self { component_sums, components, grid, .. } = self;
         merge_down(component_sums, components, grid, self.config.h, target);
+        // What photographs taught of two splats says nothing of their union: it begins anew.
+        for (id, before) in before.into_iter().enumerate() {
+            if count(&self.component_sums, id) != before {
+                self.photometric.forget(id);
+            }
+        }
         used - self.components.used()
     }
 

@@ -57,7 +57,10 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn model_bytes(&self) -> usize {
-        self.component_sums.bytes() + self.grid.bytes() + self.components.bytes()
+        self.component_sums.bytes()
+            + self.grid.bytes()
+            + self.components.bytes()
+            + self.photometric.state().bytes()
     }
 
     /// World units relative to the scene's origin, colours normalised. Its prior mean is the seed
@@ -71,7 +74,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     }
 
     fn splat(&self, id: usize) -> (Splat, Appearance) {
-        self.config.splat_rule.splat(&self.sums(id), &self.splat_context(id))
+        self.photometric.splat(id).unwrap_or_else(|| self.splat_of_points(id))
     }
 
     /// Of a lattice that exceeds its budget, more than [`Self::stored_splats`] has: merged components

@@ -1,0 +1,293 @@
+//! The second walk over a tile: from the difference of photograph and picture to sums per splat.
+//!
+//! It goes from front to back like the first one and stops where that stopped, so that both see the
+//! same splats: what lies behind a splat is the finished pixel less what was walked over. A walk from
+//! back to front, as others do it, has to divide the transmittance back and to remember where each
+//! pixel ended.
+//!
+//! Crack filling is part of the derivative (`photometric.md`, Crack filling): a pixel's colour is `C·f(A)`
+//! with `f = min(1/F, 1/A)`, so where it is filled, every splat also shares in what fills it.
+
+use super::super::lanes::exp2;
+use super::super::record::{ConicRecord, Gradient, Records};
+use super::super::tile::{EVERY_BIT, GROUPS, LANE_COLUMNS, Plane, Tile, offset_color, span};
+use super::sums::{
+    COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, WEIGHT,
+};
+use crate::math::image::Image;
+use crate::math::simd::{LANES, Vector};
+use crate::render::constants::{ALPHA_CAP, TILE, TRANSMITTANCE_STOP};
+
+/// Least weight that a pixel's share is divided by.
+const MIN_WEIGHT: f32 = 1e-8;
+
+/// Coverage from which on a pixel's difference is counted as noise.
+const SEEN: f32 = 0.5;
+
+/// How pixels count.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelRule {
+    /// Coverage from which on a pixel is filled.
+    pub full_coverage: f32,
+    /// Scale of the Cauchy weight `1/(1 + |r|²/τ²)` of a residual `r`, colour units.
+    pub tau: f32,
+}
+
+/// A tile between the walks.
+pub(super) struct SecondWalk {
+    left: usize,
+    top: usize,
+    transmittance: Plane,
+    /// Finished colour that lies behind what was walked over.
+    behind: [Plane; 3],
+    /// Factor of crack filling, `f`.
+    fill: Plane,
+    /// Weighted residual, `ρ·r`.
+    residual: [Plane; 3],
+    /// Weight of a pixel's curvature but for the splat's own weight: `ρ·A^¾`.
+    share: Plane,
+    open_rows: u32,
+    /// Squared differences of covered pixels that count, and how many these are.
+    error: (f64, f64),
+}
+
+impl SecondWalk {
+    /// Of a tile that was drawn, against the photograph: straight colour and weight of each pixel.
+    pub(super) fn new(tile: &Tile, photograph: &Image<[f32; 4]>, rule: PixelRule) -> Self {
+        let (left, top) = tile.corner();
+        let empty = [[0.0; LANES]; TILE * GROUPS];
+        let (width, height) = (photograph.width, photograph.height);
+        let fresh = Tile::new(left, top, width - left, height - top);
+        let [open, ..] = fresh.planes();
+        let mut walk = Self {
+            left,
+            top,
+            transmittance: *open,
+            behind: [empty; 3],
+            fill: empty,
+            residual: [empty; 3],
+            share: empty,
+            open_rows: fresh.open_rows(),
+            error: (0.0, 0.0),
+        };
+        for row in 0..TILE.min(height - top) {
+            for column in 0..TILE.min(width - left) {
+                walk.compare(tile, photograph, rule, row, column);
+            }
+        }
+        walk
+    }
+
+    /// Sets what one pixel's splats need of it.
+    fn compare(
+        &mut self,
+        tile: &Tile,
+        photograph: &Image<[f32; 4]>,
+        rule: PixelRule,
+        row: usize,
+        column: usize,
+    ) {
+        let (group, lane) = (row * GROUPS + column / LANES, column % LANES);
+        let [t, r, g, b, _] = tile.planes().map(|plane| plane[group][lane]);
+        let end = t.abs();
+        let covered = 1.0 - end;
+        let fill = (1.0 / rule.full_coverage).min(1.0 / covered);
+        // The derivative of `1/A` where the pixel is filled, times what is left to the background.
+        let filled = if covered > rule.full_coverage { end / (covered * covered) } else { 0.0 };
+        let [red, green, blue, weight] =
+            photograph.data[(self.top + row) * photograph.width + self.left + column];
+        let color = [r, g, b];
+        let residual: [f32; 3] = std::array::from_fn(|k| [red, green, blue][k] - color[k] * fill);
+        let squared: f32 = residual.iter().map(|r| r * r).sum();
+        // Where nothing is drawn yet the difference says nothing of noise.
+        if weight > 0.0 && covered >= SEEN {
+            self.error.0 += f64::from(squared);
+            self.error.1 += 1.0;
+        }
+        let rho = weight / (1.0 + squared / (rule.tau * rule.tau));
+        for k in 0..3 {
+            self.behind[k][group][lane] = color[k] * (fill + filled);
+            self.residual[k][group][lane] = rho * residual[k];
+        }
+        self.fill[group][lane] = fill;
+        self.share[group][lane] = rho * covered.sqrt() * covered.sqrt().sqrt();
+    }
+
+    /// Sum of the squared differences of photograph and picture over channels and counted pixels, and
+    /// the number of these.
+    pub(super) fn error(&self) -> (f64, f64) {
+        self.error
+    }
+
+    /// Adds the sums of the listed splats, nearest first, to theirs.
+    #[inline(always)]
+    pub(super) fn walk<V: Vector>(&mut self, list: &[u32], all: &Records, sums: &mut [ImageSums]) {
+        for &index in list {
+            if self.open_rows == 0 {
+                break;
+            }
+            let index = index as usize;
+            let gradient = all.gradients.get(index);
+            self.pass::<V>(&all.records[index], gradient, &mut sums[index]);
+        }
+    }
+
+    #[inline(always)]
+    fn pass<V: Vector>(
+        &mut self,
+        splat: &ConicRecord,
+        gradient: Option<&Gradient>,
+        sums: &mut ImageSums,
+    ) {
+        let rows = span(splat.rect.y0, splat.rect.y1, self.top);
+        let columns = span(splat.rect.x0, splat.rect.x1, self.left);
+        let groups = columns.start / LANES..columns.end.div_ceil(LANES);
+        let x0 = self.left as f32 + 0.5 - splat.u;
+        let x =
+            [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];
+        let mut lanes = [V::splat(0.0); N_IMAGE_SUMS];
+        let mut any = false;
+        for row in rows {
+            if self.open_rows & (1 << row) == 0 {
+                continue;
+            }
+            let y = V::splat((self.top + row) as f32 + 0.5 - splat.v);
+            let mut stopped = false;
+            for half in groups.clone() {
+                let group = row * GROUPS + half;
+                let (hit, ended) =
+                    self.add_group::<V>(group, splat, gradient, [x[half], y], &mut lanes);
+                any |= hit;
+                stopped |= ended;
+            }
+            if stopped && self.row_is_finished(row) {
+                self.open_rows &= !(1 << row);
+            }
+        }
+        if any {
+            for (sum, lanes) in sums.iter_mut().zip(lanes) {
+                // Lane by lane, so that the sum has the same bits on every instruction set.
+                *sum += lanes.to_array().iter().sum::<f32>();
+            }
+        }
+    }
+
+    /// Adds eight pixels; whether any of them shows the splat, and whether one was finished by it.
+    #[inline(always)]
+    fn add_group<V: Vector>(
+        &mut self,
+        group: usize,
+        splat: &ConicRecord,
+        gradient: Option<&Gradient>,
+        offset: [V; 2],
+        sums: &mut [V; N_IMAGE_SUMS],
+    ) -> (bool, bool) {
+        let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
+        let p = V::splat(splat.p_x) * offset[0] + V::splat(splat.p_y) * offset[1];
+        let q = V::splat(splat.q_y) * offset[1];
+        let Some(blended) = self.blend(group, splat, p * p + q * q) else { return (false, false) };
+        let Blended { alpha, moving, weight, t, stopped } = blended;
+        let fill = V::load(&self.fill[group]);
+        let filled = fill * weight;
+        let passed = V::splat(1.0) / (V::splat(1.0) - alpha);
+        let ahead = fill * t;
+        let (mut along, mut squared) = (V::splat(0.0), V::splat(0.0));
+        for k in 0..3 {
+            let color = match gradient {
+                Some(gradient) => offset_color(splat.color[k], gradient, k, offset),
+                None => V::splat(splat.color[k]),
+            };
+            let behind = V::load(&self.behind[k][group]) - filled * color;
+            behind.store(&mut self.behind[k][group]);
+            // What one more unit of alpha would change of the pixel.
+            let change = ahead * color - behind * passed;
+            let residual = V::load(&self.residual[k][group]);
+            along = along + change * residual;
+            squared = squared + change * change;
+            let pull = residual * filled;
+            let at = COLOR + 3 * k;
+            sums[at] = sums[at] + pull;
+            sums[at + 1] = sums[at + 1] + pull * p;
+            sums[at + 2] = sums[at + 2] + pull * q;
+        }
+        // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
+        let root = weight.max(V::splat(MIN_WEIGHT)).sqrt();
+        let share = V::load(&self.share[group]) / (root * root.sqrt());
+        let slopes = [along * moving, share * squared * moving * moving, share * filled * filled];
+        add_moments(sums, [p, q], slopes);
+        sums[WEIGHT] = sums[WEIGHT] + weight;
+        (true, stopped)
+    }
+
+    /// Blends a splat into eight pixels as the first walk did; `None` if none of them shows it.
+    #[inline(always)]
+    fn blend<V: Vector>(
+        &mut self,
+        group: usize,
+        splat: &ConicRecord,
+        squared: V,
+    ) -> Option<Blended<V>> {
+        let exponent = V::splat(0.0) - squared;
+        let t = V::load(&self.transmittance[group]);
+        let visible = V::splat(splat.cut).mask_at_most(exponent);
+        let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(t));
+        if hit.signs() == 0 {
+            return None;
+        }
+        let free = V::splat(splat.opacity) * exp2(exponent);
+        let cap = V::splat(ALPHA_CAP as f32);
+        let mut alpha = free.min(cap).and(hit);
+        let mut weight = alpha * t;
+        let mut next = t - weight;
+        let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
+        let stopped = hit.signs() & !open.signs() & 0xFF;
+        if stopped != 0 {
+            let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
+            (alpha, weight) = (alpha.and(goes_on), weight.and(goes_on));
+            next = V::select(goes_on, next, V::splat(0.0) - t);
+        }
+        next.store(&mut self.transmittance[group]);
+        // Under the cap neither position nor shape nor opacity changes alpha.
+        let moving = alpha.and(free.mask_at_most(cap));
+        Some(Blended { alpha, moving, weight, t, stopped: stopped != 0 })
+    }
+
+    fn row_is_finished(&self, row: usize) -> bool {
+        let groups = &self.transmittance[row * GROUPS..(row + 1) * GROUPS];
+        groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
+    }
+}
+
+/// A splat in eight pixels.
+struct Blended<V> {
+    alpha: V,
+    /// Alpha where it is below the cap, else 0.
+    moving: V,
+    weight: V,
+    /// Transmittance in front of it.
+    t: V,
+    /// Whether a pixel was finished by it.
+    stopped: bool,
+}
+
+/// Adds moments at `(p, q)`: quadratic ones of the slope, quartic ones of the curvature, quadratic ones
+/// of the colour's curvature.
+#[inline(always)]
+fn add_moments<V: Vector>(
+    sums: &mut [V; N_IMAGE_SUMS],
+    [p, q]: [V; 2],
+    [slope, bend, color_bend]: [V; 3],
+) {
+    let [pp, pq, qq] = [p * p, p * q, q * q];
+    let quadratic = [V::splat(1.0), p, q, pp, pq, qq];
+    for (i, moment) in quadratic.into_iter().enumerate() {
+        sums[GRADIENT + i] = sums[GRADIENT + i] + slope * moment;
+        sums[CURVATURE + i] = sums[CURVATURE + i] + bend * moment;
+        sums[COLOR_CURVATURE + i] = sums[COLOR_CURVATURE + i] + color_bend * moment;
+    }
+    let above = [pp * p, pp * q, p * qq, q * qq, pp * pp, pp * pq, pp * qq, pq * qq, qq * qq];
+    for (i, moment) in above.into_iter().enumerate() {
+        let at = CURVATURE + N_QUADRATIC + i;
+        sums[at] = sums[at] + bend * moment;
+    }
+}

@@ -1,0 +1,92 @@
+//! Constants of the photometric step (`photometric.md`, Constants).
+
+use serde::{Deserialize, Serialize};
+use strum::{EnumString, VariantNames};
+
+/// How much a photograph is believed, and what is expected of splats before any.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhotometricRule {
+    /// Standard deviation of a pixel's colour, in units of the root mean square difference of covered
+    /// pixels between the frames so far and the pictures drawn before they were learnt.
+    pub noise: f64,
+    /// Share of a frame's curvature that precision keeps: pixels of a splat are not independent, and
+    /// the model is not linear.
+    pub kept: f64,
+    /// Share of the precision that goes back to the prior's with every frame that shows the splat.
+    pub forgotten: f64,
+    /// Factor of a frame's curvature in its own step.
+    pub damping: f64,
+    /// Scale of the Cauchy weight of residuals, colour units.
+    pub tau: f64,
+    /// Largest step: of means in units of the largest scale, of logarithms of scales, of turns in
+    /// radians; opacities and colours may go three times as far.
+    pub trust: f64,
+    /// Standard deviations of the prior.
+    pub prior: PriorDeviations,
+}
+
+/// How far a splat's parameters may lie from what the points say.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PriorDeviations {
+    /// Of the mean, units of the largest scale.
+    pub mean: f64,
+    /// Of the logarithm of a scale.
+    pub scale: f64,
+    /// Of turns about the splat's own axes, radians.
+    pub turn: f64,
+    /// Of the logarithm of the opacity.
+    pub opacity: f64,
+    /// Of a channel's constant colour.
+    pub color: f64,
+    /// Of its part by direction.
+    pub directional: f64,
+    /// Of its change over the largest scale.
+    pub gradient: f64,
+}
+
+impl PhotometricRule {
+    /// One rule for all sensors.
+    pub const DEFAULT: Self = Self {
+        noise: 5.0,
+        kept: 0.5,
+        forgotten: 0.01,
+        damping: 0.8,
+        tau: 0.5,
+        trust: 0.2,
+        prior: PriorDeviations {
+            mean: 0.3,
+            scale: 0.26,
+            turn: 0.3,
+            opacity: 0.2,
+            color: 0.5,
+            directional: 0.2,
+            gradient: 0.2,
+        },
+    };
+}
+
+/// How much of a photograph splats learn from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum PhotometricMode {
+    /// Nothing: splats are what the points say.
+    Off,
+    /// Every pixel.
+    Full,
+}
+
+impl PhotometricMode {
+    /// The mode of a rule, if there is one.
+    pub fn of(rule: Option<PhotometricRule>) -> Self {
+        if rule.is_some() { Self::Full } else { Self::Off }
+    }
+
+    /// Its rule.
+    pub fn rule(self) -> Option<PhotometricRule> {
+        match self {
+            Self::Off => None,
+            Self::Full => Some(PhotometricRule::DEFAULT),
+        }
+    }
+}

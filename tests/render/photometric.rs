@@ -1,0 +1,177 @@
+//! What the photometric walk says of splats, against the oracle: every derivative by finite differences
+//! of a picture that shares no arithmetic with it, and the blocks against the dense Gauss-Newton matrix.
+
+use crate::common::oracle::{AppearanceF64, Oracle, SplatF64};
+use glam::{DMat3, DQuat, DVec3};
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::image::Image;
+use vbgs_studio::math::pose::Pose;
+use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
+use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::cpu::photometric::{
+    N_COLOR, N_FORM, ParameterSums, PhotometricWalk, PixelRule,
+};
+use vbgs_studio::render::{RenderMethod, RenderOptions};
+
+const SIZE: u32 = 40;
+/// Residuals are far below it: every pixel counts in full.
+const ALL: f32 = 1e6;
+/// Parameters of a splat: its form, then seven coefficients for each channel.
+const N: usize = N_FORM + 3 * N_COLOR;
+
+fn camera() -> Camera {
+    Camera { intrinsics: Intrinsics::from_horizontal_fov(SIZE, SIZE, 0.9), pose: Pose::IDENTITY }
+}
+
+/// Splats that overlap, some with flat tops; with `varied` colours that vary over each.
+fn scene(varied: bool) -> (Vec<Splat>, Vec<Appearance>) {
+    let mut rng = Rng::new(3, Purpose::Synthetic, 0);
+    let mut draw = |lo: f64, hi: f64| rng.range(lo, hi) as f32;
+    let mut splats = Vec::new();
+    let mut appearance = Vec::new();
+    for _ in 0..12 {
+        let q = [draw(0.2, 1.0), draw(-1.0, 1.0), draw(-1.0, 1.0), draw(-1.0, 1.0)];
+        let norm = q.iter().map(|x| x * x).sum::<f32>().sqrt();
+        splats.push(Splat {
+            mean: [draw(-0.6, 0.6), draw(-0.6, 0.6), draw(2.5, 4.0)],
+            opacity: draw(0.3, 1.6),
+            color: [draw(0.3, 0.6), draw(0.3, 0.6), draw(0.3, 0.6)],
+            scale: [draw(0.1, 0.4), draw(0.1, 0.4), draw(0.05, 0.2)],
+            rotation: q.map(|x| x / norm),
+        });
+        let mut rows = |size: f64| [(); 3].map(|()| [(); 3].map(|()| draw(-size, size)));
+        let directional = rows(0.1);
+        let gradient = if varied { rows(0.15) } else { [[0.0; 3]; 3] };
+        appearance.push(Appearance { gradient, directional });
+    }
+    (splats, appearance)
+}
+
+fn wide(splats: &[Splat], appearance: &[Appearance]) -> Vec<SplatF64> {
+    let wide = splats.iter().zip(appearance);
+    let wide = wide.map(|(splat, appearance)| SplatF64 {
+        appearance: Some(AppearanceF64::from(appearance)),
+        ..SplatF64::from(splat)
+    });
+    wide.collect()
+}
+
+fn options() -> RenderOptions {
+    RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])
+}
+
+/// A photograph that no scene explains: smooth, within `[0.2, 0.7]`.
+fn photograph() -> Image<[f32; 4]> {
+    let n = SIZE as usize;
+    let pixel = |i: usize| {
+        let (x, y) = ((i % n) as f32 / n as f32, (i / n) as f32 / n as f32);
+        [0.45 + 0.2 * (5.0 * x).sin(), 0.4 + 0.2 * (4.0 * y).cos(), 0.3 + 0.3 * x * y, 1.0]
+    };
+    Image::from_vec(n, n, (0..n * n).map(pixel).collect())
+}
+
+/// Finished colours of all pixels.
+fn picture(splats: &[SplatF64], full_coverage: f64) -> Vec<f64> {
+    let oracle = Oracle::new(splats, &camera(), &options());
+    let n = SIZE as usize;
+    let pixels = (0..n * n).map(|i| oracle.pixel(i % n, i / n));
+    pixels
+        .flat_map(|pixel| {
+            let [r, g, b, a] = pixel.rgba;
+            let fill = if a > 0.0 { (1.0 / full_coverage).min(1.0 / a) } else { 0.0 };
+            [r * fill, g * fill, b * fill]
+        })
+        .collect()
+}
+
+/// A splat with one parameter changed.
+fn changed(splat: SplatF64, parameter: usize, by: f64) -> SplatF64 {
+    let mut out = splat;
+    let axis = |i: usize| DVec3::AXES[i] * by;
+    match parameter {
+        0..3 => out.mean += axis(parameter),
+        3..6 => out.scale[parameter - 3] *= by.exp(),
+        6..9 => out.rotation = splat.rotation * DQuat::from_scaled_axis(axis(parameter - 6)),
+        9 => out.opacity *= by.exp(),
+        _ => {
+            let (k, i) = ((parameter - N_FORM) / N_COLOR, (parameter - N_FORM) % N_COLOR);
+            let look = out.appearance.as_mut().unwrap();
+            let entry = |m: &mut DMat3, j: usize| m.col_mut(j)[k] += by;
+            match i {
+                0 => out.color[k] += by,
+                1..4 => entry(&mut look.directional, i - 1),
+                _ => entry(&mut look.gradient, i - 4),
+            }
+        }
+    }
+    out
+}
+
+/// Derivatives of every value of the picture by one parameter of one splat.
+fn derivatives(splats: &[SplatF64], i: usize, parameter: usize, full: f64) -> Vec<f64> {
+    // So small that hardly a pixel crosses the alpha cut between the two.
+    const STEP: f64 = 1e-7;
+    let at = |by: f64| {
+        let mut splats = splats.to_vec();
+        splats[i] = changed(splats[i], parameter, by);
+        picture(&splats, full)
+    };
+    let (ahead, back) = (at(STEP), at(-STEP));
+    ahead.iter().zip(&back).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
+}
+
+fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, ParameterSums)> {
+    let view = SplatView::new(splats, appearance).unwrap();
+    let rule = PixelRule { full_coverage: full as f32, tau: ALL };
+    PhotometricWalk::default().compare(view, &camera(), &photograph(), rule).splats
+}
+
+fn gradient(sums: &ParameterSums) -> [f64; N] {
+    let color = sums.color.as_flattened();
+    std::array::from_fn(|i| if i < N_FORM { sums.gradient[i] } else { color[i - N_FORM] })
+}
+
+/// Root mean square error of each group of derivatives over their own, over all splats.
+fn errors(varied: bool, full: f64) -> [f64; 4] {
+    let (splats, appearance) = scene(varied);
+    let wide = wide(&splats, &appearance);
+    let residual: Vec<f64> = {
+        let target = photograph();
+        let target = target.data.iter().flat_map(|p| [p[0], p[1], p[2]].map(f64::from));
+        target.zip(picture(&wide, full)).map(|(y, c)| y - c).collect()
+    };
+    let groups = [0..3, 3..9, 9..10, 10..N];
+    let mut groups_of = [(0.0f64, 0.0f64); 4];
+    for (id, sums) in found(&splats, &appearance, full) {
+        let found = gradient(&sums);
+        for (group, (error, size)) in groups.iter().zip(&mut groups_of) {
+            for parameter in group.clone() {
+                let slope = derivatives(&wide, id as usize, parameter, full);
+                let truth: f64 = slope.iter().zip(&residual).map(|(d, r)| d * r).sum();
+                *error += (found[parameter] - truth).powi(2);
+                *size += truth * truth;
+            }
+        }
+    }
+    groups_of.map(|(error, size)| (error / size).sqrt())
+}
+
+#[test]
+fn every_derivative_is_the_pictures() {
+    for full in [1.0, 0.6] {
+        let [mean, form, opacity, color] = errors(false, full);
+        println!(
+            "full coverage {full}: mean {mean:.1e} form {form:.1e} opacity {opacity:.1e} colour {color:.1e}"
+        );
+        assert!(mean < 1e-4 && form < 1e-4 && opacity < 1e-4 && color < 1e-4);
+    }
+}
+
+/// How a splat's plane turns under its colour gradient is left out of the derivatives by mean and form.
+#[test]
+fn colours_that_vary_change_little() {
+    let [mean, form, opacity, color] = errors(true, 0.6);
+    println!("varied: mean {mean:.1e} form {form:.1e} opacity {opacity:.1e} colour {color:.1e}");
+    assert!(mean < 0.03 && form < 0.05 && opacity < 1e-4 && color < 1e-4);
+}
