@@ -22,6 +22,10 @@
 //! | `app` (feature `gui`) | the window |
 //! | `cli` (in the binary, feature `cli`) | the command line |
 //!
+//! Explanations, with formulas and what was tried, open the documentation of [`model`], [`train`],
+//! [`train::scene`], [`train::scene::photometric`], [`dataset`], [`render`], [`export`], [`eval`] and
+//! [`pipeline`].
+//!
 //! # Invariants
 //!
 //! * Statistics are added in fixed point: any frame order and any number of threads give the same

@@ -184,10 +184,16 @@ impl GpuViewPainter {
     /// Hands changed splats over; `splats` are all of them, the change applied.
     pub fn change(&mut self, change: SplatChange, splats: &SplatSet) {
         match (&change, &mut self.pending) {
-            (SplatChange::Some { ids, .. }, Some(pending)) => pending.extend(ids),
+            // While nothing is painted, changes come again and again: from some number on everything
+            // is uploaded instead.
+            (SplatChange::Some { ids, .. }, Some(pending))
+                if pending.len() + ids.len() <= 2 * splats.len() =>
+            {
+                pending.extend(ids);
+            }
             // All of it is still to be uploaded, these splats among it.
             (SplatChange::Some { .. }, None) => {}
-            (SplatChange::All(_), pending) => *pending = None,
+            (_, pending) => *pending = None,
         }
         self.sorter.change(change);
         self.is_stale = true;

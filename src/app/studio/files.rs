@@ -13,11 +13,17 @@ use eframe::egui::{Ui, ViewportCommand};
 impl Studio {
     /// Goes ahead at once if nothing would be lost, else asks.
     pub(super) fn discard_then(&mut self, order: WorkerOrder, snapshot: &Snapshot) {
-        if snapshot.has_training_to_lose() {
-            self.pending = Some(Pending::Asking(Continuation::Send(order)));
-        } else {
-            self.worker.send(order);
-        }
+        self.pending = match self.pending.take() {
+            // The user has been asked about this training, and may have named a file.
+            Some(waiting) => Some(waiting.instead(Continuation::Send(order))),
+            None if snapshot.has_training_to_lose() => {
+                Some(Pending::Asking(Continuation::Send(order)))
+            }
+            None => {
+                self.worker.send(order);
+                None
+            }
+        };
     }
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {

@@ -144,12 +144,14 @@ impl WorkerThread {
                 self.set_state(RunState::Paused);
                 self.mark_visibility();
             }
-            WorkerOrder::Step => {
+            // A click that crossed with the end of training must not revive it.
+            WorkerOrder::Step if self.may_train() => {
                 // Before the frame, which may finish or fail the run: that state has to stay.
                 self.set_state(RunState::Paused);
                 self.step();
                 self.mark_visibility();
             }
+            WorkerOrder::Step => {}
             WorkerOrder::Reset => {
                 // With its own calibration, but with the settings of now: this is
                 // how they come to hold.
@@ -173,14 +175,25 @@ impl WorkerThread {
 
     fn set_state(&mut self, state: RunState) {
         // An order that crossed with the end of training must not revive it.
-        if matches!(self.snapshot.state, RunState::Ready | RunState::Training | RunState::Paused) {
+        if self.may_train() {
             self.snapshot.state = state;
-            self.ends.clear();
+            self.rest();
         }
+    }
+
+    fn may_train(&self) -> bool {
+        matches!(self.snapshot.state, RunState::Ready | RunState::Training | RunState::Paused)
+    }
+
+    /// Frames are counted anew from here on.
+    fn rest(&mut self) {
+        self.ends.clear();
+        self.snapshot.frames_per_s = 0.0;
     }
 
     pub(super) fn fail(&mut self, message: String) {
         self.snapshot.state = RunState::Failed;
+        self.rest();
         self.notify(NoticeKind::Error, message);
     }
 
