@@ -14,7 +14,8 @@ pub struct Photograph {
     pub offset: DVec3,
     /// How its axes are turned against those of the depth camera.
     pub turn: DQuat,
-    /// sRGB-encoded red, green and blue over black in `[0, 1]`, and the weight of each pixel.
+    /// sRGB-encoded red, green and blue over black in `[0, 1]`, and how much of the pixel surfaces
+    /// cover: NaN where that is not known.
     pub pixels: Image<[f32; 4]>,
 }
 
@@ -28,7 +29,7 @@ impl Photograph {
     pub fn exposed(&self, gain: [f32; 3]) -> Option<Image<[f32; 4]>> {
         let Image { width, height, data } = &self.pixels;
         let exposed =
-            |&[r, g, b, weight]: &[f32; 4]| [r * gain[0], g * gain[1], b * gain[2], weight];
+            |&[r, g, b, covered]: &[f32; 4]| [r * gain[0], g * gain[1], b * gain[2], covered];
         (gain != [1.0; 3])
             .then(|| Image::from_vec(*width, *height, data.iter().map(exposed).collect()))
     }

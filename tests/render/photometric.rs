@@ -71,7 +71,10 @@ fn photograph() -> Image<[f32; 4]> {
     Image::from_vec(n, n, (0..n * n).map(pixel).collect())
 }
 
-/// Finished colours of all pixels.
+/// Weight of coverage beside colour.
+const COVERAGE: f64 = 0.7;
+
+/// Finished colours of all pixels, and their coverage as it counts beside these.
 fn picture(splats: &[SplatF64], full_coverage: f64) -> Vec<f64> {
     let oracle = Oracle::new(splats, &camera(), &options());
     let n = SIZE as usize;
@@ -80,7 +83,7 @@ fn picture(splats: &[SplatF64], full_coverage: f64) -> Vec<f64> {
         .flat_map(|pixel| {
             let [r, g, b, a] = pixel.rgba;
             let fill = if a > 0.0 { (1.0 / full_coverage).min(1.0 / a) } else { 0.0 };
-            [r * fill, g * fill, b * fill]
+            [r * fill, g * fill, b * fill, a * COVERAGE.sqrt()]
         })
         .collect()
 }
@@ -123,7 +126,7 @@ fn derivatives(splats: &[SplatF64], i: usize, parameter: usize, full: f64) -> Ve
 
 fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, ParameterSums)> {
     let view = SplatView::new(splats, appearance).unwrap();
-    let rule = PixelRule { full_coverage: full as f32, tau: ALL };
+    let rule = PixelRule { full_coverage: full as f32, tau: ALL, coverage: COVERAGE as f32 };
     PhotometricWalk::default().compare(view, &camera(), &photograph(), rule).splats
 }
 
@@ -138,7 +141,11 @@ fn errors(varied: bool, full: f64) -> [f64; 4] {
     let wide = wide(&splats, &appearance);
     let residual: Vec<f64> = {
         let target = photograph();
-        let target = target.data.iter().flat_map(|p| [p[0], p[1], p[2]].map(f64::from));
+        let channels = |p: &[f32; 4]| {
+            let [r, g, b, a] = p.map(f64::from);
+            [r, g, b, a * COVERAGE.sqrt()]
+        };
+        let target = target.data.iter().flat_map(channels);
         target.zip(picture(&wide, full)).map(|(y, c)| y - c).collect()
     };
     let groups = [0..3, 3..9, 9..10, 10..N];

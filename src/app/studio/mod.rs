@@ -280,7 +280,7 @@ impl eframe::App for Studio {
         persistence::write(storage, &self.view.settings, &self.training);
     }
 
-    /// Runs before every pass of [`Self::ui`], and alone while the window is hidden or minimised.
+    /// Runs before every pass of [`ui`](eframe::App::ui), and alone while the window is hidden or minimised.
     fn logic(&mut self, ctx: &Context, _: &mut eframe::Frame) {
         // Here, since eframe closes a hidden window without a pass of `ui`.
         let snapshot = self.worker.snapshot();

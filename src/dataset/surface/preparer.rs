@@ -90,7 +90,7 @@ impl Preparer {
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;
-        out.photograph = settings.photograph.then(|| photograph(frame, calibration));
+        out.photograph = settings.photograph.then(|| photograph(frame, calibration, &out.ranges));
         Ok(SurfaceCounts::of(&statuses.data))
     }
 
@@ -107,15 +107,23 @@ impl Default for Preparer {
 }
 
 /// The frame's colours over black with the gain of its calibration, from where they were taken.
-fn photograph(frame: &Frame, calibration: &Calibration) -> Photograph {
+fn photograph(frame: &Frame, calibration: &Calibration, ranges: &Image<f32>) -> Photograph {
     let gain = calibration.gain(&frame.name).map(|gain| gain as f32);
-    let pixel = |&[red, green, blue, alpha]: &[u8; 4]| {
+    // Depth of another camera says nothing of a pixel here.
+    let is_registered = calibration.color_camera.is_none();
+    let pixel = |(&[red, green, blue, alpha], range): (&[u8; 4], &f32)| {
         let opaque = f32::from(alpha) / 255.0;
+        let covered = match is_registered {
+            true if alpha < u8::MAX => opaque,
+            true if range.is_finite() => 1.0,
+            _ => f32::NAN,
+        };
         let [r, g, b] = [red, green, blue].map(|channel| f32::from(channel) / 255.0 * opaque);
-        [r * gain[0], g * gain[1], b * gain[2], 1.0]
+        [r * gain[0], g * gain[1], b * gain[2], covered]
     };
     let Image { width, height, data } = &frame.color;
-    let pixels = Image::from_vec(*width, *height, data.iter().map(pixel).collect());
+    let pixels = data.iter().zip(&ranges.data).map(pixel).collect();
+    let pixels = Image::from_vec(*width, *height, pixels);
     let Intrinsics { width, height, .. } = frame.camera.intrinsics;
     match &calibration.color_camera {
         None => Photograph {

@@ -70,7 +70,8 @@ struct Drawn {
 
 impl PhotometricWalk {
     /// Compares a photograph with the picture of `splats` from where it was taken. Its pixels are
-    /// sRGB-encoded red, green and blue over black, and a weight of 0 or more.
+    /// sRGB-encoded red, green and blue over black, and how much of them surfaces cover: NaN where that
+    /// is not known.
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,

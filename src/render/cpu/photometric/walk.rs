@@ -5,6 +5,9 @@
 //! back to front, as others do it, has to divide the transmittance back and to remember where each
 //! pixel ended.
 //!
+//! Coverage is learnt beside colour: crack filling hides gaps from the colours, and without it splats
+//! shrink until they show at other distances (`photometric.md`, Coverage).
+//!
 //! Crack filling is part of the derivative (`photometric.md`, Crack filling): a pixel's colour is `C·f(A)`
 //! with `f = min(1/F, 1/A)`, so where it is filled, every splat also shares in what fills it.
 
@@ -31,6 +34,8 @@ pub struct PixelRule {
     pub full_coverage: f32,
     /// Scale of the Cauchy weight `1/(1 + |r|²/τ²)` of a residual `r`, colour units.
     pub tau: f32,
+    /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
+    pub coverage: f32,
 }
 
 /// A tile between the walks.
@@ -46,13 +51,19 @@ pub(super) struct SecondWalk {
     residual: [Plane; 3],
     /// Weight of a pixel's curvature but for the splat's own weight: `ρ·A^¾`.
     share: Plane,
+    /// What is left to the background at the end, where it is known what should be; else 0.
+    end: Plane,
+    /// Weighted coverage that lacks.
+    lacking: Plane,
+    /// See [`PixelRule::coverage`].
+    coverage: f32,
     open_rows: u32,
     /// Squared differences of covered pixels that count, and how many these are.
     error: (f64, f64),
 }
 
 impl SecondWalk {
-    /// Of a tile that was drawn, against the photograph: straight colour and weight of each pixel.
+    /// Of a tile that was drawn, against the photograph: colour over black and coverage of each pixel.
     pub(super) fn new(tile: &Tile, photograph: &Image<[f32; 4]>, rule: PixelRule) -> Self {
         let (left, top) = tile.corner();
         let empty = [[0.0; LANES]; TILE * GROUPS];
@@ -67,6 +78,9 @@ impl SecondWalk {
             fill: empty,
             residual: [empty; 3],
             share: empty,
+            end: empty,
+            lacking: empty,
+            coverage: rule.coverage,
             open_rows: fresh.open_rows(),
             error: (0.0, 0.0),
         };
@@ -94,20 +108,24 @@ impl SecondWalk {
         let fill = (1.0 / rule.full_coverage).min(1.0 / covered);
         // The derivative of `1/A` where the pixel is filled, times what is left to the background.
         let filled = if covered > rule.full_coverage { end / (covered * covered) } else { 0.0 };
-        let [red, green, blue, weight] =
+        let [red, green, blue, target] =
             photograph.data[(self.top + row) * photograph.width + self.left + column];
         let color = [r, g, b];
         let residual: [f32; 3] = std::array::from_fn(|k| [red, green, blue][k] - color[k] * fill);
         let squared: f32 = residual.iter().map(|r| r * r).sum();
         // Where nothing is drawn yet the difference says nothing of noise.
-        if weight > 0.0 && covered >= SEEN {
+        if covered >= SEEN {
             self.error.0 += f64::from(squared);
             self.error.1 += 1.0;
         }
-        let rho = weight / (1.0 + squared / (rule.tau * rule.tau));
+        let rho = 1.0 / (1.0 + squared / (rule.tau * rule.tau));
         for k in 0..3 {
             self.behind[k][group][lane] = color[k] * (fill + filled);
             self.residual[k][group][lane] = rho * residual[k];
+        }
+        if !target.is_nan() {
+            self.end[group][lane] = end;
+            self.lacking[group][lane] = rho * rule.coverage * (target - covered);
         }
         self.fill[group][lane] = fill;
         self.share[group][lane] = rho * covered.sqrt() * covered.sqrt().sqrt();
@@ -210,6 +228,10 @@ impl SecondWalk {
             sums[at + 1] = sums[at + 1] + pull * p;
             sums[at + 2] = sums[at + 2] + pull * q;
         }
+        // Coverage is one more channel, in which every splat is 1 and what lies behind ends with 1.
+        let closing = V::load(&self.end[group]) * passed;
+        along = along + closing * V::load(&self.lacking[group]);
+        squared = squared + V::splat(self.coverage) * closing * closing;
         // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
         let root = weight.max(V::splat(MIN_WEIGHT)).sqrt();
         let share = V::load(&self.share[group]) / (root * root.sqrt());

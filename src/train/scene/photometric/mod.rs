@@ -86,7 +86,8 @@ impl PhotometricLearner {
     ) -> Vec<u32> {
         let view = SplatView::new(&self.state.splats, &self.state.appearance);
         let Some(view) = view else { return Vec::new() };
-        let pixels = PixelRule { full_coverage, tau: rule.tau as f32 };
+        let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
+        let pixels = PixelRule { full_coverage, tau, coverage };
         let found = self.walk.compare(view, camera, photograph, pixels);
         let deviation = rule.noise * self.noise_after(found.squared_error, found.pixels);
         let variance = deviation * deviation;

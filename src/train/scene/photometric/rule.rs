@@ -18,6 +18,8 @@ pub struct PhotometricRule {
     pub damping: f64,
     /// Scale of the Cauchy weight of residuals, colour units.
     pub tau: f64,
+    /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
+    pub coverage: f64,
     /// Largest step: of means in units of the largest scale, of logarithms of scales, of turns in
     /// radians; opacities and colours may go three times as far.
     pub trust: f64,
@@ -52,6 +54,7 @@ impl PhotometricRule {
         forgotten: 0.01,
         damping: 0.8,
         tau: 0.5,
+        coverage: 1.0,
         trust: 0.2,
         prior: PriorDeviations {
             mean: 0.3,
