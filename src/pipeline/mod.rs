@@ -3,7 +3,6 @@
 #![doc = include_str!("pipeline.md")]
 
 pub mod any_preset;
-mod births;
 pub mod checkpoint;
 pub mod demo;
 pub mod error;

@@ -1,6 +1,5 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
-use super::births::Births;
 use super::error::SessionError;
 use super::frame_loop::{FrameLoop, FrameStatus, SteppedFrame};
 use super::past::Past;
@@ -17,6 +16,7 @@ use crate::eval::report::{
 use crate::math::normalization::Normalization;
 use crate::math::orbit::mean_up;
 use crate::model::splat::appearance::SplatSet;
+use crate::train::birth_log::BirthLog;
 use crate::train::learner::Learner;
 use crate::train::memory::MemoryEstimate;
 use crate::train::outcome::FrameOutcome;
@@ -59,7 +59,7 @@ pub struct Session {
     plan: Plan,
     normalization: Normalization,
     frames: Box<dyn FrameLoop>,
-    births: Births,
+    births: BirthLog,
     /// Everything up to the last step.
     past: Past,
     started: Instant,
@@ -101,7 +101,7 @@ impl Session {
             config,
             plan,
             normalization,
-            births: Births::new(frames.learner()),
+            births: BirthLog::new(frames.learner()),
             frames,
             past,
             started,

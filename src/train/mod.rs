@@ -2,6 +2,7 @@
 //! each has a folder of its own.
 #![doc = include_str!("train.md")]
 
+pub mod birth_log;
 pub mod candidates;
 pub mod component_elbo;
 pub mod estep;

@@ -159,25 +159,6 @@ settings! {
 named_values!(by text StructuralScale, Budget);
 named_values!(by name VisibilityRule, SumForm);
 
-impl SettingValue for PhotometricMode {
-    fn choices() -> Vec<Choice> {
-        vec![
-            Choice { name: "off", label: "Off", help: "Splats are what the points say" },
-            Choice {
-                name: "full",
-                label: "Full",
-                help: "Every frame also takes a step on its picture: sharper, and several times slower",
-            },
-        ]
-    }
-
-    fn parse(text: &OsStr) -> Result<Self, ValueError> {
-        let found = text.display();
-        let mode = text.to_str().and_then(|text| text.parse().ok());
-        mode.ok_or_else(|| ValueError::Text(format!("expected off or full, found `{found}`")))
-    }
-}
-
 impl SettingValue for BirthRule {
     fn choices() -> Vec<Choice> {
         const LATTICE: &str = "Cells of a lattice: the order of frames does not matter";

@@ -1,6 +1,8 @@
 //! Constants of the photometric step (`photometric.md`, Constants).
 
+use crate::train::setting::value::{Choice, SettingValue, ValueError};
 use serde::{Deserialize, Serialize};
+use std::ffi::OsStr;
 use strum::{EnumString, VariantNames};
 
 /// How much a photograph is believed, and what is expected of splats before any.
@@ -91,5 +93,24 @@ impl PhotometricMode {
             Self::Off => None,
             Self::Full => Some(PhotometricRule::DEFAULT),
         }
+    }
+}
+
+impl SettingValue for PhotometricMode {
+    fn choices() -> Vec<Choice> {
+        vec![
+            Choice { name: "off", label: "Off", help: "Splats are what the points say" },
+            Choice {
+                name: "full",
+                label: "Full",
+                help: "Every frame also takes a step on its picture: sharper, and several times slower",
+            },
+        ]
+    }
+
+    fn parse(text: &OsStr) -> Result<Self, ValueError> {
+        let found = text.display();
+        let mode = text.to_str().and_then(|text| text.parse().ok());
+        mode.ok_or_else(|| ValueError::Text(format!("expected off or full, found `{found}`")))
     }
 }

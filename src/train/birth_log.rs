@@ -1,6 +1,6 @@
 //! When components came into use.
 
-use crate::train::learner::{Changed, Learner};
+use super::learner::{Changed, Learner};
 
 /// No points yet.
 const UNBORN: u32 = u32::MAX;
@@ -9,9 +9,10 @@ const UNKNOWN: u32 = u32::MAX - 1;
 
 /// Per component the frame in which it first received points. Reassignment moves unused components
 /// only, so a component is never older than its last move.
-pub(super) struct Births(Vec<u32>);
+#[derive(Clone, Debug)]
+pub struct BirthLog(Vec<u32>);
 
-impl Births {
+impl BirthLog {
     /// Of a model as it is when a session begins: what is in use came from elsewhere.
     pub fn new(engine: &dyn Learner) -> Self {
         let is_used = |k| engine.used() > 0 && engine.posterior(k).count > 0.0;
