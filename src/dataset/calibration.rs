@@ -188,18 +188,28 @@ impl ColorCamera {
 
     /// World pose and intrinsics where the depth camera is `depth`, for images of its size.
     pub fn beside(&self, depth: &Camera) -> Camera {
-        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
-        let turn = DQuat::from_scaled_axis(DVec3::from_array(self.rotation));
+        let offset = DVec3::from_array(self.offset);
         Camera {
-            intrinsics: Intrinsics { fx, fy, cx, cy, ..depth.intrinsics },
-            pose: depth.pose.attached(DVec3::from_array(self.offset), turn),
+            intrinsics: self.intrinsics(depth.intrinsics),
+            pose: depth.pose.attached(offset, self.turn()),
         }
+    }
+
+    /// Intrinsics for images of the size that those of the depth camera say.
+    pub(super) fn intrinsics(&self, depth: Intrinsics) -> Intrinsics {
+        let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
+        Intrinsics { fx, fy, cx, cy, ..depth }
+    }
+
+    /// How its axes are turned against those of the depth camera.
+    pub(super) fn turn(&self) -> DQuat {
+        DQuat::from_scaled_axis(DVec3::from_array(self.rotation))
     }
 
     /// Rotation from the depth camera's axes to its own.
     pub(super) fn color_from_depth(&self) -> DMat3 {
         // `rotation` takes axes from colour to depth; points of the depth camera go the other way.
-        DMat3::from_quat(DQuat::from_scaled_axis(DVec3::from_array(self.rotation)).inverse())
+        DMat3::from_quat(self.turn().inverse())
     }
 
     /// A point of the depth camera's frame in its own.

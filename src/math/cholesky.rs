@@ -21,35 +21,14 @@ impl Cholesky {
     /// positive definite.
     pub fn new(n: usize, matrix: &[f64]) -> Option<Self> {
         let mut lower = matrix.to_vec();
-        for row in 0..n {
-            for column in 0..=row {
-                let known = (0..column).map(|i| lower[row * n + i] * lower[column * n + i]);
-                let rest = lower[row * n + column] - known.sum::<f64>();
-                lower[row * n + column] = if row > column {
-                    rest / lower[column * n + column]
-                // NaN fails this comparison: an undefined matrix has no factor either.
-                } else if rest > 0.0 {
-                    rest.sqrt()
-                } else {
-                    return None;
-                };
-            }
-        }
+        factor(n, &mut lower)?;
         Some(Self { n, lower })
     }
 
     /// The solution `x` of `matrix · x = right`.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
-        let Self { n, lower } = self;
         let mut x = right.to_vec();
-        for row in 0..*n {
-            let known: f64 = (0..row).map(|i| lower[row * n + i] * x[i]).sum();
-            x[row] = (x[row] - known) / lower[row * n + row];
-        }
-        for row in (0..*n).rev() {
-            let known: f64 = (row + 1..*n).map(|i| lower[i * n + row] * x[i]).sum();
-            x[row] = (x[row] - known) / lower[row * n + row];
-        }
+        substitute(self.n, &self.lower, &mut x);
         x
     }
 }
@@ -62,37 +41,47 @@ pub struct SmallCholesky<const N: usize>([[f64; N]; N]);
 impl<const N: usize> SmallCholesky<N> {
     /// Of a matrix of which only the lower triangle is read. `None` unless it is positive definite.
     pub fn new(mut matrix: [[f64; N]; N]) -> Option<Self> {
-        for row in 0..N {
-            for column in 0..=row {
-                let (above, below) = matrix.split_at(row);
-                let of_column = if column < row { &above[column] } else { &below[0] };
-                let known: f64 = (0..column).map(|i| below[0][i] * of_column[i]).sum();
-                let rest = matrix[row][column] - known;
-                matrix[row][column] = if row > column {
-                    rest / matrix[column][column]
-                // NaN fails this comparison, as in the factor of any size.
-                } else if rest > 0.0 {
-                    rest.sqrt()
-                } else {
-                    return None;
-                };
-            }
-        }
+        factor(N, matrix.as_flattened_mut())?;
         Some(Self(matrix))
     }
 
     /// The solution `x` of `matrix · x = right`.
     pub fn solve(&self, mut right: [f64; N]) -> [f64; N] {
-        let lower = &self.0;
-        for row in 0..N {
-            let known: f64 = (0..row).map(|i| lower[row][i] * right[i]).sum();
-            right[row] = (right[row] - known) / lower[row][row];
-        }
-        for row in (0..N).rev() {
-            let known: f64 = (row + 1..N).map(|i| lower[i][row] * right[i]).sum();
-            right[row] = (right[row] - known) / lower[row][row];
-        }
+        substitute(N, self.0.as_flattened(), &mut right);
         right
+    }
+}
+
+/// Turns the lower triangle of a matrix into that of its factor; `None` unless it is positive definite.
+#[inline]
+fn factor(n: usize, lower: &mut [f64]) -> Option<()> {
+    for row in 0..n {
+        for column in 0..=row {
+            let known = (0..column).map(|i| lower[row * n + i] * lower[column * n + i]);
+            let rest = lower[row * n + column] - known.sum::<f64>();
+            lower[row * n + column] = if row > column {
+                rest / lower[column * n + column]
+            // NaN fails this comparison: an undefined matrix has no factor either.
+            } else if rest > 0.0 {
+                rest.sqrt()
+            } else {
+                return None;
+            };
+        }
+    }
+    Some(())
+}
+
+/// Turns the right side of a system into its solution.
+#[inline]
+fn substitute(n: usize, lower: &[f64], x: &mut [f64]) {
+    for row in 0..n {
+        let known: f64 = (0..row).map(|i| lower[row * n + i] * x[i]).sum();
+        x[row] = (x[row] - known) / lower[row * n + row];
+    }
+    for row in (0..n).rev() {
+        let known: f64 = (row + 1..n).map(|i| lower[i * n + row] * x[i]).sum();
+        x[row] = (x[row] - known) / lower[row * n + row];
     }
 }
 

@@ -7,11 +7,10 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::model::scene::photometric::{N_COLOR, N_FORM};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::photometric::{
-    N_COLOR, N_FORM, ParameterSums, PhotometricWalk, PixelRule,
-};
+use vbgs_studio::render::cpu::photometric::{ParameterSums, PhotometricWalk, PixelRule};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 const SIZE: u32 = 40;

@@ -10,6 +10,7 @@ use crate::train::setting::table::{Setting, SettingLayer, Spelling};
 use crate::train::setting::value::{Choice, SettingValue};
 use eframe::egui::{Button, DragValue, Grid, RichText, Ui};
 use std::ops::RangeInclusive;
+use std::str::FromStr;
 
 /// Structural scales that can be chosen, pixels.
 const SCALES_PX: RangeInclusive<f64> = 0.5..=20.0;
@@ -41,9 +42,9 @@ fn details(scene: &mut SceneOverrides, ui: &mut Ui) {
             ui.label(about.label.unwrap_or_default()).on_hover_text(about.help());
             match about.field {
                 "scale" => scale(scene, ui),
-                "births" => births(scene, ui),
+                "births" => choice(&mut scene.births, BirthRule::Seeds, ui),
                 "budget" => budget(scene, ui),
-                "photometric" => photometric(scene, ui),
+                "photometric" => choice(&mut scene.photometric, PhotometricMode::Off, ui),
                 _ => {}
             }
             ui.end_row();
@@ -70,25 +71,17 @@ fn scale(scene: &mut SceneOverrides, ui: &mut Ui) {
     });
 }
 
-fn births(scene: &mut SceneOverrides, ui: &mut Ui) {
+/// One of few values; the default is left to the preset.
+fn choice<T>(value: &mut Option<T>, default: T, ui: &mut Ui)
+where
+    T: SettingValue + FromStr + Copy,
+{
     ui.horizontal(|ui| {
-        for Choice { name, label, help } in BirthRule::choices() {
-            let rule = name.parse().unwrap_or(BirthRule::Seeds);
-            let is_chosen = scene.births.unwrap_or(BirthRule::Seeds) == rule;
+        for Choice { name, label, help } in T::choices() {
+            let this = name.parse().unwrap_or(default);
+            let is_chosen = value.unwrap_or(default) == this;
             if ui.selectable_label(is_chosen, label).on_hover_text(help).clicked() {
-                scene.births = (rule != BirthRule::Seeds).then_some(rule);
-            }
-        }
-    });
-}
-
-fn photometric(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        for Choice { name, label, help } in PhotometricMode::choices() {
-            let mode = name.parse().unwrap_or(PhotometricMode::Off);
-            let is_chosen = scene.photometric.unwrap_or(PhotometricMode::Off) == mode;
-            if ui.selectable_label(is_chosen, label).on_hover_text(help).clicked() {
-                scene.photometric = (mode != PhotometricMode::Off).then_some(mode);
+                *value = (this != default).then_some(this);
             }
         }
     });

@@ -7,10 +7,9 @@ use super::planes::Planes;
 use super::recipe::TILE;
 use super::settings::SurfaceSettings;
 use super::status::{PixelStatus, SurfaceCounts};
-use crate::dataset::calibration::{Calibration, ColorCamera};
+use crate::dataset::calibration::Calibration;
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
 use crate::observation::photograph::Photograph;
@@ -124,23 +123,12 @@ fn photograph(frame: &Frame, calibration: &Calibration, ranges: &Image<f32>) -> 
     let Image { width, height, data } = &frame.color;
     let pixels = data.iter().zip(&ranges.data).map(pixel).collect();
     let pixels = Image::from_vec(*width, *height, pixels);
-    let Intrinsics { width, height, .. } = frame.camera.intrinsics;
-    match &calibration.color_camera {
-        None => Photograph {
-            intrinsics: frame.camera.intrinsics,
-            offset: DVec3::ZERO,
-            turn: DQuat::IDENTITY,
-            pixels,
-        },
-        Some(ColorCamera { focal: [fx, fy], principal: [cx, cy], offset, rotation }) => {
-            Photograph {
-                intrinsics: Intrinsics { fx: *fx, fy: *fy, cx: *cx, cy: *cy, width, height },
-                offset: DVec3::from_array(*offset),
-                turn: DQuat::from_scaled_axis(DVec3::from_array(*rotation)),
-                pixels,
-            }
-        }
-    }
+    let depth = frame.camera.intrinsics;
+    let (intrinsics, offset, turn) = match &calibration.color_camera {
+        None => (depth, DVec3::ZERO, DQuat::IDENTITY),
+        Some(camera) => (camera.intrinsics(depth), DVec3::from_array(camera.offset), camera.turn()),
+    };
+    Photograph { intrinsics, offset, turn, pixels }
 }
 
 /// Every value is to be written.

@@ -3,10 +3,15 @@
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 
-/// Numbers of the lower triangle of the precision of position and form (10 × 10).
-pub const N_FORM_PRECISION: usize = 55;
-/// Numbers of the lower triangle of the precision of a channel's colour (7 × 7).
-pub const N_COLOR_PRECISION: usize = 28;
+/// Parameters of position and form: mean (world units), logarithms of the scales, turns about the
+/// splat's own axes (radians), logarithm of the opacity.
+pub const N_FORM: usize = 10;
+/// Coefficients of a channel's colour: constant, by direction, by place (per world unit).
+pub const N_COLOR: usize = 7;
+/// Numbers of the lower triangle of the precision of position and form.
+pub const N_FORM_PRECISION: usize = N_FORM * (N_FORM + 1) / 2;
+/// Numbers of the lower triangle of the precision of a channel's colour.
+pub const N_COLOR_PRECISION: usize = N_COLOR * (N_COLOR + 1) / 2;
 
 /// Splats as photographs have corrected them. Rows are components; one of opacity 0 has no splat.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -18,10 +18,28 @@ pub(super) const BATCH: usize = 4096;
 #[derive(Default)]
 pub(super) struct RowCanvas {
     tiles: Vec<Tile>,
-    /// Of one batch, side by side: a row's tiles read each record several times, and the view's
-    /// records lie far apart.
-    batch: Records,
-    by_tile: Buckets,
+    batch: Batch,
+}
+
+/// Some splats of a row, nearest first, by tile.
+#[derive(Default)]
+pub(super) struct Batch {
+    /// Side by side: a row's tiles read each record several times, and the view's records lie far
+    /// apart (`rendering.md`, CPU renderer).
+    pub records: Records,
+    /// Those of every tile, by their places among `records`.
+    pub by_tile: Buckets,
+}
+
+impl Batch {
+    /// Becomes the listed records of a view, for a row of so many tiles.
+    pub(super) fn fill(&mut self, all: &Records, list: &[u32], n_tiles: usize) {
+        let Self { records, by_tile } = self;
+        records.gather(all, list);
+        by_tile.fill(n_tiles, 0..list.len() as u32, |i| {
+            records.records[i as usize].rect.tile_columns()
+        });
+    }
 }
 
 /// What the rows of one image share.
@@ -72,15 +90,10 @@ impl DrawRow<'_> {
             if canvas.tiles.iter().all(Tile::is_finished) {
                 break;
             }
-            // Copied side by side first: tiles of the row read each record several times
-            // (`rendering.md`, CPU renderer).
-            canvas.batch.gather(sheet.records, batch);
-            let records = &canvas.batch;
-            canvas.by_tile.fill(canvas.tiles.len(), 0..batch.len() as u32, |i| {
-                records.records[i as usize].rect.tile_columns()
-            });
+            canvas.batch.fill(sheet.records, batch, canvas.tiles.len());
+            let Batch { records, by_tile } = &canvas.batch;
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
-                let list = canvas.by_tile.get(index);
+                let list = by_tile.get(index);
                 // Two loops rather than a branch per splat: plain scenes pay nothing for gradients.
                 if sheet.records.gradients.is_empty() {
                     tile.blend_all::<V, FORM, false>(list, records, min_front);

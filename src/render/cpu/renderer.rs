@@ -152,11 +152,8 @@ impl CpuRenderer {
         for (chunk, count) in self.counts.iter().enumerate() {
             let first = chunk * prepare::CHUNK;
             let listings = self.listings[first..].iter().take(count.n_visible);
-            let keyed = |(listing, record): (&DepthEntry, u32)| Keyed {
-                key: listing.key.to_bits(),
-                record,
-            };
-            self.visible.extend(listings.zip(first as u32..).map(keyed));
+            let records = first as u32..;
+            self.visible.extend(listings.zip(records).map(|(entry, record)| entry.keyed(record)));
         }
         self.counts.iter().map(|count| count.n_invalid).sum()
     }

@@ -22,7 +22,7 @@ pub(super) const GROUPS: usize = TILE / LANES;
 const MIN_NUMERATOR: f32 = 1e-20;
 
 /// A lane of a mask that is set.
-pub(super) const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
+const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
 
 /// What the records mean, as a constant that the compiler builds a loop for each of.
 pub(super) struct Form;
@@ -185,7 +185,7 @@ impl Tile {
                 };
                 stopped |= self.blend_group::<V, FORM>(group, splat, gradient, &response);
             }
-            if stopped && self.row_is_finished(row) {
+            if stopped && row_is_finished(&self.transmittance, row) {
                 self.open_rows &= !(1 << row);
             }
         }
@@ -201,29 +201,9 @@ impl Tile {
         response: &Response<V>,
     ) -> bool {
         let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
-        let t = V::load(&self.transmittance[group]);
-        let visible = V::splat(splat.cut).mask_at_most(response.exponent);
-        let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(t));
-        // Most groups of a splat's rectangle lie outside its ellipse: the exponential is the dear
-        // part.
-        if hit.signs() == 0 {
-            return false;
-        }
-        let alpha = V::splat(splat.opacity) * exp2(response.exponent);
-        let alpha = alpha.min(V::splat(ALPHA_CAP as f32)).and(hit);
-        let mut weight = alpha * t;
-        let mut next = t - weight;
-        let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
-        // Lanes that were not hit are not stopped either.
-        let stopped = hit.signs() & !open.signs() & 0xFF;
-        // Rare, so the common case does not select. The sign of a stopped pixel's transmittance
-        // turns, its size stays: coverage still needs it.
-        if stopped != 0 {
-            let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
-            weight = weight.and(goes_on);
-            next = V::select(goes_on, next, V::splat(0.0) - t);
-        }
-        next.store(&mut self.transmittance[group]);
+        let transmittance = &mut self.transmittance[group];
+        let Some(passed) = pass(transmittance, splat, response.exponent) else { return false };
+        let Passed { weight, stopped, .. } = passed;
         for channel in 0..3 {
             let value = match gradient {
                 Some(gradient) => shaded(splat.color[channel], gradient, channel, response),
@@ -236,13 +216,63 @@ impl Tile {
             _ => V::splat(splat.reach) * response.tau,
         };
         add(&mut self.depth[group], weight * depth);
-        stopped != 0
+        stopped
     }
+}
 
-    fn row_is_finished(&self, row: usize) -> bool {
-        let groups = &self.transmittance[row * GROUPS..(row + 1) * GROUPS];
-        groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
+/// A splat in eight pixels.
+pub(super) struct Passed<V> {
+    /// 0 where a pixel does not show it.
+    pub alpha: V,
+    /// Alpha where it is below the cap, else 0.
+    pub moving: V,
+    /// Alpha times the transmittance in front.
+    pub weight: V,
+    /// Transmittance in front.
+    pub front: V,
+    /// Whether a pixel was finished by it.
+    pub stopped: bool,
+}
+
+/// Light of eight pixels through one splat, `alpha = opacity · 2^exponent`: what every walk over a tile
+/// does, so that all see the same splats. `None` if none of the pixels shows it.
+#[inline(always)]
+pub(super) fn pass<V: Vector>(
+    transmittance: &mut [f32; LANES],
+    splat: &ConicRecord,
+    exponent: V,
+) -> Option<Passed<V>> {
+    let front = V::load(transmittance);
+    let visible = V::splat(splat.cut).mask_at_most(exponent);
+    let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(front));
+    // Most groups of a splat's rectangle lie outside its ellipse: the exponential is the dear part.
+    if hit.signs() == 0 {
+        return None;
     }
+    let cap = V::splat(ALPHA_CAP as f32);
+    let free = V::splat(splat.opacity) * exp2(exponent);
+    let mut alpha = free.min(cap).and(hit);
+    let mut weight = alpha * front;
+    let mut next = front - weight;
+    let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
+    // Lanes that were not hit are not stopped either.
+    let stopped = hit.signs() & !open.signs() & 0xFF;
+    // Rare, so the common case does not select. The sign of a stopped pixel's transmittance turns,
+    // its size stays: coverage still needs it.
+    if stopped != 0 {
+        let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
+        (alpha, weight) = (alpha.and(goes_on), weight.and(goes_on));
+        next = V::select(goes_on, next, V::splat(0.0) - front);
+    }
+    next.store(transmittance);
+    let moving = alpha.and(free.mask_at_most(cap));
+    Some(Passed { alpha, moving, weight, front, stopped: stopped != 0 })
+}
+
+/// Whether no pixel of a row takes any more splats.
+pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
+    let groups = &transmittance[row * GROUPS..(row + 1) * GROUPS];
+    groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
 /// The part of `lo..hi` inside a tile that begins at `first`, from there.

@@ -4,7 +4,7 @@ use super::super::error::{Defect, tag_text};
 use super::super::tag;
 use super::{AXES, ascending, value};
 use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbounded};
-use crate::model::scene::photometric::PhotometricState;
+use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
 
@@ -68,8 +68,8 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
             let found = f64::from(splat.opacity);
             return Err(value(tag::PHOTO_SPLATS, at, "splat", "one that can be drawn", found));
         }
-        let form = (0..10).map(|i| state.form[at][i * (i + 3) / 2]);
-        let color = (0..7).map(|i| state.color[at][i * (i + 3) / 2]);
+        let form = (0..N_FORM).map(|i| state.form[at][i * (i + 3) / 2]);
+        let color = (0..N_COLOR).map(|i| state.color[at][i * (i + 3) / 2]);
         if let Some(found) = form.chain(color).find(|x| !(*x > 0.0 && x.is_finite())) {
             let expected = "a positive number";
             return Err(value(tag::PHOTO_FORM, at, "precision", expected, f64::from(found)));

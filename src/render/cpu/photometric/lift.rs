@@ -14,16 +14,11 @@ use super::super::view::{CameraSplat, CpuView};
 use super::sums::{
     COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_QUADRATIC, WEIGHT, moment,
 };
+use crate::model::scene::photometric::{N_COLOR, N_FORM};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use glam::{DMat2, DVec2, DVec3};
 use std::f64::consts::LN_2;
-
-/// Parameters of position and form: mean (world units), logarithms of the scales, turns about the
-/// splat's own axes (radians), logarithm of the opacity.
-pub const N_FORM: usize = 10;
-/// Coefficients of a channel's colour: constant, by direction, by place (per world unit).
-pub const N_COLOR: usize = 7;
 
 /// What a photograph says of one splat's parameters.
 #[derive(Clone, Copy, Debug)]
@@ -54,7 +49,8 @@ pub(super) fn lift(
     let axes = ImageAxes::new(view, &placed);
     let conic = axes.conic();
     let sums = sums.map(f64::from);
-    let features = form_features(view, &placed, &axes, &conic);
+    let moves = [0, 1, 2].map(|axis| moved(view, &placed, &axes, view.camera_from_world.col(axis)));
+    let features = form_features(&placed, &axes, &conic, &moves);
     let mut gradient = [0.0; N_FORM];
     let mut curvature = [[0.0; N_FORM]; N_FORM];
     let moments: [[f64; N_QUADRATIC]; N_QUADRATIC] = std::array::from_fn(|f| {
@@ -74,7 +70,7 @@ pub(super) fn lift(
             curvature[column][row] = value;
         }
     }
-    let moving = moving_color(view, &placed, &axes, appearance);
+    let moving = moving_color(view, &placed, appearance, &moves);
     for (k, by_mean) in moving.iter().enumerate() {
         let (pull, bend) = (sums[COLOR + 3 * k], sums[COLOR_CURVATURE]);
         for (i, a) in by_mean.iter().enumerate() {
@@ -89,10 +85,10 @@ pub(super) fn lift(
 /// By parameter the coefficients of `d ln α` on the moments `1, p, q, p², pq, q²`, whose `p` and `q`
 /// are those of records: `α = o·2^−(p²+q²)`.
 fn form_features(
-    view: &CpuView,
     placed: &CameraSplat,
     axes: &ImageAxes,
     conic: &Conic,
+    moves: &[Move; 3],
 ) -> [[f64; N_QUADRATIC]; N_FORM] {
     let mut features = [[0.0; N_QUADRATIC]; N_FORM];
     let mut set = |parameter: usize, shift: DVec2, [xx, xy, yy]: [f64; 3]| {
@@ -113,9 +109,7 @@ fn form_features(
     let product = |i: usize, j: usize| {
         [2.0 * w_x[i] * w_x[j], w_x[i] * w_y[j] + w_x[j] * w_y[i], 2.0 * w_y[i] * w_y[j]]
     };
-    for axis in 0..3 {
-        let along = view.camera_from_world.col(axis);
-        let (shift, change) = moved(view, placed, axes, along);
+    for (axis, &(shift, change)) in moves.iter().enumerate() {
         set(axis, shift, change);
         set(3 + axis, DVec2::ZERO, product(axis, axis));
         // Turning about an axis mixes the two others, and their variances differ by that much.
@@ -128,14 +122,12 @@ fn form_features(
     features
 }
 
-/// How the centre (px per world unit) and the covariance in the image (px² per world unit) change as
-/// the mean moves along a direction in camera axes.
-fn moved(
-    view: &CpuView,
-    placed: &CameraSplat,
-    axes: &ImageAxes,
-    along: DVec3,
-) -> (DVec2, [f64; 3]) {
+/// How the centre (px per world unit) and the covariance in the image (px² per world unit: xx, xy, yy)
+/// change with the mean.
+type Move = (DVec2, [f64; 3]);
+
+/// As the mean moves along a direction in camera axes.
+fn moved(view: &CpuView, placed: &CameraSplat, axes: &ImageAxes, along: DVec3) -> Move {
     let (k, m) = (&view.intrinsics, placed.m);
     let shift = DVec2::new(
         k.fx * (along.x - m.x / m.z * along.z) / m.z,
@@ -158,8 +150,8 @@ fn moved(
 fn moving_color(
     view: &CpuView,
     placed: &CameraSplat,
-    axes: &ImageAxes,
     appearance: &Appearance,
+    moves: &[Move; 3],
 ) -> [[f64; 3]; 3] {
     let across = projected::gradient(&ColorGradient::new(appearance, view), placed, view).across;
     let direction = view.world_from_camera * placed.m.normalize();
@@ -168,7 +160,7 @@ fn moving_color(
         let w = DVec3::from_array(appearance.directional[k].map(f64::from));
         let turning = (w - direction * direction.dot(w)) / placed.m.length();
         std::array::from_fn(|axis| {
-            let (shift, _) = moved(view, placed, axes, view.camera_from_world.col(axis));
+            let (shift, _) = moves[axis];
             turning[axis] - x * shift.x - y * shift.y
         })
     })

@@ -10,12 +10,11 @@ mod lift;
 mod sums;
 mod walk;
 
-pub use lift::{N_COLOR, N_FORM, ParameterSums};
+pub use lift::ParameterSums;
 pub use walk::PixelRule;
 
-use super::buckets::Buckets;
 use super::projected;
-use super::raster::BATCH;
+use super::raster::{BATCH, Batch};
 use super::record::{ConicRecord, DepthEntry, Gradient, Records};
 use super::rows::RowLists;
 use super::shade::{self, ColorGradient};
@@ -115,10 +114,8 @@ impl PhotometricWalk {
             self.records.records.push(splat.record);
             self.records.gradients.push(splat.gradient);
         }
-        let keyed =
-            |(listing, record): (&DepthEntry, u32)| Keyed { key: listing.key.to_bits(), record };
         self.visible.clear();
-        self.visible.extend(self.listings.iter().zip(0..).map(keyed));
+        self.visible.extend(self.listings.iter().zip(0..).map(|(entry, i)| entry.keyed(i)));
     }
 
     /// Fills the totals; squared error and number of the pixels.
@@ -184,19 +181,15 @@ impl Kernel for WalkRow<'_> {
             .step_by(TILE)
             .map(|left| Tile::new(left, top, width - left, height - top))
             .collect();
-        let mut batches: Vec<(Records, Buckets)> = Vec::new();
-        for batch in list.chunks(BATCH) {
-            let mut near = Records::default();
-            near.gather(records, batch);
-            let mut by_tile = Buckets::default();
-            by_tile.fill(tiles.len(), 0..batch.len() as u32, |i| {
-                near.records[i as usize].rect.tile_columns()
-            });
+        let mut batches = Vec::new();
+        for list in list.chunks(BATCH) {
+            let mut batch = Batch::default();
+            batch.fill(records, list, tiles.len());
             for (index, tile) in tiles.iter_mut().enumerate() {
-                let list = by_tile.get(index);
-                tile.blend_all::<V, { Form::PROJECTED }, true>(list, &near, 1.0);
+                let (list, records) = (batch.by_tile.get(index), &batch.records);
+                tile.blend_all::<V, { Form::PROJECTED }, true>(list, records, 1.0);
             }
-            batches.push((near, by_tile));
+            batches.push(batch);
         }
         let mut out = RowSums {
             sums: vec![[0.0; N_IMAGE_SUMS]; list.len()],
@@ -208,8 +201,8 @@ impl Kernel for WalkRow<'_> {
             let (error, pixels) = walk.error();
             out.squared_error += error;
             out.pixels += pixels;
-            for ((near, by_tile), sums) in batches.iter().zip(out.sums.chunks_mut(BATCH)) {
-                walk.walk::<V>(by_tile.get(index), near, sums);
+            for (batch, sums) in batches.iter().zip(out.sums.chunks_mut(BATCH)) {
+                walk.walk::<V>(batch.by_tile.get(index), &batch.records, sums);
             }
         }
         out

@@ -11,15 +11,16 @@
 //! Crack filling is part of the derivative (`photometric.md`, Crack filling): a pixel's colour is `C·f(A)`
 //! with `f = min(1/F, 1/A)`, so where it is filled, every splat also shares in what fills it.
 
-use super::super::lanes::exp2;
 use super::super::record::{ConicRecord, Gradient, Records};
-use super::super::tile::{EVERY_BIT, GROUPS, LANE_COLUMNS, Plane, Tile, offset_color, span};
+use super::super::tile::{
+    GROUPS, LANE_COLUMNS, Passed, Plane, Tile, offset_color, pass, row_is_finished, span,
+};
 use super::sums::{
     COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, WEIGHT,
 };
 use crate::math::image::Image;
 use crate::math::simd::{LANES, Vector};
-use crate::render::constants::{ALPHA_CAP, TILE, TRANSMITTANCE_STOP};
+use crate::render::constants::TILE;
 
 /// Least weight that a pixel's share is divided by.
 const MIN_WEIGHT: f32 = 1e-8;
@@ -146,12 +147,12 @@ impl SecondWalk {
             }
             let index = index as usize;
             let gradient = all.gradients.get(index);
-            self.pass::<V>(&all.records[index], gradient, &mut sums[index]);
+            self.add_splat::<V>(&all.records[index], gradient, &mut sums[index]);
         }
     }
 
     #[inline(always)]
-    fn pass<V: Vector>(
+    fn add_splat<V: Vector>(
         &mut self,
         splat: &ConicRecord,
         gradient: Option<&Gradient>,
@@ -178,7 +179,7 @@ impl SecondWalk {
                 any |= hit;
                 stopped |= ended;
             }
-            if stopped && self.row_is_finished(row) {
+            if stopped && row_is_finished(&self.transmittance, row) {
                 self.open_rows &= !(1 << row);
             }
         }
@@ -203,12 +204,15 @@ impl SecondWalk {
         let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
         let p = V::splat(splat.p_x) * offset[0] + V::splat(splat.p_y) * offset[1];
         let q = V::splat(splat.q_y) * offset[1];
-        let Some(blended) = self.blend(group, splat, p * p + q * q) else { return (false, false) };
-        let Blended { alpha, moving, weight, t, stopped } = blended;
+        let exponent = V::splat(0.0) - (p * p + q * q);
+        let passed = pass(&mut self.transmittance[group], splat, exponent);
+        let Some(passed) = passed else { return (false, false) };
+        // Under the cap neither position nor shape nor opacity changes alpha, hence `moving`.
+        let Passed { alpha, moving, weight, front, stopped } = passed;
         let fill = V::load(&self.fill[group]);
         let filled = fill * weight;
-        let passed = V::splat(1.0) / (V::splat(1.0) - alpha);
-        let ahead = fill * t;
+        let per_open = V::splat(1.0) / (V::splat(1.0) - alpha);
+        let ahead = fill * front;
         let (mut along, mut squared) = (V::splat(0.0), V::splat(0.0));
         for k in 0..3 {
             let color = match gradient {
@@ -218,7 +222,7 @@ impl SecondWalk {
             let behind = V::load(&self.behind[k][group]) - filled * color;
             behind.store(&mut self.behind[k][group]);
             // What one more unit of alpha would change of the pixel.
-            let change = ahead * color - behind * passed;
+            let change = ahead * color - behind * per_open;
             let residual = V::load(&self.residual[k][group]);
             along = along + change * residual;
             squared = squared + change * change;
@@ -229,7 +233,7 @@ impl SecondWalk {
             sums[at + 2] = sums[at + 2] + pull * q;
         }
         // Coverage is one more channel, in which every splat is 1 and what lies behind ends with 1.
-        let closing = V::load(&self.end[group]) * passed;
+        let closing = V::load(&self.end[group]) * per_open;
         along = along + closing * V::load(&self.lacking[group]);
         squared = squared + V::splat(self.coverage) * closing * closing;
         // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
@@ -240,56 +244,6 @@ impl SecondWalk {
         sums[WEIGHT] = sums[WEIGHT] + weight;
         (true, stopped)
     }
-
-    /// Blends a splat into eight pixels as the first walk did; `None` if none of them shows it.
-    #[inline(always)]
-    fn blend<V: Vector>(
-        &mut self,
-        group: usize,
-        splat: &ConicRecord,
-        squared: V,
-    ) -> Option<Blended<V>> {
-        let exponent = V::splat(0.0) - squared;
-        let t = V::load(&self.transmittance[group]);
-        let visible = V::splat(splat.cut).mask_at_most(exponent);
-        let hit = visible.and(V::splat(f32::MIN_POSITIVE).mask_at_most(t));
-        if hit.signs() == 0 {
-            return None;
-        }
-        let free = V::splat(splat.opacity) * exp2(exponent);
-        let cap = V::splat(ALPHA_CAP as f32);
-        let mut alpha = free.min(cap).and(hit);
-        let mut weight = alpha * t;
-        let mut next = t - weight;
-        let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
-        let stopped = hit.signs() & !open.signs() & 0xFF;
-        if stopped != 0 {
-            let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
-            (alpha, weight) = (alpha.and(goes_on), weight.and(goes_on));
-            next = V::select(goes_on, next, V::splat(0.0) - t);
-        }
-        next.store(&mut self.transmittance[group]);
-        // Under the cap neither position nor shape nor opacity changes alpha.
-        let moving = alpha.and(free.mask_at_most(cap));
-        Some(Blended { alpha, moving, weight, t, stopped: stopped != 0 })
-    }
-
-    fn row_is_finished(&self, row: usize) -> bool {
-        let groups = &self.transmittance[row * GROUPS..(row + 1) * GROUPS];
-        groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
-    }
-}
-
-/// A splat in eight pixels.
-struct Blended<V> {
-    alpha: V,
-    /// Alpha where it is below the cap, else 0.
-    moving: V,
-    weight: V,
-    /// Transmittance in front of it.
-    t: V,
-    /// Whether a pixel was finished by it.
-    stopped: bool,
 }
 
 /// Adds moments at `(p, q)`: quadratic ones of the slope, quartic ones of the curvature, quadratic ones

@@ -3,10 +3,10 @@
 
 use super::rule::{PhotometricRule, PriorDeviations};
 use crate::math::cholesky::SmallCholesky;
-use crate::model::scene::photometric::{N_COLOR_PRECISION, N_FORM_PRECISION};
+use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{N_COLOR, N_FORM, ParameterSums};
+use crate::render::cpu::photometric::ParameterSums;
 use glam::{DQuat, DVec3};
 
 /// Bounds of an opacity: a splat that photographs call transparent stays in sight of later ones.
@@ -37,34 +37,18 @@ impl SplatSlot<'_> {
         let per_variance = 1.0 / variance;
         let (prior_form, prior_color) = prior_precision(self.splat, &rule.prior);
         let extent = largest(self.splat);
-        let mut form = unpacked::<N_FORM>(self.form);
-        let factor = solved(&form, &sums.curvature, rule.damping * per_variance);
-        let form_is_sound = factor.is_some();
-        match factor {
-            Some(factor) => {
-                self.move_by(factor.solve(sums.gradient.map(|g| g * per_variance)), rule.trust);
-                let gained = rule.kept * per_variance;
-                keep(&mut form, &prior_form, &sums.curvature, rule.forgotten, gained);
-            }
-            None => form = from_diagonal(&prior_form),
+        let form = absorb(self.form, &prior_form, &sums.curvature, per_variance, rule);
+        if let Some(factor) = &form {
+            self.move_by(factor.solve(sums.gradient.map(|g| g * per_variance)), rule.trust);
         }
-        let mut color = unpacked::<N_COLOR>(self.color);
-        let factor = solved(&color, &sums.color_curvature, rule.damping * per_variance);
-        let color_is_sound = factor.is_some();
-        match factor {
-            Some(factor) => {
-                for (k, gradient) in sums.color.iter().enumerate() {
-                    let step = factor.solve(gradient.map(|g| g * per_variance));
-                    self.recolor(k, step, 3.0 * rule.trust, extent);
-                }
-                let gained = rule.kept * per_variance;
-                keep(&mut color, &prior_color, &sums.color_curvature, rule.forgotten, gained);
+        let color = absorb(self.color, &prior_color, &sums.color_curvature, per_variance, rule);
+        if let Some(factor) = &color {
+            for (k, gradient) in sums.color.iter().enumerate() {
+                let step = factor.solve(gradient.map(|g| g * per_variance));
+                self.recolor(k, step, 3.0 * rule.trust, extent);
             }
-            None => color = from_diagonal(&prior_color),
         }
-        packed(&form, self.form);
-        packed(&color, self.color);
-        !(form_is_sound && color_is_sound)
+        form.is_none() || color.is_none()
     }
 
     /// Moves and forms the splat anew, the whole step shortened to the trust region.
@@ -123,39 +107,41 @@ fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f
     (form, color)
 }
 
-fn solved<const N: usize>(
-    precision: &[[f64; N]; N],
-    curvature: &[[f64; N]; N],
-    factor: f64,
-) -> Option<SmallCholesky<N>> {
-    SmallCholesky::new(std::array::from_fn(|i| {
-        std::array::from_fn(|j| precision[i][j] + factor * curvature[i][j])
-    }))
-}
-
-/// `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`.
-fn keep<const N: usize>(
-    precision: &mut [[f64; N]; N],
+/// Takes a frame's curvature into a precision, `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`; the factor of `Λ + cF`, which
+/// the frame's step is solved by. A sum that has no factor is no precision: it goes back to the prior's.
+fn absorb<const N: usize, const P: usize>(
+    triangle: &mut [f32; P],
     prior: &[f64; N],
     curvature: &[[f64; N]; N],
-    forgotten: f64,
-    gained: f64,
-) {
-    for i in 0..N {
-        for j in 0..=i {
-            let back = if i == j { forgotten * prior[i] } else { 0.0 };
-            precision[i][j] = (1.0 - forgotten) * precision[i][j] + back + gained * curvature[i][j];
+    per_variance: f64,
+    rule: &PhotometricRule,
+) -> Option<SmallCholesky<N>> {
+    let mut precision = unpacked::<N>(triangle);
+    let (damping, gained) = (rule.damping * per_variance, rule.kept * per_variance);
+    let factor = SmallCholesky::new(std::array::from_fn(|i| {
+        std::array::from_fn(|j| precision[i][j] + damping * curvature[i][j])
+    }));
+    match factor {
+        None => *triangle = diagonal(prior),
+        Some(_) => {
+            for i in 0..N {
+                for j in 0..=i {
+                    let back = if i == j { rule.forgotten * prior[i] } else { 0.0 };
+                    precision[i][j] =
+                        (1.0 - rule.forgotten) * precision[i][j] + back + gained * curvature[i][j];
+                }
+            }
+            packed(&precision, triangle);
         }
     }
-}
-
-fn from_diagonal<const N: usize>(values: &[f64; N]) -> [[f64; N]; N] {
-    std::array::from_fn(|i| std::array::from_fn(|j| if i == j { values[i] } else { 0.0 }))
+    factor
 }
 
 fn diagonal<const N: usize, const P: usize>(values: &[f64; N]) -> [f32; P] {
     let mut triangle = [0.0; P];
-    packed(&from_diagonal(values), &mut triangle);
+    let matrix: [[f64; N]; N] =
+        std::array::from_fn(|i| std::array::from_fn(|j| if i == j { values[i] } else { 0.0 }));
+    packed(&matrix, &mut triangle);
     triangle
 }
 
