@@ -195,6 +195,8 @@ pub struct Snapshot {
     pub used: usize,
     /// Frames that could not be used.
     pub skipped: Arc<Vec<SkippedFrame>>,
+    /// What is to be said of frames whose photographs contradict the scene.
+    pub doubts: Arc<Vec<String>>,
     /// Trained frames per second of wall time, over the last second or so.
     pub frames_per_s: f64,
     /// Bytes of the model.

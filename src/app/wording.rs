@@ -11,6 +11,9 @@ pub fn warning(warning: &TrainingWarning) -> String {
         TrainingWarning::OutOfReach { points } => format!(
             "{points} points lie more than a million structural scales from the scene's origin and were left out; widen the Structural scale in Settings"
         ),
+        TrainingWarning::Repaired { splats } => format!(
+            "what photographs had taught of {splats} splats was numerically unsound and was forgotten; these are what points say again. Photometric in Settings turns learning from photographs off"
+        ),
     }
 }
 
@@ -20,9 +23,11 @@ mod tests {
 
     #[test]
     fn the_window_speaks_of_no_options() {
-        for value in
-            [TrainingWarning::OverBudget { points: 3 }, TrainingWarning::OutOfReach { points: 4 }]
-        {
+        for value in [
+            TrainingWarning::OverBudget { points: 3 },
+            TrainingWarning::OutOfReach { points: 4 },
+            TrainingWarning::Repaired { splats: 5 },
+        ] {
             let text = warning(&value);
             assert!(!text.contains("--") && text.contains("Settings"), "{text}");
         }

@@ -153,6 +153,9 @@ pub fn train(
                     "{:.1} ms/frame, {} of {} components used,",
                     frame.ms.stages.train, frame.used, frame.components
                 ));
+                if let Some(doubt) = frame.doubt() {
+                    progress::warn(&bar, &doubt);
+                }
                 after(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),

@@ -28,6 +28,9 @@ pub fn warning(warning: &TrainingWarning) -> String {
         TrainingWarning::OutOfReach { points } => format!(
             "{points} points lie more than a million structural scales from the scene's origin and were left out; widen --scale, or limit --depth-range"
         ),
+        TrainingWarning::Repaired { splats } => format!(
+            "what photographs had taught of {splats} splats was numerically unsound and was forgotten; these are what points say again. --photometric off leaves photographs out"
+        ),
     }
 }
 

@@ -11,6 +11,7 @@ use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
+use crate::train::outcome::PhotographOutcome;
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
@@ -109,8 +110,23 @@ pub struct FrameReport {
     pub merged: usize,
     /// Mean ELBO of the frame's points under the initial model, nats.
     pub elbo_mean: f64,
+    /// How its photograph compared with the scene before, where photographs are learnt.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photograph: Option<PhotographOutcome>,
     /// Where the time went.
     pub ms: FrameMs,
+}
+
+impl FrameReport {
+    /// What a user should know of a frame whose picture was not learnt.
+    pub fn doubt(&self) -> Option<String> {
+        let PhotographOutcome { difference, usual, .. } =
+            self.photograph.filter(|p| p.contradicts)?;
+        Some(format!(
+            "{}: its photograph differs from the scene by {difference:.3}, where {usual:.3} is usual (root mean square of colours in [0, 1]), so nothing was learnt from its picture; check its pose and exposure, and whether something moved",
+            self.frame
+        ))
+    }
 }
 
 /// Milliseconds of one frame. `load` and `prepare` run ahead on another thread and are not part of

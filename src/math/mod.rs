@@ -7,6 +7,7 @@ pub mod camera;
 pub mod cholesky;
 pub mod fixed;
 pub mod image;
+pub mod lane_cholesky;
 pub mod normalization;
 pub mod orbit;
 pub mod pose;

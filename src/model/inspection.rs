@@ -2,6 +2,7 @@
 
 use super::attributes::ComponentAttributes;
 use super::conjugate::posterior::ComponentPosterior;
+use super::scene::photometric::PhotometricDeviations;
 use super::splat::appearance::Appearance;
 use super::splat::splats::{CovarianceForm, Splat, decompose};
 use crate::math::normalization::Normalization;
@@ -33,6 +34,8 @@ pub struct Inspection {
     pub splat: Splat,
     /// How its colour varies.
     pub appearance: Appearance,
+    /// What photographs leave uncertain of the splat; `None` where they teach nothing.
+    pub photographed: Option<PhotometricDeviations>,
 }
 
 impl Inspection {
@@ -58,6 +61,7 @@ impl Inspection {
             attributes,
             splat,
             appearance,
+            photographed: None,
             posterior,
         }
     }

@@ -14,7 +14,15 @@ impl Session {
         let engine = self.learner();
         let elbo = engine.component_elbo().of(component).map(|(mean, _)| mean);
         let posterior = engine.posterior(component);
-        ComponentAttributes::new(&posterior, self.normalization(), elbo, self.birth_of(component))
+        let birth = self.birth_of(component);
+        let of_points = ComponentAttributes::new(&posterior, self.normalization(), elbo, birth);
+        match engine.photographed(component) {
+            // Of what is drawn: photographs alone have moved it since it began.
+            Some(found) => {
+                ComponentAttributes { uncertainty: Some(found.position() as f32), ..of_points }
+            }
+            None => of_points,
+        }
     }
 
     /// Everything known of a component; `None` if there is none of that number.
@@ -28,6 +36,8 @@ impl Session {
         let alpha0 = posterior.alpha - posterior.count;
         let total = alpha0 * self.learner().components() as f64 + self.points() as f64;
         let (attributes, splat) = (self.attributes(component), self.learner().splat(component));
-        Some(Inspection::new(id, posterior, total, attributes, splat, self.normalization()))
+        let inspection =
+            Inspection::new(id, posterior, total, attributes, splat, self.normalization());
+        Some(Inspection { photographed: self.learner().photographed(component), ..inspection })
     }
 }

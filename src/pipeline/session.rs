@@ -172,6 +172,7 @@ impl Session {
             reassigned: outcome.reassigned,
             merged: outcome.merged,
             elbo_mean: outcome.elbo_mean,
+            photograph: outcome.photograph,
             ms,
         };
         self.past.points += outcome.points as u64;

@@ -11,6 +11,7 @@ use super::outcome::FrameOutcome;
 use super::stages::TrainStage;
 use super::warnings::TrainingWarning;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
@@ -42,6 +43,11 @@ pub trait Learner: Send + Sync {
     /// Posterior of a component. Positions are normalised, or of a scene in world units from its
     /// origin; colours are normalised. For the inspector and attributes: no E-step reads it.
     fn posterior(&self, component: usize) -> ComponentPosterior;
+
+    /// What photographs leave uncertain of a component's splat; `None` where they teach nothing.
+    fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {
+        None
+    }
 
     /// What renderers draw of a component, world units; opacity 0 if nothing. Formed on demand:
     /// many at once come from [`Self::splats_of`], on all threads.

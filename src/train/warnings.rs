@@ -1,7 +1,7 @@
 //! What a user should know of a model although nothing went wrong, as values: the command line and
 //! the window each say it by the settings that they have.
 
-/// Points that a model had to leave out.
+/// What a model had to leave out or take back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrainingWarning {
     /// They found no component, and the budget allowed no more.
@@ -13,5 +13,10 @@ pub enum TrainingWarning {
     OutOfReach {
         /// How many, since training began.
         points: u64,
+    },
+    /// What photographs had taught of a splat was no precision any more and was forgotten.
+    Repaired {
+        /// How often, since training began or went on.
+        splats: u64,
     },
 }

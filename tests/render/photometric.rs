@@ -7,10 +7,13 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
+use vbgs_studio::math::simd::{Isa, Kernel, Vector};
 use vbgs_studio::model::scene::photometric::{N_COLOR, N_FORM};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::cpu::photometric::{ParameterSums, PhotometricWalk, PixelRule};
+use vbgs_studio::render::cpu::photometric::{
+    Compared, PhotometricWalk, PixelRule, RowChoice, Seen,
+};
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 const SIZE: u32 = 40;
@@ -123,15 +126,37 @@ fn derivatives(splats: &[SplatF64], i: usize, parameter: usize, full: f64) -> Ve
     ahead.iter().zip(&back).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
 }
 
-fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, ParameterSums)> {
-    let view = SplatView::new(splats, appearance).unwrap();
-    let rule = PixelRule { full_coverage: full as f32, tau: ALL, coverage: COVERAGE as f32 };
-    PhotometricWalk::default().compare(view, &camera(), &photograph(), rule).splats
+/// Gradient by all parameters of one splat.
+struct Lift<'a>(&'a Compared<'a>, Seen, Splat, Appearance);
+
+impl Kernel for Lift<'_> {
+    type Output = [f64; N];
+
+    #[inline(always)]
+    fn run<V: Vector>(self) -> [f64; N] {
+        let Self(compared, seen, splat, appearance) = self;
+        let sums = compared.lift::<V>(&[(seen, splat, appearance)]);
+        let first = |lanes: V| f64::from(lanes.to_array()[0]);
+        let color = sums.color.as_flattened();
+        std::array::from_fn(|i| {
+            first(if i < N_FORM { sums.gradient[i] } else { color[i - N_FORM] })
+        })
+    }
 }
 
-fn gradient(sums: &ParameterSums) -> [f64; N] {
-    let color = sums.color.as_flattened();
-    std::array::from_fn(|i| if i < N_FORM { sums.gradient[i] } else { color[i - N_FORM] })
+fn rule(full: f64) -> PixelRule {
+    PixelRule { full_coverage: full as f32, tau: ALL, coverage: COVERAGE as f32 }
+}
+
+fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, [f64; N])> {
+    let view = SplatView::new(splats, appearance).unwrap();
+    let mut walk = PhotometricWalk::default();
+    let compared = walk.compare(view, &camera(), &photograph(), rule(full), RowChoice::ALL);
+    let lift = |seen: Seen| {
+        let id = seen.id as usize;
+        (seen.id, Isa::best().run(Lift(&compared, seen, splats[id], appearance[id])))
+    };
+    compared.seen(0.0).into_iter().map(lift).collect()
 }
 
 /// Root mean square error of each group of derivatives over their own, over all splats.
@@ -149,8 +174,7 @@ fn errors(varied: bool, full: f64) -> [f64; 4] {
     };
     let groups = [0..3, 3..9, 9..10, 10..N];
     let mut groups_of = [(0.0f64, 0.0f64); 4];
-    for (id, sums) in found(&splats, &appearance, full) {
-        let found = gradient(&sums);
+    for (id, found) in found(&splats, &appearance, full) {
         for (group, (error, size)) in groups.iter().zip(&mut groups_of) {
             for parameter in group.clone() {
                 let slope = derivatives(&wide, id as usize, parameter, full);
@@ -180,4 +204,25 @@ fn colours_that_vary_change_little() {
     let [mean, form, opacity, color] = errors(true, 0.6);
     println!("varied: mean {mean:.1e} form {form:.1e} opacity {opacity:.1e} colour {color:.1e}");
     assert!(mean < 0.03 && form < 0.05 && opacity < 1e-4 && color < 1e-4);
+}
+
+/// Every choice of rows says its own part of what all rows say.
+#[test]
+fn rows_add_up_to_the_whole() {
+    let (splats, appearance) = scene(true);
+    let view = SplatView::new(&splats, &appearance).unwrap();
+    let mut walk = PhotometricWalk::default();
+    let mut compared = |rows: RowChoice| {
+        let found = walk.compare(view, &camera(), &photograph(), rule(0.6), rows);
+        (found.squared_error, found.pixels, found.seen(0.0).len())
+    };
+    let (error, pixels, n_seen) = compared(RowChoice::ALL);
+    let quarters: Vec<_> = (0..4).map(|turn| compared(RowChoice::new(4, turn))).collect();
+    let sum = quarters.iter().fold((0.0, 0.0), |sum, part| (sum.0 + part.0, sum.1 + part.1));
+    assert!(
+        (sum.0 - error).abs() < 1e-9 * error && sum.1 == pixels,
+        "{sum:?} of {error}, {pixels}"
+    );
+    assert!(quarters.iter().all(|part| part.1 < 0.3 * pixels && part.2 <= n_seen));
+    assert_eq!(compared(RowChoice::new(7, 6)), quarters[2], "the power of two below");
 }

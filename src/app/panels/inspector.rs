@@ -5,6 +5,7 @@ use crate::app::state::{Inspected, Snapshot};
 use crate::math::image::unit_to_byte;
 use crate::math::sym3::Sym3;
 use crate::model::inspection::Inspection;
+use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::Appearance;
 use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
 
@@ -79,6 +80,7 @@ fn sections(inspected: &Inspected) -> Vec<Section> {
     match inspected {
         Inspected::Component(inspection) => {
             let mut sections = posterior(inspection);
+            sections.extend(inspection.photographed.as_ref().map(photographed));
             sections.push(drawn("As drawn", inspected));
             sections
         }
@@ -125,6 +127,19 @@ fn posterior(i: &Inspection) -> Vec<Section> {
         ],
     };
     vec![evidence, space, law]
+}
+
+/// Standard deviations of the splat's own parameters, as photographs leave them.
+fn photographed(found: &PhotometricDeviations) -> Section {
+    let percent = |x: f64| 100.0 * x;
+    let lines = vec![
+        line("Centre ±", numbers(&found.mean)),
+        line("Scales ± %", numbers(&found.scale.map(percent))),
+        line("Turn ± °", numbers(&found.turn.map(f64::to_degrees))),
+        line("Opacity ± %", number(percent(found.opacity))),
+        line("Colour ±", number(found.color)),
+    ];
+    Section { title: "From photographs", lines }
 }
 
 fn drawn(title: &'static str, inspected: &Inspected) -> Section {

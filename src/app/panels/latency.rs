@@ -217,6 +217,7 @@ mod tests {
             reassigned: 0,
             merged: 0,
             elbo_mean: 0.0,
+            photograph: None,
             ms: FrameMs { load: 0.5, prepare: 0.25, stages },
         };
         let text = csv(&[frame]);

@@ -1,4 +1,5 @@
-//! What is open: what is known of the dataset or model, and the frames that were skipped.
+//! What is open: what is known of the dataset or model, and the frames that were skipped
+//! or doubted.
 
 use crate::app::state::Snapshot;
 use eframe::egui::{Grid, RichText, ScrollArea, Ui};
@@ -17,13 +18,21 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
                 ui.end_row();
             }
         });
-        if snapshot.skipped.is_empty() {
-            return;
-        }
-        ui.add_space(8.0);
-        ui.label(RichText::new(format!("Skipped frames: {}", snapshot.skipped.len())).strong());
-        for frame in snapshot.skipped.iter() {
-            ui.label(&frame.message);
-        }
+        let skipped: Vec<&str> = snapshot.skipped.iter().map(|s| s.message.as_str()).collect();
+        list("Skipped frames", &skipped, ui);
+        let doubts: Vec<&str> = snapshot.doubts.iter().map(String::as_str).collect();
+        list("Photographs that contradict the scene", &doubts, ui);
     });
+}
+
+/// Nothing where there is nothing to say.
+fn list(title: &str, messages: &[&str], ui: &mut Ui) {
+    if messages.is_empty() {
+        return;
+    }
+    ui.add_space(8.0);
+    ui.label(RichText::new(format!("{title}: {}", messages.len())).strong());
+    for message in messages {
+        ui.label(*message);
+    }
 }

@@ -44,7 +44,7 @@ fn details(scene: &mut SceneOverrides, ui: &mut Ui) {
                 "scale" => scale(scene, ui),
                 "births" => choice(&mut scene.births, BirthRule::Seeds, ui),
                 "budget" => budget(scene, ui),
-                "photometric" => choice(&mut scene.photometric, PhotometricMode::Off, ui),
+                "photometric" => choice(&mut scene.photometric, PhotometricMode::Light, ui),
                 _ => {}
             }
             ui.end_row();

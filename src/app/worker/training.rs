@@ -97,5 +97,9 @@ impl WorkerThread {
         if self.snapshot.skipped.len() != session.skipped().len() {
             self.snapshot.skipped = Arc::new(session.skipped().to_vec());
         }
+        let doubted = session.frames().iter().filter_map(FrameReport::doubt);
+        if self.snapshot.doubts.len() != doubted.clone().count() {
+            self.snapshot.doubts = Arc::new(doubted.collect());
+        }
     }
 }

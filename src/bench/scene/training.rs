@@ -6,6 +6,7 @@
 
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
+use crate::dataset::surface::SurfaceSettings;
 use crate::model::splat::appearance::SplatSet;
 use crate::observation::surface::Observation;
 use crate::pipeline::plan::Plan;
@@ -47,9 +48,9 @@ pub fn train(
 ) -> Result<Vec<Trained>, BenchError> {
     let mut trained: Vec<Option<Trained>> = runs.iter().map(|_| None).collect();
     while let Some(first) = trained.iter().position(Option::is_none) {
-        let surface = &runs[first].surface;
+        let surface = runs[first].prepared_surface();
         let alike: Vec<usize> =
-            (first..runs.len()).filter(|&i| runs[i].surface == *surface).collect();
+            (first..runs.len()).filter(|&i| runs[i].prepared_surface() == surface).collect();
         let group: Vec<&SceneRun> = alike.iter().map(|&i| &runs[i]).collect();
         for (i, found) in alike.into_iter().zip(train_alike(dataset, plan, &group)?) {
             trained[i] = Some(found);
@@ -61,7 +62,8 @@ pub fn train(
 
 /// Number of sweeps over the frames that [`train`] takes.
 pub fn n_sweeps(runs: &[SceneRun]) -> usize {
-    (0..runs.len()).filter(|&i| runs[..i].iter().all(|r| r.surface != runs[i].surface)).count()
+    let surfaces: Vec<SurfaceSettings> = runs.iter().map(SceneRun::prepared_surface).collect();
+    (0..runs.len()).filter(|&i| !surfaces[..i].contains(&surfaces[i])).count()
 }
 
 /// One engine and what it needed.
@@ -78,7 +80,7 @@ fn train_alike(
     runs: &[&SceneRun],
 ) -> Result<Vec<Trained>, BenchError> {
     let Some(first) = runs.first() else { return Ok(Vec::new()) };
-    let surface = &first.surface;
+    let surface = first.prepared_surface();
     let mut courses: Vec<TrainedSums> = Vec::new();
     for run in runs {
         // Runs that differ in drawing alone share their sums.
@@ -89,7 +91,7 @@ fn train_alike(
     }
     let mut prepare_ms = Vec::with_capacity(plan.frames.len());
     let mut first_problem = None;
-    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, surface.clone())?;
+    let mut prefetch = Prefetch::start(dataset.clone(), plan, 0, surface)?;
     while let Some(frame) = prefetch.next_frame() {
         match frame.result {
             Ok(prepared) => {
@@ -123,6 +125,10 @@ fn train_alike(
 
 impl TrainedSums {
     fn has_sums_of(&self, run: &SceneRun) -> bool {
+        // Splats that learn from photographs begin as the rule draws them.
+        if run.engine.photometric.is_some() {
+            return run.engine == self.config;
+        }
         // Alignment reads the ridge of the splat rule, which no row of the tables changes; one that
         // did would need sums of its own.
         SceneConfig { splat_rule: self.config.splat_rule, ..run.engine.clone() } == self.config

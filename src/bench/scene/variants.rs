@@ -13,6 +13,7 @@ use crate::model::scene::opacity::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use crate::train::scene::config::{BirthRule, VisibilityRule};
+use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
@@ -46,7 +47,7 @@ pub struct SceneVariant {
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// In the order of the table (`scene.md`, What each part brings).
-const PARTS: [PresetChange; 11] = [
+const PARTS: [PresetChange; 12] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -62,10 +63,11 @@ const PARTS: [PresetChange; 11] = [
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 a pixel counts as covered in full when it is: nothing is filled.
     ("closing", |run| run.engine.splat_rule.full_coverage = 1.0),
+    ("photographs", |run| run.engine.photometric = None),
 ];
 
 /// Changes beside leaving one part out.
-const CHANGES: [PresetChange; 7] = [
+const CHANGES: [PresetChange; 9] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
         run.engine.splat_rule.directional = false;
@@ -79,6 +81,10 @@ const CHANGES: [PresetChange; 7] = [
     }),
     ("sums in f32", |run| run.engine.sums = SumForm::F32),
     ("sums in f64", |run| run.engine.sums = SumForm::F64),
+    ("photographs in full", |run| run.engine.photometric = PhotometricMode::Full.rule()),
+    ("photographs without coverage", |run| {
+        run.engine.photometric.iter_mut().for_each(|rule| rule.coverage = 0.0);
+    }),
 ];
 
 /// What is added to 8-bit ray depth as decoded (`dataset.md`, Sensors), world units.

@@ -1,5 +1,7 @@
 //! What photographs have taught a scene's splats: parameters and their precision, row by component.
 
+use crate::math::cholesky::Cholesky;
+use crate::math::lane_cholesky::at;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 
@@ -67,7 +69,79 @@ impl PhotometricState {
     }
 }
 
+/// What photographs leave uncertain of a splat: standard deviations of its posterior, each parameter's
+/// with all others of its block free.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotometricDeviations {
+    /// Of the mean along the world's axes, world units.
+    pub mean: [f64; 3],
+    /// Of each scale, as a share of it.
+    pub scale: [f64; 3],
+    /// Of turns about the splat's own axes, radians.
+    pub turn: [f64; 3],
+    /// Of the opacity, as a share of it.
+    pub opacity: f64,
+    /// Of a channel's constant colour, colour units.
+    pub color: f64,
+}
+
+impl PhotometricDeviations {
+    /// Of one component; `None` without a splat or where the precision is none.
+    pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
+        if !state.has(component) {
+            return None;
+        }
+        let form: [f64; N_FORM] = deviations(&state.form[component])?;
+        let color: [f64; N_COLOR] = deviations(&state.color[component])?;
+        let three = |first: usize| std::array::from_fn(|i| form[first + i]);
+        let (mean, scale, turn) = (three(0), three(3), three(6));
+        Some(Self { mean, scale, turn, opacity: form[N_FORM - 1], color: color[0] })
+    }
+
+    /// Standard deviation of the mean's position, world units.
+    pub fn position(&self) -> f64 {
+        self.mean.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+}
+
+/// Roots of the diagonal of the inverse of a matrix given by its lower triangle.
+fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
+    let entry = |i: usize| f64::from(triangle[at((i / N).max(i % N), (i / N).min(i % N))]);
+    let matrix: Vec<f64> = (0..N * N).map(entry).collect();
+    let factor = Cholesky::new(N, &matrix)?;
+    Some(std::array::from_fn(|i| {
+        let mut unit = vec![0.0; N];
+        unit[i] = 1.0;
+        factor.solve(&unit)[i].sqrt()
+    }))
+}
+
 /// Rows that are not there yet are `none`.
 fn listed_rows<T: Copy>(rows: &[T], list: &[u32], none: T) -> Vec<T> {
     list.iter().map(|&i| rows.get(i as usize).copied().unwrap_or(none)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn deviations_are_those_of_the_inverse() {
+        let mut state = PhotometricState::default();
+        state.grow(2);
+        state.splats[1].opacity = 0.5;
+        for i in 0..N_FORM {
+            state.form[1][at(i, i)] = 4.0;
+        }
+        (0..N_COLOR).for_each(|i| state.color[1][at(i, i)] = 100.0);
+        // Two parameters that pixels mix up are less certain than either alone: 4/(4·4 − 3·3).
+        state.form[1][at(4, 3)] = 3.0;
+        let found = PhotometricDeviations::of(&state, 1).unwrap();
+        assert_eq!((found.mean, found.opacity, found.color), ([0.5; 3], 0.5, 0.1));
+        assert!((found.scale[0] - (4.0f64 / 7.0).sqrt()).abs() < 1e-12);
+        assert!((found.position() - 0.75f64.sqrt()).abs() < 1e-12);
+        assert_eq!(PhotometricDeviations::of(&state, 0), None);
+        state.form[1][0] = -1.0;
+        assert_eq!(PhotometricDeviations::of(&state, 1), None);
+    }
 }

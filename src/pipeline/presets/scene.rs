@@ -19,6 +19,7 @@ use crate::pipeline::settings::scene::SceneRun;
 use crate::train::memory::MemoryEstimate;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::engine;
+use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::sum_form::SumForm;
 
 impl AnyPreset for SceneRun {
@@ -74,7 +75,7 @@ impl TypedPreset for SceneRun {
     type Preparation = SurfaceSettings;
 
     fn preparation(&self, _: &RunConfig, _: Normalization) -> SurfaceSettings {
-        SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
+        self.prepared_surface()
     }
 
     fn begin(
@@ -146,7 +147,8 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
     if !births.is_order_invariant() {
         Some(("--births seeds".to_owned(), "--births lattice"))
     } else if photometric.is_some() {
-        Some(("--photometric full".to_owned(), "--photometric off"))
+        let mode = PhotometricMode::of(*photometric);
+        Some((format!("--photometric {mode}"), "--photometric off"))
     } else if *refine {
         Some(("--with refine".to_owned(), "--without refine"))
     } else if *align {

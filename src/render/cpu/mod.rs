@@ -11,6 +11,7 @@ mod conic;
 mod drawn;
 mod exact;
 mod lanes;
+mod lists;
 pub mod photometric;
 mod prepare;
 mod projected;

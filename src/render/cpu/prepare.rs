@@ -37,6 +37,7 @@ pub(super) fn prepare(
     let n = splats.splats().len();
     let n_chunks = n.div_ceil(CHUNK);
     grow(&mut out.records, n);
+    grow(&mut out.ids, n);
     grow(listings, n);
     grow(&mut out.gradients, if has_gradients(splats, view) { n } else { 0 });
     grow(&mut out.frames, if view.method.lens() == Lens::Fisheye { n } else { 0 });
@@ -44,6 +45,7 @@ pub(super) fn prepare(
     let mut frames = out.frames.chunks_mut(CHUNK);
     counts.clear();
     counts.resize(n_chunks, ChunkCount::default());
+    let mut ids = out.ids.chunks_mut(CHUNK);
     let tasks: Vec<Chunk<'_>> = splats
         .splats()
         .chunks(CHUNK)
@@ -52,6 +54,8 @@ pub(super) fn prepare(
         .map(|(chunk, (splats_of, (records, listings)))| Chunk {
             splats: splats_of,
             appearance: splats.appearance().get(chunk * CHUNK..).unwrap_or(&[]),
+            first: (chunk * CHUNK) as u32,
+            ids: ids.next().unwrap_or(&mut []),
             records,
             listings,
             gradients: gradients.next().unwrap_or(&mut []),
@@ -79,6 +83,9 @@ struct Chunk<'a> {
     splats: &'a [Splat],
     /// Starts with those of `splats`, or is empty.
     appearance: &'a [Appearance],
+    /// Number of the first of them.
+    first: u32,
+    ids: &'a mut [u32],
     records: &'a mut [ConicRecord],
     listings: &'a mut [DepthEntry],
     gradients: &'a mut [Gradient],
@@ -141,6 +148,7 @@ impl Chunk<'_> {
         let Some((record, key)) = drawn.and_then(|drawn| drawn.record(color)) else { return false };
         self.listings[to] = DepthEntry::new(key, &record.rect);
         self.records[to] = record;
+        self.ids[to] = self.first + i as u32;
         true
     }
 }

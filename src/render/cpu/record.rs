@@ -104,12 +104,14 @@ impl DepthEntry {
 #[derive(Default)]
 pub(super) struct Records {
     pub records: Vec<ConicRecord>,
+    /// Number of each record's splat.
+    pub ids: Vec<u32>,
     pub gradients: Vec<Gradient>,
     pub frames: Vec<TangentFrame>,
 }
 
 impl Records {
-    /// Becomes the listed entries of `all`, in that order.
+    /// Becomes the listed entries of `all`, in that order, without the numbers of their splats.
     pub(super) fn gather(&mut self, all: &Self, list: &[u32]) {
         fn pick<T: Copy>(to: &mut Vec<T>, from: &[T], list: &[u32]) {
             to.clear();

@@ -4,11 +4,8 @@
 //! are kept per row of tiles and not per tile: with splats that cover the whole image, lists per
 //! tile grew long (`rendering.md`, Tried and dropped).
 
-use super::prepare::{self, ChunkCount};
+use super::lists::ViewLists;
 use super::raster::{DrawRow, RowCanvas, Sheet};
-use super::record::{DepthEntry, Records};
-use super::rows::RowLists;
-use super::sort::{DepthSorter, Keyed};
 use super::view::CpuView;
 use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
@@ -56,14 +53,7 @@ impl CpuStage {
 /// cheaper than one per image.
 #[derive(Default)]
 pub struct CpuRenderer {
-    records: Records,
-    listings: Vec<DepthEntry>,
-    counts: Vec<ChunkCount>,
-    visible: Vec<Keyed>,
-    sorter: DepthSorter,
-    /// Visible records by row of tiles, nearest first. Rows rather than tiles: the lists stay short
-    /// even when every splat covers the image, and each row bins its own tiles in parallel.
-    rows: RowLists,
+    lists: ViewLists,
     canvases: Vec<RowCanvas>,
 }
 
@@ -133,29 +123,16 @@ impl CpuRenderer {
         if width == 0 || height == 0 {
             return image;
         }
-        image.n_invalid = self.prepare(splats, &view);
+        image.n_invalid = self.lists.prepare(splats, &view);
         observer(CpuStage::Prepare);
-        self.sorter.sort(&mut self.visible);
+        self.lists.sort();
         observer(CpuStage::Sort);
-        self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
+        self.lists.bin(height);
         observer(CpuStage::Bin);
         let finish = Finish::new(splats.finishing(), camera, options);
         self.rasterise(camera, options, finish, &mut image);
         observer(CpuStage::Raster);
         image
-    }
-
-    /// Fills `records` and `visible`; the number of broken splats.
-    fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
-        prepare::prepare(splats, view, &mut self.records, &mut self.listings, &mut self.counts);
-        self.visible.clear();
-        for (chunk, count) in self.counts.iter().enumerate() {
-            let first = chunk * prepare::CHUNK;
-            let listings = self.listings[first..].iter().take(count.n_visible);
-            let records = first as u32..;
-            self.visible.extend(listings.zip(records).map(|(entry, record)| entry.keyed(record)));
-        }
-        self.counts.iter().map(|count| count.n_invalid).sum()
     }
 
     fn rasterise(
@@ -169,13 +146,13 @@ impl CpuRenderer {
         let n_rows = height.div_ceil(TILE);
         self.canvases.resize_with(n_rows, RowCanvas::default);
         let sheet = Sheet {
-            records: &self.records,
+            records: &self.lists.records,
             intrinsics: camera.intrinsics,
             method: options.method,
             background: options.background,
             finish,
         };
-        let (isa, rows) = (Isa::best(), &self.rows);
+        let (isa, rows) = (Isa::best(), &self.lists.rows);
         let pixels_per_row = width * TILE;
         self.canvases
             .par_iter_mut()

@@ -87,6 +87,12 @@ impl Tile {
         }
     }
 
+    /// Leaves out the rows without a bit in `mask`.
+    pub(super) fn with_rows(mut self, mask: u32) -> Self {
+        self.open_rows &= mask;
+        self
+    }
+
     /// Adds a unit ray per pixel, as an equidistant fisheye needs; pixels beyond its half turn are
     /// finished.
     pub(super) fn with_fisheye_rays(mut self, k: &Intrinsics) -> Self {

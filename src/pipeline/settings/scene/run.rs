@@ -23,6 +23,11 @@ pub struct SceneRun {
 }
 
 impl SceneRun {
+    /// How frames are prepared for the engine's settings: with their photographs if these are learnt.
+    pub fn prepared_surface(&self) -> SurfaceSettings {
+        SurfaceSettings { photograph: self.engine.photometric.is_some(), ..self.surface.clone() }
+    }
+
     /// World to model coordinates: a shift alone.
     pub fn normalization(&self) -> Normalization {
         Normalization { offset: self.surface.origin.to_array(), scale: [1.0; 3] }

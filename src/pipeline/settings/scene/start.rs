@@ -13,6 +13,7 @@ use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::pipeline::plan::Plan;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
+use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
@@ -46,6 +47,7 @@ impl SceneRun {
         // right all the same.
         surface.flying_pixels = !matches!(surface.sensor, Sensor::Exact { .. });
         let mut engine = measured_with(surface.sensor);
+        engine.photometric = PhotometricMode::Light.rule();
         engine.births = overrides.births.unwrap_or(engine.births);
         if engine.births.is_order_invariant() {
             engine.refine = false;

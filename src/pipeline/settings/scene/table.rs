@@ -59,7 +59,7 @@ settings! {
     photometric: PhotometricMode {
         option "--photometric" "MODE";
         label "Photometric";
-        default "off";
+        default by "light; off with lattices";
         get |run| Some(PhotometricMode::of(run.engine.photometric));
         set |run, mode| run.engine.photometric = mode.rule();
     }

@@ -64,12 +64,18 @@ pub(super) struct SecondWalk {
 }
 
 impl SecondWalk {
-    /// Of a tile that was drawn, against the photograph: colour over black and coverage of each pixel.
-    pub(super) fn new(tile: &Tile, photograph: &Image<[f32; 4]>, rule: PixelRule) -> Self {
+    /// Of a tile that was drawn in the rows of `mask`, against the photograph: colour over black and
+    /// coverage of each pixel.
+    pub(super) fn new(
+        tile: &Tile,
+        photograph: &Image<[f32; 4]>,
+        rule: PixelRule,
+        mask: u32,
+    ) -> Self {
         let (left, top) = tile.corner();
         let empty = [[0.0; LANES]; TILE * GROUPS];
         let (width, height) = (photograph.width, photograph.height);
-        let fresh = Tile::new(left, top, width - left, height - top);
+        let fresh = Tile::new(left, top, width - left, height - top).with_rows(mask);
         let [open, ..] = fresh.planes();
         let mut walk = Self {
             left,
@@ -85,7 +91,7 @@ impl SecondWalk {
             open_rows: fresh.open_rows(),
             error: (0.0, 0.0),
         };
-        for row in 0..TILE.min(height - top) {
+        for row in (0..TILE.min(height - top)).filter(|row| mask & (1 << row) != 0) {
             for column in 0..TILE.min(width - left) {
                 walk.compare(tile, photograph, rule, row, column);
             }
@@ -124,6 +130,8 @@ impl SecondWalk {
             self.behind[k][group][lane] = color[k] * (fill + filled);
             self.residual[k][group][lane] = rho * residual[k];
         }
+        // What is mostly covered lies inside a surface, as far as nobody knows better.
+        let target = if target.is_nan() && covered >= SEEN { 1.0 } else { target };
         if !target.is_nan() {
             self.end[group][lane] = end;
             self.lacking[group][lane] = rho * rule.coverage * (target - covered);

@@ -2,36 +2,32 @@
 //! precision per splat that accumulates.
 #![doc = include_str!("photometric.md")]
 
+mod noise;
 pub mod rule;
 mod step;
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
+use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{ParameterSums, PhotometricWalk, PixelRule};
+use crate::render::cpu::photometric::{Compared, PhotometricWalk, PixelRule, RowChoice, Seen};
+use crate::train::outcome::PhotographOutcome;
 use rayon::prelude::*;
 use rule::PhotometricRule;
-use step::SplatSlot;
+use step::{LearnRun, SplatRun};
 
-/// Weight of the newest frame in the running noise.
-const NOISE_SHARE: f64 = 0.05;
-/// Noise before any frame was seen, colour units: what the first frames of a scene differ by.
-const FIRST_NOISE: f64 = 0.1;
-/// Least noise, colour units: half a level of 8 bits.
-const MIN_NOISE: f64 = 0.002;
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
-const MIN_SEEN: f64 = 0.5;
-/// Splats per parallel task.
-const MIN_TASK: usize = 256;
+const MIN_SEEN: f32 = 0.5;
+/// Components per parallel task.
+const MIN_TASK: usize = 512;
 
 /// Splats that learn from photographs, and the memory for it.
 #[derive(Default)]
 pub struct PhotometricLearner {
     state: PhotometricState,
     walk: PhotometricWalk,
-    /// Precisions that were no longer positive definite and were taken back to the prior's.
     repaired: u64,
 }
 
@@ -39,6 +35,11 @@ impl PhotometricLearner {
     /// One that goes on.
     pub fn restore(state: PhotometricState) -> Self {
         Self { state, ..Self::default() }
+    }
+
+    /// Precisions that had to be taken back to the prior's, since training began or went on.
+    pub fn repaired(&self) -> u64 {
+        self.repaired
     }
 
     /// What it has learnt.
@@ -64,8 +65,9 @@ impl PhotometricLearner {
         let new = touched.par_iter().filter(|&&id| !self.state.has(id as usize));
         let new: Vec<(u32, (Splat, Appearance))> =
             new.map(|&id| (id, splat(id as usize))).filter(|(_, s)| s.0.is_drawable()).collect();
+        let mut run = self.run();
         for (id, (splat, appearance)) in new {
-            self.slot(id as usize).begin(splat, appearance, &rule.prior);
+            run.begin(id as usize, splat, appearance, &rule.prior);
         }
     }
 
@@ -76,80 +78,62 @@ impl PhotometricLearner {
         }
     }
 
-    /// Learns from a photograph taken by `camera`; which splats it changed.
+    /// Learns from a photograph taken by `camera`, unless that contradicts the scene. Gives which splats
+    /// it changed, and how it compared.
     pub fn learn(
         &mut self,
         camera: &Camera,
         photograph: &Image<[f32; 4]>,
         full_coverage: f32,
         rule: &PhotometricRule,
-    ) -> Vec<u32> {
-        let view = SplatView::new(&self.state.splats, &self.state.appearance);
-        let Some(view) = view else { return Vec::new() };
+    ) -> (Vec<u32>, Option<PhotographOutcome>) {
+        let PhotometricState { splats, appearance, .. } = &self.state;
+        let Some(view) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
         let pixels = PixelRule { full_coverage, tau, coverage };
-        let found = self.walk.compare(view, camera, photograph, pixels);
-        let deviation = rule.noise * self.noise_after(found.squared_error, found.pixels);
-        let variance = deviation * deviation;
-        let seen: Vec<(u32, ParameterSums)> =
-            found.splats.into_iter().filter(|(_, sums)| sums.weight > MIN_SEEN).collect();
-        self.repaired += self.step(&seen, variance, rule);
-        seen.into_iter().map(|(id, _)| id).collect()
-    }
-
-    /// Takes this frame's difference into the running noise; its root.
-    fn noise_after(&mut self, squared_error: f64, pixels: f64) -> f64 {
-        let [mean, weight] = &mut self.state.noise;
-        if pixels > 0.0 {
-            let of_frame = squared_error / (3.0 * pixels);
-            let share = (1.0 / (*weight + 1.0)).max(NOISE_SHARE);
-            *mean += share * (of_frame - *mean);
-            *weight += 1.0;
+        let rows = RowChoice::new(rule.rows, self.state.noise[1] as u64);
+        let mut walk = std::mem::take(&mut self.walk);
+        let compared = walk.compare(view, camera, photograph, pixels, rows);
+        let noise = &mut self.state.noise;
+        let outcome = noise::judge(noise, compared.squared_error, compared.pixels);
+        let deviation = rule.noise * noise::usual(noise);
+        let mut seen = compared.seen(MIN_SEEN / rule.rows as f32);
+        if outcome.is_some_and(|outcome| outcome.contradicts) {
+            seen.clear();
         }
-        let root = if *weight > 0.0 { mean.sqrt() } else { FIRST_NOISE };
-        root.max(MIN_NOISE)
+        // A row stands for those that are left out.
+        let variance = deviation * deviation / f64::from(rule.rows);
+        self.repaired += self.step(&compared, &seen, variance, rule);
+        self.walk = walk;
+        (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
 
-    /// Steps of all splats; how many had to be repaired.
+    /// Steps of all splats that are seen; how many had to be repaired.
     fn step(
         &mut self,
-        seen: &[(u32, ParameterSums)],
+        compared: &Compared<'_>,
+        seen: &[Seen],
         variance: f64,
         rule: &PhotometricRule,
     ) -> u64 {
-        let PhotometricState { splats, appearance, form, color, .. } = &self.state;
-        let stepped: Vec<_> = seen
-            .par_iter()
-            .with_min_len(MIN_TASK)
-            .map(|(id, sums)| {
-                let id = *id as usize;
-                let mut own = (splats[id], appearance[id], form[id], color[id]);
-                let mut slot = SplatSlot {
-                    splat: &mut own.0,
-                    appearance: &mut own.1,
-                    form: &mut own.2,
-                    color: &mut own.3,
-                };
-                let repaired = slot.learn(sums, variance, rule);
-                (own, repaired)
-            })
-            .collect();
-        let mut n_repaired = 0;
-        for ((id, _), (own, repaired)) in seen.iter().zip(stepped) {
-            let slot = self.slot(*id as usize);
-            (*slot.splat, *slot.appearance, *slot.form, *slot.color) = own;
-            n_repaired += u64::from(repaired);
-        }
-        n_repaired
+        let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
+        let shapes = splats.par_chunks_mut(MIN_TASK).zip(form.par_chunks_mut(MIN_TASK));
+        let colors = appearance.par_chunks_mut(MIN_TASK).zip(color.par_chunks_mut(MIN_TASK));
+        let isa = Isa::best();
+        let repaired = shapes.zip(colors).enumerate().with_max_len(1).map(
+            |(task, ((splats, form), (appearance, color)))| {
+                let (first, end) = (task * MIN_TASK, (task + 1) * MIN_TASK);
+                let before = |end: usize| seen.partition_point(|seen| (seen.id as usize) < end);
+                let run = SplatRun { first, splats, appearance, form, color };
+                let seen = &seen[before(first)..before(end)];
+                isa.run(LearnRun { run, compared, seen, variance, rule })
+            },
+        );
+        repaired.sum()
     }
 
-    fn slot(&mut self, id: usize) -> SplatSlot<'_> {
+    fn run(&mut self) -> SplatRun<'_> {
         let PhotometricState { splats, appearance, form, color, .. } = &mut self.state;
-        SplatSlot {
-            splat: &mut splats[id],
-            appearance: &mut appearance[id],
-            form: &mut form[id],
-            color: &mut color[id],
-        }
+        SplatRun { first: 0, splats, appearance, form, color }
     }
 }

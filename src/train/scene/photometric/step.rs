@@ -1,12 +1,13 @@
-//! One splat's step: from what a photograph says of it to where it goes, and what is known of it then
-//! (`photometric.md`, Step).
+//! The steps of splats: from what a photograph says of them to where they go, and what is known of them
+//! then (`photometric.md`, Step). Eight at a time, a splat in each lane.
 
 use super::rule::{PhotometricRule, PriorDeviations};
-use crate::math::cholesky::SmallCholesky;
+use crate::math::lane_cholesky::{at, factor, substitute};
+use crate::math::simd::{Kernel, LANES, Vector};
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::ParameterSums;
+use crate::render::cpu::photometric::{Compared, ParameterSums, Seen};
 use glam::{DQuat, DVec3};
 
 /// Bounds of an opacity: a splat that photographs call transparent stays in sight of later ones.
@@ -14,81 +15,223 @@ const OPACITY: [f64; 2] = [0.01, 3.0];
 /// Largest standard deviation over the smallest: thinner needles would be no surface.
 const MAX_ASPECT: f64 = 1e4;
 
-/// A splat with its precision, borrowed from the columns of a scene.
-pub struct SplatSlot<'a> {
-    pub splat: &'a mut Splat,
-    pub appearance: &'a mut Appearance,
-    pub form: &'a mut [f32; N_FORM_PRECISION],
-    pub color: &'a mut [f32; N_COLOR_PRECISION],
+/// A run of splats with their precision, borrowed from the columns of a scene.
+pub struct SplatRun<'a> {
+    /// Number of the first.
+    pub first: usize,
+    pub splats: &'a mut [Splat],
+    pub appearance: &'a mut [Appearance],
+    pub form: &'a mut [[f32; N_FORM_PRECISION]],
+    pub color: &'a mut [[f32; N_COLOR_PRECISION]],
 }
 
-impl SplatSlot<'_> {
-    /// Forgets what photographs taught: the splat is what points say, and its precision the prior's.
-    pub fn begin(&mut self, splat: Splat, appearance: Appearance, prior: &PriorDeviations) {
-        (*self.splat, *self.appearance) = (splat, appearance);
+/// The steps that a photograph asks of a run of splats; gives how many of them had to be repaired.
+pub struct LearnRun<'a> {
+    pub run: SplatRun<'a>,
+    pub compared: &'a Compared<'a>,
+    /// Those of the run that the photograph shows.
+    pub seen: &'a [Seen],
+    /// Of a pixel's colour.
+    pub variance: f64,
+    pub rule: &'a PhotometricRule,
+}
+
+impl Kernel for LearnRun<'_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<V: Vector>(self) -> u64 {
+        let Self { mut run, compared, seen, variance, rule } = self;
+        let mut repaired = 0;
+        let (mut group, mut rows) = (Vec::with_capacity(LANES), Vec::with_capacity(LANES));
+        for seen in seen.chunks(LANES) {
+            group.clear();
+            rows.clear();
+            for &seen in seen {
+                let row = seen.id as usize - run.first;
+                group.push((seen, run.splats[row], run.appearance[row]));
+                rows.push(row);
+            }
+            let sums = compared.lift::<V>(&group);
+            repaired += run.learn(&rows, &sums, variance, rule);
+        }
+        repaired
+    }
+}
+
+impl SplatRun<'_> {
+    /// Makes a row's splat what points say, and its precision the prior's.
+    pub fn begin(&mut self, row: usize, splat: Splat, look: Appearance, prior: &PriorDeviations) {
+        (self.splats[row], self.appearance[row]) = (splat, look);
         let (form, color) = prior_precision(&splat, prior);
-        *self.form = diagonal(&form);
-        *self.color = diagonal(&color);
+        self.form[row] = diagonal(&form);
+        self.color[row] = diagonal(&color);
     }
 
-    /// Takes the step that a photograph asks for, whose pixels have the variance `variance`, and keeps
-    /// what it says; whether the precision had to be taken back to the prior's.
-    pub fn learn(&mut self, sums: &ParameterSums, variance: f64, rule: &PhotometricRule) -> bool {
-        let per_variance = 1.0 / variance;
-        let (prior_form, prior_color) = prior_precision(self.splat, &rule.prior);
-        let extent = largest(self.splat);
-        let form = absorb(self.form, &prior_form, &sums.curvature, per_variance, rule);
-        if let Some(factor) = &form {
-            self.move_by(factor.solve(sums.gradient.map(|g| g * per_variance)), rule.trust);
+    /// Takes the steps of up to eight rows, one in each lane, whose pixels have the variance
+    /// `variance`, and keeps what the sums say; how many precisions had to be taken back to the prior's.
+    #[inline(always)]
+    fn learn<V: Vector>(
+        &mut self,
+        rows: &[usize],
+        sums: &ParameterSums<V>,
+        variance: f64,
+        rule: &PhotometricRule,
+    ) -> u64 {
+        let weight = V::splat((1.0 / variance) as f32);
+        let mut priors = ([[0.0; LANES]; N_FORM], [[0.0; LANES]; N_COLOR]);
+        for (lane, &row) in rows.iter().enumerate() {
+            let (form, color) = prior_precision(&self.splats[row], &rule.prior);
+            (0..N_FORM).for_each(|i| priors.0[i][lane] = form[i] as f32);
+            (0..N_COLOR).for_each(|i| priors.1[i][lane] = color[i] as f32);
         }
-        let color = absorb(self.color, &prior_color, &sums.color_curvature, per_variance, rule);
-        if let Some(factor) = &color {
-            for (k, gradient) in sums.color.iter().enumerate() {
-                let step = factor.solve(gradient.map(|g| g * per_variance));
-                self.recolor(k, step, 3.0 * rule.trust, extent);
+        let (form, form_is_sound) = absorb::<V, N_FORM, N_FORM_PRECISION>(
+            self.form,
+            rows,
+            &priors.0,
+            &sums.curvature,
+            weight,
+            rule,
+        );
+        let (color, color_is_sound) = absorb::<V, N_COLOR, N_COLOR_PRECISION>(
+            self.color,
+            rows,
+            &priors.1,
+            &sums.color_curvature,
+            weight,
+            rule,
+        );
+        let step = solved(&form, &sums.gradient, weight);
+        let mut recolor = [[[0.0; LANES]; N_COLOR]; 3];
+        for (recolor, gradient) in recolor.iter_mut().zip(&sums.color) {
+            *recolor = solved(&color, gradient, weight);
+        }
+        for (lane, &row) in rows.iter().enumerate() {
+            let (splat, look) = (&mut self.splats[row], &mut self.appearance[row]);
+            let extent = largest(splat);
+            if form_is_sound & (1 << lane) != 0 {
+                reform(splat, std::array::from_fn(|i| f64::from(step[i][lane])), rule.trust);
+            }
+            if color_is_sound & (1 << lane) != 0 {
+                for (k, recolored) in recolor.iter().enumerate() {
+                    let step = std::array::from_fn(|i| f64::from(recolored[i][lane]));
+                    repaint(splat, look, k, step, 3.0 * rule.trust, extent);
+                }
             }
         }
-        form.is_none() || color.is_none()
+        let is_repaired = |lane: &usize| form_is_sound & color_is_sound & (1 << lane) == 0;
+        (0..rows.len()).filter(is_repaired).count() as u64
     }
+}
 
-    /// Moves and forms the splat anew, the whole step shortened to the trust region.
-    fn move_by(&mut self, step: [f64; N_FORM], trust: f64) {
-        let extent = largest(self.splat);
-        let mean = DVec3::new(step[0], step[1], step[2]);
-        let far = step[3..9].iter().fold(mean.length() / extent, |far, x| far.max(x.abs()));
-        let far = far.max(step[9].abs() / 3.0) / trust;
-        if !far.is_finite() {
-            return;
+/// Takes a frame's curvature into precisions, `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`. Gives the factors of `Λ + cF`,
+/// which the frame's step is solved by, and a bit for each lane that has one: a sum without is no
+/// precision, and goes back to the prior's.
+#[inline(always)]
+fn absorb<V: Vector, const N: usize, const P: usize>(
+    triangles: &mut [[f32; P]],
+    rows: &[usize],
+    prior: &[[f32; LANES]; N],
+    curvature: &[V; P],
+    weight: V,
+    rule: &PhotometricRule,
+) -> ([V; P], u32) {
+    let mut kept = [[0.0; LANES]; P];
+    // Lanes without a splat are the unit matrix.
+    (0..N).for_each(|i| kept[at(i, i)] = [1.0; LANES]);
+    for (lane, &row) in rows.iter().enumerate() {
+        for (lanes, value) in kept.iter_mut().zip(&triangles[row]) {
+            lanes[lane] = *value;
         }
-        let step = step.map(|x| x / far.max(1.0));
-        let at = DVec3::from_array(self.splat.mean.map(f64::from));
-        self.splat.mean = (at + DVec3::new(step[0], step[1], step[2])).as_vec3().to_array();
-        let mut scale: [f64; 3] =
-            std::array::from_fn(|i| f64::from(self.splat.scale[i]) * libm::exp(step[3 + i]));
-        let least = scale.iter().fold(0.0f64, |a, &b| a.max(b)) / MAX_ASPECT;
-        scale.iter_mut().for_each(|s| *s = s.max(least));
-        self.splat.scale = scale.map(|s| s as f32);
-        let [w, x, y, z] = self.splat.rotation.map(f64::from);
-        // About the splat's own axes, to first order and back onto the sphere.
-        let turn = DQuat::from_xyzw(0.5 * step[6], 0.5 * step[7], 0.5 * step[8], 1.0);
-        let turned = (DQuat::from_xyzw(x, y, z, w) * turn).normalize();
-        self.splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
-        let opacity = f64::from(self.splat.opacity) * libm::exp(step[9]);
-        self.splat.opacity = opacity.clamp(OPACITY[0], OPACITY[1]) as f32;
     }
+    let (damping, gained) =
+        (weight * V::splat(rule.damping as f32), weight * V::splat(rule.kept as f32));
+    let mut factors = [V::splat(0.0); P];
+    for ((damped, kept), curvature) in factors.iter_mut().zip(&kept).zip(curvature) {
+        *damped = V::load(kept) + damping * *curvature;
+    }
+    let sound = factor::<V, N, P>(&mut factors);
+    let remembered = V::splat((1.0 - rule.forgotten) as f32);
+    for i in 0..N {
+        for j in 0..=i {
+            let (old, zero) = (V::load(&kept[at(i, j)]), V::splat(0.0));
+            let prior = if i == j { V::load(&prior[i]) } else { zero };
+            let back = V::splat(rule.forgotten as f32) * prior;
+            let new = remembered * old + back + gained * curvature[at(i, j)];
+            V::select(sound, new, prior).store(&mut kept[at(i, j)]);
+        }
+    }
+    for (lane, &row) in rows.iter().enumerate() {
+        for (value, lanes) in triangles[row].iter_mut().zip(&kept) {
+            *value = lanes[lane];
+        }
+    }
+    (factors, sound.signs())
+}
 
-    fn recolor(&mut self, k: usize, step: [f64; N_COLOR], limit: f64, extent: f64) {
-        let squared = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>();
-        let far = (squared(&step[..4]) + squared(&step[4..]) * extent * extent).sqrt() / limit;
-        if !far.is_finite() {
-            return;
-        }
-        let step = step.map(|x| x / far.max(1.0));
-        self.splat.color[k] += step[0] as f32;
-        for axis in 0..3 {
-            self.appearance.directional[k][axis] += step[1 + axis] as f32;
-            self.appearance.gradient[k][axis] += step[4 + axis] as f32;
-        }
+#[inline(always)]
+fn solved<V: Vector, const N: usize, const P: usize>(
+    factors: &[V; P],
+    gradient: &[V; N],
+    weight: V,
+) -> [[f32; LANES]; N] {
+    let mut x = *gradient;
+    for x in &mut x {
+        *x = *x * weight;
+    }
+    substitute(factors, &mut x);
+    let mut lanes = [[0.0; LANES]; N];
+    for (lanes, x) in lanes.iter_mut().zip(x) {
+        x.store(lanes);
+    }
+    lanes
+}
+
+/// Moves and forms a splat anew, the whole step shortened to the trust region.
+fn reform(splat: &mut Splat, step: [f64; N_FORM], trust: f64) {
+    let extent = largest(splat);
+    let mean = DVec3::new(step[0], step[1], step[2]);
+    let far = step[3..9].iter().fold(mean.length() / extent, |far, x| far.max(x.abs()));
+    let far = far.max(step[9].abs() / 3.0) / trust;
+    if !far.is_finite() {
+        return;
+    }
+    let step = step.map(|x| x / far.max(1.0));
+    let at = DVec3::from_array(splat.mean.map(f64::from));
+    splat.mean = (at + DVec3::new(step[0], step[1], step[2])).as_vec3().to_array();
+    let mut scale: [f64; 3] =
+        std::array::from_fn(|i| f64::from(splat.scale[i]) * libm::exp(step[3 + i]));
+    let least = scale.iter().fold(0.0f64, |a, &b| a.max(b)) / MAX_ASPECT;
+    scale.iter_mut().for_each(|s| *s = s.max(least));
+    splat.scale = scale.map(|s| s as f32);
+    let [w, x, y, z] = splat.rotation.map(f64::from);
+    // About the splat's own axes, to first order and back onto the sphere.
+    let turn = DQuat::from_xyzw(0.5 * step[6], 0.5 * step[7], 0.5 * step[8], 1.0);
+    let turned = (DQuat::from_xyzw(x, y, z, w) * turn).normalize();
+    splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+    let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
+    splat.opacity = opacity.clamp(OPACITY[0], OPACITY[1]) as f32;
+}
+
+/// Colours a channel of a splat of so large an extent anew, the step shortened to `limit`.
+fn repaint(
+    splat: &mut Splat,
+    look: &mut Appearance,
+    channel: usize,
+    step: [f64; N_COLOR],
+    limit: f64,
+    extent: f64,
+) {
+    let squared = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>();
+    let far = (squared(&step[..4]) + squared(&step[4..]) * extent * extent).sqrt() / limit;
+    if !far.is_finite() {
+        return;
+    }
+    let step = step.map(|x| x / far.max(1.0));
+    splat.color[channel] += step[0] as f32;
+    for axis in 0..3 {
+        look.directional[channel][axis] += step[1 + axis] as f32;
+        look.gradient[channel][axis] += step[4 + axis] as f32;
     }
 }
 
@@ -107,71 +250,25 @@ fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f
     (form, color)
 }
 
-/// Takes a frame's curvature into a precision, `Λ ← (1 − f)·Λ + f·Λ⁰ + µF`; the factor of `Λ + cF`, which
-/// the frame's step is solved by. A sum that has no factor is no precision: it goes back to the prior's.
-fn absorb<const N: usize, const P: usize>(
-    triangle: &mut [f32; P],
-    prior: &[f64; N],
-    curvature: &[[f64; N]; N],
-    per_variance: f64,
-    rule: &PhotometricRule,
-) -> Option<SmallCholesky<N>> {
-    let mut precision = unpacked::<N>(triangle);
-    let (damping, gained) = (rule.damping * per_variance, rule.kept * per_variance);
-    let factor = SmallCholesky::new(std::array::from_fn(|i| {
-        std::array::from_fn(|j| precision[i][j] + damping * curvature[i][j])
-    }));
-    match factor {
-        None => *triangle = diagonal(prior),
-        Some(_) => {
-            for i in 0..N {
-                for j in 0..=i {
-                    let back = if i == j { rule.forgotten * prior[i] } else { 0.0 };
-                    precision[i][j] =
-                        (1.0 - rule.forgotten) * precision[i][j] + back + gained * curvature[i][j];
-                }
-            }
-            packed(&precision, triangle);
-        }
-    }
-    factor
-}
-
 fn diagonal<const N: usize, const P: usize>(values: &[f64; N]) -> [f32; P] {
     let mut triangle = [0.0; P];
-    let matrix: [[f64; N]; N] =
-        std::array::from_fn(|i| std::array::from_fn(|j| if i == j { values[i] } else { 0.0 }));
-    packed(&matrix, &mut triangle);
+    for (i, value) in values.iter().enumerate() {
+        triangle[at(i, i)] = *value as f32;
+    }
     triangle
-}
-
-fn packed<const N: usize, const P: usize>(matrix: &[[f64; N]; N], triangle: &mut [f32; P]) {
-    let lower = (0..N).flat_map(|i| (0..=i).map(move |j| (i, j)));
-    for (to, (i, j)) in triangle.iter_mut().zip(lower) {
-        *to = matrix[i][j] as f32;
-    }
-}
-
-/// The lower triangle; what lies above is 0.
-fn unpacked<const N: usize>(triangle: &[f32]) -> [[f64; N]; N] {
-    let mut matrix = [[0.0; N]; N];
-    let lower = (0..N).flat_map(|i| (0..=i).map(move |j| (i, j)));
-    for (&from, (i, j)) in triangle.iter().zip(lower) {
-        matrix[i][j] = f64::from(from);
-    }
-    matrix
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::simd::Isa;
 
-    /// A splat with its columns.
+    /// One splat with its columns.
     struct Own {
-        splat: Splat,
-        appearance: Appearance,
-        form: [f32; N_FORM_PRECISION],
-        color: [f32; N_COLOR_PRECISION],
+        splats: [Splat; 1],
+        appearance: [Appearance; 1],
+        form: [[f32; N_FORM_PRECISION]; 1],
+        color: [[f32; N_COLOR_PRECISION]; 1],
     }
 
     impl Own {
@@ -179,37 +276,58 @@ mod tests {
             let splat =
                 Splat { opacity: 0.8, color: [0.5; 3], scale: [0.1; 3], ..Splat::default() };
             let mut own = Self {
-                splat,
-                appearance: Appearance::default(),
-                form: [0.0; N_FORM_PRECISION],
-                color: [0.0; N_COLOR_PRECISION],
+                splats: [splat],
+                appearance: [Appearance::default()],
+                form: [[0.0; N_FORM_PRECISION]],
+                color: [[0.0; N_COLOR_PRECISION]],
             };
-            own.slot().begin(splat, Appearance::default(), &PhotometricRule::DEFAULT.prior);
+            let prior = PhotometricRule::DEFAULT.prior;
+            own.run().begin(0, splat, Appearance::default(), &prior);
             own
         }
 
-        fn slot(&mut self) -> SplatSlot<'_> {
-            SplatSlot {
-                splat: &mut self.splat,
+        fn run(&mut self) -> SplatRun<'_> {
+            SplatRun {
+                first: 0,
+                splats: &mut self.splats,
                 appearance: &mut self.appearance,
                 form: &mut self.form,
                 color: &mut self.color,
             }
         }
+
+        fn learn(&mut self, residual: f32, curvature: f32, rule: &PhotometricRule) -> u64 {
+            Isa::best().run(Redder { run: self.run(), residual, curvature, rule })
+        }
     }
 
     /// Ten pixels of full weight whose red is wrong by `residual`.
-    fn redder(residual: f64) -> ParameterSums {
-        let mut sums = ParameterSums {
-            gradient: [0.0; N_FORM],
-            curvature: [[0.0; N_FORM]; N_FORM],
-            color: [[0.0; N_COLOR]; 3],
-            color_curvature: [[0.0; N_COLOR]; N_COLOR],
-            weight: 10.0,
-        };
-        sums.color[0][0] = 10.0 * residual;
-        sums.color_curvature[0][0] = 10.0;
-        sums
+    struct Redder<'a> {
+        run: SplatRun<'a>,
+        residual: f32,
+        /// Of the mean along x.
+        curvature: f32,
+        rule: &'a PhotometricRule,
+    }
+
+    impl Kernel for Redder<'_> {
+        type Output = u64;
+
+        #[inline(always)]
+        fn run<V: Vector>(mut self) -> u64 {
+            let zero = V::splat(0.0);
+            let mut sums = ParameterSums {
+                gradient: [zero; N_FORM],
+                curvature: [zero; N_FORM_PRECISION],
+                color: [[zero; N_COLOR]; 3],
+                color_curvature: [zero; N_COLOR_PRECISION],
+                weight: V::splat(10.0),
+            };
+            sums.curvature[0] = V::splat(self.curvature);
+            sums.color[0][0] = V::splat(10.0 * self.residual);
+            sums.color_curvature[0] = V::splat(10.0);
+            self.run.learn(&[0], &sums, 0.01, self.rule)
+        }
     }
 
     #[test]
@@ -218,31 +336,30 @@ mod tests {
         let mut own = Own::new();
         let mut steps = Vec::new();
         for _ in 0..3 {
-            let before = own.splat.color[0];
-            assert!(!own.slot().learn(&redder(0.2), 0.01, &rule));
-            steps.push(own.splat.color[0] - before);
+            let before = own.splats[0].color[0];
+            assert_eq!(own.learn(0.2, 0.0, &rule), 0);
+            steps.push(own.splats[0].color[0] - before);
         }
         assert!(steps[0] > 0.05 && steps[0] < 0.25, "{steps:?}");
         assert!(steps.is_sorted_by(|a, b| a > b && *b > 0.0), "precision accumulates: {steps:?}");
-        assert_eq!((own.splat.color[1], own.splat.mean), (0.5, [0.0; 3]));
+        assert_eq!((own.splats[0].color[1], own.splats[0].mean), (0.5, [0.0; 3]));
     }
 
     #[test]
     fn a_step_ends_at_the_trust_region() {
         let mut own = Own::new();
-        own.slot().learn(&redder(1e6), 0.01, &PhotometricRule::DEFAULT);
-        let far = own.splat.color[0] - 0.5;
+        own.learn(1e6, 0.0, &PhotometricRule::DEFAULT);
+        let far = own.splats[0].color[0] - 0.5;
         assert!((f64::from(far) - 3.0 * PhotometricRule::DEFAULT.trust).abs() < 1e-6, "{far}");
     }
 
     #[test]
     fn a_block_that_is_none_is_repaired_and_moves_nothing() {
         let mut own = Own::new();
-        let mut sums = redder(0.2);
-        sums.curvature[0][0] = f64::NEG_INFINITY;
-        let (before, prior) = (own.splat, own.form);
-        assert!(own.slot().learn(&sums, 0.01, &PhotometricRule::DEFAULT));
-        assert_eq!((own.splat.mean, own.splat.scale), (before.mean, before.scale));
-        assert!(own.form.iter().zip(prior).all(|(a, b)| (a - b).abs() < 1e-2 * b.abs().max(1.0)));
+        let (before, prior) = (own.splats[0], own.form);
+        assert_eq!(own.learn(0.2, f32::NEG_INFINITY, &PhotometricRule::DEFAULT), 1);
+        let after = own.splats[0];
+        assert_eq!((after.mean, after.scale), (before.mean, before.scale));
+        assert_eq!(own.form, prior);
     }
 }

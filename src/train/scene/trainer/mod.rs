@@ -32,7 +32,7 @@ use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
 use crate::train::learner::Learner;
-use crate::train::outcome::FrameOutcome;
+use crate::train::outcome::{FrameOutcome, PhotographOutcome};
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
@@ -183,7 +183,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
         lap(&mut ms, SceneStage::Visibility);
-        self.learn_photograph(frame, &camera, gain);
+        let photograph = self.learn_photograph(frame, &camera, gain);
         lap(&mut ms, SceneStage::Photometric);
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
@@ -195,14 +195,17 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
         lap(&mut ms, SceneStage::Merge);
         ms.train = wall.elapsed_ms();
-        FrameOutcome { points: n_points, elbo_mean, born, reassigned: 0, merged, ms }
+        FrameOutcome { points: n_points, elbo_mean, born, reassigned: 0, merged, photograph, ms }
     }
 
     /// The step that the frame's photograph asks of the splats.
-    fn learn_photograph(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
-        let (Some(rule), Some(photograph)) = (self.config.photometric, &frame.photograph) else {
-            return;
-        };
+    fn learn_photograph(
+        &mut self,
+        frame: &Observation,
+        camera: &Camera,
+        gain: [f32; 3],
+    ) -> Option<PhotographOutcome> {
+        let (rule, photograph) = (self.config.photometric?, frame.photograph.as_ref()?);
         // Taken out meanwhile: new splats are made of the sums that stay behind.
         let mut photometric = std::mem::take(&mut self.photometric);
         let splat = |id| self.splat_of_points(id);
@@ -211,11 +214,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         let exposed = photograph.exposed(gain);
         let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
         let camera = photograph.camera(&camera.pose);
-        let changed = photometric.learn(&camera, pixels, full_coverage, &rule);
+        let (changed, outcome) = photometric.learn(&camera, pixels, full_coverage, &rule);
         self.photometric = photometric;
         self.touched.extend(changed);
         self.touched.sort_unstable();
         self.touched.dedup();
+        outcome
     }
 
     /// The splat of a component by its points alone.

@@ -2,6 +2,7 @@
 
 use super::SceneTrainer;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::scene::splat_rule::SplatRule;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -73,6 +74,10 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         posterior
     }
 
+    fn photographed(&self, id: usize) -> Option<PhotometricDeviations> {
+        PhotometricDeviations::of(self.photometric.state(), id)
+    }
+
     fn splat(&self, id: usize) -> (Splat, Appearance) {
         self.photometric.splat(id).unwrap_or_else(|| self.splat_of_points(id))
     }
@@ -110,7 +115,9 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         let super::UnassignedPoints { budget, reach } = self.unassigned;
         let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
         let reach = (reach > 0).then_some(TrainingWarning::OutOfReach { points: reach });
-        budget.into_iter().chain(reach).collect()
+        let splats = self.photometric.repaired();
+        let repaired = (splats > 0).then_some(TrainingWarning::Repaired { splats });
+        budget.into_iter().chain(reach).chain(repaired).collect()
     }
 
     fn stored(&self) -> StoredModel {

@@ -1,0 +1,168 @@
+//! From moments in the image to gradient and Gauss-Newton blocks of eight splats at a time
+//! (`photometric.md`, Lift), a splat in each lane.
+
+use super::lift::{BY_MEAN, BY_SHAPE, DIRECTION, MOVING, N_LINEAR, PLACES};
+use super::sums::{
+    COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, N_IMAGE_SUMS, N_QUADRATIC, WEIGHT, moment,
+};
+use crate::math::lane_cholesky::at;
+use crate::math::simd::Vector;
+use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
+use std::ops::Range;
+
+/// What a photograph says of the parameters of eight splats, one in each lane.
+#[derive(Clone, Copy, Debug)]
+pub struct ParameterSums<V> {
+    /// Gradient of `−½Σρr²` by the form's parameters.
+    pub gradient: [V; N_FORM],
+    /// Gauss-Newton block of the form: the lower triangle, row by row.
+    pub curvature: [V; N_FORM_PRECISION],
+    /// The same gradient by the coefficients of red, green and blue.
+    pub color: [[V; N_COLOR]; 3],
+    /// Gauss-Newton block of a channel's coefficients, which all channels share: the lower triangle.
+    pub color_curvature: [V; N_COLOR_PRECISION],
+    /// Sum of the blending weights over the pixels, px.
+    pub weight: V,
+}
+
+/// Place of each feature of `ln α` among the moments: powers of `p` and `q`.
+const FEATURES: [(usize, usize); N_QUADRATIC] = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)];
+/// Place in the curvature's moments of the product of two features.
+const PRODUCTS: [[usize; N_QUADRATIC]; N_QUADRATIC] = {
+    let mut places = [[0; N_QUADRATIC]; N_QUADRATIC];
+    let mut f = 0;
+    while f < N_QUADRATIC {
+        let mut g = 0;
+        while g < N_QUADRATIC {
+            let ((i, j), (k, l)) = (FEATURES[f], FEATURES[g]);
+            places[f][g] = CURVATURE + moment(i + k, j + l);
+            g += 1;
+        }
+        f += 1;
+    }
+    places
+};
+/// The parameter that is the logarithm of the opacity.
+const OPACITY: usize = N_FORM - 1;
+
+impl<V: Vector> ParameterSums<V> {
+    /// By the linearisations of eight splats and their sums in the image.
+    #[inline(always)]
+    pub(super) fn new(linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) -> Self {
+        let zero = V::splat(0.0);
+        let mut found = Self {
+            gradient: [zero; N_FORM],
+            curvature: [zero; N_FORM_PRECISION],
+            color: [[zero; N_COLOR]; 3],
+            color_curvature: [zero; N_COLOR_PRECISION],
+            weight: sums[WEIGHT],
+        };
+        for parameter in 0..N_FORM {
+            found.add_form(parameter, &features(linear, parameter), linear, sums);
+        }
+        found.add_moving_color(linear, sums);
+        found.add_color(linear, sums);
+        found
+    }
+
+    /// Sets one row of the form's block and its gradient. Features are the coefficients on
+    /// `1, p, q, p², pq, q²`.
+    #[inline(always)]
+    fn add_form(
+        &mut self,
+        row: usize,
+        of_row: &[V; N_QUADRATIC],
+        linear: &[V; N_LINEAR],
+        sums: &[V; N_IMAGE_SUMS],
+    ) {
+        let mut through = [V::splat(0.0); N_QUADRATIC];
+        for f in range(row) {
+            self.gradient[row] = self.gradient[row] + of_row[f] * sums[GRADIENT + f];
+            for (g, through) in through.iter_mut().enumerate() {
+                *through = *through + of_row[f] * sums[PRODUCTS[f][g]];
+            }
+        }
+        for column in 0..=row {
+            let of_column = features(linear, column);
+            let mut sum = V::splat(0.0);
+            for g in range(column) {
+                sum = sum + through[g] * of_column[g];
+            }
+            self.curvature[at(row, column)] = sum;
+        }
+    }
+
+    /// As the mean moves, colours that vary over the splat move along.
+    #[inline(always)]
+    fn add_moving_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
+        let bend = sums[COLOR_CURVATURE];
+        for k in 0..3 {
+            let pull = sums[COLOR + 3 * k];
+            for i in 0..3 {
+                let a = linear[MOVING + 3 * k + i];
+                self.gradient[i] = self.gradient[i] + a * pull;
+                for j in 0..=i {
+                    let b = linear[MOVING + 3 * k + j];
+                    self.curvature[at(i, j)] = self.curvature[at(i, j)] + a * b * bend;
+                }
+            }
+        }
+    }
+
+    /// The colour of a channel is `c + W·d + G·e(p, q)`: linear in its seven coefficients.
+    #[inline(always)]
+    fn add_color(&mut self, linear: &[V; N_LINEAR], sums: &[V; N_IMAGE_SUMS]) {
+        let one = V::splat(1.0);
+        let fixed = [one, linear[DIRECTION], linear[DIRECTION + 1], linear[DIRECTION + 2]];
+        for k in 0..3 {
+            let pulls = &sums[COLOR + 3 * k..];
+            for (i, factor) in fixed.into_iter().enumerate() {
+                self.color[k][i] = factor * pulls[0];
+            }
+            for i in 0..3 {
+                self.color[k][4 + i] =
+                    linear[PLACES + i] * pulls[1] + linear[PLACES + 3 + i] * pulls[2];
+            }
+        }
+        let bends = &sums[COLOR_CURVATURE..];
+        for i in 0..4 {
+            for j in 0..=i {
+                self.color_curvature[at(i, j)] = fixed[i] * fixed[j] * bends[0];
+            }
+        }
+        for i in 0..3 {
+            let (by_p, by_q) = (linear[PLACES + i], linear[PLACES + 3 + i]);
+            let shift = by_p * bends[1] + by_q * bends[2];
+            for (j, factor) in fixed.into_iter().enumerate() {
+                self.color_curvature[at(4 + i, j)] = factor * shift;
+            }
+            let (with_p, with_q) =
+                (by_p * bends[3] + by_q * bends[4], by_p * bends[4] + by_q * bends[5]);
+            for j in 0..=i {
+                self.color_curvature[at(4 + i, 4 + j)] =
+                    with_p * linear[PLACES + j] + with_q * linear[PLACES + 3 + j];
+            }
+        }
+    }
+}
+
+/// Coefficients of a parameter on `1, p, q, p², pq, q²`.
+#[inline(always)]
+fn features<V: Vector>(linear: &[V; N_LINEAR], parameter: usize) -> [V; N_QUADRATIC] {
+    let mut features = [V::splat(0.0); N_QUADRATIC];
+    match parameter {
+        OPACITY => features[0] = V::splat(1.0),
+        0..3 => features[1..].copy_from_slice(&linear[BY_MEAN + 5 * parameter..][..5]),
+        _ => features[3..].copy_from_slice(&linear[BY_SHAPE + 3 * (parameter - 3)..][..3]),
+    }
+    features
+}
+
+/// The features that a parameter changes.
+const fn range(parameter: usize) -> Range<usize> {
+    match parameter {
+        OPACITY => 0..1,
+        0..3 => 1..N_QUADRATIC,
+        _ => 3..N_QUADRATIC,
+    }
+}

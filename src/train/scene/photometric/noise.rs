@@ -1,0 +1,67 @@
+//! How far photographs differ from the pictures drawn before they are learnt: what a pixel's noise is
+//! taken from, and the test that a photograph belongs to the scene (`photometric.md`, Noise).
+
+use crate::train::outcome::PhotographOutcome;
+
+/// Weight of the newest frame in the running mean.
+const SHARE: f64 = 0.05;
+/// Difference before any frame was seen, colour units: what the first frames of a scene differ by.
+const FIRST: f64 = 0.1;
+/// Least difference, colour units: half a level of 8 bits.
+const LEAST: f64 = 0.002;
+/// Frames after which the running mean says what is usual.
+const SETTLED: f64 = 8.0;
+/// Times the usual mean square from which on a photograph contradicts the scene.
+const CONTRADICTION: f64 = 6.0;
+
+/// Judges a frame by its squared difference over so many pixels of three channels, and takes it into the
+/// running mean square and its weight, `noise`. `None` without pixels.
+pub fn judge(noise: &mut [f64; 2], squared_error: f64, pixels: f64) -> Option<PhotographOutcome> {
+    let [mean, weight] = noise;
+    if !(pixels > 0.0 && squared_error.is_finite()) {
+        return None;
+    }
+    let of_frame = squared_error / (3.0 * pixels);
+    let usual = usual(&[*mean, *weight]);
+    let most = CONTRADICTION * usual * usual;
+    let contradicts = *weight >= SETTLED && of_frame > most;
+    let share = (1.0 / (*weight + 1.0)).max(SHARE);
+    // A contradiction counts in part: a scene that has really changed is believed after some frames.
+    let counted = if contradicts { most } else { of_frame };
+    *mean += share * (counted - *mean);
+    *weight += 1.0;
+    Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradicts })
+}
+
+/// Root of the running mean square, colour units.
+pub fn usual(noise: &[f64; 2]) -> f64 {
+    let root = if noise[1] > 0.0 { noise[0].sqrt() } else { FIRST };
+    root.max(LEAST)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_contradiction_is_told_until_it_is_the_rule() {
+        let mut noise = [0.0, 0.0];
+        let mut judge = |difference: f64| {
+            judge(&mut noise, 300.0 * difference * difference, 100.0).unwrap().contradicts
+        };
+        assert!((0..20).all(|_| !judge(0.05)), "what is usual does not contradict");
+        assert!(judge(0.3) && !judge(0.06), "one frame that differs changes little");
+        let refused = (0..100).take_while(|_| judge(0.3)).count();
+        assert!((3..40).contains(&refused), "{refused} frames of a scene that has changed");
+        assert!(!judge(0.3));
+    }
+
+    #[test]
+    fn nothing_to_compare_says_nothing() {
+        let mut noise = [0.01, 3.0];
+        assert!(judge(&mut noise, 0.0, 0.0).is_none());
+        assert!(judge(&mut noise, f64::NAN, 5.0).is_none());
+        assert_eq!(noise, [0.01, 3.0]);
+        assert_eq!(usual(&[0.0, 0.0]), FIRST);
+    }
+}
