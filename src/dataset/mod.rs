@@ -28,18 +28,25 @@ pub mod surface;
 pub mod synthetic;
 pub mod unproject;
 
+mod archive;
 mod decode;
+mod distortion;
 mod edges;
 mod entry;
 mod folder;
 mod intrinsics;
+mod lengths;
 mod matrix;
 mod opened;
 mod options;
+mod pose_convention;
 mod position_range;
+mod source;
+mod video;
 
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;
 pub use formats::Layout;
 pub use opened::{Dataset, open};
 pub use options::LoadOptions;
+pub use pose_convention::PoseConvention;
