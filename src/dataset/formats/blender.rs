@@ -21,6 +21,7 @@ use crate::dataset::folder::{Folder, FolderListing, relative_path};
 use crate::dataset::intrinsics::{IntrinsicsDefect, check, is_sane_field_of_view};
 use crate::dataset::matrix::{describe, from_json};
 use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::position_range::PositionRange;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -31,6 +32,7 @@ use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
+    poses: PoseConvention::Opengl,
     recognise,
     parse,
     known_calibration: |_| None,

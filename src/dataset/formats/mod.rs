@@ -5,12 +5,21 @@
 mod blender;
 mod format;
 mod listed;
+mod numbered;
+mod open3d;
+mod recording;
+mod replica;
+mod scannet;
 mod seven_scenes;
+mod stated;
+mod trajectory;
+mod tum;
 
 use super::calibration::Calibration;
 use super::error::DatasetError;
 use super::folder::Folder;
 use super::options::LoadOptions;
+use super::pose_convention::PoseConvention;
 use crate::math::camera::Intrinsics;
 use format::{DatasetFormat, ParsedFolder};
 
@@ -38,6 +47,14 @@ layouts! {
     Blender: blender::FORMAT,
     /// `frame-NNNNNN.{color,depth,pose}.*` (7-Scenes).
     SevenScenes: seven_scenes::FORMAT,
+    /// `rgb.txt`, `depth.txt` and `groundtruth.txt` (TUM RGB-D).
+    Tum: tum::FORMAT,
+    /// `color/`, `depth/` and `trajectory.log` (Open3D, Redwood).
+    Open3d: open3d::FORMAT,
+    /// `traj.txt` and `results/` (Replica, NICE-SLAM).
+    Replica: replica::FORMAT,
+    /// `color/`, `depth/`, `pose/` and `intrinsic/` (ScanNet).
+    Scannet: scannet::FORMAT,
 }
 
 /// Recognises the layout and reads it; with the content that it was recognised by.
@@ -45,10 +62,19 @@ pub(super) fn parse(
     folder: &Folder,
     options: &LoadOptions,
 ) -> Result<(Layout, String, ParsedFolder), DatasetError> {
-    for (layout, format) in FORMATS {
-        if let Some(why) = (format.recognise)(folder) {
-            return Ok((*layout, why, (format.parse)(folder, options)?));
-        }
+    let recognise = |(layout, format): &'static (Layout, DatasetFormat)| {
+        (format.recognise)(folder).map(|why| (*layout, format, why))
+    };
+    let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
+    if found.len() > 1 {
+        let found = found.iter().map(|(layout, _, why)| format!("{} by {why}", layout.name()));
+        return Err(DatasetError::TwoLayouts {
+            path: folder.path.clone(),
+            found: found.collect::<Vec<_>>().join("; "),
+        });
+    }
+    if let Some((layout, format, why)) = found.pop() {
+        return Ok((layout, why, (format.parse)(folder, options)?));
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.looks_for).collect();
     Err(DatasetError::NotRecognised {
@@ -62,6 +88,12 @@ impl Layout {
     /// The name that reports and messages give it, such as `seven-scenes`.
     pub fn name(self) -> &'static str {
         self.into()
+    }
+
+    /// What its pose matrices mean; frames made on demand have none.
+    pub fn pose_convention(self) -> PoseConvention {
+        let format = FORMATS.iter().find(|(layout, _)| *layout == self);
+        format.map_or(PoseConvention::Opencv, |(_, format)| format.poses)
     }
 
     /// What is known, without a calibration, of cameras whose depth has these intrinsics.
