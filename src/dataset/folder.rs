@@ -4,6 +4,7 @@
 //! if it lies inside the folder: parents and absolute paths are refused by their text, links by
 //! where they lead. A folder is listed once and then asked by name.
 
+use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -22,6 +23,7 @@ pub(super) struct Folder {
     canonical: PathBuf,
     /// What the root holds.
     pub listing: FolderListing,
+    only_file: Option<String>,
 }
 
 /// What one folder holds, by name.
@@ -51,11 +53,33 @@ impl Folder {
             }
             Err(e) => return Err(read(e)),
         };
+        if canonical.is_file() && Archive::is_one(&canonical) {
+            return Self::of_file(path, &canonical);
+        }
         if !canonical.is_dir() {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;
-        Ok(Self { path: path.to_owned(), canonical, listing })
+        Ok(Self { path: path.to_owned(), canonical, listing, only_file: None })
+    }
+
+    /// The folder of an archive, as if it held nothing else.
+    fn of_file(path: &Path, canonical: &Path) -> Result<Self, DatasetError> {
+        let not_a_folder = || DatasetError::NotAFolder { path: path.to_owned() };
+        let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(not_a_folder)?;
+        let parent = canonical.parent().ok_or_else(not_a_folder)?;
+        let entries = BTreeMap::from([(name.to_owned(), EntryKind::File)]);
+        Ok(Self {
+            path: path.parent().unwrap_or(Path::new("")).to_owned(),
+            canonical: parent.to_owned(),
+            listing: FolderListing { entries },
+            only_file: Some(name.to_owned()),
+        })
+    }
+
+    /// The archive that was opened in place of a folder.
+    pub fn only_file(&self) -> Option<&str> {
+        self.only_file.as_deref()
     }
 
     /// Lists a folder below the root.

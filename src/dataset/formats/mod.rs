@@ -5,8 +5,12 @@
 mod blender;
 mod format;
 mod listed;
+mod nerfstudio;
 mod numbered;
 mod open3d;
+mod record3d;
+mod record3d_archive;
+mod record3d_folder;
 mod recording;
 mod replica;
 mod scannet;
@@ -55,6 +59,12 @@ layouts! {
     Replica: replica::FORMAT,
     /// `color/`, `depth/`, `pose/` and `intrinsic/` (ScanNet).
     Scannet: scannet::FORMAT,
+    /// `transforms.json` with depth files, or a camera for each frame (nerfstudio, NeRFCapture).
+    Nerfstudio: nerfstudio::FORMAT,
+    /// `metadata.json`, `rgb/` and `depth/` (Record3D's export).
+    Record3d: record3d_folder::FORMAT,
+    /// A zip archive `*.r3d` (Record3D).
+    Record3dArchive: record3d_archive::FORMAT,
 }
 
 /// Recognises the layout and reads it; with the content that it was recognised by.
