@@ -17,10 +17,14 @@ use crate::math::image::Image;
 use std::path::Path;
 use std::sync::Arc;
 
+/// Without an evaluation split every so-many-th frame is held out of training.
+pub const HOLD_OUT_EVERY: usize = 8;
+
 /// Frames that belong together: a training set, a validation set.
 #[derive(Clone, Debug)]
 pub struct DatasetSplit {
-    /// As in the files: `train`, `test`, `val`, `eval`; `all` where a dataset has no splits.
+    /// As in the files: `train`, `test`, `val`, `eval`; `all` where a dataset has no splits, and
+    /// `held-out` for those of `all` that training leaves out.
     pub name: String,
     /// In the order of the dataset.
     pub frames: Vec<FrameEntry>,

@@ -51,9 +51,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 /// JSON files in the root that are frame lists, or should be by their name.
 fn frame_lists(folder: &Folder) -> Vec<&str> {
-    let is_list = |name: &&str| {
-        name.ends_with(".json") && is_list(folder, name)
-    };
+    let is_list = |name: &&str| name.ends_with(".json") && is_list(folder, name);
     folder.listing.files().filter(is_list).collect()
 }
 

@@ -2,6 +2,7 @@
 //! the table below: recognition, metadata, poses, depth encoding, sensor and what is known of its
 //! cameras all stand in that file, and nothing else in `dataset` asks which layout it reads.
 
+mod arkit;
 mod blender;
 mod format;
 mod listed;
@@ -13,9 +14,11 @@ mod record3d_archive;
 mod record3d_folder;
 mod recording;
 mod replica;
+mod rtabmap;
 mod scannet;
 mod seven_scenes;
 mod stated;
+mod stray;
 mod trajectory;
 mod tum;
 
@@ -65,6 +68,12 @@ layouts! {
     Record3d: record3d_folder::FORMAT,
     /// A zip archive `*.r3d` (Record3D).
     Record3dArchive: record3d_archive::FORMAT,
+    /// `odometry.csv`, `camera_matrix.csv`, `depth/` and a video (Stray Scanner).
+    StrayScanner: stray::FORMAT,
+    /// A file of one JSON object a frame (ARKit packages).
+    Arkit: arkit::FORMAT,
+    /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
+    RtabMap: rtabmap::FORMAT,
 }
 
 /// Recognises the layout and reads it; with the content that it was recognised by.

@@ -54,7 +54,8 @@ fn frame_list(folder: &Folder) -> Option<&str> {
 pub(super) fn is_list(json: &Value) -> bool {
     let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let named = |keys: &[&str], frame: &Value| keys.iter().any(|key| frame.get(key).is_some());
-    let lens = LENS_KEYS.iter().any(|key| json.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0);
+    let lens =
+        LENS_KEYS.iter().any(|key| json.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0);
     let is_posed = frames.iter().any(|frame| frame.get("transform_matrix").is_some());
     let own = |frame: &Value| named(&DEPTH_KEYS, frame) || named(&["fl_x"], frame);
     is_posed && (lens || frames.iter().any(own))
@@ -108,7 +109,8 @@ impl FrameList<'_> {
     /// Lenses that are no pinhole behind Brown and Conrady's terms.
     fn check_model(&self) -> Result<(), DatasetError> {
         let model = self.json.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
-        let known = ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
+        let known =
+            ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
         let fourth = self.number(&Value::Null, "k4")?.unwrap_or(0.0);
         if known.contains(&model) && fourth == 0.0 {
             return Ok(());
@@ -174,10 +176,8 @@ impl FrameList<'_> {
     fn intrinsics(&self, frame: &Value, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
         let (width, height) = size;
         let side = |n: Option<f64>, found: u32| n.map_or(found, |n| n as u32);
-        let stated = (
-            side(self.number(frame, "w")?, width),
-            side(self.number(frame, "h")?, height),
-        );
+        let stated =
+            (side(self.number(frame, "w")?, width), side(self.number(frame, "h")?, height));
         same_size(stated, size, self.file)?;
         let fx = match (self.number(frame, "fl_x")?, self.number(frame, "camera_angle_x")?) {
             (Some(fx), _) => fx,

@@ -59,7 +59,10 @@ fn trajectory_log(folder: &Folder) -> Option<&str> {
         let row = lines.next().map(matrix::numbers::<4>);
         matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
     };
-    folder.listing.files().filter(|name| name.ends_with(".log")).find(is_trajectory)
+    let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));
+    // Odometry is drawn as a trajectory too, from another start: the one that is called so is meant.
+    let named = logs().filter(|name| name.contains("traj")).find(is_trajectory);
+    named.or_else(|| logs().find(is_trajectory))
 }
 
 fn head(line: &str) -> Option<[u64; 3]> {

@@ -147,7 +147,10 @@ impl Metadata {
     ) -> Result<(u32, u32), DatasetError> {
         if codes != CodeKind::BareFloats {
             let depths = frames.values().filter_map(|frame| frame.depth.as_ref());
-            return Ok(depths.into_iter().find_map(|d| decode::depth_size(d).ok()).unwrap_or(color));
+            return Ok(depths
+                .into_iter()
+                .find_map(|d| decode::depth_size(d).ok())
+                .unwrap_or(color));
         }
         if let Some(stated) = self.side("dw").zip(self.side("dh")) {
             return Ok(stated);

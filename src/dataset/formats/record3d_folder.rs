@@ -87,7 +87,9 @@ fn sources(
     let file = |files: Option<&NumberedFiles>| {
         files.and_then(|files| files.file(folder, number)).transpose()
     };
-    let missing = || FrameProblem::MissingColor(Path::new(COLORS).join(number.to_string()).display().to_string());
+    let missing = || {
+        FrameProblem::MissingColor(Path::new(COLORS).join(number.to_string()).display().to_string())
+    };
     Ok(FrameSources {
         color: file(colors)?.ok_or_else(missing)?.into(),
         depth: file(depths)?.map(Into::into),

@@ -1,6 +1,7 @@
 //! A recording on its way into a dataset: what every layout of a sequence does alike.
 //!
-//! A sequence has no splits: all of it is one, out of which the rule for splits holds views back.
+//! A sequence has no splits: all of it is one, `all`. The views that the rule for splits holds back
+//! when that trains are a split of their own, `held-out`.
 //! Depth has a camera of its own, whose intrinsics follow from those of the photograph where both
 //! look through one lens.
 
@@ -10,7 +11,9 @@ use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{self, CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::distortion::Distortion;
-use crate::dataset::entry::{DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource};
+use crate::dataset::entry::{
+    DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource, HOLD_OUT_EVERY,
+};
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
 use crate::dataset::intrinsics::{IntrinsicsDefect, check};
@@ -21,8 +24,10 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
-/// Name of the only split.
+/// Name of the split that holds the whole recording.
 const SPLIT: &str = "all";
+/// Name of the split of views that training leaves out.
+const HELD_OUT: &str = "held-out";
 
 /// A recording whose frames are being collected.
 pub(super) struct Recording<'a> {
@@ -94,8 +99,14 @@ impl<'a> Recording<'a> {
                 self.parsed.skip(SPLIT, &frame.name, file, problem);
             }
         }
-        let split = DatasetSplit { name: SPLIT.to_owned(), frames: self.frames, has_depth };
-        self.parsed.splits.push(split);
+        // The same frames that training leaves out, under a name that one can ask for.
+        let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
+        let is_enough = self.frames.len() > 1;
+        let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
+        self.parsed.splits.push(split(SPLIT, self.frames));
+        if is_enough {
+            self.parsed.splits.push(split(HELD_OUT, held_out));
+        }
         self.parsed
     }
 
