@@ -20,6 +20,9 @@ use std::sync::Arc;
 /// Without an evaluation split every so-many-th frame is held out of training.
 pub const HOLD_OUT_EVERY: usize = 8;
 
+/// Name of the split of those frames, in layouts that know no splits.
+pub const HELD_OUT: &str = "held-out";
+
 /// Frames that belong together: a training set, a validation set.
 #[derive(Clone, Debug)]
 pub struct DatasetSplit {

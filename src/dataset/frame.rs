@@ -262,7 +262,7 @@ pub(super) fn photographed_by(
 }
 
 /// How much longer a length of `kind` is than the depth z at a pixel (1 for z itself).
-fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
+pub(super) fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
     match kind {
         DepthKind::RayDistance => k.ray(column, row).length(),
         DepthKind::Z => 1.0,

@@ -1,5 +1,6 @@
 //! An opened dataset: its splits, what was refused, and what is known of its cameras.
 
+use super::archive::Archive;
 use super::calibration::Calibration;
 use super::entry::DatasetSplit;
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
@@ -84,6 +85,11 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         return Err(no_usable_frame(path, dataset.warnings));
     }
     Ok(dataset)
+}
+
+/// Whether a file is an archive that [`open`] takes in place of a folder, told by its content.
+pub fn is_archive(path: &Path) -> bool {
+    Archive::is_one(path)
 }
 
 /// Reads poses anew, as if their matrices meant something else than the layout says.

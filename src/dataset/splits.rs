@@ -4,7 +4,7 @@ use super::entry::DatasetSplit;
 use super::error::DatasetError;
 use super::opened::Dataset;
 
-pub use super::entry::HOLD_OUT_EVERY;
+pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
 /// Preferred training splits among those with depth.
 const TRAINING_NAMES: [&str; 2] = ["train", "test"];

@@ -12,7 +12,7 @@ use crate::dataset::decode::{self, CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::{
-    DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource, HOLD_OUT_EVERY,
+    DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource, HELD_OUT, HOLD_OUT_EVERY,
 };
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
@@ -26,8 +26,6 @@ use std::path::{Path, PathBuf};
 
 /// Name of the split that holds the whole recording.
 const SPLIT: &str = "all";
-/// Name of the split of views that training leaves out.
-const HELD_OUT: &str = "held-out";
 
 /// A recording whose frames are being collected.
 pub(super) struct Recording<'a> {
