@@ -4,10 +4,13 @@ use crate::common::scratch::{ALL_LAYOUTS, open_plain};
 use crate::common::shared;
 use glam::DMat4;
 use std::path::Path;
+use strum::IntoEnumIterator;
 use tempfile::TempDir;
 use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams, SyntheticScene, SyntheticView};
-use vbgs_studio::dataset::{Dataset, FrameEntry, Layout, LoadOptions, PoseConvention, open};
+use vbgs_studio::dataset::{
+    Dataset, FrameEntry, Layout, LoadOptions, PoseConvention, open, pose_check,
+};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 
@@ -277,4 +280,25 @@ fn conventions_are_stated() {
         let expected = if is_opengl { PoseConvention::Opengl } else { PoseConvention::Opencv };
         assert_eq!(recognised.pose_convention(), expected, "{layout:?}");
     }
+}
+
+/// Another convention or unit than the recording's is told from depth alone.
+#[test]
+fn wrong_poses_and_units_are_told_from_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let walk = SyntheticParams { n_train: 48, n_eval: 0, ..ROOM };
+    write(&walk, folder.path(), SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    let check = |options| pose_check::check(&open(folder.path(), &options).unwrap(), 0).unwrap();
+    let right = check(LoadOptions::default());
+    assert!(right.opened.agreement > 0.8 && !right.is_doubtful(), "{right:?}");
+    assert!(right.pairs == 8 && right.opened.error < 0.05, "{right:?}");
+    for poses in PoseConvention::iter().filter(|poses| *poses != PoseConvention::Opencv) {
+        let wrong = check(LoadOptions { poses: Some(poses), ..LoadOptions::default() });
+        assert_eq!((wrong.opened.poses, wrong.best.poses), (poses, PoseConvention::Opencv));
+        assert!(wrong.opened.agreement < 0.5 && wrong.best.agreement > 0.8, "{wrong:?}");
+    }
+    let millimetres = LoadOptions { depth_scale: Some(0.001), ..LoadOptions::default() };
+    let far = LoadOptions { depth_range: Some([0.1, 100.0]), ..millimetres };
+    let wrong = check(far);
+    assert_eq!((wrong.best.unit, wrong.best.poses), (0.2, PoseConvention::Opencv), "{wrong:?}");
 }

@@ -2,7 +2,7 @@
 
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, FolderListing};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Photographs, by what their names end with.
@@ -48,6 +48,11 @@ impl NumberedFiles {
     /// Numbers of all files, ascending.
     pub fn numbers(&self) -> impl Iterator<Item = u64> {
         self.by_number.keys().copied()
+    }
+
+    /// Numbers that any of the lists has: one that lacks a file is to be reported, not passed over.
+    pub fn union(lists: &[&Self]) -> BTreeSet<u64> {
+        lists.iter().flat_map(|list| list.numbers()).collect()
     }
 
     /// How many numbers there are.

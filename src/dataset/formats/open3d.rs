@@ -20,7 +20,7 @@ use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -90,8 +90,16 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
     let (log, blocks) = blocks(&mut recording)?;
+    let numbers: Vec<u64> = pairs.keys().copied().collect();
+    let is_complete = numbers.len() == blocks.len();
     for (index, pose) in blocks {
-        let Some(pair) = usize::try_from(index).ok().and_then(|i| pairs.get(i)) else {
+        // Blocks count images. Where some are missing, numbers tell which.
+        let number = match is_complete {
+            true => usize::try_from(index).ok().and_then(|i| numbers.get(i).copied()),
+            false => numbers.first().and_then(|first| first.checked_add(index)),
+        };
+        let pair = number.and_then(|number| pairs.get(&number));
+        let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
             let problem = FrameProblem::MissingColor(format!("number {index} of {color_name}/"));
             recording.skip(&index.to_string(), log.clone(), problem);
             continue;
@@ -103,7 +111,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
                 time: None,
                 pose,
                 cameras,
-                color: pair.color.clone(),
+                color,
                 depth: Some(DepthSource { file: depth, encoding, confidence: None }),
                 lens: Distortion::default(),
             }),
@@ -116,7 +124,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 /// A photograph and its depth.
 struct Pair {
     name: String,
-    color: ByteSource,
+    color: Option<ByteSource>,
     depth: Result<ByteSource, String>,
 }
 
@@ -130,7 +138,7 @@ fn pairs(
     colors: &NumberedFiles,
     depths: &NumberedFiles,
     color_name: &str,
-) -> Vec<Pair> {
+) -> BTreeMap<u64, Pair> {
     let folder = recording.folder;
     let same = colors.numbers().eq(depths.numbers());
     let by_order = !same && colors.len() == depths.len();
@@ -138,29 +146,37 @@ fn pairs(
         recording.note("colour and depth are numbered differently: paired by their order");
     }
     let mut depth_numbers = depths.numbers();
-    let mut found = Vec::new();
-    for number in colors.numbers() {
+    let numbers = match by_order {
+        true => colors.numbers().collect(),
+        false => NumberedFiles::union(&[colors, depths]),
+    };
+    let mut found = BTreeMap::new();
+    for number in numbers {
         let depth_number = if by_order { depth_numbers.next().unwrap_or(number) } else { number };
-        let name = colors.stem(number).unwrap_or_default().to_owned();
-        match colors.file(folder, number) {
-            Some(Ok(color)) => {
-                let depth = match depths.file(folder, depth_number) {
-                    Some(Ok(depth)) => Ok(ByteSource::File(depth)),
-                    Some(Err(problem)) => Err(problem.to_string()),
-                    None => Err(format!("{DEPTH_FOLDER}/{name}.png")),
-                };
-                found.push(Pair { name, color: ByteSource::File(color), depth });
+        let name = colors.stem(number).map_or_else(|| number.to_string(), str::to_owned);
+        let color = match colors.file(folder, number).transpose() {
+            Ok(color) => color.map(Into::into),
+            Err(problem) => {
+                recording.skip(&name, folder.path.join(color_name), problem);
+                continue;
             }
-            Some(Err(problem)) => recording.skip(&name, folder.path.join(color_name), problem),
-            None => {}
-        }
+        };
+        let depth = match depths.file(folder, depth_number) {
+            Some(Ok(depth)) => Ok(ByteSource::File(depth)),
+            Some(Err(problem)) => Err(problem.to_string()),
+            None => Err(format!("{DEPTH_FOLDER}/{name}.png")),
+        };
+        found.insert(number, Pair { name, color, depth });
     }
     found
 }
 
-fn cameras(recording: &mut Recording, pairs: &[Pair]) -> Result<Option<Cameras>, DatasetError> {
-    let size = first_size(pairs.iter().map(|pair| &pair.color));
-    let depth_size = first_depth_size(pairs.iter().filter_map(|pair| pair.depth.as_ref().ok()));
+fn cameras(
+    recording: &mut Recording,
+    pairs: &BTreeMap<u64, Pair>,
+) -> Result<Option<Cameras>, DatasetError> {
+    let size = first_size(pairs.values().filter_map(|pair| pair.color.as_ref()));
+    let depth_size = first_depth_size(pairs.values().filter_map(|pair| pair.depth.as_ref().ok()));
     let (size, depth_size) = match (size, depth_size) {
         (Ok(Some(size)), Ok(Some(depth))) => (size, depth),
         (Ok(_), Ok(_)) => return Ok(None),

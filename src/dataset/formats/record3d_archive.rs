@@ -82,6 +82,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let member = |name: String| names.contains(&name).then(|| ByteSource::member(&archive, &name));
     let mut frames = BTreeMap::new();
     for name in &names {
+        let alone = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".depth"));
+        if let Some(stem) = alone.filter(|stem| !names.contains(&format!("{FRAMES}{stem}.jpg"))) {
+            let problem = FrameProblem::MissingColor(format!("{FRAMES}{stem}.jpg"));
+            recording.skip(stem, path.clone(), problem);
+        }
         let Some(stem) = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".jpg")) else {
             continue;
         };

@@ -64,7 +64,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let confidence = CONFIDENCES.into_iter().find(|name| folder.has_folder(name));
     let confidences = confidence.map(|name| list(name, &["png", "conf", "bin"])).transpose()?;
     let mut frames = BTreeMap::new();
-    for number in colors.numbers() {
+    let lists: Vec<&NumberedFiles> =
+        [Some(&colors), depths.as_ref()].into_iter().flatten().collect();
+    for number in NumberedFiles::union(&lists) {
         match sources(folder, [Some(&colors), depths.as_ref(), confidences.as_ref()], number) {
             Ok(sources) => drop(frames.insert(number, sources)),
             Err(problem) => {

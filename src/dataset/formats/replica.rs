@@ -81,8 +81,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, [0.0, f64::INFINITY]);
     let (traj, text) = folder.text(POSES)?;
     let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
-    for number in colors.numbers() {
-        let name = colors.stem(number).unwrap_or_default().to_owned();
+    for number in NumberedFiles::union(&[&colors, &depths]) {
+        let name = format!("frame{number:06}");
         let line = usize::try_from(number).ok().and_then(|i| lines.get(i));
         let found = line
             .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))

@@ -76,7 +76,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let cameras = cameras(&recording, color, depth)?;
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
-    for number in colors.numbers() {
+    for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
         let file = folder.path.join(POSES).join(format!("{number}.txt"));
         let found = read_pose(folder, &poses, number)
             .and_then(|pose| Ok((pose, paths(folder, &colors, &depths, number)?)));
