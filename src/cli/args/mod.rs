@@ -201,7 +201,7 @@ pub struct MergeArgs {
 
 #[derive(Args)]
 pub struct InfoArgs {
-    /// Dataset folder, checkpoint, .ply or .glb
+    /// Dataset folder or .r3d, checkpoint, .ply or .glb
     pub path: PathBuf,
     /// Print JSON on stdout
     #[arg(long)]

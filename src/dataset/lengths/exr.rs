@@ -1,6 +1,6 @@
 //! OpenEXR: half or single floats, whatever the channel is called.
 
-use super::{StoredDepth, check_size};
+use super::stored::{StoredDepth, check_size};
 use crate::dataset::error::FrameProblem;
 use crate::math::image::Image;
 use ::exr::meta::MetaData;

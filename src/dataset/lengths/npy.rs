@@ -1,6 +1,6 @@
 //! NumPy's array files: a line that describes the array, then its bytes.
 
-use super::StoredDepth;
+use super::stored::StoredDepth;
 use crate::dataset::error::FrameProblem;
 use crate::math::image::Image;
 

@@ -1,6 +1,6 @@
 //! TIFF: 16-bit codes or floats, one sample a pixel.
 
-use super::{StoredDepth, check_size};
+use super::stored::{StoredDepth, check_size};
 use crate::dataset::error::FrameProblem;
 use crate::math::image::Image;
 use ::tiff::decoder::{Decoder, DecodingResult};
