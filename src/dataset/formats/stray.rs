@@ -116,7 +116,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let least = recording.least_confidence();
     for line in odometry(&mut recording)? {
         let name = format!("{:06}", line.frame);
-        let depth = DepthFiles { files: &files, frame: line.frame };
+        let depth = FrameSet { files: &files, frame: line.frame };
         let found =
             Pose::from_opencv(line.pose.matrix()).map_err(FrameProblem::from).and_then(|pose| {
                 Ok((pose, depth.color(folder)?, depth.depth(folder)?, depth.map(folder)?))
@@ -142,12 +142,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 }
 
 /// The files of one frame.
-struct DepthFiles<'a> {
+struct FrameSet<'a> {
     files: &'a Files,
     frame: u64,
 }
 
-impl DepthFiles<'_> {
+impl FrameSet<'_> {
     fn color(&self, folder: &Folder) -> Result<ByteSource, FrameProblem> {
         let missing = || FrameProblem::MissingColor(format!("{COLORS}/{:06}.jpg", self.frame));
         self.files.color(folder, self.frame).transpose()?.ok_or_else(missing)
@@ -231,16 +231,20 @@ fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, Dat
         let off = [k.cx / f64::from(width) - 0.5, k.cy / f64::from(height) - 0.5];
         off.iter().all(|off| off.abs() < 0.15)
     };
-    if !is_centred(size) && is_centred(VIDEO_SIZE) {
-        let (width, height) = VIDEO_SIZE;
-        if size.0 * height == size.1 * width {
-            if !recording.options.geometry_only {
-                recording.note(format!("{CAMERA} is for {width}x{height}: scaled to the images"));
-            }
-            return Ok(Intrinsics { width, height, ..k });
-        }
+    if is_centred(size) {
+        return Ok(k);
     }
-    Ok(k)
+    let is_grey = recording.options.geometry_only;
+    let of = |(width, height): (u32, u32)| Intrinsics { width, height, ..k };
+    if is_centred(VIDEO_SIZE) && (is_grey || size.0 * VIDEO_SIZE.1 == size.1 * VIDEO_SIZE.0) {
+        if !is_grey {
+            let (width, height) = VIDEO_SIZE;
+            recording.note(format!("{CAMERA} is for {width}x{height}: scaled to the images"));
+        }
+        return Ok(of(VIDEO_SIZE));
+    }
+    // Without a video its size is what lies around the principal point.
+    Ok(if is_grey { of(((2.0 * k.cx).round() as u32, (2.0 * k.cy).round() as u32)) } else { k })
 }
 
 /// A line of the odometry.
