@@ -54,7 +54,7 @@ pub struct FrameEntry {
 #[derive(Clone, Debug)]
 pub(super) enum FrameSource {
     /// Image files; depth where the split has it.
-    Files(FrameFiles),
+    Files(Box<FrameFiles>),
     /// The procedural room; `noise_stream` names the frame's depth noise, `None` is exact depth.
     Synthetic { scene: Arc<SyntheticScene>, noise_stream: Option<u64> },
 }

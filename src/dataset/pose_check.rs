@@ -124,7 +124,7 @@ fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
         from.centre().distance(to.centre()) > MOVED[0] * usual || angle.acos() > MOVED[1]
     };
     let candidates = || GAPS.iter().filter_map(|gap| frames.get(*gap));
-    let second = candidates().find(has_moved).or_else(|| candidates().last())?;
+    let second = candidates().find(has_moved).or_else(|| candidates().next_back())?;
     let (columns, rows) = (stride(depth.width), stride(depth.height));
     let mut samples = Vec::new();
     for row in (rows / 2..depth.height).step_by(rows) {

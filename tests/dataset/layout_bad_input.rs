@@ -317,6 +317,9 @@ fn two_layouts_at_once() {
     refuses(folder.path(), &parts);
 }
 
+/// New bytes of a member by its name; `None` leaves it out.
+type MemberEdit<'a> = &'a dyn Fn(&str, Vec<u8>) -> Option<Vec<u8>>;
+
 /// Every member of an archive, changed.
 fn rewrite(path: &Path, mut edit: impl FnMut(&str, Vec<u8>) -> Option<Vec<u8>>) {
     let mut old = zip::ZipArchive::new(fs::File::open(path).unwrap()).unwrap();
@@ -339,7 +342,7 @@ fn options() -> zip::write::SimpleFileOptions {
 
 #[test]
 fn archives_that_lie() {
-    let changed = |edit: &dyn Fn(&str, Vec<u8>) -> Option<Vec<u8>>| {
+    let changed = |edit: MemberEdit| {
         let folder = tiny(Record3dArchive);
         rewrite(&folder.path().join("recording.r3d"), edit);
         folder

@@ -70,7 +70,8 @@ impl ListedSplit {
                 Err(_) => None,
             };
             let lens = Distortion::default();
-            let source = FrameSource::Files(FrameFiles { color: color.into(), depth, lens });
+            let source =
+                FrameSource::Files(Box::new(FrameFiles { color: color.into(), depth, lens }));
             let camera = Camera { intrinsics, pose };
             frames.push(FrameEntry { name, camera, color_camera: None, time: None, source });
         }

@@ -65,20 +65,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for name in names.iter().filter(|name| relative_path(name).is_err()) {
         recording.skip(name, path.clone(), FrameProblem::Escapes(name.clone()));
     }
-    let mut metadata = None;
-    for name in METADATA.into_iter().filter(|name| names.contains(*name)) {
-        let read = |problem: FrameProblem| {
-            let expected = "a readable member `metadata`";
-            wrong(&path.join(name), expected, problem.to_string(), "share the recording again")
-        };
-        let text = archive.read(name).map_err(read)?;
-        metadata = Some(Metadata::new(path.join(name), &text)?);
-        break;
-    }
-    let Some(metadata) = metadata else {
+    let Some(name) = METADATA.into_iter().find(|name| names.contains(*name)) else {
         let found = format!("{} members without one", names.len());
         return Err(wrong(&path, "a member `metadata`", found, "share the recording again"));
     };
+    let text = archive.read(name).map_err(damaged)?;
+    let metadata = Metadata::new(path.join(name), &text)?;
     let member = |name: String| names.contains(&name).then(|| ByteSource::member(&archive, &name));
     let mut frames = BTreeMap::new();
     for name in &names {

@@ -80,7 +80,7 @@ impl<'a> Recording<'a> {
     pub fn push(&mut self, frame: RecordedFrame) {
         let RecordedFrame { name, time, pose, cameras, color, depth, lens } = frame;
         let camera = Camera { intrinsics: cameras.depth, pose };
-        let source = FrameSource::Files(FrameFiles { color, depth, lens });
+        let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
         self.frames.push(FrameEntry { name, camera, color_camera: cameras.color, time, source });
     }
 
