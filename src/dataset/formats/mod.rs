@@ -129,10 +129,22 @@ mod tests {
     /// Checkpoints and reports hold these names.
     #[test]
     fn names_are_those_of_files() {
-        let names = ["blender", "seven-scenes", "synthetic"];
-        for (layout, name) in
-            [Layout::Blender, Layout::SevenScenes, Layout::Synthetic].iter().zip(names)
-        {
+        let named = [
+            (Layout::Blender, "blender"),
+            (Layout::SevenScenes, "seven-scenes"),
+            (Layout::Tum, "tum"),
+            (Layout::Open3d, "open3d"),
+            (Layout::Replica, "replica"),
+            (Layout::Scannet, "scannet"),
+            (Layout::Nerfstudio, "nerfstudio"),
+            (Layout::Record3d, "record3d"),
+            (Layout::Record3dArchive, "record3d-archive"),
+            (Layout::StrayScanner, "stray-scanner"),
+            (Layout::Arkit, "arkit"),
+            (Layout::RtabMap, "rtab-map"),
+            (Layout::Synthetic, "synthetic"),
+        ];
+        for (layout, name) in named {
             assert_eq!(layout.name(), name);
             assert_eq!(serde_json::to_value(layout).unwrap(), name);
         }

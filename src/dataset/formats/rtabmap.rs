@@ -187,7 +187,6 @@ impl<'a> Images<'a> {
         let stems = |listing: &FolderListing| {
             let stem = |name: &str| Some((name.rsplit_once('.')?.0.to_owned(), name.to_owned()));
             let mut found: Vec<_> = listing.files().filter_map(stem).collect();
-            let value = |stem: &str| stem.parse::<f64>().unwrap_or(f64::INFINITY);
             found.sort_by(|(a, _), (b, _)| value(a).total_cmp(&value(b)).then(a.cmp(b)));
             found
         };
@@ -208,18 +207,18 @@ impl<'a> Images<'a> {
     /// The image that a pose belongs to.
     fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
         let by_number = pose.number.map(|n| n.to_string());
-        let by_number = by_number.filter(|n| self.colors.iter().any(|(stem, _)| stem == n));
-        if let Some(stem) = by_number {
+        if let Some(stem) = by_number.filter(|n| find(&self.colors, n).is_some()) {
             return Ok(stem);
         }
-        let is_near = |stem: &str, time: f64| {
-            stem.parse::<f64>().is_ok_and(|named| (named - time).abs() < TIME_ROUNDING)
-        };
-        let at = |time: f64| self.colors.iter().find(|(stem, _)| is_near(stem, time));
-        if let Some((stem, _)) = pose.time.and_then(at) {
+        let at = |time: f64| from(&self.colors, time - TIME_ROUNDING).first();
+        if let Some((stem, _)) = pose.time.and_then(at)
+            && pose.time.is_some_and(|time| (value(stem) - time).abs() < TIME_ROUNDING)
+        {
             return Ok(stem.clone());
         }
-        let by_place = self.colors.get(place).filter(|_| total == self.colors.len());
+        // A number that no image has belongs to an image that is gone, not to that in its place.
+        let is_counted = pose.number.is_none() && total == self.colors.len();
+        let by_place = self.colors.get(place).filter(|_| is_counted);
         by_place.map(|(stem, _)| stem.clone()).ok_or_else(|| {
             let images = self.colors.len();
             FrameProblem::MissingColor(format!("of pose {place} of {total} (there are {images})"))
@@ -227,15 +226,29 @@ impl<'a> Images<'a> {
     }
 
     fn pair(&self, stem: &str) -> Result<[ByteSource; 2], FrameProblem> {
-        let find = |images: &[(String, String)]| {
-            images.iter().find(|(s, _)| s == stem).map(|(_, name)| name.clone())
-        };
-        let color =
-            find(&self.colors).ok_or_else(|| FrameProblem::MissingColor(stem.to_owned()))?;
-        let depth =
-            find(&self.depths).ok_or_else(|| FrameProblem::MissingDepth(stem.to_owned()))?;
-        Ok([self.path(0, &color)?, self.path(1, &depth)?])
+        let color = find(&self.colors, stem);
+        let color = color.ok_or_else(|| FrameProblem::MissingColor(stem.to_owned()))?;
+        let depth = find(&self.depths, stem);
+        let depth = depth.ok_or_else(|| FrameProblem::MissingDepth(stem.to_owned()))?;
+        Ok([self.path(0, color)?, self.path(1, depth)?])
     }
+}
+
+/// Number or time that a name is; names that are neither come last.
+fn value(stem: &str) -> f64 {
+    stem.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::INFINITY)
+}
+
+/// Images, which are in the order of their values, from a value on.
+fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
+    &images[images.partition_point(|(stem, _)| value(stem) < least)..]
+}
+
+/// Name of the file with a stem.
+fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
+    let rest = from(images, value(stem)).iter();
+    let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
+    equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
 }
 
 /// The camera of OpenCV's YAML, which is none: it begins with `%YAML:1.0` and tags its matrices.
