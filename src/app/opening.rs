@@ -73,7 +73,7 @@ pub fn open(
     match subject {
         Subject::Demo => Ok(session(demo::session(training.request())?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
-        Subject::Path(path) if path.is_file() => model(path, serial),
+        Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
             let opened = Session::new(dataset, training.request(), Selection::everything())?;

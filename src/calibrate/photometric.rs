@@ -165,6 +165,7 @@ mod tests {
         principal: [40.0, 30.0],
         offset: [0.01, -0.02, 0.0],
         rotation: [0.0, 0.0, 0.02],
+        size: None,
     };
 
     /// A wall before two cameras side by side, photographs of which are ramps.

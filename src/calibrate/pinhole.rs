@@ -46,6 +46,7 @@ impl CameraUnknowns {
             principal: [cx, cy],
             offset: [x, y, self.start.offset[2]],
             rotation,
+            size: self.start.size,
         }
     }
 }
@@ -57,6 +58,7 @@ pub(super) fn registered(depth: &Intrinsics) -> ColorCamera {
         principal: [depth.cx, depth.cy],
         offset: [0.0; 3],
         rotation: [0.0; 3],
+        size: None,
     }
 }
 
@@ -76,7 +78,7 @@ pub(super) struct ProjectedPoint {
 
 impl Projector {
     pub fn new(unknowns: &CameraUnknowns) -> Self {
-        let ColorCamera { focal, principal, offset, rotation } = unknowns.camera();
+        let ColorCamera { focal, principal, offset, rotation, .. } = unknowns.camera();
         let turn = DQuat::from_scaled_axis(DVec3::from_array(rotation)).inverse();
         Self { turn: DMat3::from_quat(turn), offset: DVec3::from_array(offset), focal, principal }
     }

@@ -2,9 +2,12 @@
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::{checkpoint_info, output};
+use super::{checkpoint_info, output, pose_check};
 use serde::Serialize;
-use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
+use vbgs_studio::dataset::pose_check::PoseCheck;
+use vbgs_studio::dataset::splits::HELD_OUT;
+use vbgs_studio::dataset::{self, Dataset, FrameEntry};
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{self, Imported, ModelKind};
 use vbgs_studio::math::camera::Intrinsics;
@@ -17,8 +20,29 @@ struct DatasetInfo {
     recognised_by: String,
     splits: Vec<SplitInfo>,
     evaluation: String,
+    /// Frames that were listed and cannot be used.
+    skipped_frames: usize,
+    /// Frames a second, where the recording tells times.
+    frame_rate: Option<f64>,
+    poses: PosesInfo,
     notes: Vec<String>,
     defects: Vec<String>,
+}
+
+/// What pose matrices mean, and whether depth agrees.
+#[derive(Serialize)]
+struct PosesInfo {
+    convention: &'static str,
+    /// Share of depth that agrees with neighbouring frames.
+    agreement: Option<f64>,
+    /// Median distance from what neighbours measured, world units.
+    median_error: Option<f64>,
+    pairs: usize,
+    /// The check in words.
+    #[serde(skip)]
+    summary: Option<String>,
+    /// Another reading that agrees far better.
+    warning: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -30,6 +54,11 @@ struct SplitInfo {
     height: u32,
     focal_px: [f64; 2],
     principal_point_px: [f64; 2],
+    /// Columns and rows of the photographs.
+    photo_size: [u32; 2],
+    photo_focal_px: [f64; 2],
+    /// How depth is stored and what it measures.
+    depth_unit: Option<String>,
     /// Smallest and largest measured depth of the frames looked at, world units.
     depth_range: Option<[f64; 2]>,
     bytes: u64,
@@ -51,7 +80,7 @@ struct ModelInfo {
 
 /// Looks as asked: folders are datasets, files are models.
 pub fn run(args: &InfoArgs) -> Result<(), Failure> {
-    if args.path.is_file() {
+    if args.path.is_file() && !dataset::is_archive(&args.path) {
         if is_checkpoint(&args.path) {
             return checkpoint_info::run(args);
         }
@@ -75,23 +104,64 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
         recognised_by: dataset.recognised_by.clone(),
         splits,
         evaluation,
+        skipped_frames: dataset.warnings.len(),
+        frame_rate: dataset.splits.first().and_then(|split| frame_rate(&split.frames)),
+        poses: poses_info(dataset),
         notes: dataset.notes.clone(),
         defects,
     }
+}
+
+fn poses_info(dataset: &Dataset) -> PosesInfo {
+    let split = dataset.training_split().unwrap_or(0);
+    let check: Option<PoseCheck> = dataset::pose_check::check(dataset, split);
+    let opened = check.as_ref().map(|check| check.opened);
+    let stated = dataset.options.poses.unwrap_or(dataset.layout.pose_convention());
+    PosesInfo {
+        convention: stated.name(),
+        agreement: opened.map(|trial| trial.agreement),
+        median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
+        pairs: check.as_ref().map_or(0, |check| check.pairs),
+        summary: check.as_ref().map(pose_check::summary),
+        warning: check.as_ref().and_then(pose_check::warning),
+    }
+}
+
+/// Frames a second between the first and the last.
+fn frame_rate(frames: &[FrameEntry]) -> Option<f64> {
+    let (first, last) = (frames.first()?.time?, frames.last()?.time?);
+    let rate = (frames.len() as f64 - 1.0) / (last - first);
+    (rate.is_finite() && rate > 0.0).then_some(rate)
+}
+
+fn depth_unit(depth: &Depth) -> String {
+    let stored = match depth.codes {
+        DepthCodes::Inverse8(_) => "8-bit codes of 8 (1 - d/255) world units".to_owned(),
+        DepthCodes::Linear16 { unit, .. } => format!("16-bit steps of {unit:.6} world units"),
+        DepthCodes::Lengths(_) => "floats in world units".to_owned(),
+    };
+    let measured = match depth.kind {
+        DepthKind::RayDistance => "the ray",
+        DepthKind::Z => "the optical axis",
+    };
+    format!("{stored} along {measured}")
 }
 
 /// Loads every frame of a split: `info` is where damaged files are looked for.
 fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> SplitInfo {
     let frames = &dataset.splits[split].frames;
     let bar = super::progress::bar(frames.len(), "frame");
-    let mut range: Option<[f64; 2]> = None;
+    let (mut range, mut unit): (Option<[f64; 2]>, Option<String>) = (None, None);
     let mut bytes = 0;
-    for (index, entry) in frames.iter().enumerate() {
+    // Frames that are held out are part of another split, which was looked at.
+    let is_part = dataset.splits[split].name == HELD_OUT;
+    for (index, entry) in frames.iter().enumerate().filter(|_| !is_part) {
         let files = entry.color_path().into_iter().chain(entry.depth_path());
         bytes += files.filter_map(|f| f.metadata().ok()).map(|m| m.len()).sum::<u64>();
         match dataset.load(split, index) {
             Err(error) => defects.push(error.to_string()),
             Ok(frame) => {
+                unit = unit.or_else(|| frame.depth.as_ref().map(depth_unit));
                 // Trusted or not: this is what `--depth-range` is chosen by.
                 let depth = frame.depth_z().map(|d| d.data).unwrap_or_default();
                 for z in depth.into_iter().filter(|&z| z > 0.0).map(f64::from) {
@@ -104,6 +174,9 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
     bar.finish_and_clear();
     // Opened datasets have no empty splits.
     let k: &Intrinsics = &frames[0].camera.intrinsics;
+    let photo =
+        frames[0].photo_camera(dataset.known_calibration().and_then(|c| c.color_camera).as_ref());
+    let photo = photo.intrinsics;
     SplitInfo {
         name: dataset.splits[split].name.clone(),
         frames: frames.len(),
@@ -112,6 +185,9 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
         height: k.height,
         focal_px: [k.fx, k.fy],
         principal_point_px: [k.cx, k.cy],
+        photo_size: [photo.width, photo.height],
+        photo_focal_px: [photo.fx, photo.fy],
+        depth_unit: unit,
         depth_range: range,
         bytes,
     }
@@ -122,27 +198,52 @@ fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
         "{}: {} dataset, recognised by {}",
         info.path, info.layout, info.recognised_by
     ));
-    for s in &info.splits {
-        let depth = match s.depth_range {
-            Some([lo, hi]) => format!("depth {lo:.3} to {hi:.3}"),
-            None => "no depth".to_owned(),
-        };
-        output::line(format!(
-            "  {}: {} frames of {}x{}, focal {:.1} {:.1} px, {depth}, {:.1} MB",
-            s.name,
-            s.frames,
-            s.width,
-            s.height,
-            s.focal_px[0],
-            s.focal_px[1],
-            s.bytes as f64 * 1e-6
-        ));
-    }
+    info.splits.iter().for_each(print_split);
     output::line(format!("  evaluation: {}", info.evaluation));
+    if let Some(rate) = info.frame_rate {
+        output::line(format!("  {rate:.1} frames a second"));
+    }
+    let summary = info.poses.summary.as_deref();
+    output::line(format!("  poses: {}", summary.unwrap_or("too few frames with depth to check")));
+    if let Some(warning) = &info.poses.warning {
+        output::line(format!("  warning: {warning}"));
+    }
     info.notes.iter().for_each(|note| output::line(format!("  note: {note}")));
     info.defects.iter().for_each(|defect| output::line(format!("  defect: {defect}")));
+    if info.skipped_frames > 0 {
+        output::line(format!("  {} entries skipped", info.skipped_frames));
+    }
     output::line(format!("  {} defects found", info.defects.len()));
     Ok(())
+}
+
+fn print_split(s: &SplitInfo) {
+    if s.name == HELD_OUT {
+        output::line(format!("  {}: {} of these frames", s.name, s.frames));
+        return;
+    }
+    let depth = match s.depth_range {
+        Some([lo, hi]) => format!("depth {lo:.3} to {hi:.3}"),
+        None if s.has_depth => "unreadable depth".to_owned(),
+        None => "no depth".to_owned(),
+    };
+    output::line(format!(
+        "  {}: {} frames of {}x{}, focal {:.1} {:.1} px, {depth}, {:.1} MB",
+        s.name,
+        s.frames,
+        s.width,
+        s.height,
+        s.focal_px[0],
+        s.focal_px[1],
+        s.bytes as f64 * 1e-6
+    ));
+    if let Some(unit) = &s.depth_unit {
+        output::line(format!("    depth: {unit}"));
+    }
+    if s.photo_size != [s.width, s.height] || s.photo_focal_px != s.focal_px {
+        let ([width, height], [fx, fy]) = (s.photo_size, s.photo_focal_px);
+        output::line(format!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px"));
+    }
 }
 
 fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {

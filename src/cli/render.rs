@@ -109,7 +109,7 @@ fn render_view(
         // Not as the viewport draws: this is the picture that `eval` scores.
         ..RenderOptions::evaluation(method, args.background)
     };
-    let camera = photographed.map_or(entry.camera, |color| color.beside(&entry.camera));
+    let camera = entry.photo_camera(photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;
     output::line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
     Ok(())

@@ -3,6 +3,8 @@
 use super::args::{DepthBitsName, LayoutName, SynthArgs};
 use super::failure::Failure;
 use super::{output, progress};
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use vbgs_studio::dataset::synthetic::SyntheticParams;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
 
@@ -16,23 +18,7 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
         seed: args.seed,
         depth_noise: args.depth_noise,
     };
-    let layout = match (args.layout, args.depth_bits) {
-        (LayoutName::Blender, Some(DepthBitsName::Eight)) => {
-            SyntheticLayout::Blender(DepthBits::Eight)
-        }
-        (LayoutName::Blender, Some(DepthBitsName::Sixteen) | None) => {
-            SyntheticLayout::Blender(DepthBits::Sixteen)
-        }
-        (LayoutName::SevenScenes, Some(DepthBitsName::Eight)) => {
-            return Err(Failure::Usage(
-                "--depth-bits: expected 16 beside --layout seven-scenes, which has no other, found 8"
-                    .to_owned(),
-            ));
-        }
-        (LayoutName::SevenScenes, Some(DepthBitsName::Sixteen) | None) => {
-            SyntheticLayout::SevenScenes
-        }
-    };
+    let layout = layout(args)?;
     // Nothing is checked yet: `write` refuses absurd numbers, whose sum must not overflow first.
     let n_frames = args.frames.saturating_add(args.eval_frames);
     let bar = progress::bar(n_frames, "frame");
@@ -40,4 +26,34 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     bar.finish_and_clear();
     output::line(format!("wrote {n_frames} frames to {}", args.out.display()));
     Ok(())
+}
+
+fn layout(args: &SynthArgs) -> Result<SyntheticLayout, Failure> {
+    if let (LayoutName::Blender, bits) = (args.layout, args.depth_bits) {
+        return Ok(SyntheticLayout::Blender(match bits {
+            Some(DepthBitsName::Eight) => DepthBits::Eight,
+            Some(DepthBitsName::Sixteen) | None => DepthBits::Sixteen,
+        }));
+    }
+    if let Some(DepthBitsName::Eight) = args.depth_bits {
+        let name = args.layout.to_possible_value();
+        return Err(Failure::Usage(format!(
+            "--depth-bits: expected 16 beside --layout {}, which has no other, found 8",
+            name.as_ref().map_or("", PossibleValue::get_name)
+        )));
+    }
+    Ok(match args.layout {
+        LayoutName::Blender => SyntheticLayout::Blender(DepthBits::Sixteen),
+        LayoutName::SevenScenes => SyntheticLayout::SevenScenes,
+        LayoutName::Tum => SyntheticLayout::Tum,
+        LayoutName::Open3d => SyntheticLayout::Open3d,
+        LayoutName::Replica => SyntheticLayout::Replica,
+        LayoutName::Scannet => SyntheticLayout::Scannet,
+        LayoutName::Nerfstudio => SyntheticLayout::Nerfstudio,
+        LayoutName::Record3d => SyntheticLayout::Record3d,
+        LayoutName::Record3dArchive => SyntheticLayout::Record3dArchive,
+        LayoutName::StrayScanner => SyntheticLayout::StrayScanner,
+        LayoutName::Arkit => SyntheticLayout::Arkit,
+        LayoutName::RtabMap => SyntheticLayout::RtabMap,
+    })
 }

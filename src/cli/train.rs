@@ -6,7 +6,7 @@ use super::interrupt::Interrupt;
 use super::model::conversion_comments;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
-use super::{output, progress, quality, wording};
+use super::{output, pose_check, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
@@ -33,6 +33,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         dataset.split_named(split)?;
     }
     announce(&dataset);
+    doubt_poses(&dataset);
     let mut session = match start {
         Start::New(config) => Session::new(dataset, *config, selection(args))?,
         Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
@@ -243,6 +244,15 @@ fn measure(
     let splats = session.stored_splats();
     let found = quality::measure((&splats).into(), dataset, views, comparison)?;
     Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
+}
+
+/// Says if the poses mean something else than the layout says: hours of training would be lost.
+fn doubt_poses(dataset: &Dataset) {
+    let split = dataset.training_split().ok();
+    let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
+    if let Some(warning) = check.as_ref().and_then(pose_check::warning) {
+        eprintln!("warning: {warning}");
+    }
 }
 
 /// Says on stderr what is special about a dataset.

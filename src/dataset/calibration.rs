@@ -55,6 +55,9 @@ pub struct ColorCamera {
     /// takes its axes to those of the depth camera.
     #[serde(default)]
     pub rotation: [f64; 3],
+    /// Columns and rows of the colour image; `None` where it is of the depth image's size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub size: Option<[u32; 2]>,
 }
 
 /// Exposure of one frame.
@@ -184,9 +187,23 @@ impl ColorCamera {
         principal: [320.0, 238.5],
         offset: [0.023, 0.0015, 0.0],
         rotation: [0.0; 3],
+        size: None,
     };
 
-    /// World pose and intrinsics where the depth camera is `depth`, for images of its size.
+    /// The depth camera's own lens, sampled by an image of another size: what phones record.
+    pub(super) fn resampled(depth: &Intrinsics, [width, height]: [u32; 2]) -> Self {
+        let sx = f64::from(width) / f64::from(depth.width);
+        let sy = f64::from(height) / f64::from(depth.height);
+        Self {
+            focal: [depth.fx * sx, depth.fy * sy],
+            principal: [depth.cx * sx, depth.cy * sy],
+            offset: [0.0; 3],
+            rotation: [0.0; 3],
+            size: Some([width, height]),
+        }
+    }
+
+    /// World pose and intrinsics where the depth camera is `depth`.
     pub fn beside(&self, depth: &Camera) -> Camera {
         let offset = DVec3::from_array(self.offset);
         Camera {
@@ -195,10 +212,11 @@ impl ColorCamera {
         }
     }
 
-    /// Intrinsics for images of the size that those of the depth camera say.
+    /// Intrinsics for images of its own size, or else of the depth camera's.
     pub(super) fn intrinsics(&self, depth: Intrinsics) -> Intrinsics {
         let ([fx, fy], [cx, cy]) = (self.focal, self.principal);
-        Intrinsics { fx, fy, cx, cy, ..depth }
+        let [width, height] = self.size.unwrap_or([depth.width, depth.height]);
+        Intrinsics { width, height, fx, fy, cx, cy }
     }
 
     /// How its axes are turned against those of the depth camera.

@@ -2,12 +2,14 @@
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
+use super::lengths;
+use super::source::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
 use image::{DynamicImage, ImageDecoder, ImageReader};
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
 
 /// How the depth files of a split are to be read.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +28,10 @@ pub(super) enum CodeKind {
     Inverse8,
     /// First channel of a 16-bit image, world units per step.
     Linear16(f64),
+    /// Whatever the content is, 16-bit codes or floats (PNG, TIFF, EXR, NPY); world units per one.
+    ByContent(f64),
+    /// Bare 32-bit floats of the camera's size, plain or packed by LZFSE; world units.
+    BareFloats,
 }
 
 /// What an image says before its pixels.
@@ -36,10 +42,18 @@ pub(super) struct ImageHeader {
 }
 
 /// Reads an image's header only.
-pub(super) fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
+pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
+    match source {
+        // Not read whole: opening asks thousands of files for their size.
+        ByteSource::File(path) => header_of(BufReader::new(File::open(path)?)),
+        _ => header_of(Cursor::new(source.read()?)),
+    }
+}
+
+fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
     guarded(|| {
         // The content decides, not the name: a JPEG called `.png` is read as what it is.
-        let decoder = ImageReader::open(path)?.with_guessed_format()?.into_decoder()?;
+        let decoder = ImageReader::new(bytes).with_guessed_format()?.into_decoder()?;
         let (width, height) = decoder.dimensions();
         let color = decoder.color_type();
         let bits_per_channel = color.bits_per_pixel() / u16::from(color.channel_count());
@@ -47,50 +61,99 @@ pub(super) fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
     })
 }
 
+/// Columns and rows of a depth file that tells them.
+pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
+    if let ByteSource::File(path) = source {
+        let mut magic = [0; 4];
+        if File::open(path)?.read_exact(&mut magic).is_ok() && !lengths::is_known(&magic) {
+            return header(source).map(|header| (header.width, header.height));
+        }
+    }
+    let bytes = source.read()?;
+    if !lengths::is_known(&bytes) {
+        return header_of(Cursor::new(bytes)).map(|header| (header.width, header.height));
+    }
+    let (width, height) = guarded(|| lengths::size(&bytes))?;
+    Ok((width as u32, height as u32))
+}
+
 /// Decodes a colour image.
-pub(super) fn color(path: &Path) -> Result<Image<[u8; 4]>, FrameProblem> {
+pub(super) fn color(source: &ByteSource) -> Result<Image<[u8; 4]>, FrameProblem> {
     // Gray and RGB become opaque RGBA, so that nothing behind asks what the file held.
-    let rgba = decode(path)?.into_rgba8();
+    let rgba = decode(&source.read()?)?.into_rgba8();
     let (width, height) = (rgba.width() as usize, rgba.height() as usize);
     let data = rgba.as_raw().as_chunks::<4>().0.to_vec();
     Ok(Image::from_vec(width, height, data))
 }
 
-/// Decodes a depth image; the format must be that of `encoding`.
-pub(super) fn depth(path: &Path, encoding: &DepthEncoding) -> Result<Depth, FrameProblem> {
-    let image = decode(path)?;
+/// Decodes a depth file of a camera whose image has `size`; the format must be that of `encoding`.
+pub(super) fn depth(
+    source: &ByteSource,
+    encoding: &DepthEncoding,
+    size: (u32, u32),
+) -> Result<Depth, FrameProblem> {
+    let bytes = source.read()?;
+    let codes = match encoding.codes {
+        CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
+        CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
+            guarded(|| lengths::decode(&bytes, unit))?
+        }
+        CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => linear16(decode(&bytes)?, unit)?,
+        CodeKind::Inverse8 => inverse8(decode(&bytes)?)?,
+    };
+    Ok(Depth { codes, kind: encoding.kind, trusted: encoding.trusted })
+}
+
+/// How sure a sensor is of every pixel, 0 to 2: a gray image or bare bytes of the camera's size.
+pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<u8>, FrameProblem> {
+    let bytes = source.read()?;
+    let image = match image::guess_format(&bytes) {
+        Ok(_) => {
+            let gray = decode(&bytes)?.into_luma8();
+            Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw())
+        }
+        Err(_) => lengths::bare_bytes(&bytes, size)?,
+    };
+    let found = (image.width as u32, image.height as u32);
+    match found == size {
+        true => Ok(image),
+        false => Err(FrameProblem::SizeMismatch { camera: size, depth: found }),
+    }
+}
+
+fn inverse8(image: DynamicImage) -> Result<DepthCodes, FrameProblem> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let found = format!("{:?}", image.color());
     // Exporters write gray depth into every colour channel; the first stands for all.
-    let codes = match (encoding.codes, image) {
-        (CodeKind::Inverse8, DynamicImage::ImageLuma8(i)) => {
+    Ok(match image {
+        DynamicImage::ImageLuma8(i) => {
             DepthCodes::Inverse8(Image::from_vec(width, height, i.into_raw()))
         }
-        (CodeKind::Inverse8, DynamicImage::ImageLumaA8(i)) => eight(width, height, &i, 2),
-        (CodeKind::Inverse8, DynamicImage::ImageRgb8(i)) => eight(width, height, &i, 3),
-        (CodeKind::Inverse8, DynamicImage::ImageRgba8(i)) => eight(width, height, &i, 4),
-        (CodeKind::Linear16(unit), DynamicImage::ImageLuma16(i)) => {
-            DepthCodes::Linear16 { codes: Image::from_vec(width, height, i.into_raw()), unit }
-        }
-        (CodeKind::Linear16(unit), DynamicImage::ImageLumaA16(i)) => {
-            sixteen(width, height, &i, 2, unit)
-        }
-        (CodeKind::Linear16(unit), DynamicImage::ImageRgb16(i)) => {
-            sixteen(width, height, &i, 3, unit)
-        }
-        (CodeKind::Linear16(unit), DynamicImage::ImageRgba16(i)) => {
-            sixteen(width, height, &i, 4, unit)
-        }
-        (CodeKind::Inverse8, _) => {
+        DynamicImage::ImageLumaA8(i) => eight(width, height, &i, 2),
+        DynamicImage::ImageRgb8(i) => eight(width, height, &i, 3),
+        DynamicImage::ImageRgba8(i) => eight(width, height, &i, 4),
+        _ => {
             let hint = "export all depth of a split in one format";
             return Err(FrameProblem::DepthFormat { expected: "8-bit", found, hint });
         }
-        (CodeKind::Linear16(_), _) => {
+    })
+}
+
+fn linear16(image: DynamicImage, unit: f64) -> Result<DepthCodes, FrameProblem> {
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let found = format!("{:?}", image.color());
+    Ok(match image {
+        DynamicImage::ImageLuma16(i) => {
+            DepthCodes::Linear16 { codes: Image::from_vec(width, height, i.into_raw()), unit }
+        }
+        DynamicImage::ImageLumaA16(i) => sixteen(width, height, &i, 2, unit),
+        DynamicImage::ImageRgb16(i) => sixteen(width, height, &i, 3, unit),
+        DynamicImage::ImageRgba16(i) => sixteen(width, height, &i, 4, unit),
+        _ => {
             let hint = "export depth as 16-bit gray PNG";
             return Err(FrameProblem::DepthFormat { expected: "16-bit gray", found, hint });
         }
-    };
-    Ok(Depth { codes, kind: encoding.kind, trusted: encoding.trusted })
+    })
 }
 
 fn eight(width: usize, height: usize, raw: &[u8], channels: usize) -> DepthCodes {
@@ -104,13 +167,11 @@ fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64)
 }
 
 /// The default limits of the decoder bound what a header may make it allocate.
-fn decode(path: &Path) -> Result<DynamicImage, FrameProblem> {
-    // Read whole first: whether a JPEG ends is asked of its bytes before they are decoded.
-    let bytes = std::fs::read(path)?;
-    let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format()?;
+fn decode(bytes: &[u8]) -> Result<DynamicImage, FrameProblem> {
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     // A decoder fills the rest of a truncated JPEG with grey and says nothing; a truncated PNG it
     // refuses by itself.
-    if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(&bytes) {
+    if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
     guarded(|| Ok(reader.decode()?))

@@ -76,17 +76,29 @@ impl Depth {
         value > self.trusted[0] && value < self.trusted[1]
     }
 
-    /// Whether it fits a colour image of this width and height and holds any surface.
-    pub(super) fn check(&self, color: (u32, u32)) -> Result<(), FrameProblem> {
+    /// Whether it fits a camera of this width and height and holds any surface.
+    pub(super) fn check(&self, camera: (u32, u32)) -> Result<(), FrameProblem> {
         let (width, height) = self.size();
         let depth = (width as u32, height as u32);
-        if depth != color {
-            return Err(FrameProblem::SizeMismatch { color, depth });
+        if depth != camera {
+            return Err(FrameProblem::SizeMismatch { camera, depth });
         }
         if self.is_empty() {
             return Err(FrameProblem::NoDepthValues);
         }
         Ok(())
+    }
+
+    /// Makes holes where `is_hole` says so of a pixel's place in the image.
+    pub(super) fn punch(&mut self, is_hole: impl Fn(usize) -> bool) {
+        fn punched<T: Copy>(data: &mut [T], hole: T, is_hole: impl Fn(usize) -> bool) {
+            data.iter_mut().enumerate().filter(|(i, _)| is_hole(*i)).for_each(|(_, v)| *v = hole);
+        }
+        match &mut self.codes {
+            DepthCodes::Inverse8(codes) => punched(&mut codes.data, 0, is_hole),
+            DepthCodes::Linear16 { codes, .. } => punched(&mut codes.data, 0, is_hole),
+            DepthCodes::Lengths(lengths) => punched(&mut lengths.data, 0.0, is_hole),
+        }
     }
 
     /// Whether there is no surface in the whole image.

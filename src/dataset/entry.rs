@@ -3,19 +3,31 @@
 //! Opening a dataset makes entries only: images are decoded when a frame is loaded, so that opening
 //! thousands of frames is quick and memory holds the frames in use alone.
 
+use super::calibration::ColorCamera;
 use super::decode::{self, DepthEncoding};
+use super::depth::{Depth, DepthCodes};
+use super::distortion::Distortion;
 use super::error::{FrameError, FrameProblem};
-use super::frame::Frame;
+use super::frame::{Frame, photographed_by};
+use super::source::ByteSource;
 use super::surface::sensor::Sensor;
 use super::synthetic::scene::SyntheticScene;
 use crate::math::camera::Camera;
-use std::path::{Path, PathBuf};
+use crate::math::image::Image;
+use std::path::Path;
 use std::sync::Arc;
+
+/// Without an evaluation split every so-many-th frame is held out of training.
+pub const HOLD_OUT_EVERY: usize = 8;
+
+/// Name of the split of those frames, in layouts that know no splits.
+pub const HELD_OUT: &str = "held-out";
 
 /// Frames that belong together: a training set, a validation set.
 #[derive(Clone, Debug)]
 pub struct DatasetSplit {
-    /// As in the files: `train`, `test`, `val`, `eval`; `all` where a dataset has no splits.
+    /// As in the files: `train`, `test`, `val`, `eval`; `all` where a dataset has no splits, and
+    /// `held-out` for those of `all` that training leaves out.
     pub name: String,
     /// In the order of the dataset.
     pub frames: Vec<FrameEntry>,
@@ -28,18 +40,41 @@ pub struct DatasetSplit {
 pub struct FrameEntry {
     /// Name within the split.
     pub name: String,
-    /// Intrinsics and pose.
+    /// Intrinsics and pose of the camera that measures depth.
     pub camera: Camera,
+    /// The camera that took the photograph, where the files give it an image or a lens of its own;
+    /// `None` where photographs are registered to depth pixel by pixel.
+    pub color_camera: Option<ColorCamera>,
+    /// When it was taken, seconds on the recorder's clock, where the files tell.
+    pub time: Option<f64>,
     pub(super) source: FrameSource,
 }
 
 /// Where the pixels of an entry come from.
 #[derive(Clone, Debug)]
 pub(super) enum FrameSource {
-    /// Image files of one size; depth where the split has it.
-    Files { color: PathBuf, depth: Option<(PathBuf, DepthEncoding)> },
+    /// Image files; depth where the split has it.
+    Files(Box<FrameFiles>),
     /// The procedural room; `noise_stream` names the frame's depth noise, `None` is exact depth.
     Synthetic { scene: Arc<SyntheticScene>, noise_stream: Option<u64> },
+}
+
+/// The files of a frame.
+#[derive(Clone, Debug)]
+pub(super) struct FrameFiles {
+    pub color: ByteSource,
+    pub depth: Option<DepthSource>,
+    /// The lens of both cameras.
+    pub lens: Distortion,
+}
+
+/// The depth of a frame.
+#[derive(Clone, Debug)]
+pub(super) struct DepthSource {
+    pub file: ByteSource,
+    pub encoding: DepthEncoding,
+    /// How sure the sensor is of every pixel, and from which value on it is believed.
+    pub confidence: Option<(ByteSource, u8)>,
 }
 
 impl FrameEntry {
@@ -52,24 +87,45 @@ impl FrameEntry {
             FrameSource::Synthetic { scene, noise_stream } => {
                 Ok(scene.frame(&self.name, self.camera, *noise_stream))
             }
-            FrameSource::Files { color, depth } => self.load_files(color, depth.as_ref()),
+            FrameSource::Files(files) => {
+                let color = self.color(files)?;
+                self.check_color(files, &color)?;
+                let depth = self.depth(files)?;
+                let (name, camera) = (self.name.clone(), self.camera);
+                Ok(Frame { name, camera, color_camera: self.color_camera, color, depth })
+            }
         }
+    }
+
+    /// Decodes the frame's depth alone; `None` in splits without.
+    ///
+    /// # Errors
+    /// As [`Self::load`], of the depth file.
+    pub fn load_depth(&self) -> Result<Option<Depth>, FrameError> {
+        match &self.source {
+            FrameSource::Synthetic { .. } => Ok(self.load()?.depth),
+            FrameSource::Files(files) => self.depth(files),
+        }
+    }
+
+    /// World pose and intrinsics of the camera that took its photograph, given what a calibration
+    /// says of it.
+    pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
+        let color = photographed_by(self.color_camera, calibrated);
+        color.map_or(self.camera, |color| color.beside(&self.camera))
     }
 
     /// File of the colour image, if the frame has files.
     pub fn color_path(&self) -> Option<&Path> {
         match &self.source {
-            FrameSource::Files { color, .. } => Some(color),
+            FrameSource::Files(files) => Some(files.color.path()),
             FrameSource::Synthetic { .. } => None,
         }
     }
 
     /// File of the depth image, if there is one.
     pub fn depth_path(&self) -> Option<&Path> {
-        match &self.source {
-            FrameSource::Files { depth, .. } => depth.as_ref().map(|(path, _)| path.as_path()),
-            FrameSource::Synthetic { .. } => None,
-        }
+        self.depth_source().map(|depth| depth.file.path())
     }
 
     /// What measured the frame's depth; `None` in frames without depth.
@@ -78,35 +134,76 @@ impl FrameEntry {
             FrameSource::Synthetic { scene, .. } => {
                 Some(Sensor::Exact { noise: scene.depth_noise() })
             }
-            FrameSource::Files { depth, .. } => depth.as_ref().map(|(_, encoding)| encoding.sensor),
+            FrameSource::Files(files) => files.depth.as_ref().map(|depth| depth.encoding.sensor),
         }
     }
 
-    fn load_files(
-        &self,
-        color_path: &Path,
-        depth_source: Option<&(PathBuf, DepthEncoding)>,
-    ) -> Result<Frame, FrameError> {
-        let fail = |file: &Path, problem| FrameError {
-            file: file.to_owned(),
-            frame: self.name.clone(),
-            problem,
+    /// How its depth is stored; `None` in frames without depth files.
+    pub(super) fn depth_source(&self) -> Option<&DepthSource> {
+        match &self.source {
+            FrameSource::Files(files) => files.depth.as_ref(),
+            FrameSource::Synthetic { .. } => None,
+        }
+    }
+
+    fn color(&self, files: &FrameFiles) -> Result<Image<[u8; 4]>, FrameError> {
+        if let ByteSource::Grey(_) = files.color {
+            let k = &self.camera.intrinsics;
+            return Ok(Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255]));
+        }
+        let color = decode::color(&files.color).map_err(|p| self.fail(&files.color, p))?;
+        let k = self.photo_camera(None).intrinsics;
+        // An image of another size is refused below; straightening it would hide that.
+        let fits = (color.width, color.height) == (k.width as usize, k.height as usize);
+        Ok(match files.lens.is_none() || !fits {
+            true => color,
+            false => files.lens.straighten_color(&k, &color),
+        })
+    }
+
+    fn check_color(&self, files: &FrameFiles, color: &Image<[u8; 4]>) -> Result<(), FrameError> {
+        // Intrinsics were taken from the first image of the split or from metadata; every image
+        // must fit them.
+        let k = self.photo_camera(None).intrinsics;
+        let (expected, found) = ((k.width, k.height), (color.width as u32, color.height as u32));
+        match found == expected {
+            true => Ok(()),
+            false => Err(self.fail(&files.color, FrameProblem::CameraSize { expected, found })),
+        }
+    }
+
+    fn depth(&self, files: &FrameFiles) -> Result<Option<Depth>, FrameError> {
+        let Some(DepthSource { file, encoding, confidence }) = &files.depth else {
+            return Ok(None);
         };
-        let color = decode::color(color_path).map_err(|p| fail(color_path, p))?;
-        let color_size = (color.width as u32, color.height as u32);
-        let mut depth = None;
-        if let Some((path, encoding)) = depth_source {
-            let decoded = decode::depth(path, encoding).map_err(|p| fail(path, p))?;
-            decoded.check(color_size).map_err(|p| fail(path, p))?;
-            depth = Some(decoded);
-        }
-        // Intrinsics were taken from the first image of the split; every other must fit them.
         let k = &self.camera.intrinsics;
-        let expected = (k.width, k.height);
-        if color_size != expected {
-            let problem = FrameProblem::CameraSize { expected, found: color_size };
-            return Err(fail(color_path, problem));
+        let size = (k.width, k.height);
+        let mut depth = decode::depth(file, encoding, size).map_err(|p| self.fail(file, p))?;
+        depth.check(size).map_err(|p| self.fail(file, p))?;
+        if let Some((map, least)) = confidence {
+            let sure = decode::confidence(map, size).map_err(|p| self.fail(map, p))?;
+            depth.punch(|i| sure.data[i] < *least);
+            // Nothing may be left where the sensor trusts nothing: said of the depth.
+            depth.check(size).map_err(|p| self.fail(map, p))?;
         }
-        Ok(Frame { name: self.name.clone(), camera: self.camera, color, depth })
+        if !files.lens.is_none() {
+            depth.codes = match depth.codes {
+                DepthCodes::Inverse8(codes) => {
+                    DepthCodes::Inverse8(files.lens.straighten_nearest(k, &codes, 0))
+                }
+                DepthCodes::Linear16 { codes, unit } => {
+                    let codes = files.lens.straighten_nearest(k, &codes, 0);
+                    DepthCodes::Linear16 { codes, unit }
+                }
+                DepthCodes::Lengths(lengths) => {
+                    DepthCodes::Lengths(files.lens.straighten_nearest(k, &lengths, 0.0))
+                }
+            };
+        }
+        Ok(Some(depth))
+    }
+
+    fn fail(&self, source: &ByteSource, problem: FrameProblem) -> FrameError {
+        FrameError { file: source.path().to_owned(), frame: self.name.clone(), problem }
     }
 }

@@ -10,6 +10,10 @@ use crate::math::pose::PoseError;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+/// Unpacks a recording's video, run inside its folder.
+pub const VIDEO_BY_HAND: &str =
+    "mkdir rgb && ffmpeg -i rgb.mp4 -fps_mode passthrough -q:v 2 -start_number 0 rgb/%06d.jpg";
+
 /// Why a dataset cannot be used at all.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
@@ -47,6 +51,16 @@ pub enum DatasetError {
         /// The layouts and what each is recognised by.
         expected: String,
         /// A summary of what the folder holds.
+        found: String,
+    },
+    /// More than one format knows the folder.
+    #[error(
+        "{}: expected one recording, found two layouts at once ({found}); give each a folder of its own", path.display()
+    )]
+    TwoLayouts {
+        /// The folder that was to be opened.
+        path: PathBuf,
+        /// The layouts and what each was recognised by.
         found: String,
     },
     /// Text that is no JSON.
@@ -168,6 +182,69 @@ pub enum FrameProblem {
     /// Not an image, or a damaged one.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(#[from] image::ImageError),
+    /// A depth file of floats that is damaged or of an unknown kind.
+    #[error("expected {expected}, found {found}; copy or export the file again")]
+    DepthFile {
+        /// What belongs there.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+    /// An archive whose directory or member is damaged.
+    #[error("expected a whole zip archive, found: {0}; copy or export the recording again")]
+    Archive(String),
+    /// A member of an archive that is larger than it says, or absurdly packed.
+    #[error(
+        "expected a member of the size that the archive states and at most 256 MiB, found {packed} bytes that unpack to {unpacked} or more; do not trust this archive"
+    )]
+    ZipBomb {
+        /// Bytes inside the archive.
+        packed: u64,
+        /// Bytes that it says it has, or that it turned out to have.
+        unpacked: u64,
+    },
+    /// A video that cannot be unpacked.
+    #[error(
+        "expected a video that ffmpeg unpacks, found: {0}; unpack it by hand: {hand}", hand = VIDEO_BY_HAND
+    )]
+    Video(String),
+    /// Two files or lines for one frame.
+    #[error("expected one of each frame, found {0} too; the first is used: remove the other")]
+    Doubled(String),
+    /// No pose near the time of a frame.
+    #[error(
+        "expected a pose within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped: record poses for it or remove it"
+    )]
+    NoPoseInTime {
+        /// Of the frame's depth, seconds.
+        time: f64,
+        /// Largest difference, milliseconds.
+        tolerance_ms: f64,
+        /// The nearest pose, in words.
+        found: String,
+    },
+    /// No photograph near the time of a depth image.
+    #[error(
+        "expected a colour image within {tolerance_ms} ms of {time:.6} s, found {found}; the frame is skipped"
+    )]
+    NoColorInTime {
+        /// Of the depth image, seconds.
+        time: f64,
+        /// Largest difference, milliseconds.
+        tolerance_ms: f64,
+        /// The nearest image, in words.
+        found: String,
+    },
+    /// A line of a trajectory that is none.
+    #[error("expected {expected}, found {found} in line {line}; correct the line or remove it")]
+    Line {
+        /// What belongs there.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+        /// Number of the line, from 1.
+        line: usize,
+    },
     /// A JPEG that stops early; decoders fill the rest with grey and say nothing.
     #[error(
         "expected a whole JPEG image, found no end-of-image marker: the file is truncated; copy or export it again"
@@ -188,13 +265,13 @@ pub enum FrameProblem {
         /// What to do.
         hint: &'static str,
     },
-    /// Colour and depth of one frame differ in size.
+    /// Depth is not of the size that the frame's camera has.
     #[error(
-        "expected depth of the colour image's size {}x{}, found {}x{}; export both at one size", color.0, color.1, depth.0, depth.1
+        "expected depth of the camera's size {}x{}, found {}x{}; export both at one size", camera.0, camera.1, depth.0, depth.1
     )]
     SizeMismatch {
-        /// Width and height of the colour image.
-        color: (u32, u32),
+        /// Width and height that the split's other images, or its metadata, give the camera.
+        camera: (u32, u32),
         /// Width and height of the depth image.
         depth: (u32, u32),
     },

@@ -4,6 +4,7 @@
 //! if it lies inside the folder: parents and absolute paths are refused by their text, links by
 //! where they lead. A folder is listed once and then asked by name.
 
+use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -12,6 +13,9 @@ use std::path::{Component, Path, PathBuf};
 /// No pose, split or intrinsics file is longer; the rest of a longer one is not read.
 const SMALL_TEXT_LIMIT: u64 = 1 << 16;
 
+/// Trajectories and frame lists of a day's recording are shorter.
+const TEXT_LIMIT: u64 = 256 << 20;
+
 /// The root of a dataset.
 pub(super) struct Folder {
     /// As the user gave it; messages and file paths start with it.
@@ -19,6 +23,7 @@ pub(super) struct Folder {
     canonical: PathBuf,
     /// What the root holds.
     pub listing: FolderListing,
+    only_file: Option<String>,
 }
 
 /// What one folder holds, by name.
@@ -48,11 +53,33 @@ impl Folder {
             }
             Err(e) => return Err(read(e)),
         };
+        if canonical.is_file() && Archive::is_one(&canonical) {
+            return Self::of_file(path, &canonical);
+        }
         if !canonical.is_dir() {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;
-        Ok(Self { path: path.to_owned(), canonical, listing })
+        Ok(Self { path: path.to_owned(), canonical, listing, only_file: None })
+    }
+
+    /// The folder of an archive, as if it held nothing else.
+    fn of_file(path: &Path, canonical: &Path) -> Result<Self, DatasetError> {
+        let not_a_folder = || DatasetError::NotAFolder { path: path.to_owned() };
+        let name = path.file_name().and_then(|name| name.to_str()).ok_or_else(not_a_folder)?;
+        let parent = canonical.parent().ok_or_else(not_a_folder)?;
+        let entries = BTreeMap::from([(name.to_owned(), EntryKind::File)]);
+        Ok(Self {
+            path: path.parent().unwrap_or(Path::new("")).to_owned(),
+            canonical: parent.to_owned(),
+            listing: FolderListing { entries },
+            only_file: Some(name.to_owned()),
+        })
+    }
+
+    /// The archive that was opened in place of a folder.
+    pub fn only_file(&self) -> Option<&str> {
+        self.only_file.as_deref()
     }
 
     /// Lists a folder below the root.
@@ -76,14 +103,46 @@ impl Folder {
         Ok(self.path.join(relative))
     }
 
+    /// The text of a metadata file below the root, whole.
+    pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
+        let file = self.path.join(name);
+        let checked = self.inside(Path::new(name)).map_err(|problem| match problem {
+            FrameProblem::Read(source) => DatasetError::Read { path: file.clone(), source },
+            other => DatasetError::Metadata {
+                file: file.clone(),
+                expected: "a file inside the dataset folder".to_owned(),
+                found: other.to_string(),
+                hint: "copy the file into the folder".to_owned(),
+            },
+        })?;
+        match read_text(&checked) {
+            Ok(text) => Ok((file, text)),
+            Err(source) => Err(DatasetError::Read { path: file, source }),
+        }
+    }
+
+    /// The path of a file that metadata names.
+    ///
+    /// # Errors
+    /// A path that leads out of the folder, or to nothing: [`FrameProblem::Read`].
+    pub fn named(&self, text: &str) -> Result<PathBuf, FrameProblem> {
+        let relative = relative_path(text)?;
+        self.inside(&relative)?;
+        Ok(self.path.join(relative))
+    }
+
+    /// Whether there is a folder of that name in the root; a link that leads to one counts.
+    pub fn has_folder(&self, name: &str) -> bool {
+        match self.listing.entries.get(name) {
+            Some(EntryKind::Folder) => true,
+            Some(EntryKind::Link) => self.path.join(name).is_dir(),
+            _ => false,
+        }
+    }
+
     /// Names of the folders in the root; links that lead to folders count.
     pub fn subfolders(&self) -> Vec<String> {
-        let is_folder = |(name, kind): &(&String, &EntryKind)| match kind {
-            EntryKind::Folder => true,
-            EntryKind::Link => self.path.join(name).is_dir(),
-            EntryKind::File => false,
-        };
-        self.listing.entries.iter().filter(is_folder).map(|(name, _)| name.clone()).collect()
+        self.listing.entries.keys().filter(|name| self.has_folder(name)).cloned().collect()
     }
 
     fn inside(&self, relative: &Path) -> Result<PathBuf, FrameProblem> {
@@ -159,6 +218,16 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
         }
     }
     Ok(clean)
+}
+
+/// A whole text file; bytes that are no UTF-8 become replacement characters.
+pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
+    let bytes = std::fs::metadata(path)?.len();
+    if bytes > TEXT_LIMIT {
+        let found = format!("{bytes} bytes of text where 256 MiB is more than any recording needs");
+        return Err(std::io::Error::other(found));
+    }
+    Ok(String::from_utf8_lossy(&std::fs::read(path)?).into_owned())
 }
 
 /// The start of a small text file; bytes that are no UTF-8 become replacement characters.

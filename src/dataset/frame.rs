@@ -6,20 +6,26 @@
 
 pub use super::depth::{Depth, DepthCodes, DepthKind};
 
+use super::calibration::ColorCamera;
 use super::error::{FrameError, FrameProblem};
 use super::intrinsics::{self, IntrinsicsDefect};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::image::Image;
 use crate::math::pose::Pose;
-use glam::DMat4;
+use glam::{DMat4, DVec3};
+use std::borrow::Cow;
 
-/// A frame whose parts agree: colour and depth have the camera's size, the pose is rigid.
+/// A frame whose parts agree: depth has the camera's size, colour that of its own camera or else the
+/// same, and the pose is rigid.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Name within the split.
     pub name: String,
-    /// Intrinsics and pose.
+    /// Intrinsics and pose of the camera that measured depth.
     pub camera: Camera,
+    /// The camera that took the colours, where the files give it an image or a lens of its own;
+    /// `None` where colours are registered to depth pixel by pixel.
+    pub color_camera: Option<ColorCamera>,
     /// sRGB-encoded straight (not premultiplied) RGBA bytes; alpha is 255 where the file has none.
     pub color: Image<[u8; 4]>,
     /// Depth, in splits that have it.
@@ -110,7 +116,53 @@ impl Frame {
         let size = (intrinsics.width, intrinsics.height);
         let color = color.image(size)?;
         let depth = depth.map(|buffer| buffer.depth(size)).transpose()?;
-        Ok(Self { name: name.to_owned(), camera: Camera { intrinsics, pose }, color, depth })
+        let camera = Camera { intrinsics, pose };
+        Ok(Self { name: name.to_owned(), camera, color_camera: None, color, depth })
+    }
+
+    /// The camera that took the colours: what a calibration says, else what the files say; `None`
+    /// where colours are registered to depth.
+    pub fn photographed_by(&self, calibrated: Option<&ColorCamera>) -> Option<ColorCamera> {
+        photographed_by(self.color_camera, calibrated)
+    }
+
+    /// World pose and intrinsics of the camera that took the colours, for the photograph's size.
+    pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
+        let color = self.photographed_by(calibrated);
+        color.map_or(self.camera, |color| color.beside(&self.camera))
+    }
+
+    /// Whether nothing shines through a pixel of the depth image. Photographs by another camera hold
+    /// no such mask.
+    pub fn is_opaque(&self, pixel: usize) -> bool {
+        self.color_camera.is_some() || self.color.data[pixel][3] == u8::MAX
+    }
+
+    /// The frame with a colour for every depth pixel: its own where colours are registered, else
+    /// what its colour camera shows there, transparent where that sees nothing.
+    pub fn registered(&self) -> Cow<'_, Self> {
+        let (Some(color_camera), Some(depth)) = (self.color_camera, &self.depth) else {
+            return Cow::Borrowed(self);
+        };
+        let (width, height) = depth.size();
+        let mut color = Image::filled(width, height, [0; 4]);
+        for (i, pixel) in color.data.iter_mut().enumerate() {
+            let (column, row) = (i % width, i / width);
+            let k = &self.camera.intrinsics;
+            let Some(value) = depth.value_at(column, row) else { continue };
+            let z = value / length_per_z(k, depth.kind, column, row);
+            *pixel = self.color_of(&color_camera, k.ray(column, row) * z).unwrap_or([0; 4]);
+        }
+        Cow::Owned(Self { color, color_camera: None, ..self.clone() })
+    }
+
+    /// The nearest texel to a point of the depth camera's frame.
+    fn color_of(&self, camera: &ColorCamera, point: DVec3) -> Option<[u8; 4]> {
+        let at = camera.project(point)?;
+        let is_inside = at.min_element() >= 0.0
+            && at.x < self.color.width as f64
+            && at.y < self.color.height as f64;
+        is_inside.then(|| *self.color.at(at.x as usize, at.y as usize))
     }
 
     /// The depth that points are to be made of.
@@ -196,8 +248,21 @@ fn check_length(
     }
 }
 
+/// The camera that took colours: what a calibration says is preferred to what files say, and gets
+/// the size that files say where it has none.
+pub(super) fn photographed_by(
+    recorded: Option<ColorCamera>,
+    calibrated: Option<&ColorCamera>,
+) -> Option<ColorCamera> {
+    let size = recorded.and_then(|camera| camera.size);
+    match calibrated {
+        Some(camera) => Some(ColorCamera { size: camera.size.or(size), ..*camera }),
+        None => recorded,
+    }
+}
+
 /// How much longer a length of `kind` is than the depth z at a pixel (1 for z itself).
-fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
+pub(super) fn length_per_z(k: &Intrinsics, kind: DepthKind, column: usize, row: usize) -> f64 {
     match kind {
         DepthKind::RayDistance => k.ray(column, row).length(),
         DepthKind::Z => 1.0,

@@ -12,6 +12,7 @@
 //! | where does a depth pixel become a point? | [`surface`] (preset `scene`), [`unproject`] (`paper`) |
 //! | which frames train, which measure? | [`splits`] |
 //! | what corrects the cameras? | [`calibration`] |
+//! | do poses mean what the layout says? | [`pose_check`] |
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
 #![doc = include_str!("dataset.md")]
@@ -22,24 +23,32 @@ pub mod error;
 pub mod fingerprint;
 pub mod formats;
 pub mod frame;
+pub mod pose_check;
 pub mod range;
 pub mod splits;
 pub mod surface;
 pub mod synthetic;
 pub mod unproject;
 
+mod archive;
 mod decode;
+mod distortion;
 mod edges;
 mod entry;
 mod folder;
 mod intrinsics;
+mod lengths;
 mod matrix;
 mod opened;
 mod options;
+mod pose_convention;
 mod position_range;
+mod source;
+mod video;
 
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;
 pub use formats::Layout;
-pub use opened::{Dataset, open};
+pub use opened::{Dataset, is_archive, open};
 pub use options::LoadOptions;
+pub use pose_convention::PoseConvention;

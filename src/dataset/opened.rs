@@ -1,5 +1,6 @@
 //! An opened dataset: its splits, what was refused, and what is known of its cameras.
 
+use super::archive::Archive;
 use super::calibration::Calibration;
 use super::entry::DatasetSplit;
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
@@ -7,6 +8,7 @@ use super::folder::Folder;
 use super::formats::{self, Layout};
 use super::frame::Frame;
 use super::options::LoadOptions;
+use super::pose_convention::PoseConvention;
 use super::position_range::PositionRange;
 use super::surface::sensor::Sensor;
 use std::path::{Path, PathBuf};
@@ -61,7 +63,10 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
     // Before any file is touched: a wrong option is wrong usage, whatever the folder holds.
     options.check()?;
     let folder = Folder::open(path)?;
-    let (layout, recognised_by, parsed) = formats::parse(&folder, options)?;
+    let (layout, recognised_by, mut parsed) = formats::parse(&folder, options)?;
+    if let Some(asked) = options.poses {
+        reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
+    }
     // Of the resolved path: `.` has no last part of its own.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
     let dataset = Dataset {
@@ -80,6 +85,21 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         return Err(no_usable_frame(path, dataset.warnings));
     }
     Ok(dataset)
+}
+
+/// Whether a file is an archive that [`open`] takes in place of a folder, told by its content.
+pub fn is_archive(path: &Path) -> bool {
+    Archive::is_one(path)
+}
+
+/// Reads poses anew, as if their matrices meant something else than the layout says.
+fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseConvention) {
+    for frame in splits.iter_mut().flat_map(|split| &mut split.frames) {
+        // A sound pose has a sound matrix in every convention.
+        if let Ok(pose) = asked.pose(stated.matrix(&frame.camera.pose)) {
+            frame.camera.pose = pose;
+        }
+    }
 }
 
 fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {

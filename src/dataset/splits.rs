@@ -4,8 +4,7 @@ use super::entry::DatasetSplit;
 use super::error::DatasetError;
 use super::opened::Dataset;
 
-/// Without an evaluation split every so-many-th frame is held out of training.
-pub const HOLD_OUT_EVERY: usize = 8;
+pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
 /// Preferred training splits among those with depth.
 const TRAINING_NAMES: [&str; 2] = ["train", "test"];

@@ -221,6 +221,8 @@ impl Unprojector {
         out: &mut Points<f32>,
     ) -> Result<PointCounts, FrameError> {
         out.clear();
+        let registered = frame.registered();
+        let frame = registered.as_ref();
         let depth = frame.depth_to_use()?;
         let mut tally = [0usize; 5];
         match &depth.codes {

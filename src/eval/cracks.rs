@@ -188,6 +188,7 @@ mod tests {
             name: "wall".to_owned(),
             camera,
             color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]),
+            color_camera: None,
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0] }),
         }
     }

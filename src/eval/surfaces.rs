@@ -37,11 +37,12 @@ impl Surfaces {
     pub fn of(frame: &Frame, sensor: Sensor) -> Option<Self> {
         let depth = frame.depth.as_ref()?;
         let mut z = frame.depth_z()?;
+        let width = z.width;
         for (i, z) in z.data.iter_mut().enumerate() {
-            let (column, row) = (i % frame.color.width, i / frame.color.width);
+            let (column, row) = (i % width, i / width);
             let is_trusted = depth.value_at(column, row).is_some_and(|value| depth.trusts(value));
             // Alpha below full shows what lies behind, whose depth nobody measured.
-            if !is_trusted || frame.color.data[i][3] < u8::MAX {
+            if !is_trusted || !frame.is_opaque(i) {
                 *z = 0.0;
             }
         }
@@ -198,6 +199,7 @@ mod tests {
             name: "wall".to_owned(),
             camera,
             color: Image::filled(width, height, [0, 0, 0, 255]),
+            color_camera: None,
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0] }),
         }
     }

@@ -46,7 +46,7 @@ impl EvalOptions {
     }
 
     fn photo_camera(&self, frame: &Frame) -> Camera {
-        self.color_camera.map_or(frame.camera, |color| color.beside(&frame.camera))
+        frame.photo_camera(self.color_camera.as_ref())
     }
 }
 
@@ -216,7 +216,7 @@ fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
 /// What the depth camera saw, in the photograph's image.
 fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -> Option<Surfaces> {
     let surfaces = Surfaces::of(frame, sensor)?;
-    match options.color_camera {
+    match frame.photographed_by(options.color_camera.as_ref()) {
         None => Some(surfaces),
         Some(_) => Some(surfaces.seen_by(&options.photo_camera(frame), EVALUATION_NEAR as f32)),
     }
@@ -230,7 +230,7 @@ fn measured_depth(
     options: &EvalOptions,
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
-    match options.color_camera {
+    match frame.photographed_by(options.color_camera.as_ref()) {
         // All that the file holds: reprojecting would lose the rim.
         None => frame.depth_as(kind),
         Some(_) => surfaces.map(|s| s.depth_as(kind)),
@@ -309,6 +309,7 @@ mod tests {
             name: "wall".to_owned(),
             camera: Camera { intrinsics, pose: Pose::IDENTITY },
             color: Image::filled(width, height, [0, 0, 0, 255]),
+            color_camera: None,
             depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0] }),
         }
     }
@@ -346,6 +347,7 @@ mod tests {
             principal: [k.cx, k.cy],
             offset: [0.0; 3],
             rotation: [0.0; 3],
+            size: None,
         };
         let error = |method, depth: &Image<f32>, color_camera| {
             let options = EvalOptions { color_camera, ..plain(method) };
@@ -394,6 +396,7 @@ mod tests {
             principal: [k.cx, k.cy],
             offset: [0.0, 0.0, 0.5],
             rotation: [0.0; 3],
+            size: None,
         };
         let options = EvalOptions { color_camera: Some(wide), ..plain(RenderMethod::PROJECTED) };
         let camera = options.photo_camera(&frame);

@@ -86,6 +86,7 @@ fn a_colour_camera_is_found() {
         principal: [k.cx, k.cy],
         offset: [0.1, 0.0, 0.0],
         rotation: [0.0; 3],
+        size: None,
     };
     photograph(&scratch, &camera);
     let found = scratch.run("calibrate room --json").succeeds().json();

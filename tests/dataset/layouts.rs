@@ -124,7 +124,11 @@ fn a_user_may_override_scale_and_range() {
     for part in ["transforms_eval.json", "integer_depth_scale", "no such key", "add the key"] {
         assert!(error.contains(part), "{error}");
     }
-    let options = LoadOptions { depth_scale: Some(0.001), depth_range: Some([1.0, 9.0]) };
+    let options = LoadOptions {
+        depth_scale: Some(0.001),
+        depth_range: Some([1.0, 9.0]),
+        ..LoadOptions::default()
+    };
     let dataset = open(folder.path(), &options).unwrap();
     let depth = dataset.load(1, 0).unwrap().depth.unwrap();
     assert_eq!(depth.trusted, [1.0, 9.0]);
@@ -132,10 +136,14 @@ fn a_user_may_override_scale_and_range() {
     assert_eq!(unit, 0.001);
 
     for options in [
-        LoadOptions { depth_scale: Some(0.0), depth_range: None },
-        LoadOptions { depth_scale: Some(f64::NAN), depth_range: None },
-        LoadOptions { depth_scale: None, depth_range: Some([2.0, 1.0]) },
-        LoadOptions { depth_scale: None, depth_range: Some([f64::NAN, 1.0]) },
+        LoadOptions { depth_scale: Some(0.0), depth_range: None, ..LoadOptions::default() },
+        LoadOptions { depth_scale: Some(f64::NAN), depth_range: None, ..LoadOptions::default() },
+        LoadOptions { depth_scale: None, depth_range: Some([2.0, 1.0]), ..LoadOptions::default() },
+        LoadOptions {
+            depth_scale: None,
+            depth_range: Some([f64::NAN, 1.0]),
+            ..LoadOptions::default()
+        },
     ] {
         let error = open(folder.path(), &options).unwrap_err().to_string();
         assert!(error.contains("setting depth") && error.contains("correct it"), "{error}");
@@ -149,7 +157,11 @@ fn seven_scenes_estimates_its_range_from_depth() {
     let range = range::estimate(&dataset, dataset.training_split().unwrap()).unwrap();
     let size = range.hi() - range.lo();
     assert!(size.max_element() < 6.5 && size.min_element() > 2.0, "{size}");
-    let options = LoadOptions { depth_scale: None, depth_range: Some([20.0, 30.0]) };
+    let options = LoadOptions {
+        depth_scale: None,
+        depth_range: Some([20.0, 30.0]),
+        ..LoadOptions::default()
+    };
     let far = open(folder.path(), &options).unwrap();
     let error = range::estimate(&far, 0).unwrap_err().to_string();
     assert!(error.contains("widen the depth range"), "{error}");

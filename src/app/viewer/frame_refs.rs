@@ -93,8 +93,7 @@ impl FrameRef {
     /// The camera that took its photograph, given where that stands if it is not the one that
     /// measured depth.
     pub fn photo_camera(&self, color_camera: Option<&ColorCamera>) -> Camera {
-        let depth = self.entry().camera;
-        color_camera.map_or(depth, |color| color.beside(&depth))
+        self.entry().photo_camera(color_camera)
     }
 }
 

@@ -8,7 +8,7 @@ use vbgs_studio::calibrate::DEFAULT_FRAMES;
 
 #[derive(Args)]
 pub struct CalibrateArgs {
-    /// Dataset folder
+    /// Dataset folder, or a Record3D .r3d
     pub dataset: PathBuf,
     /// Calibration to write, a RON file for `--calibration` of `train` and `eval` and for the window
     #[arg(short, long, value_name = "FILE.ron", default_value = "calibration.ron")]

@@ -1,7 +1,22 @@
 //! How depth files are read: shared by everything that opens a dataset.
 
-use clap::Args;
-use vbgs_studio::dataset::LoadOptions;
+use clap::{Args, ValueEnum};
+use vbgs_studio::dataset::{LoadOptions, PoseConvention};
+
+/// What a recording's pose matrices mean.
+#[derive(Clone, Copy, ValueEnum)]
+pub enum PoseAxesName {
+    /// Camera to world; x right, y down, z forward
+    Opencv,
+    /// Camera to world; x right, y up, looking along -z
+    Opengl,
+    /// World to camera, axes as opencv
+    OpencvWorldToCamera,
+    /// World to camera, axes as opengl
+    OpenglWorldToCamera,
+    /// Camera to world; x forward, y left, z up
+    Robot,
+}
 
 /// How depth files are read.
 #[derive(Args)]
@@ -12,11 +27,43 @@ pub struct DepthArgs {
     /// Nearest and farthest depth to trust, world units
     #[arg(long, num_args = 2, value_names = ["NEAR", "FAR"], allow_negative_numbers = true)]
     pub depth_range: Option<Vec<f64>>,
+    /// What the pose matrices mean, instead of the layout's convention; `info` tells which fits
+    #[arg(long, value_enum)]
+    pub pose_axes: Option<PoseAxesName>,
+    /// Intrinsics of the depth image in pixels, instead of the dataset's
+    #[arg(long, num_args = 4, value_names = ["FX", "FY", "CX", "CY"], allow_negative_numbers = true)]
+    pub intrinsics: Option<Vec<f64>>,
+    /// Least confidence of depth to use, where the sensor tells it [default: 1]
+    #[arg(long, value_name = "0-2", allow_negative_numbers = true)]
+    pub confidence: Option<u8>,
+    /// Open recordings whose video cannot be read all the same, in grey
+    #[arg(long)]
+    pub geometry_only: bool,
 }
 
 impl DepthArgs {
     pub fn load_options(&self) -> LoadOptions {
         let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
-        LoadOptions { depth_scale: self.depth_scale, depth_range }
+        let intrinsics = self.intrinsics.as_deref().and_then(|k| <[f64; 4]>::try_from(k).ok());
+        LoadOptions {
+            depth_scale: self.depth_scale,
+            depth_range,
+            poses: self.pose_axes.map(PoseAxesName::convention),
+            intrinsics,
+            confidence: self.confidence,
+            geometry_only: self.geometry_only,
+        }
+    }
+}
+
+impl PoseAxesName {
+    fn convention(self) -> PoseConvention {
+        match self {
+            Self::Opencv => PoseConvention::Opencv,
+            Self::Opengl => PoseConvention::Opengl,
+            Self::OpencvWorldToCamera => PoseConvention::OpencvWorldToCamera,
+            Self::OpenglWorldToCamera => PoseConvention::OpenglWorldToCamera,
+            Self::Robot => PoseConvention::Robot,
+        }
     }
 }

@@ -39,7 +39,7 @@ pub struct ComparisonArgs {
 pub struct EvalArgs {
     /// Model: checkpoint, .ply or .glb
     pub model: PathBuf,
-    /// Dataset folder
+    /// Dataset folder, or a Record3D .r3d
     pub dataset: PathBuf,
     /// Split to measure on [default: val or eval, or every 8th frame]
     #[arg(long)]

@@ -130,8 +130,28 @@ pub struct ExportArgs {
 
 #[derive(Clone, Copy, ValueEnum)]
 pub enum LayoutName {
+    /// NeRF-synthetic with depth
     Blender,
     SevenScenes,
+    /// TUM RGB-D
+    Tum,
+    /// Open3D or Redwood
+    Open3d,
+    /// Replica as NICE-SLAM rendered it
+    Replica,
+    /// ScanNet's export
+    Scannet,
+    Nerfstudio,
+    /// Record3D's exported folder
+    Record3d,
+    /// Record3D's .r3d
+    Record3dArchive,
+    /// Stray Scanner, its video unpacked
+    StrayScanner,
+    /// ARKit package of JSON lines
+    Arkit,
+    /// RTAB-Map's export
+    RtabMap,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -181,7 +201,7 @@ pub struct MergeArgs {
 
 #[derive(Args)]
 pub struct InfoArgs {
-    /// Dataset folder, checkpoint, .ply or .glb
+    /// Dataset folder or .r3d, checkpoint, .ply or .glb
     pub path: PathBuf,
     /// Print JSON on stdout
     #[arg(long)]

@@ -13,7 +13,7 @@ use vbgs_studio::train::setting::Preset;
 
 #[derive(Args)]
 pub struct TrainArgs {
-    /// Dataset folder
+    /// Dataset folder, or a Record3D .r3d
     pub dataset: PathBuf,
     /// Folder for scene.ply, checkpoint.vbgs and report.json
     #[arg(long, value_name = "DIR")]

@@ -13,6 +13,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::listed::{ListedFrame, ListedSplit};
+use super::nerfstudio;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DatasetSplit;
@@ -21,6 +22,7 @@ use crate::dataset::folder::{Folder, FolderListing, relative_path};
 use crate::dataset::intrinsics::{IntrinsicsDefect, check, is_sane_field_of_view};
 use crate::dataset::matrix::{describe, from_json};
 use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::position_range::PositionRange;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
@@ -31,6 +33,7 @@ use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
+    poses: PoseConvention::Opengl,
     recognise,
     parse,
     known_calibration: |_| None,
@@ -48,20 +51,21 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 /// JSON files in the root that are frame lists, or should be by their name.
 fn frame_lists(folder: &Folder) -> Vec<&str> {
-    let is_list = |name: &&str| {
-        name.ends_with(".json") && (name.starts_with(LIST_PREFIX) || has_frames(folder, name))
-    };
+    let is_list = |name: &&str| name.ends_with(".json") && is_list(folder, name);
     folder.listing.files().filter(is_list).collect()
 }
 
-fn has_frames(folder: &Folder, name: &str) -> bool {
+fn is_list(folder: &Folder, name: &str) -> bool {
     // Read to the end: a list under another name is told by its content alone.
     let file = folder.file(Path::new(""), &folder.listing, name);
     let text = file.ok().and_then(|file| std::fs::read(file).ok()).unwrap_or_default();
-    serde_json::from_slice::<Value>(&text).is_ok_and(|json| {
-        let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
-        json.get("frames").and_then(Value::as_array).is_some_and(|f| f.iter().any(posed))
-    })
+    let Ok(json) = serde_json::from_slice::<Value>(&text) else {
+        return name.starts_with(LIST_PREFIX);
+    };
+    let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
+    let frames = json.get("frames").and_then(Value::as_array);
+    let has_frames = frames.is_some_and(|frames| frames.iter().any(posed));
+    (has_frames || name.starts_with(LIST_PREFIX)) && !nerfstudio::is_list(&json)
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {

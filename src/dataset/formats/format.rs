@@ -5,6 +5,7 @@ use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameError, FrameProblem, Warning};
 use crate::dataset::folder::Folder;
 use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::position_range::PositionRange;
 use crate::math::camera::Intrinsics;
 use std::path::PathBuf;
@@ -14,6 +15,8 @@ use std::sync::Arc;
 pub(in crate::dataset) struct DatasetFormat {
     /// What it is recognised by, for messages.
     pub looks_for: &'static str,
+    /// What its pose matrices mean.
+    pub poses: PoseConvention,
     /// What was found, if this is the layout. Must not fail on anything it does not know.
     pub recognise: fn(&Folder) -> Option<String>,
     /// Reads metadata and poses.

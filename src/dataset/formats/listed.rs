@@ -7,11 +7,17 @@
 use super::format::ParsedFolder;
 use crate::dataset::decode;
 use crate::dataset::decode::{DepthEncoding, ImageHeader};
-use crate::dataset::entry::{DatasetSplit, FrameEntry, FrameSource};
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::{DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource};
 use crate::dataset::error::FrameProblem;
+use crate::dataset::source::ByteSource;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
+    decode::header(&ByteSource::File(path.to_owned()))
+}
 
 /// A frame whose colour image exists and whose pose is sound.
 pub(super) struct ListedFrame {
@@ -37,12 +43,12 @@ impl ListedSplit {
     /// The first readable colour header: it sets the size of the split's camera.
     pub fn color_header(&self) -> Option<ImageHeader> {
         // Not that of the first frame: one damaged image must not cost the whole split.
-        self.frames.iter().find_map(|c| decode::header(&c.color).ok())
+        self.frames.iter().find_map(|c| header(&c.color).ok())
     }
 
     /// The first readable depth header.
     pub fn depth_header(&self) -> Option<ImageHeader> {
-        self.frames.iter().find_map(|c| decode::header(c.depth.as_ref().ok()?).ok())
+        self.frames.iter().find_map(|c| header(c.depth.as_ref().ok()?).ok())
     }
 
     /// Makes the split; in one with depth, frames without are skipped.
@@ -56,15 +62,18 @@ impl ListedSplit {
         let mut frames = Vec::with_capacity(self.frames.len());
         for ListedFrame { name, pose, color, depth } in self.frames {
             let depth = match depth {
-                Ok(path) => Some((path, encoding)),
+                Ok(path) => Some(DepthSource { file: path.into(), encoding, confidence: None }),
                 Err(problem) if has_depth => {
                     parsed.skip(&self.name, &name, color, problem);
                     continue;
                 }
                 Err(_) => None,
             };
-            let source = FrameSource::Files { color, depth };
-            frames.push(FrameEntry { name, camera: Camera { intrinsics, pose }, source });
+            let lens = Distortion::default();
+            let source =
+                FrameSource::Files(Box::new(FrameFiles { color: color.into(), depth, lens }));
+            let camera = Camera { intrinsics, pose };
+            frames.push(FrameEntry { name, camera, color_camera: None, time: None, source });
         }
         DatasetSplit { name: self.name, frames, has_depth }
     }
@@ -72,7 +81,7 @@ impl ListedSplit {
     /// Without a readable header there is no camera: each frame gets its own message.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, .. } in self.frames {
-            if let Err(problem) = decode::header(&color) {
+            if let Err(problem) = header(&color) {
                 parsed.skip(&self.name, &name, color, problem);
             }
         }

@@ -2,15 +2,31 @@
 //! the table below: recognition, metadata, poses, depth encoding, sensor and what is known of its
 //! cameras all stand in that file, and nothing else in `dataset` asks which layout it reads.
 
+mod arkit;
 mod blender;
 mod format;
 mod listed;
+mod nerfstudio;
+mod numbered;
+mod open3d;
+mod record3d;
+mod record3d_archive;
+mod record3d_folder;
+mod recording;
+mod replica;
+mod rtabmap;
+mod scannet;
 mod seven_scenes;
+mod stated;
+mod stray;
+mod trajectory;
+mod tum;
 
 use super::calibration::Calibration;
 use super::error::DatasetError;
 use super::folder::Folder;
 use super::options::LoadOptions;
+use super::pose_convention::PoseConvention;
 use crate::math::camera::Intrinsics;
 use format::{DatasetFormat, ParsedFolder};
 
@@ -38,6 +54,26 @@ layouts! {
     Blender: blender::FORMAT,
     /// `frame-NNNNNN.{color,depth,pose}.*` (7-Scenes).
     SevenScenes: seven_scenes::FORMAT,
+    /// `rgb.txt`, `depth.txt` and `groundtruth.txt` (TUM RGB-D).
+    Tum: tum::FORMAT,
+    /// `color/`, `depth/` and `trajectory.log` (Open3D, Redwood).
+    Open3d: open3d::FORMAT,
+    /// `traj.txt` and `results/` (Replica, NICE-SLAM).
+    Replica: replica::FORMAT,
+    /// `color/`, `depth/`, `pose/` and `intrinsic/` (ScanNet).
+    Scannet: scannet::FORMAT,
+    /// `transforms.json` with depth files, or a camera for each frame (nerfstudio, NeRFCapture).
+    Nerfstudio: nerfstudio::FORMAT,
+    /// `metadata.json`, `rgb/` and `depth/` (Record3D's export).
+    Record3d: record3d_folder::FORMAT,
+    /// A zip archive `*.r3d` (Record3D).
+    Record3dArchive: record3d_archive::FORMAT,
+    /// `odometry.csv`, `camera_matrix.csv`, `depth/` and a video (Stray Scanner).
+    StrayScanner: stray::FORMAT,
+    /// A file of one JSON object a frame (ARKit packages).
+    Arkit: arkit::FORMAT,
+    /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
+    RtabMap: rtabmap::FORMAT,
 }
 
 /// Recognises the layout and reads it; with the content that it was recognised by.
@@ -45,10 +81,19 @@ pub(super) fn parse(
     folder: &Folder,
     options: &LoadOptions,
 ) -> Result<(Layout, String, ParsedFolder), DatasetError> {
-    for (layout, format) in FORMATS {
-        if let Some(why) = (format.recognise)(folder) {
-            return Ok((*layout, why, (format.parse)(folder, options)?));
-        }
+    let recognise = |(layout, format): &'static (Layout, DatasetFormat)| {
+        (format.recognise)(folder).map(|why| (*layout, format, why))
+    };
+    let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
+    if found.len() > 1 {
+        let found = found.iter().map(|(layout, _, why)| format!("{} by {why}", layout.name()));
+        return Err(DatasetError::TwoLayouts {
+            path: folder.path.clone(),
+            found: found.collect::<Vec<_>>().join("; "),
+        });
+    }
+    if let Some((layout, format, why)) = found.pop() {
+        return Ok((layout, why, (format.parse)(folder, options)?));
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.looks_for).collect();
     Err(DatasetError::NotRecognised {
@@ -62,6 +107,12 @@ impl Layout {
     /// The name that reports and messages give it, such as `seven-scenes`.
     pub fn name(self) -> &'static str {
         self.into()
+    }
+
+    /// What its pose matrices mean; frames made on demand have none.
+    pub fn pose_convention(self) -> PoseConvention {
+        let format = FORMATS.iter().find(|(layout, _)| *layout == self);
+        format.map_or(PoseConvention::Opencv, |(_, format)| format.poses)
     }
 
     /// What is known, without a calibration, of cameras whose depth has these intrinsics.
@@ -78,10 +129,22 @@ mod tests {
     /// Checkpoints and reports hold these names.
     #[test]
     fn names_are_those_of_files() {
-        let names = ["blender", "seven-scenes", "synthetic"];
-        for (layout, name) in
-            [Layout::Blender, Layout::SevenScenes, Layout::Synthetic].iter().zip(names)
-        {
+        let named = [
+            (Layout::Blender, "blender"),
+            (Layout::SevenScenes, "seven-scenes"),
+            (Layout::Tum, "tum"),
+            (Layout::Open3d, "open3d"),
+            (Layout::Replica, "replica"),
+            (Layout::Scannet, "scannet"),
+            (Layout::Nerfstudio, "nerfstudio"),
+            (Layout::Record3d, "record3d"),
+            (Layout::Record3dArchive, "record3d-archive"),
+            (Layout::StrayScanner, "stray-scanner"),
+            (Layout::Arkit, "arkit"),
+            (Layout::RtabMap, "rtab-map"),
+            (Layout::Synthetic, "synthetic"),
+        ];
+        for (layout, name) in named {
             assert_eq!(layout.name(), name);
             assert_eq!(serde_json::to_value(layout).unwrap(), name);
         }

@@ -19,6 +19,7 @@ use crate::dataset::folder::{Folder, FolderListing, read_small_text};
 use crate::dataset::intrinsics::{IntrinsicsDefect, check};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
@@ -26,6 +27,7 @@ use std::path::{Path, PathBuf};
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "7-Scenes: `*.color.*`, `*.depth.png` and `*.pose.txt` files in the folder or one below",
+    poses: PoseConvention::Opencv,
     recognise,
     parse,
     known_calibration,

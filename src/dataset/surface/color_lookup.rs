@@ -36,8 +36,9 @@ impl<'a> ColorLookup<'a> {
     ) -> Self {
         let gain = Vec3::from_array(calibration.gain(&frame.name).map(|g| g as f32));
         let image = &frame.color;
-        let beside = calibration.color_camera.as_ref().map(|camera| {
-            let camera = Projection::new(camera);
+        let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
+        let beside = color_camera.map(|camera| {
+            let camera = Projection::new(&camera);
             occluders.fill(planes, [image.width, image.height], &camera);
             Beside { camera, occluders, margin: tolerance.margin }
         });

@@ -38,6 +38,8 @@ pub(super) struct Planes {
     stride: usize,
     table: Table,
     lengths: Vec<f32>,
+    /// A row for photographs by another camera, which hold no mask of the depth image.
+    opaque: Vec<[u8; 4]>,
 }
 
 impl Planes {
@@ -105,6 +107,7 @@ impl Planes {
                 plane.resize(n, NOTHING);
             }
             self.lengths.resize(width, 0.0);
+            self.opaque.resize(width, [u8::MAX; 4]);
         }
         self.slope_x.clear();
         self.slope_x.extend((0..width).map(|column| k.ray(column, 0).x as f32));
@@ -124,7 +127,10 @@ impl Planes {
         let [width, height] = self.size;
         for row in 0..height {
             let pixels = row * width..(row + 1) * width;
-            let colors = &frame.color.data[pixels.clone()];
+            let colors = match frame.color_camera {
+                None => &frame.color.data[pixels.clone()],
+                Some(_) => &self.opaque,
+            };
             let statuses = &mut statuses.data[pixels.clone()];
             let ranges = &mut ranges.data[pixels.clone()];
             let some = read_row(&codes.data[pixels], colors, &mut self.lengths, statuses, &length);

@@ -108,23 +108,24 @@ impl Default for Preparer {
 /// The frame's colours over black with the gain of its calibration, from where they were taken.
 fn photograph(frame: &Frame, calibration: &Calibration, ranges: &Image<f32>) -> Photograph {
     let gain = calibration.gain(&frame.name).map(|gain| gain as f32);
+    let color_camera = frame.photographed_by(calibration.color_camera.as_ref());
     // Depth of another camera says nothing of a pixel here.
-    let is_registered = calibration.color_camera.is_none();
-    let pixel = |(&[red, green, blue, alpha], range): (&[u8; 4], &f32)| {
+    let is_registered = color_camera.is_none();
+    let pixel = |(i, &[red, green, blue, alpha]): (usize, &[u8; 4])| {
         let opaque = f32::from(alpha) / 255.0;
         let covered = match is_registered {
             true if alpha < u8::MAX => opaque,
-            true if range.is_finite() => 1.0,
+            true if ranges.data[i].is_finite() => 1.0,
             _ => f32::NAN,
         };
         let [r, g, b] = [red, green, blue].map(|channel| f32::from(channel) / 255.0 * opaque);
         [r * gain[0], g * gain[1], b * gain[2], covered]
     };
     let Image { width, height, data } = &frame.color;
-    let pixels = data.iter().zip(&ranges.data).map(pixel).collect();
+    let pixels = data.iter().enumerate().map(pixel).collect();
     let pixels = Image::from_vec(*width, *height, pixels);
     let depth = frame.camera.intrinsics;
-    let (intrinsics, offset, turn) = match &calibration.color_camera {
+    let (intrinsics, offset, turn) = match &color_camera {
         None => (depth, DVec3::ZERO, DQuat::IDENTITY),
         Some(camera) => (camera.intrinsics(depth), DVec3::from_array(camera.offset), camera.turn()),
     };

@@ -25,6 +25,8 @@ pub fn dataset(params: &SyntheticParams) -> Result<Dataset, ParamsError> {
         let entry = |(i, pose): (usize, Pose)| FrameEntry {
             name: format!("{}/{i:04}", planned.name),
             camera: Camera { intrinsics, pose },
+            color_camera: None,
+            time: None,
             source: FrameSource::Synthetic {
                 scene: Arc::clone(&scene),
                 noise_stream: planned.noise_stream(i),

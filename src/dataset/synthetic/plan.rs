@@ -4,7 +4,7 @@ use super::params::{ParamsError, SyntheticParams};
 use super::scene::SyntheticScene;
 use super::trajectory;
 use super::view::SyntheticView;
-use crate::math::camera::Camera;
+use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use std::sync::Arc;
 
@@ -45,7 +45,17 @@ impl ViewPlan {
 
     /// Colour and depth of a frame of a split, noisy where the split is.
     pub fn view(&self, split: &PlannedSplit, frame: usize) -> SyntheticView {
-        let camera = Camera { intrinsics: self.scene.intrinsics(), pose: split.poses[frame] };
+        self.view_by(split, frame, self.scene.intrinsics())
+    }
+
+    /// As [`Self::view`] by a camera of other intrinsics at the same place.
+    pub fn view_by(
+        &self,
+        split: &PlannedSplit,
+        frame: usize,
+        intrinsics: Intrinsics,
+    ) -> SyntheticView {
+        let camera = Camera { intrinsics, pose: split.poses[frame] };
         self.scene.sensed(&camera, split.noise_stream(frame))
     }
 }

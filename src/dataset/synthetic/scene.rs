@@ -63,7 +63,7 @@ impl SyntheticScene {
             kind: DepthKind::Z,
             trusted: [0.0, f64::INFINITY],
         };
-        Frame { name: name.to_owned(), camera, color, depth: Some(depth) }
+        Frame { name: name.to_owned(), camera, color_camera: None, color, depth: Some(depth) }
     }
 
     /// A view as a depth camera measures it: its depth is off by normal noise.

@@ -69,9 +69,17 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
 }
 
 fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
-    let LoadOptions { depth_scale, depth_range } = asked;
+    let LoadOptions { depth_scale, depth_range, poses, intrinsics, confidence, geometry_only } =
+        asked;
+    let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
     differs("--depth-scale", depth_scale.as_ref(), stored.depth_scale.as_ref())
         .or_else(|| differs("--depth-range", depth_range.as_ref(), stored.depth_range.as_ref()))
+        .or_else(|| differs("--pose-axes", poses.as_ref(), stored.poses.as_ref()))
+        .or_else(|| differs("--intrinsics", intrinsics.as_ref(), stored.intrinsics.as_ref()))
+        .or_else(|| differs("--confidence", confidence.as_ref(), stored.confidence.as_ref()))
+        .or_else(|| {
+            differs("--geometry-only", geometry_only.then_some(&true), grey(stored).as_ref())
+        })
 }
 
 /// A value asked for that is not the stored one.

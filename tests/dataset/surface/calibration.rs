@@ -102,6 +102,7 @@ fn colour_is_looked_up_where_the_colour_camera_sees_the_point() {
         principal: [20.0, 18.0],
         offset: [0.1, -0.05, 0.02],
         rotation: [0.02, 0.05, -0.1],
+        size: None,
     };
     let calibration = Calibration { color_camera: Some(camera), ..Calibration::NONE };
     let (preparer, out, counts) = prepare(&wall, &with(calibration));
@@ -130,6 +131,7 @@ fn points_hidden_from_the_colour_camera_are_dropped() {
         principal: [k.cx, k.cy],
         offset: [0.1, 0.0, 0.0],
         rotation: [0.0; 3],
+        size: None,
     };
     // Disparities are 6 and 2 pixels: from the left, four columns of the far wall are covered; from
     // the right, none.

@@ -46,6 +46,7 @@ pub fn frame(kind: DepthKind, z: impl Fn(usize, usize) -> f64) -> Frame {
         trusted: [0.0, f64::INFINITY],
     };
     Frame {
+        color_camera: None,
         name: "drawn".to_owned(),
         camera,
         color: Image::from_vec(WIDTH, HEIGHT, (0..WIDTH * HEIGHT).map(color).collect()),

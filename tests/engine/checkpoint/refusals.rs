@@ -50,7 +50,11 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
         (
             "--depth-range",
             ResumeRequest {
-                load: LoadOptions { depth_range: Some([0.1, 2.0]), depth_scale: None },
+                load: LoadOptions {
+                    depth_range: Some([0.1, 2.0]),
+                    depth_scale: None,
+                    ..LoadOptions::default()
+                },
                 ..ResumeRequest::default()
             },
         ),

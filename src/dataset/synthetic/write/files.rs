@@ -2,9 +2,13 @@
 
 use crate::dataset::synthetic::params::ParamsError;
 use crate::math::image::Image;
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use std::path::{Path, PathBuf};
+
+/// As phones store their photographs.
+const JPEG_QUALITY: u8 = 95;
 
 /// Why a dataset cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -53,6 +57,31 @@ pub(super) fn write_rgba(path: &Path, image: &Image<[u8; 4]>) -> Result<(), Writ
 pub(super) fn write_gray16(path: &Path, image: &Image<u16>) -> Result<(), WriteError> {
     let bytes = bytemuck::cast_slice(&image.data);
     write_png(path, bytes, (image.width, image.height), ExtendedColorType::L16)
+}
+
+/// Writes an 8-bit gray PNG.
+pub(super) fn write_gray8(path: &Path, image: &Image<u8>) -> Result<(), WriteError> {
+    write_png(path, &image.data, (image.width, image.height), ExtendedColorType::L8)
+}
+
+/// Writes a JPEG without what lies behind alpha.
+pub(super) fn write_jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<(), WriteError> {
+    write_bytes(path, &jpeg(path, image)?)
+}
+
+/// Bytes of a JPEG; `path` is where they are to go.
+pub(super) fn jpeg(path: &Path, image: &Image<[u8; 4]>) -> Result<Vec<u8>, WriteError> {
+    let rgb: Vec<u8> = image.data.iter().flat_map(|[r, g, b, _]| [*r, *g, *b]).collect();
+    let mut encoded = Vec::new();
+    JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
+        .write_image(&rgb, image.width as u32, image.height as u32, ExtendedColorType::Rgb8)
+        .map_err(|source| WriteError::Image { path: path.to_owned(), source })?;
+    Ok(encoded)
+}
+
+/// Writes a file.
+pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    std::fs::write(path, bytes).map_err(|source| WriteError::Io { path: path.to_owned(), source })
 }
 
 fn write_png(

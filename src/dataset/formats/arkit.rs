@@ -1,0 +1,248 @@
+//! ARKit packages: a file of one JSON object a line, each a frame with `camera_to_world` (OpenGL axes,
+//! as ARKit has them), `intrinsics` for the photograph's size, and files of the photograph, of depth
+//! (bare 32-bit floats in metres) and of confidence (bare bytes, 0 to 2).
+//!
+//! There is no one app behind it: keys and the order of matrices differ, and both are told by content.
+//! A matrix whose last row is `0 0 0 1` is by rows, one whose last column is that by columns, as
+//! Apple's own arrays are.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::recording::{RecordedFrame, Recording, same_size};
+use super::stated::{self, flat_numbers};
+use crate::dataset::decode::{self, CodeKind, DepthEncoding};
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::matrix::describe;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use glam::DMat4;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::Path;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "ARKit package: a `*.jsonl` file of frames with `camera_to_world` and `intrinsics`",
+    poses: PoseConvention::Opengl,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const POSE_KEYS: [&str; 4] =
+    ["camera_to_world", "cameraToWorld", "camera_transform", "cameraTransform"];
+const COLOR_KEYS: [&str; 8] =
+    ["image", "color", "rgb", "image_path", "color_path", "rgb_path", "file_path", "imagePath"];
+const DEPTH_KEYS: [&str; 5] = ["depth", "depth_path", "depth_file_path", "depth_file", "depthPath"];
+const CONFIDENCE_KEYS: [&str; 5] =
+    ["confidence", "confidence_path", "confidence_file", "conf", "confidencePath"];
+const TIME_KEYS: [&str; 3] = ["timestamp", "time", "t"];
+const WIDTH_KEYS: [&str; 3] = ["width", "image_width", "w"];
+const HEIGHT_KEYS: [&str; 3] = ["height", "image_height", "h"];
+/// Metres; beyond, the lidar's depth is made up from the photograph.
+const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let name = frame_lines(folder)?;
+    Some(format!("{name} with a frame a line"))
+}
+
+fn frame_lines(folder: &Folder) -> Option<&str> {
+    let is_ours = |name: &&str| {
+        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+        let json: Value = serde_json::from_str(first).unwrap_or_default();
+        first_of(&json, &POSE_KEYS).is_some()
+    };
+    let is_lines = |name: &&str| [".jsonl", ".ndjson"].iter().any(|end| name.ends_with(end));
+    folder.listing.files().filter(is_lines).find(is_ours)
+}
+
+fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
+    keys.iter().find_map(|key| json.get(key))
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let (file, text) = folder.text(frame_lines(folder).unwrap_or("frames.jsonl"))?;
+    let encoding = recording.encoding(CodeKind::BareFloats, Sensor::Lidar, TRUSTED_DEPTH);
+    let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
+    for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        let json: Value = match serde_json::from_str(line) {
+            Ok(json) => json,
+            Err(error) => {
+                let expected = "a JSON object (JSON knows neither NaN nor infinity)";
+                let problem =
+                    FrameProblem::Line { expected, found: error.to_string(), line: i + 1 };
+                recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+                continue;
+            }
+        };
+        let line = FrameLine { json: &json, file: &file };
+        let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
+        if !seen.insert(name.clone()) {
+            let problem = FrameProblem::Doubled(format!("another line of `{name}`"));
+            recording.skip(&name, file.clone(), problem);
+            continue;
+        }
+        match line.recorded(&name, &recording, encoding)? {
+            Ok(frame) => {
+                times.extend(frame.time);
+                recording.push(frame);
+            }
+            Err(problem) => recording.skip(&name, file.clone(), problem),
+        }
+    }
+    let unordered = times.windows(2).filter(|pair| pair[1] < pair[0]).count();
+    if unordered > 0 {
+        recording.note(format!("{unordered} frames come before an earlier one; kept as listed"));
+    }
+    Ok(recording.finish())
+}
+
+/// One frame's object.
+struct FrameLine<'a> {
+    json: &'a Value,
+    file: &'a Path,
+}
+
+impl<'a> FrameLine<'a> {
+    fn text(&self, keys: &[&str]) -> Option<&'a str> {
+        keys.iter().find_map(|key| self.json.get(key).and_then(Value::as_str))
+    }
+
+    fn side(&self, keys: &[&str]) -> Option<u32> {
+        let side = first_of(self.json, keys)?.as_u64()?;
+        u32::try_from(side).ok()
+    }
+
+    /// The outer error is one of the whole package, the inner one of this frame.
+    fn recorded(
+        &self,
+        name: &str,
+        recording: &Recording,
+        encoding: DepthEncoding,
+    ) -> Result<Result<RecordedFrame, FrameProblem>, DatasetError> {
+        let (pose, color, depth, confidence, size) = match self.read(recording.folder) {
+            Ok(found) => found,
+            Err(problem) => return Ok(Err(problem)),
+        };
+        if let Some(stated) = self.side(&WIDTH_KEYS).zip(self.side(&HEIGHT_KEYS)) {
+            same_size(stated, size, self.file)?;
+        }
+        let Some(k) = self.intrinsics(size) else {
+            let expected = "`intrinsics`, a camera matrix or fx, fy, cx, cy of the photograph";
+            return Ok(Err(FrameProblem::Entry { expected, found: describe(self.json) }));
+        };
+        let depth_size = match depth.as_ref().map(|file| self.depth_size(file, size)) {
+            None => size,
+            Some(Ok(size)) => size,
+            Some(Err(problem)) => return Ok(Err(problem)),
+        };
+        let cameras = recording.one_lens(&k, size, depth_size, self.file)?;
+        // Some packages convert depth to images: their content says so.
+        let is_image = depth.as_ref().is_some_and(|file| decode::depth_size(file).is_ok());
+        let codes = CodeKind::ByContent(recording.options.depth_scale.unwrap_or(0.001));
+        let encoding = if is_image { DepthEncoding { codes, ..encoding } } else { encoding };
+        let least = recording.least_confidence();
+        let confidence = confidence.map(|map| (map, least));
+        Ok(Ok(RecordedFrame {
+            name: name.to_owned(),
+            time: first_of(self.json, &TIME_KEYS).and_then(Value::as_f64),
+            pose,
+            cameras,
+            color,
+            depth: depth.map(|file| DepthSource { file, encoding, confidence }),
+            lens: Distortion::default(),
+        }))
+    }
+
+    #[expect(clippy::type_complexity, reason = "taken apart at once by its only caller")]
+    fn read(
+        &self,
+        folder: &Folder,
+    ) -> Result<(Pose, ByteSource, Option<ByteSource>, Option<ByteSource>, (u32, u32)), FrameProblem>
+    {
+        let pose = matrix(first_of(self.json, &POSE_KEYS))?;
+        let pose = Pose::from_opengl(pose)?;
+        let named = |keys: &[&str]| self.text(keys).map(|text| (text, folder.named(text)));
+        let missing = |text: &str, problem, as_missing: fn(String) -> FrameProblem| match problem {
+            FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => {
+                as_missing(text.to_owned())
+            }
+            other => other,
+        };
+        let (text, path) =
+            named(&COLOR_KEYS).ok_or_else(|| FrameProblem::MissingColor("`image`".to_owned()))?;
+        let color: ByteSource =
+            path.map_err(|problem| missing(text, problem, FrameProblem::MissingColor))?.into();
+        let depth = named(&DEPTH_KEYS).map(|(text, path)| {
+            path.map_err(|problem| missing(text, problem, FrameProblem::MissingDepth))
+        });
+        let depth = depth.transpose()?.map(ByteSource::File);
+        let confidence = named(&CONFIDENCE_KEYS).map(|(_, path)| path).transpose()?;
+        let header = decode::header(&color)?;
+        Ok((pose, color, depth, confidence.map(Into::into), (header.width, header.height)))
+    }
+
+    fn intrinsics(&self, size: (u32, u32)) -> Option<Intrinsics> {
+        let value = self.json.get("intrinsics").or_else(|| self.json.get("K"));
+        if let Some(k) = value.and_then(|value| stated::from_json(value, size)) {
+            return Some(k);
+        }
+        // Numbers by name, in an object of their own or beside the rest.
+        let object = value.filter(|value| value.is_object()).unwrap_or(self.json);
+        let number = |keys: [&str; 2]| first_of(object, &keys).and_then(Value::as_f64);
+        let (fx, fy) = (number(["fx", "fl_x"])?, number(["fy", "fl_y"])?);
+        let (cx, cy) = (number(["cx", "ox"])?, number(["cy", "oy"])?);
+        Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy })
+    }
+
+    /// What the line says, or what the file's length allows: as many floats as pixels of the
+    /// photograph's shape.
+    fn depth_size(&self, file: &ByteSource, color: (u32, u32)) -> Result<(u32, u32), FrameProblem> {
+        let pair = |key: &str| {
+            let value = self.json.get(key).and_then(flat_numbers);
+            value.and_then(|v| <[f64; 2]>::try_from(v).ok()).map(|[w, h]| (w as u32, h as u32))
+        };
+        let stated = self.side(&["depth_width", "depthWidth"]);
+        let stated = stated.zip(self.side(&["depth_height", "depthHeight"]));
+        if let Some(stated) =
+            stated.or_else(|| pair("depth_size")).or_else(|| pair("depth_resolution"))
+        {
+            return Ok(stated);
+        }
+        if let Ok(size) = decode::depth_size(file) {
+            return Ok(size);
+        }
+        let n = std::fs::metadata(file.path())?.len() / size_of::<f32>() as u64;
+        let width = (n as f64 * f64::from(color.0) / f64::from(color.1)).sqrt().round();
+        let height = (n as f64 / width.max(1.0)).round();
+        match (width * height) as u64 == n && n > 0 && width <= f64::from(u32::MAX) {
+            true => Ok((width as u32, height as u32)),
+            false => Err(FrameProblem::DepthFile {
+                expected: "`depth_width` and `depth_height`, or depth of the photograph's shape",
+                found: format!("{n} floats for a photograph of {}x{}", color.0, color.1),
+            }),
+        }
+    }
+}
+
+/// A matrix of 16 numbers, by rows or by columns, nested or flat.
+fn matrix(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
+    let shape = |found: String| FrameProblem::PoseShape(found);
+    let value = value.ok_or_else(|| shape("no `camera_to_world`".to_owned()))?;
+    let numbers = flat_numbers(value).ok_or_else(|| shape(describe(value)))?;
+    let n = numbers.len();
+    let m: [f64; 16] = numbers.try_into().map_err(|_| shape(format!("{n} numbers")))?;
+    let is_by_columns = [m[3], m[7], m[11]] == [0.0; 3] && m[15] == 1.0;
+    let is_by_rows = m[12..] == [0.0, 0.0, 0.0, 1.0];
+    let by_columns = DMat4::from_cols_array(&m);
+    // Both without a translation: the rows are what JSON writers nest.
+    Ok(if is_by_columns && !is_by_rows { by_columns } else { by_columns.transpose() })
+}

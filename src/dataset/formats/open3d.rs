@@ -1,0 +1,245 @@
+//! Open3D and Redwood: images in `color/` (`image/`, `rgb/`) and `depth/`, poses in a log of blocks of
+//! one line of three numbers and four rows of a camera-to-world matrix (OpenCV axes); millimetres.
+//!
+//! A block's first number counts images, not names: Redwood's are named by number and time, and
+//! colour and depth differ in the times. Odometry logs look alike but hold the motion between two
+//! images (`0 1`), not where one stands (`0 0`).
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::recording::{Cameras, RecordedFrame, Recording, first_depth_size, first_size, wrong};
+use super::stated::{self, PRIMESENSE};
+use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::matrix;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::pose::Pose;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "Open3D: `color/`, `depth/` and a trajectory `*.log`",
+    poses: PoseConvention::Opencv,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const COLOR_FOLDERS: [&str; 3] = ["color", "image", "rgb"];
+const DEPTH_FOLDER: &str = "depth";
+/// Metres per code.
+const DEPTH_UNIT: f64 = 0.001;
+/// Metres; of a depth camera by structured light.
+const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let color = color_folder(folder)?;
+    let log = trajectory_log(folder)?;
+    folder
+        .has_folder(DEPTH_FOLDER)
+        .then(|| format!("{log}, with images in {color}/ and {DEPTH_FOLDER}/"))
+}
+
+fn color_folder(folder: &Folder) -> Option<&'static str> {
+    COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
+}
+
+/// A log whose first block says where the first image stands.
+fn trajectory_log(folder: &Folder) -> Option<&str> {
+    let is_trajectory = |name: &&str| {
+        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let mut lines = text.lines();
+        let head = lines.next().and_then(head);
+        let row = lines.next().map(matrix::numbers::<4>);
+        matches!(head, Some([a, b, _]) if a == b) && matches!(row, Some(Ok(_)))
+    };
+    let logs = || folder.listing.files().filter(|name| name.ends_with(".log"));
+    // Odometry is drawn as a trajectory too, from another start: the one that is called so is meant.
+    let named = logs().filter(|name| name.contains("traj")).find(is_trajectory);
+    named.or_else(|| logs().find(is_trajectory))
+}
+
+fn head(line: &str) -> Option<[u64; 3]> {
+    let mut numbers = line.split_whitespace().map(|t| t.parse().ok());
+    let head = [numbers.next()??, numbers.next()??, numbers.next()??];
+    numbers.next().is_none().then_some(head)
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let color_name = color_folder(folder).unwrap_or("color");
+    let mut list = |name: &str, extensions: &[&str]| {
+        let files = NumberedFiles::list(folder, name, "", extensions);
+        if let Ok(files) = &files {
+            recording.skip_doubled(files, name);
+        }
+        files.map_err(|problem| {
+            wrong(&folder.path.join(name), "a folder of images", problem.to_string(), "restore it")
+        })
+    };
+    let colors = list(color_name, &PHOTOGRAPHS)?;
+    let depths = list(DEPTH_FOLDER, &["png"])?;
+    let pairs = pairs(&mut recording, &colors, &depths, color_name);
+    let Some(cameras) = cameras(&mut recording, &pairs)? else { return Ok(recording.finish()) };
+    let unit = CodeKind::Linear16(DEPTH_UNIT);
+    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    let (log, blocks) = blocks(&mut recording)?;
+    let numbers: Vec<u64> = pairs.keys().copied().collect();
+    let is_complete = numbers.len() == blocks.len();
+    for (index, pose) in blocks {
+        // Blocks count images. Where some are missing, numbers tell which.
+        let number = match is_complete {
+            true => usize::try_from(index).ok().and_then(|i| numbers.get(i).copied()),
+            false => numbers.first().and_then(|first| first.checked_add(index)),
+        };
+        let pair = number.and_then(|number| pairs.get(&number));
+        let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
+            let problem = FrameProblem::MissingColor(format!("number {index} of {color_name}/"));
+            recording.skip(&index.to_string(), log.clone(), problem);
+            continue;
+        };
+        let frame = pose.and_then(|pose| Ok((pose, clone_of(&pair.depth)?)));
+        match frame {
+            Ok((pose, depth)) => recording.push(RecordedFrame {
+                name: pair.name.clone(),
+                time: None,
+                pose,
+                cameras,
+                color,
+                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
+                lens: Distortion::default(),
+            }),
+            Err(problem) => recording.skip(&pair.name, log.clone(), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+/// A photograph and its depth.
+struct Pair {
+    name: String,
+    color: Option<ByteSource>,
+    depth: Result<ByteSource, String>,
+}
+
+fn clone_of(depth: &Result<ByteSource, String>) -> Result<ByteSource, FrameProblem> {
+    depth.clone().map_err(FrameProblem::MissingDepth)
+}
+
+/// By number; by order where there are as many of both and their numbers differ.
+fn pairs(
+    recording: &mut Recording,
+    colors: &NumberedFiles,
+    depths: &NumberedFiles,
+    color_name: &str,
+) -> BTreeMap<u64, Pair> {
+    let folder = recording.folder;
+    let same = colors.numbers().eq(depths.numbers());
+    let by_order = !same && colors.len() == depths.len();
+    if by_order {
+        recording.note("colour and depth are numbered differently: paired by their order");
+    }
+    let mut depth_numbers = depths.numbers();
+    let numbers = match by_order {
+        true => colors.numbers().collect(),
+        false => NumberedFiles::union(&[colors, depths]),
+    };
+    let mut found = BTreeMap::new();
+    for number in numbers {
+        let depth_number = if by_order { depth_numbers.next().unwrap_or(number) } else { number };
+        let name = colors.stem(number).map_or_else(|| number.to_string(), str::to_owned);
+        let color = match colors.file(folder, number).transpose() {
+            Ok(color) => color.map(Into::into),
+            Err(problem) => {
+                recording.skip(&name, folder.path.join(color_name), problem);
+                continue;
+            }
+        };
+        let depth = match depths.file(folder, depth_number) {
+            Some(Ok(depth)) => Ok(ByteSource::File(depth)),
+            Some(Err(problem)) => Err(problem.to_string()),
+            None => Err(format!("{DEPTH_FOLDER}/{name}.png")),
+        };
+        found.insert(number, Pair { name, color, depth });
+    }
+    found
+}
+
+fn cameras(
+    recording: &mut Recording,
+    pairs: &BTreeMap<u64, Pair>,
+) -> Result<Option<Cameras>, DatasetError> {
+    let size = first_size(pairs.values().filter_map(|pair| pair.color.as_ref()));
+    let depth_size = first_depth_size(pairs.values().filter_map(|pair| pair.depth.as_ref().ok()));
+    let (size, depth_size) = match (size, depth_size) {
+        (Ok(Some(size)), Ok(Some(depth))) => (size, depth),
+        (Ok(_), Ok(_)) => return Ok(None),
+        (Err((file, problem)), _) | (_, Err((file, problem))) => {
+            recording.skip("all", file, problem);
+            return Ok(None);
+        }
+    };
+    let folder = recording.folder;
+    let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, size)?) {
+        (Some(stated), _) | (None, Some(stated)) => stated,
+        (None, None) => {
+            let is_known = size == (PRIMESENSE.width, PRIMESENSE.height);
+            let file = folder.path.join("camera.json");
+            if !is_known && recording.options.intrinsics.is_none() {
+                let expected = format!("a camera for images of {}x{}", size.0, size.1);
+                let found = "no JSON file with an `intrinsic_matrix`".to_owned();
+                return Err(wrong(&file, &expected, found, "export it, or give the intrinsics"));
+            }
+            recording.note("no camera file: a PrimeSense's 525, 525, 319.5, 239.5 are used");
+            (file, PRIMESENSE)
+        }
+    };
+    if (k.width, k.height) != depth_size {
+        super::recording::same_size((k.width, k.height), size, &file)?;
+    }
+    recording.one_lens(&k, size, depth_size, &file).map(Some)
+}
+
+type Block = (u64, Result<Pose, FrameProblem>);
+
+/// Number of the image and pose of every block.
+fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
+    let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
+    let (file, text) = recording.folder.text(&name)?;
+    let mut found: Vec<Block> = Vec::new();
+    let mut seen = BTreeSet::new();
+    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    while let Some((i, line)) = lines.next() {
+        let Some([index, ..]) = head(line) else {
+            let expected = "three whole numbers before each matrix of four rows";
+            let problem = FrameProblem::Line {
+                expected,
+                found: line.chars().take(40).collect(),
+                line: i + 1,
+            };
+            recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+            // Until the next line that can begin a block.
+            continue;
+        };
+        let rows: Vec<&str> = lines.by_ref().take(4).map(|(_, row)| row).collect();
+        let pose = matrix::from_text(&rows.join("\n")).and_then(|m| Ok(Pose::from_opencv(m)?));
+        match seen.insert(index) {
+            true => found.push((index, pose)),
+            false => {
+                let problem = FrameProblem::Doubled(format!("another block {index}"));
+                recording.skip(&index.to_string(), file.clone(), problem);
+            }
+        }
+    }
+    if !found.is_sorted_by_key(|(index, _)| *index) {
+        recording.note(format!("{name}: blocks out of order; sorted"));
+        found.sort_by_key(|(index, _)| *index);
+    }
+    Ok((file, found))
+}

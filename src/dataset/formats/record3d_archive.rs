@@ -1,0 +1,101 @@
+//! Record3D's `.r3d`: a zip archive, opened as it is or as the only one of its folder.
+//!
+//! Members are read by the names of frames alone and never unpacked to disk, so that a name cannot
+//! lead anywhere; ones that try to are reported.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::record3d::{FrameSources, Metadata};
+use super::recording::{Recording, wrong};
+use crate::dataset::archive::Archive;
+use crate::dataset::decode::CodeKind;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, relative_path};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "Record3D's archive: one zip archive with `metadata` and `rgbd/`",
+    poses: PoseConvention::Opengl,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const METADATA: [&str; 2] = ["metadata", "metadata.json"];
+const FRAMES: &str = "rgbd/";
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let name = archive_name(folder)?;
+    Some(format!("the archive {name} with `metadata` of `K` and `poses`"))
+}
+
+/// The archive that was opened, whatever is wrong with it, or the only one of the root.
+fn archive_name(folder: &Folder) -> Option<&str> {
+    if let Some(name) = folder.only_file() {
+        return Archive::is_one(&folder.path.join(name)).then_some(name);
+    }
+    let is_ours = |name: &&str| {
+        let path = folder.path.join(name);
+        let archive = Archive::is_one(&path).then(|| Archive::open(&path).ok()).flatten();
+        let holds = |archive: Archive| {
+            let mut texts = METADATA.iter().filter_map(|name| archive.read(name).ok());
+            texts.any(|text| Metadata::is_one(&text))
+        };
+        archive.is_some_and(holds)
+    };
+    let mut ours = folder.listing.files().filter(|name| name.ends_with(".r3d")).filter(is_ours);
+    let first = ours.next();
+    // Two recordings are two scenes: which one is meant is for the user to say.
+    first.filter(|_| ours.next().is_none())
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let path = folder.path.join(archive_name(folder).unwrap_or_default());
+    let damaged = |problem: FrameProblem| {
+        let expected = "a recording shared by Record3D";
+        wrong(&path, expected, problem.to_string(), "share the recording again")
+    };
+    let archive = Archive::open(&path).map_err(damaged)?;
+    let archive = Arc::new(archive);
+    let names: BTreeSet<String> = archive.names().into_iter().collect();
+    for name in names.iter().filter(|name| relative_path(name).is_err()) {
+        recording.skip(name, path.clone(), FrameProblem::Escapes(name.clone()));
+    }
+    let Some(name) = METADATA.into_iter().find(|name| names.contains(*name)) else {
+        let found = format!("{} members without one", names.len());
+        return Err(wrong(&path, "a member `metadata`", found, "share the recording again"));
+    };
+    let text = archive.read(name).map_err(damaged)?;
+    let metadata = Metadata::new(path.join(name), &text)?;
+    let member = |name: String| names.contains(&name).then(|| ByteSource::member(&archive, &name));
+    let mut frames = BTreeMap::new();
+    for name in &names {
+        let alone = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".depth"));
+        if let Some(stem) = alone.filter(|stem| !names.contains(&format!("{FRAMES}{stem}.jpg"))) {
+            let problem = FrameProblem::MissingColor(format!("{FRAMES}{stem}.jpg"));
+            recording.skip(stem, path.clone(), problem);
+        }
+        let Some(stem) = name.strip_prefix(FRAMES).and_then(|n| n.strip_suffix(".jpg")) else {
+            continue;
+        };
+        let Ok(number) = stem.parse::<u64>() else { continue };
+        let sources = FrameSources {
+            color: ByteSource::member(&archive, name),
+            depth: member(format!("{FRAMES}{stem}.depth")),
+            confidence: member(format!("{FRAMES}{stem}.conf")),
+        };
+        match frames.contains_key(&number) {
+            true => {
+                let problem = FrameProblem::Doubled(format!("`{name}`"));
+                recording.skip(stem, path.clone(), problem);
+            }
+            false => drop(frames.insert(number, sources)),
+        }
+    }
+    metadata.record(&mut recording, &frames, CodeKind::BareFloats)?;
+    Ok(recording.finish())
+}

@@ -1,0 +1,218 @@
+//! A recording on its way into a dataset: what every layout of a sequence does alike.
+//!
+//! A sequence has no splits: all of it is one, `all`. The views that the rule for splits holds back
+//! when that trains are a split of their own, `held-out`.
+//! Depth has a camera of its own, whose intrinsics follow from those of the photograph where both
+//! look through one lens.
+
+use super::format::ParsedFolder;
+use super::numbered::NumberedFiles;
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::decode::{self, CodeKind, DepthEncoding};
+use crate::dataset::depth::DepthKind;
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::{
+    DatasetSplit, DepthSource, FrameEntry, FrameFiles, FrameSource, HELD_OUT, HOLD_OUT_EVERY,
+};
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::Folder;
+use crate::dataset::intrinsics::{IntrinsicsDefect, check};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::pose::Pose;
+use std::path::{Path, PathBuf};
+
+/// Name of the split that holds the whole recording.
+const SPLIT: &str = "all";
+
+/// A recording whose frames are being collected.
+pub(super) struct Recording<'a> {
+    pub folder: &'a Folder,
+    pub options: &'a LoadOptions,
+    pub parsed: ParsedFolder,
+    frames: Vec<FrameEntry>,
+}
+
+/// A frame that was found, its pose sound.
+pub(super) struct RecordedFrame {
+    pub name: String,
+    pub time: Option<f64>,
+    pub pose: Pose,
+    pub cameras: Cameras,
+    pub color: ByteSource,
+    pub depth: Option<DepthSource>,
+    pub lens: Distortion,
+}
+
+/// The camera that measures depth, and the one that takes photographs where it differs.
+#[derive(Clone, Copy)]
+pub(super) struct Cameras {
+    pub depth: Intrinsics,
+    pub color: Option<ColorCamera>,
+}
+
+impl<'a> Recording<'a> {
+    pub fn new(folder: &'a Folder, options: &'a LoadOptions) -> Self {
+        Self { folder, options, parsed: ParsedFolder::default(), frames: Vec::new() }
+    }
+
+    /// Notes a frame that cannot be used.
+    pub fn skip(&mut self, frame: &str, file: PathBuf, problem: FrameProblem) {
+        self.parsed.skip(SPLIT, frame, file, problem);
+    }
+
+    /// Notes further files of frames that have one.
+    pub fn skip_doubled(&mut self, files: &NumberedFiles, folder: &str) {
+        for (number, name) in &files.doubled {
+            let file = self.folder.path.join(folder).join(name);
+            self.skip(&number.to_string(), file, FrameProblem::Doubled(format!("`{name}`")));
+        }
+    }
+
+    /// Says what a user should know.
+    pub fn note(&mut self, note: impl Into<String>) {
+        self.parsed.notes.push(note.into());
+    }
+
+    /// Appends a frame.
+    pub fn push(&mut self, frame: RecordedFrame) {
+        let RecordedFrame { name, time, pose, cameras, color, depth, lens } = frame;
+        let camera = Camera { intrinsics: cameras.depth, pose };
+        let source = FrameSource::Files(Box::new(FrameFiles { color, depth, lens }));
+        self.frames.push(FrameEntry { name, camera, color_camera: cameras.color, time, source });
+    }
+
+    /// All frames as one split; those without depth are left out where others have it.
+    pub fn finish(mut self) -> ParsedFolder {
+        let has_depth = self.frames.iter().any(|frame| frame.depth_path().is_some());
+        if has_depth {
+            let (with, without): (Vec<_>, Vec<_>) =
+                self.frames.into_iter().partition(|frame| frame.depth_path().is_some());
+            self.frames = with;
+            for frame in without {
+                let file = frame.color_path().unwrap_or(&self.folder.path).to_owned();
+                let problem = FrameProblem::MissingDepth(format!("of frame {}", frame.name));
+                self.parsed.skip(SPLIT, &frame.name, file, problem);
+            }
+        }
+        // The same frames that training leaves out, under a name that one can ask for.
+        let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
+        let is_enough = self.frames.len() > 1;
+        let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
+        self.parsed.splits.push(split(SPLIT, self.frames));
+        if is_enough {
+            self.parsed.splits.push(split(HELD_OUT, held_out));
+        }
+        self.parsed
+    }
+
+    /// Depth of a sensor along the optical axis, `unit` world units for one unless the user says
+    /// otherwise.
+    pub fn encoding(&self, codes: CodeKind, sensor: Sensor, trusted: [f64; 2]) -> DepthEncoding {
+        let scaled = |unit: f64| self.options.depth_scale.unwrap_or(unit);
+        let codes = match codes {
+            CodeKind::Linear16(unit) => CodeKind::Linear16(scaled(unit)),
+            CodeKind::ByContent(unit) => CodeKind::ByContent(scaled(unit)),
+            other => other,
+        };
+        let trusted = self.options.depth_range.unwrap_or(trusted);
+        DepthEncoding { codes, kind: DepthKind::Z, trusted, sensor }
+    }
+
+    /// Least confidence of depth that is used.
+    pub fn least_confidence(&self) -> u8 {
+        self.options.confidence.unwrap_or(1)
+    }
+
+    /// Cameras of one lens, told by the intrinsics `stated` of images of any size; `file` states
+    /// them.
+    pub fn one_lens(
+        &self,
+        stated: &Intrinsics,
+        color: (u32, u32),
+        depth: (u32, u32),
+        file: &Path,
+    ) -> Result<Cameras, DatasetError> {
+        let (width, height) = depth;
+        let sx = f64::from(width) / f64::from(stated.width);
+        let sy = f64::from(height) / f64::from(stated.height);
+        let of_depth = match self.options.intrinsics {
+            Some([fx, fy, cx, cy]) => Intrinsics { width, height, fx, fy, cx, cy },
+            None => Intrinsics {
+                width,
+                height,
+                fx: stated.fx * sx,
+                fy: stated.fy * sy,
+                cx: stated.cx * sx,
+                cy: stated.cy * sy,
+            },
+        };
+        sane(&of_depth, file)?;
+        let resampled = || ColorCamera::resampled(&of_depth, [color.0, color.1]);
+        Ok(Cameras { depth: of_depth, color: (color != depth).then(resampled) })
+    }
+}
+
+/// Refuses intrinsics that no camera has; `file` states them.
+pub(super) fn sane(k: &Intrinsics, file: &Path) -> Result<(), DatasetError> {
+    check(k)
+        .map_err(|IntrinsicsDefect { expected, found, hint }| wrong(file, &expected, found, hint))
+}
+
+/// A metadata file that does not have the right form.
+pub(super) fn wrong(file: &Path, expected: &str, found: String, hint: &str) -> DatasetError {
+    DatasetError::Metadata {
+        file: file.to_owned(),
+        expected: expected.to_owned(),
+        found,
+        hint: hint.to_owned(),
+    }
+}
+
+/// Refuses metadata that gives photographs another size than they have.
+pub(super) fn same_size(
+    stated: (u32, u32),
+    found: (u32, u32),
+    file: &Path,
+) -> Result<(), DatasetError> {
+    match stated == found {
+        true => Ok(()),
+        false => Err(wrong(
+            file,
+            &format!("images of the stated size {}x{}", stated.0, stated.1),
+            format!("{}x{}", found.0, found.1),
+            "correct the size in the file, or export images and metadata together",
+        )),
+    }
+}
+
+/// Size of the first photograph whose header can be read, with the first problem if none can.
+pub(super) fn first_size<'a>(
+    sources: impl IntoIterator<Item = &'a ByteSource>,
+) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+    first(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
+}
+
+/// Size of the first depth file whose header can be read, with the first problem if none can.
+pub(super) fn first_depth_size<'a>(
+    sources: impl IntoIterator<Item = &'a ByteSource>,
+) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+    first(sources, decode::depth_size)
+}
+
+/// Not that of the first file: one damaged image must not cost the whole recording.
+fn first<'a>(
+    sources: impl IntoIterator<Item = &'a ByteSource>,
+    size: impl Fn(&ByteSource) -> Result<(u32, u32), FrameProblem>,
+) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
+    let mut problem = None;
+    for source in sources {
+        match size(source) {
+            Ok(size) => return Ok(Some(size)),
+            Err(found) => drop(problem.get_or_insert((source.path().to_owned(), found))),
+        }
+    }
+    problem.map_or(Ok(None), Err)
+}

@@ -1,0 +1,161 @@
+//! Replica as NICE-SLAM rendered it: `traj.txt` with a camera-to-world matrix a line (OpenCV axes),
+//! `results/frameNNNNNN.jpg` and `results/depthNNNNNN.png`, the camera in `cam_params.json` beside
+//! or, since all rooms share it, above.
+//!
+//! Depth is computed, in steps of 1/6553.5 m, and registered.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::recording::{RecordedFrame, Recording, first_depth_size, first_size, same_size, wrong};
+use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, read_small_text, read_text};
+use crate::dataset::matrix::{self, describe};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use serde_json::Value;
+use std::path::PathBuf;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "Replica: `traj.txt` and `results/` with frames and depth",
+    poses: PoseConvention::Opencv,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const POSES: &str = "traj.txt";
+const IMAGES: &str = "results";
+const CAMERA: &str = "cam_params.json";
+/// Codes per metre of the published renderings.
+const CODES_PER_METRE: f64 = 6553.5;
+/// The published renderings' camera.
+const PUBLISHED: Intrinsics =
+    Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 };
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let text = read_small_text(&folder.path.join(POSES)).unwrap_or_default();
+    let is_matrix = text.lines().next().is_some_and(|line| matrix::numbers::<16>(line).is_ok());
+    let is_ours = is_matrix && NumberedFiles::any(folder, IMAGES, "frame", &PHOTOGRAPHS);
+    is_ours.then(|| format!("{POSES} with a matrix a line, and frames in {IMAGES}/"))
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let list = |prefix: &str, extensions: &[&str]| {
+        NumberedFiles::list(folder, IMAGES, prefix, extensions).map_err(|problem| {
+            wrong(
+                &folder.path.join(IMAGES),
+                "a folder of images",
+                problem.to_string(),
+                "restore it",
+            )
+        })
+    };
+    let colors = list("frame", &PHOTOGRAPHS)?;
+    let depths = list("depth", &["png"])?;
+    recording.skip_doubled(&colors, IMAGES);
+    recording.skip_doubled(&depths, IMAGES);
+    let sources = |files: &NumberedFiles| -> Vec<ByteSource> {
+        files.numbers().filter_map(|n| files.file(folder, n)?.ok()).map(Into::into).collect()
+    };
+    let sizes = first_size(&sources(&colors))
+        .and_then(|color| Ok(color.zip(first_depth_size(&sources(&depths))?)));
+    let (size, depth_size) = match sizes {
+        Ok(Some(sizes)) => sizes,
+        Ok(None) => return Ok(recording.finish()),
+        Err((file, problem)) => {
+            recording.skip("all", file, problem);
+            return Ok(recording.finish());
+        }
+    };
+    let (file, k, per_metre) = camera(&mut recording, size)?;
+    let cameras = recording.one_lens(&k, size, depth_size, &file)?;
+    let unit = CodeKind::Linear16(1.0 / per_metre);
+    let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, [0.0, f64::INFINITY]);
+    let (traj, text) = folder.text(POSES)?;
+    let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
+    for number in NumberedFiles::union(&[&colors, &depths]) {
+        let name = format!("frame{number:06}");
+        let line = usize::try_from(number).ok().and_then(|i| lines.get(i));
+        let found = line
+            .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))
+            .and_then(|line| Ok(Pose::from_opencv(matrix::from_text(line)?)?))
+            .and_then(|pose| Ok((pose, paths(folder, &colors, &depths, number)?)));
+        match found {
+            Ok((pose, [color, depth])) => recording.push(RecordedFrame {
+                name,
+                time: None,
+                pose,
+                cameras,
+                color,
+                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
+                lens: Distortion::default(),
+            }),
+            Err(problem) => recording.skip(&name, traj.clone(), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+fn paths(
+    folder: &Folder,
+    colors: &NumberedFiles,
+    depths: &NumberedFiles,
+    number: u64,
+) -> Result<[ByteSource; 2], FrameProblem> {
+    let color = colors.file(folder, number).transpose()?;
+    let color = color.ok_or_else(|| FrameProblem::MissingColor(format!("frame{number:06}.jpg")))?;
+    let depth = depths.file(folder, number).transpose()?;
+    let depth = depth.ok_or_else(|| FrameProblem::MissingDepth(format!("depth{number:06}.png")))?;
+    Ok([color.into(), depth.into()])
+}
+
+/// The camera and its codes per metre; the file that states them.
+fn camera(
+    recording: &mut Recording,
+    size: (u32, u32),
+) -> Result<(PathBuf, Intrinsics, f64), DatasetError> {
+    let folder = recording.folder;
+    let beside = folder.path.join(CAMERA);
+    // Above is outside of the folder, but no dataset says so: the name is ours.
+    let above = folder.path.canonicalize().ok().and_then(|p| Some(p.parent()?.join(CAMERA)));
+    let file = [Some(beside.clone()), above].into_iter().flatten().find(|file| file.is_file());
+    let Some(file) = file else {
+        if size != (PUBLISHED.width, PUBLISHED.height) && recording.options.intrinsics.is_none() {
+            let expected = format!("the camera of images of {}x{}", size.0, size.1);
+            let found = "no such file, beside or above (the published camera has 1200x680)";
+            let hint = "copy it there, or give the intrinsics";
+            return Err(wrong(&beside, &expected, found.to_owned(), hint));
+        }
+        recording.note(format!("no {CAMERA}: the published 600, 600, 599.5, 339.5 are used"));
+        return Ok((beside, PUBLISHED, CODES_PER_METRE));
+    };
+    let text =
+        read_text(&file).map_err(|source| DatasetError::Read { path: file.clone(), source })?;
+    let json: Value = serde_json::from_str(&text)
+        .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
+    let camera = json.get("camera").unwrap_or(&json);
+    let number = |key: &str| camera.get(key).and_then(Value::as_f64);
+    let side = |key| camera.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok());
+    let all = [number("fx"), number("fy"), number("cx"), number("cy")];
+    let ([Some(fx), Some(fy), Some(cx), Some(cy)], Some(width), Some(height)) =
+        (all, side("w"), side("h"))
+    else {
+        let expected = "`camera` with numbers w, h, fx, fy, cx, cy and scale";
+        return Err(wrong(&file, expected, describe(camera), "copy the renderings' own file"));
+    };
+    same_size((width, height), size, &file)?;
+    let scale = number("scale").unwrap_or(CODES_PER_METRE);
+    if !(scale.is_finite() && scale > 0.0) {
+        let expected = "a positive `scale`, codes per metre";
+        return Err(wrong(&file, expected, scale.to_string(), "correct it"));
+    }
+    Ok((file, Intrinsics { width, height, fx, fy, cx, cy }, scale))
+}

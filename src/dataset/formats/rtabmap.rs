@@ -1,0 +1,274 @@
+//! RTAB-Map's export: `rgb/`, `depth/` (millimetres), `calib/*.yaml` (or `calib.yaml`, `calibration.yaml`)
+//! and poses in TUM's form (`t x y z qx qy qz qw`, with or without the image's number behind) or
+//! KITTI's (twelve numbers of a 3×4 matrix).
+//!
+//! Images are named by number or by time: a pose belongs to the image of its number, of its time, or
+//! of its place in the list. Poses are taken as those of the camera (`--poses_camera`); the body of a
+//! robot has other axes, which the pose check tells.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::recording::{RecordedFrame, Recording, first_depth_size, first_size, sane, wrong};
+use super::trajectory::TimedPose;
+use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, FolderListing, read_small_text};
+use crate::dataset::matrix;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use glam::DMat4;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "RTAB-Map: `rgb/`, `depth/`, a calibration `*.yaml` and poses `*.txt`",
+    poses: PoseConvention::Opencv,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+/// What the names of folders end with: the exporter puts the map's name before it.
+const COLORS: &str = "rgb";
+const DEPTHS: &str = "depth";
+const CALIBRATIONS: &str = "calib";
+/// Metres per code.
+const DEPTH_UNIT: f64 = 0.001;
+/// Metres.
+const TRUSTED_DEPTH: [f64; 2] = [0.3, 5.0];
+/// Seconds by which the time in a name may differ from that of its pose: names are rounded.
+const TIME_ROUNDING: f64 = 2e-3;
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let (colors, depths) = (subfolder(folder, COLORS)?, subfolder(folder, DEPTHS)?);
+    let (calibration, poses) = (calibration(folder)?, pose_file(folder)?);
+    Some(format!("{calibration} and {poses}, with images in {colors}/ and {depths}/"))
+}
+
+fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
+    let is_one = |name: &String| {
+        name.strip_suffix(suffix).is_some_and(|before| before.is_empty() || before.ends_with('_'))
+    };
+    folder.subfolders().into_iter().find(is_one)
+}
+
+/// The first calibration file, relative to the root.
+fn calibration(folder: &Folder) -> Option<String> {
+    let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
+    let holds = |relative: &str| {
+        let text = read_small_text(&folder.path.join(relative)).unwrap_or_default();
+        text.contains("camera_matrix:")
+    };
+    if let Some(name) = subfolder(folder, CALIBRATIONS) {
+        let listing = folder.list(Path::new(&name)).ok()?;
+        let mut files = listing.files().filter(is_yaml).map(|file| format!("{name}/{file}"));
+        return files.find(|file| holds(file));
+    }
+    folder.listing.files().filter(is_yaml).find(|name| holds(name)).map(str::to_owned)
+}
+
+fn pose_file(folder: &Folder) -> Option<&str> {
+    let is_ours = |name: &&str| {
+        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let named = name.contains("poses") || name.contains("trajectory") || name.contains("odom");
+        named && lines(&text).next().is_some_and(|(_, line)| pose(line).is_ok())
+    };
+    folder.listing.files().filter(|name| name.ends_with(".txt")).find(is_ours)
+}
+
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+/// A line of the pose file.
+struct PoseLine {
+    time: Option<f64>,
+    number: Option<u64>,
+    matrix: DMat4,
+}
+
+fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
+    let timed = |numbers: [f64; 8]| {
+        let pose = TimedPose::new(numbers);
+        let wrong = || FrameProblem::PoseShape("numbers that are no unit quaternion".to_owned());
+        Ok::<_, FrameProblem>((Some(numbers[0]), pose.ok_or_else(wrong)?.matrix()))
+    };
+    if let Ok(numbers) = matrix::numbers::<8>(line) {
+        let (time, matrix) = timed(numbers)?;
+        return Ok(PoseLine { time, number: None, matrix });
+    }
+    if let Ok([t, x, y, z, qx, qy, qz, qw, number]) = matrix::numbers::<9>(line) {
+        let (time, matrix) = timed([t, x, y, z, qx, qy, qz, qw])?;
+        let is_whole = number >= 0.0 && number.fract() == 0.0;
+        return Ok(PoseLine { time, number: is_whole.then_some(number as u64), matrix });
+    }
+    let rows = matrix::numbers::<12>(line).map_err(FrameProblem::PoseShape)?;
+    let mut m = [0.0; 16];
+    m[..12].copy_from_slice(&rows);
+    m[15] = 1.0;
+    Ok(PoseLine { time: None, number: None, matrix: DMat4::from_cols_array(&m).transpose() })
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let images = Images::list(folder)?;
+    let sizes = first_size(&images.sources(&images.colors))
+        .and_then(|color| Ok(color.zip(first_depth_size(&images.sources(&images.depths))?)));
+    let (size, depth_size) = match sizes {
+        Ok(Some(sizes)) => sizes,
+        Ok(None) => return Ok(recording.finish()),
+        Err((file, problem)) => {
+            recording.skip("all", file, problem);
+            return Ok(recording.finish());
+        }
+    };
+    let (calibration_file, stated) = read_calibration(folder)?;
+    super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
+    let cameras = recording.one_lens(&stated, size, depth_size, &calibration_file)?;
+    // A phone's lidar is coarser than its photographs; depth cameras are not.
+    let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
+    let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
+    let (file, text) = folder.text(pose_file(folder).unwrap_or("poses.txt"))?;
+    let total = lines(&text).count();
+    let mut seen = BTreeSet::new();
+    for (i, (line, content)) in lines(&text).enumerate() {
+        let found = pose(content).and_then(|p| {
+            let stem = images.stem(&p, i, total)?;
+            Ok((Pose::from_opencv(p.matrix)?, p.time, images.pair(&stem)?, stem))
+        });
+        match found {
+            Ok((_, _, _, stem)) if seen.contains(&stem) => {
+                let problem = FrameProblem::Doubled(format!("another pose in line {line}"));
+                recording.skip(&stem, file.clone(), problem);
+            }
+            Ok((pose, time, [color, depth], stem)) => {
+                seen.insert(stem.clone());
+                recording.push(RecordedFrame {
+                    name: stem,
+                    time,
+                    pose,
+                    cameras,
+                    color,
+                    depth: Some(DepthSource { file: depth, encoding, confidence: None }),
+                    lens: Distortion::default(),
+                });
+            }
+            Err(problem) => recording.skip(&format!("line {line}"), file.clone(), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+/// The images of both folders by the stems of their names, in the order of their numbers or times.
+struct Images<'a> {
+    folder: &'a Folder,
+    names: [String; 2],
+    listings: [FolderListing; 2],
+    colors: Vec<(String, String)>,
+    depths: Vec<(String, String)>,
+}
+
+impl<'a> Images<'a> {
+    fn list(folder: &'a Folder) -> Result<Self, DatasetError> {
+        let names = [COLORS, DEPTHS].map(|s| subfolder(folder, s).unwrap_or(s.to_owned()));
+        let list = |name: &String| {
+            folder.list(Path::new(name)).map_err(|problem| {
+                let path = folder.path.join(name);
+                wrong(&path, "a folder of images", problem.to_string(), "restore it")
+            })
+        };
+        let listings = [list(&names[0])?, list(&names[1])?];
+        let stems = |listing: &FolderListing| {
+            let stem = |name: &str| Some((name.rsplit_once('.')?.0.to_owned(), name.to_owned()));
+            let mut found: Vec<_> = listing.files().filter_map(stem).collect();
+            found.sort_by(|(a, _), (b, _)| value(a).total_cmp(&value(b)).then(a.cmp(b)));
+            found
+        };
+        let [colors, depths] = [stems(&listings[0]), stems(&listings[1])];
+        Ok(Self { folder, names, listings, colors, depths })
+    }
+
+    fn sources(&self, images: &[(String, String)]) -> Vec<ByteSource> {
+        let which = usize::from(std::ptr::eq(images, &self.depths[..]));
+        images.iter().filter_map(|(_, name)| self.path(which, name).ok()).collect()
+    }
+
+    fn path(&self, which: usize, name: &str) -> Result<ByteSource, FrameProblem> {
+        let relative = Path::new(&self.names[which]);
+        Ok(self.folder.file(relative, &self.listings[which], name)?.into())
+    }
+
+    /// The image that a pose belongs to.
+    fn stem(&self, pose: &PoseLine, place: usize, total: usize) -> Result<String, FrameProblem> {
+        let by_number = pose.number.map(|n| n.to_string());
+        if let Some(stem) = by_number.filter(|n| find(&self.colors, n).is_some()) {
+            return Ok(stem);
+        }
+        let at = |time: f64| from(&self.colors, time - TIME_ROUNDING).first();
+        if let Some((stem, _)) = pose.time.and_then(at)
+            && pose.time.is_some_and(|time| (value(stem) - time).abs() < TIME_ROUNDING)
+        {
+            return Ok(stem.clone());
+        }
+        // A number that no image has belongs to an image that is gone, not to that in its place.
+        let is_counted = pose.number.is_none() && total == self.colors.len();
+        let by_place = self.colors.get(place).filter(|_| is_counted);
+        by_place.map(|(stem, _)| stem.clone()).ok_or_else(|| {
+            let images = self.colors.len();
+            FrameProblem::MissingColor(format!("of pose {place} of {total} (there are {images})"))
+        })
+    }
+
+    fn pair(&self, stem: &str) -> Result<[ByteSource; 2], FrameProblem> {
+        let color = find(&self.colors, stem);
+        let color = color.ok_or_else(|| FrameProblem::MissingColor(stem.to_owned()))?;
+        let depth = find(&self.depths, stem);
+        let depth = depth.ok_or_else(|| FrameProblem::MissingDepth(stem.to_owned()))?;
+        Ok([self.path(0, color)?, self.path(1, depth)?])
+    }
+}
+
+/// Number or time that a name is; names that are neither come last.
+fn value(stem: &str) -> f64 {
+    stem.parse().ok().filter(|value: &f64| value.is_finite()).unwrap_or(f64::INFINITY)
+}
+
+/// Images, which are in the order of their values, from a value on.
+fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
+    &images[images.partition_point(|(stem, _)| value(stem) < least)..]
+}
+
+/// Name of the file with a stem.
+fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
+    let rest = from(images, value(stem)).iter();
+    let mut equal = rest.take_while(|(other, _)| value(other) == value(stem));
+    equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
+}
+
+/// The camera of OpenCV's YAML, which is none: it begins with `%YAML:1.0` and tags its matrices.
+fn read_calibration(folder: &Folder) -> Result<(PathBuf, Intrinsics), DatasetError> {
+    let name = calibration(folder).unwrap_or("calibration.yaml".to_owned());
+    let (file, text) = folder.text(&name)?;
+    let number = |key: &str| {
+        let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
+        line.strip_prefix(':')?.trim().parse::<u32>().ok()
+    };
+    let data = text.split_once("camera_matrix:").and_then(|(_, rest)| rest.split_once("data:"));
+    let data = data.and_then(|(_, rest)| rest.split_once('[')?.1.split_once(']'));
+    let matrix = data.and_then(|(data, _)| matrix::numbers::<9>(data).ok());
+    let size = number("image_width").zip(number("image_height"));
+    let k = matrix.zip(size).and_then(|(m, size)| super::stated::from_matrix(m, size));
+    let Some(k) = k else {
+        let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
+        let found = text.lines().next().unwrap_or("an empty file").chars().take(40).collect();
+        return Err(wrong(&file, expected, found, "export the calibration again"));
+    };
+    sane(&k, &file)?;
+    Ok((file, k))
+}

@@ -1,0 +1,173 @@
+//! ScanNet as its exporter unpacks it: `color/N.jpg`, `depth/N.png` (millimetres), `pose/N.txt`
+//! (camera to world, OpenCV axes), `intrinsic/intrinsic_color.txt` and `intrinsic_depth.txt`.
+//!
+//! Colour and depth are two cameras of two sizes. Where tracking was lost a pose is all `-inf`: such
+//! frames are no defect of the recording, and are counted.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::recording::{
+    Cameras, RecordedFrame, Recording, first_depth_size, first_size, sane, wrong,
+};
+use super::stated;
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::matrix;
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use std::path::PathBuf;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "ScanNet: `color/`, `depth/`, `pose/N.txt` and `intrinsic/`",
+    poses: PoseConvention::Opencv,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const COLORS: &str = "color";
+const DEPTHS: &str = "depth";
+const POSES: &str = "pose";
+const INTRINSICS: &str = "intrinsic";
+/// Metres per code.
+const DEPTH_UNIT: f64 = 0.001;
+/// Metres; of the Structure sensor.
+const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let has = [COLORS, DEPTHS].iter().all(|name| folder.has_folder(name));
+    let is_ours = has && NumberedFiles::any(folder, POSES, "", &["txt"]);
+    is_ours.then(|| format!("numbered poses in {POSES}/ beside {COLORS}/ and {DEPTHS}/"))
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let mut list = |name: &str, extensions: &[&str]| {
+        let files = NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
+            wrong(&folder.path.join(name), "a folder of frames", problem.to_string(), "restore it")
+        })?;
+        recording.skip_doubled(&files, name);
+        Ok::<_, DatasetError>(files)
+    };
+    let colors = list(COLORS, &PHOTOGRAPHS)?;
+    let depths = list(DEPTHS, &["png"])?;
+    let poses = list(POSES, &["txt"])?;
+    let sources = |files: &NumberedFiles| -> Vec<ByteSource> {
+        files.numbers().filter_map(|n| files.file(folder, n)?.ok()).map(Into::into).collect()
+    };
+    let sizes = first_size(&sources(&colors))
+        .and_then(|color| Ok(color.zip(first_depth_size(&sources(&depths))?)));
+    let (color, depth) = match sizes {
+        Ok(Some(sizes)) => sizes,
+        Ok(None) => return Ok(recording.finish()),
+        Err((file, problem)) => {
+            recording.skip("all", file, problem);
+            return Ok(recording.finish());
+        }
+    };
+    let cameras = cameras(&recording, color, depth)?;
+    let unit = CodeKind::Linear16(DEPTH_UNIT);
+    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
+        let file = folder.path.join(POSES).join(format!("{number}.txt"));
+        let found = read_pose(folder, &poses, number)
+            .and_then(|pose| Ok((pose, paths(folder, &colors, &depths, number)?)));
+        match found {
+            Ok((pose, [color, depth])) => recording.push(RecordedFrame {
+                name: number.to_string(),
+                time: None,
+                pose,
+                cameras,
+                color,
+                depth: Some(DepthSource { file: depth, encoding, confidence: None }),
+                lens: Distortion::default(),
+            }),
+            Err(problem) => recording.skip(&number.to_string(), file, problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+fn read_pose(folder: &Folder, poses: &NumberedFiles, number: u64) -> Result<Pose, FrameProblem> {
+    let file = poses.file(folder, number).transpose()?;
+    let file = file.ok_or_else(|| FrameProblem::MissingPose(format!("{POSES}/{number}.txt")))?;
+    let text = read_small_text(&file)?;
+    Ok(Pose::from_opencv(matrix::from_text(&text)?)?)
+}
+
+fn paths(
+    folder: &Folder,
+    colors: &NumberedFiles,
+    depths: &NumberedFiles,
+    number: u64,
+) -> Result<[ByteSource; 2], FrameProblem> {
+    let color = colors.file(folder, number).transpose()?;
+    let color =
+        color.ok_or_else(|| FrameProblem::MissingColor(format!("{COLORS}/{number}.jpg")))?;
+    let depth = depths.file(folder, number).transpose()?;
+    let depth =
+        depth.ok_or_else(|| FrameProblem::MissingDepth(format!("{DEPTHS}/{number}.png")))?;
+    Ok([color.into(), depth.into()])
+}
+
+fn cameras(
+    recording: &Recording,
+    color: (u32, u32),
+    depth: (u32, u32),
+) -> Result<Cameras, DatasetError> {
+    let of_color = intrinsics(recording.folder, "intrinsic_color.txt", color)?;
+    let of_depth = intrinsics(recording.folder, "intrinsic_depth.txt", depth)?;
+    match (of_color, of_depth) {
+        (Some((color_file, of_color)), Some((_, of_depth)))
+            if recording.options.intrinsics.is_none() =>
+        {
+            // Told by size and lens only: the exporter aligns poses to both, and its extrinsics are
+            // identities.
+            let camera = ColorCamera {
+                focal: [of_color.fx, of_color.fy],
+                principal: [of_color.cx, of_color.cy],
+                offset: [0.0; 3],
+                rotation: [0.0; 3],
+                size: Some([color.0, color.1]),
+            };
+            sane(&of_color, &color_file)?;
+            let is_one = of_color == of_depth;
+            Ok(Cameras { depth: of_depth, color: (!is_one).then_some(camera) })
+        }
+        (_, Some((file, stated))) | (Some((file, stated)), None) => {
+            recording.one_lens(&stated, color, depth, &file)
+        }
+        (None, None) => {
+            let file = recording.folder.path.join(INTRINSICS).join("intrinsic_depth.txt");
+            let Some([fx, fy, cx, cy]) = recording.options.intrinsics else {
+                let hint = "export the intrinsics, or give them";
+                return Err(wrong(&file, "a camera matrix", "no such file".to_owned(), hint));
+            };
+            let stated = Intrinsics { width: depth.0, height: depth.1, fx, fy, cx, cy };
+            recording.one_lens(&stated, color, depth, &file)
+        }
+    }
+}
+
+fn intrinsics(
+    folder: &Folder,
+    name: &str,
+    size: (u32, u32),
+) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+    let relative = format!("{INTRINSICS}/{name}");
+    if !folder.path.join(&relative).is_file() {
+        return Ok(None);
+    }
+    let (file, text) = folder.text(&relative)?;
+    let k = stated::from_text(&text, size, &file)?;
+    sane(&k, &file)?;
+    Ok(Some((file, k)))
+}

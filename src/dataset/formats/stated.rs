@@ -1,0 +1,103 @@
+//! Intrinsics that a recording states in a file, or that are known of the cameras it is made with.
+
+use super::recording::wrong;
+use crate::dataset::error::DatasetError;
+use crate::dataset::folder::Folder;
+use crate::dataset::matrix::{self, describe};
+use crate::math::camera::Intrinsics;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// PrimeSense cameras (Kinect, Xtion) as their makers state them, for 640×480.
+pub(super) const PRIMESENSE: Intrinsics =
+    Intrinsics { width: 640, height: 480, fx: 525.0, fy: 525.0, cx: 319.5, cy: 239.5 };
+
+/// Names of text files with a camera matrix or `fx fy cx cy`.
+const NAMES: [&str; 5] =
+    ["camera-intrinsics.txt", "intrinsics.txt", "camera.txt", "calibration.txt", "intrinsic.txt"];
+
+/// A camera matrix of 3×3 or 4×4 numbers by rows, or `fx fy cx cy`, for images of a size.
+pub(super) fn from_text(
+    text: &str,
+    size: (u32, u32),
+    file: &Path,
+) -> Result<Intrinsics, DatasetError> {
+    let (width, height) = size;
+    let of = |fx, fy, cx, cy| Intrinsics { width, height, fx, fy, cx, cy };
+    if let Ok([fx, fy, cx, cy]) = matrix::numbers::<4>(text) {
+        return Ok(of(fx, fy, cx, cy));
+    }
+    let rows = match (matrix::numbers::<16>(text), matrix::numbers::<9>(text)) {
+        (Ok(m), _) => [m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]],
+        (_, Ok(m)) => m,
+        (_, Err(found)) => {
+            let expected = "4 numbers fx fy cx cy, or a camera matrix of 3x3 or 4x4";
+            return Err(wrong(file, expected, found, "export the intrinsics again"));
+        }
+    };
+    from_matrix(rows, size).ok_or_else(|| {
+        let expected = "a camera matrix fx 0 cx, 0 fy cy, 0 0 1";
+        wrong(file, expected, format!("{rows:?}"), "undistort to a pinhole without skew")
+    })
+}
+
+/// A camera matrix by rows; by columns it is told by where the principal point stands.
+pub(super) fn from_matrix(m: [f64; 9], (width, height): (u32, u32)) -> Option<Intrinsics> {
+    let zero = |v: f64| v.abs() < 1e-6;
+    let [cx, cy] = match zero(m[2]) && zero(m[5]) {
+        true => [m[6], m[7]],
+        false if zero(m[6]) && zero(m[7]) => [m[2], m[5]],
+        false => return None,
+    };
+    let is_pinhole = zero(m[1]) && zero(m[3]) && zero(m[8] - 1.0);
+    is_pinhole.then_some(Intrinsics { width, height, fx: m[0], fy: m[4], cx, cy })
+}
+
+/// A camera matrix in JSON: nine numbers, or three rows or columns of three.
+pub(super) fn from_json(value: &Value, size: (u32, u32)) -> Option<Intrinsics> {
+    let numbers = flat_numbers(value)?;
+    match numbers[..] {
+        [fx, fy, cx, cy] => Some(Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy }),
+        _ => from_matrix(numbers.try_into().ok()?, size),
+    }
+}
+
+/// All numbers of nested arrays in order.
+pub(super) fn flat_numbers(value: &Value) -> Option<Vec<f64>> {
+    match value {
+        Value::Array(items) => {
+            let parts: Option<Vec<_>> = items.iter().map(flat_numbers).collect();
+            Some(parts?.concat())
+        }
+        other => Some(vec![other.as_f64()?]),
+    }
+}
+
+/// The camera that a text file in the root states; its path.
+pub(super) fn in_text_file(
+    folder: &Folder,
+    size: (u32, u32),
+) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+    let Some(name) = NAMES.iter().find(|name| folder.listing.has_file(name)) else {
+        return Ok(None);
+    };
+    let (file, text) = folder.text(name)?;
+    let k = from_text(&text, size, &file)?;
+    Ok(Some((file, k)))
+}
+
+/// The camera that a JSON file of Open3D states (`intrinsic_matrix`, `width`, `height`); its path.
+pub(super) fn in_json_file(folder: &Folder) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
+    for name in folder.listing.files().filter(|name| name.ends_with(".json")) {
+        let (file, text) = folder.text(name)?;
+        let Ok(json) = serde_json::from_str::<Value>(&text) else { continue };
+        let Some(matrix) = json.get("intrinsic_matrix") else { continue };
+        let side = |key| json.get(key).and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok());
+        let k = side("width").zip(side("height")).and_then(|size| from_json(matrix, size));
+        let expected = "`width`, `height` and an `intrinsic_matrix` of nine numbers";
+        let hint = "export the camera again";
+        let k = k.ok_or_else(|| wrong(&file, expected, describe(&json), hint))?;
+        return Ok(Some((file, k)));
+    }
+    Ok(None)
+}

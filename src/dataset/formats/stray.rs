@@ -1,0 +1,303 @@
+//! Stray Scanner, an app for iPhones: `odometry.csv` (timestamp, frame, x, y, z, qx, qy, qz, qw, camera
+//! to world in OpenCV axes), `camera_matrix.csv` for the video's size, `depth/NNNNNN.png`
+//! (millimetres), `confidence/NNNNNN.png` (0 to 2), `rgb.mp4` or images unpacked from it into `rgb/`.
+//!
+//! The video is HEVC: it is unpacked by an `ffmpeg` on the path. Without one the recording opens on
+//! request with its geometry alone.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::numbered::{NumberedFiles, PHOTOGRAPHS};
+use super::recording::{RecordedFrame, Recording, first_depth_size, first_size, wrong};
+use super::stated;
+use super::trajectory::TimedPose;
+use crate::dataset::decode::CodeKind;
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
+use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::dataset::video::Video;
+use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "Stray Scanner: `odometry.csv`, `camera_matrix.csv` and `depth/`",
+    poses: PoseConvention::Opencv,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const POSES: &str = "odometry.csv";
+const CAMERA: &str = "camera_matrix.csv";
+const DEPTHS: &str = "depth";
+const CONFIDENCES: &str = "confidence";
+const COLORS: &str = "rgb";
+const VIDEO: &str = "rgb.mp4";
+const COLUMNS: [&str; 9] = ["timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw"];
+/// Of the app's video.
+const VIDEO_SIZE: (u32, u32) = (1920, 1440);
+/// Metres per code.
+const DEPTH_UNIT: f64 = 0.001;
+/// Metres; beyond, the lidar's depth is made up from the photograph.
+const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let text = read_small_text(&folder.path.join(POSES)).unwrap_or_default();
+    let is_ours = text.lines().next().is_some_and(|head| columns(head).is_some())
+        && folder.listing.has_file(CAMERA);
+    is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))
+}
+
+/// Where in a line each of [`COLUMNS`] stands.
+fn columns(head: &str) -> Option<[usize; 9]> {
+    let names: Vec<&str> = head.split(',').map(str::trim).collect();
+    let mut found = [0; 9];
+    for (place, wanted) in found.iter_mut().zip(COLUMNS) {
+        *place = names.iter().position(|name| *name == wanted)?;
+    }
+    Some(found)
+}
+
+/// Files of a recording, by number.
+struct Files {
+    colors: Option<NumberedFiles>,
+    video: Option<Arc<Video>>,
+    depths: NumberedFiles,
+    confidences: Option<NumberedFiles>,
+}
+
+impl Files {
+    /// The photograph of a frame; `None` if there is none.
+    fn color(&self, folder: &Folder, frame: u64) -> Option<Result<ByteSource, FrameProblem>> {
+        match (&self.colors, &self.video) {
+            (Some(colors), _) => colors.file(folder, frame).map(|file| file.map(Into::into)),
+            (None, Some(video)) => Some(Ok(ByteSource::VideoFrame {
+                video: Arc::clone(video),
+                index: usize::try_from(frame).unwrap_or(usize::MAX),
+            })),
+            (None, None) => {
+                let depth = self.depths.file(folder, frame)?;
+                Some(depth.map(ByteSource::Grey))
+            }
+        }
+    }
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let files = files(&mut recording)?;
+    let depths: Vec<ByteSource> = files
+        .depths
+        .numbers()
+        .filter_map(|n| Some(files.depths.file(folder, n)?.ok()?.into()))
+        .collect();
+    let depth_size = match first_depth_size(&depths) {
+        Ok(Some(size)) => size,
+        Ok(None) => return Ok(recording.finish()),
+        Err((file, problem)) => {
+            recording.skip("all", file, problem);
+            return Ok(recording.finish());
+        }
+    };
+    let Some(size) = color_size(&mut recording, &files, depth_size) else {
+        return Ok(recording.finish());
+    };
+    let k = camera(&mut recording, size)?;
+    let file = folder.path.join(CAMERA);
+    let cameras = recording.one_lens(&k, size, depth_size, &file)?;
+    let unit = CodeKind::ByContent(DEPTH_UNIT);
+    let encoding = recording.encoding(unit, Sensor::Lidar, TRUSTED_DEPTH);
+    let least = recording.least_confidence();
+    for line in odometry(&mut recording)? {
+        let name = format!("{:06}", line.frame);
+        let depth = FrameSet { files: &files, frame: line.frame };
+        let found =
+            Pose::from_opencv(line.pose.matrix()).map_err(FrameProblem::from).and_then(|pose| {
+                Ok((pose, depth.color(folder)?, depth.depth(folder)?, depth.map(folder)?))
+            });
+        match found {
+            Ok((pose, color, file, map)) => recording.push(RecordedFrame {
+                name,
+                time: Some(line.pose.time),
+                pose,
+                cameras,
+                color,
+                depth: Some(DepthSource {
+                    file,
+                    encoding,
+                    confidence: map.map(|map| (map, least)),
+                }),
+                lens: Distortion::default(),
+            }),
+            Err(problem) => recording.skip(&name, folder.path.join(POSES), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+/// The files of one frame.
+struct FrameSet<'a> {
+    files: &'a Files,
+    frame: u64,
+}
+
+impl FrameSet<'_> {
+    fn color(&self, folder: &Folder) -> Result<ByteSource, FrameProblem> {
+        let missing = || FrameProblem::MissingColor(format!("{COLORS}/{:06}.jpg", self.frame));
+        self.files.color(folder, self.frame).transpose()?.ok_or_else(missing)
+    }
+
+    fn depth(&self, folder: &Folder) -> Result<ByteSource, FrameProblem> {
+        let missing = || FrameProblem::MissingDepth(format!("{DEPTHS}/{:06}.png", self.frame));
+        let file = self.files.depths.file(folder, self.frame).transpose()?;
+        Ok(file.ok_or_else(missing)?.into())
+    }
+
+    fn map(&self, folder: &Folder) -> Result<Option<ByteSource>, FrameProblem> {
+        let map = self.files.confidences.as_ref().and_then(|maps| maps.file(folder, self.frame));
+        Ok(map.transpose()?.map(Into::into))
+    }
+}
+
+fn files(recording: &mut Recording) -> Result<Files, DatasetError> {
+    let folder = recording.folder;
+    let mut list = |name: &str, extensions: &[&str]| {
+        let files = NumberedFiles::list(folder, name, "", extensions).map_err(|problem| {
+            wrong(&folder.path.join(name), "a folder of images", problem.to_string(), "restore it")
+        })?;
+        recording.skip_doubled(&files, name);
+        Ok::<_, DatasetError>(files)
+    };
+    let depths = list(DEPTHS, &["png", "npy"])?;
+    let confidences = folder.has_folder(CONFIDENCES).then(|| list(CONFIDENCES, &["png"]));
+    let confidences = confidences.transpose()?;
+    let colors = folder.has_folder(COLORS).then(|| list(COLORS, &PHOTOGRAPHS)).transpose()?;
+    let has_video = folder.listing.has_file(VIDEO);
+    let path = folder.path.join(VIDEO);
+    let mut video = None;
+    if colors.is_none() && !recording.options.geometry_only {
+        if !has_video {
+            let found = "neither it nor a folder rgb/".to_owned();
+            let hint = "copy the video from the phone, or open the geometry only";
+            return Err(wrong(&path, "the recording's video", found, hint));
+        }
+        if !Video::can_be_read() {
+            let expected = "an `ffmpeg` on the path to unpack this video, or images in rgb/";
+            let hint =
+                format!("install ffmpeg, or run here: {VIDEO_BY_HAND}; or open the geometry only");
+            return Err(wrong(&path, expected, "neither".to_owned(), &hint));
+        }
+        video = Some(Arc::new(Video::new(path)));
+    }
+    if colors.is_none() && video.is_none() {
+        recording.note("geometry only: every photograph is grey");
+    }
+    Ok(Files { colors, video, depths, confidences })
+}
+
+/// Size of the photographs; of the depth where none are wanted.
+fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Option<(u32, u32)> {
+    let folder = recording.folder;
+    if files.colors.is_none() && files.video.is_none() {
+        return Some(depth);
+    }
+    let numbers: Vec<u64> = match &files.colors {
+        Some(colors) => colors.numbers().collect(),
+        None => vec![0],
+    };
+    let sources: Vec<ByteSource> =
+        numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok()).collect();
+    match first_size(&sources) {
+        Ok(size) => size,
+        Err((file, problem)) => {
+            recording.skip("all", file, problem);
+            None
+        }
+    }
+}
+
+/// The camera matrix, for the size it was written for: that of the photographs, or, where those were
+/// made smaller, of the app's video.
+fn camera(recording: &mut Recording, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
+    let (file, text) = recording.folder.text(CAMERA)?;
+    let k = stated::from_text(&text, size, &file)?;
+    let is_centred = |(width, height): (u32, u32)| {
+        let off = [k.cx / f64::from(width) - 0.5, k.cy / f64::from(height) - 0.5];
+        off.iter().all(|off| off.abs() < 0.15)
+    };
+    if is_centred(size) {
+        return Ok(k);
+    }
+    let is_grey = recording.options.geometry_only;
+    let of = |(width, height): (u32, u32)| Intrinsics { width, height, ..k };
+    if is_centred(VIDEO_SIZE) && (is_grey || size.0 * VIDEO_SIZE.1 == size.1 * VIDEO_SIZE.0) {
+        if !is_grey {
+            let (width, height) = VIDEO_SIZE;
+            recording.note(format!("{CAMERA} is for {width}x{height}: scaled to the images"));
+        }
+        return Ok(of(VIDEO_SIZE));
+    }
+    // Without a video its size is what lies around the principal point.
+    Ok(if is_grey { of(((2.0 * k.cx).round() as u32, (2.0 * k.cy).round() as u32)) } else { k })
+}
+
+/// A line of the odometry.
+struct OdometryLine {
+    frame: u64,
+    pose: TimedPose,
+}
+
+fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError> {
+    let (file, text) = recording.folder.text(POSES)?;
+    let mut lines = text.lines().enumerate();
+    let places = lines.next().and_then(|(_, head)| columns(head)).unwrap_or_default();
+    let mut found: Vec<OdometryLine> = Vec::new();
+    let mut seen = BTreeSet::new();
+    for (i, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
+        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+        let number = |place: usize| cells.get(places[place])?.parse::<f64>().ok();
+        let pose = || {
+            TimedPose::new([
+                number(0)?,
+                number(2)?,
+                number(3)?,
+                number(4)?,
+                number(5)?,
+                number(6)?,
+                number(7)?,
+                number(8)?,
+            ])
+        };
+        // Newer versions write frames as `000012`, older ones as 12.
+        let frame = cells.get(places[1]).and_then(|cell| cell.parse::<u64>().ok());
+        let Some((frame, pose)) = frame.zip(pose()) else {
+            let expected = "a frame number and finite numbers of time, place and unit quaternion";
+            let problem = FrameProblem::Line {
+                expected,
+                found: line.chars().take(60).collect(),
+                line: i + 1,
+            };
+            recording.skip(&format!("line {}", i + 1), file.clone(), problem);
+            continue;
+        };
+        match seen.insert(frame) {
+            true => found.push(OdometryLine { frame, pose }),
+            false => {
+                let problem = FrameProblem::Doubled(format!("another line of frame {frame}"));
+                recording.skip(&frame.to_string(), file.clone(), problem);
+            }
+        }
+    }
+    let unordered = found.windows(2).filter(|pair| pair[1].pose.time < pair[0].pose.time).count();
+    if unordered > 0 {
+        recording.note(format!("{POSES}: {unordered} times come before an earlier one; sorted"));
+        found.sort_by(|a, b| a.pose.time.total_cmp(&b.pose.time));
+    }
+    Ok(found)
+}

@@ -1,0 +1,113 @@
+//! Poses by time, and what lies between two of them.
+
+use crate::dataset::error::FrameProblem;
+use crate::math::pose::Pose;
+use glam::{DMat4, DQuat, DVec3};
+
+/// Seconds by which a frame's pose or photograph may be off; recorders at 30 frames a second are off
+/// by half of 33 ms at most.
+pub(super) const TOLERANCE: f64 = 0.020;
+
+/// A position and a unit quaternion at a time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TimedPose {
+    pub time: f64,
+    position: DVec3,
+    turn: DQuat,
+}
+
+impl TimedPose {
+    /// `t tx ty tz qx qy qz qw`; `None` unless all are finite and the quaternion has a length.
+    pub fn new([time, x, y, z, qx, qy, qz, qw]: [f64; 8]) -> Option<Self> {
+        let (position, turn) = (DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw));
+        let is_turn = (0.5..2.0).contains(&turn.length());
+        (time.is_finite() && position.is_finite() && is_turn).then(|| Self {
+            time,
+            position,
+            turn: turn.normalize(),
+        })
+    }
+
+    /// Its matrix, in whatever convention the numbers are.
+    pub fn matrix(&self) -> DMat4 {
+        DMat4::from_rotation_translation(self.turn, self.position)
+    }
+}
+
+/// A path through time.
+pub(super) struct Trajectory {
+    // Ascending, no two of a time.
+    poses: Vec<TimedPose>,
+}
+
+impl Trajectory {
+    /// Orders poses by time; of those of one time the first stays. Tells how many came before an
+    /// earlier one and how many were left out.
+    pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
+        let unordered = poses.windows(2).filter(|pair| pair[1].time < pair[0].time).count();
+        let n = poses.len();
+        poses.sort_by(|a, b| a.time.total_cmp(&b.time));
+        poses.dedup_by(|later, first| later.time == first.time);
+        let doubled = n - poses.len();
+        (Self { poses }, unordered, doubled)
+    }
+
+    /// The pose at a time, between the two nearest where there are two.
+    ///
+    /// # Errors
+    /// No pose within [`TOLERANCE`].
+    pub fn at(&self, time: f64) -> Result<DMat4, FrameProblem> {
+        let after = self.poses.partition_point(|pose| pose.time < time);
+        let (before, after) = (after.checked_sub(1).map(|i| self.poses[i]), self.poses.get(after));
+        let distance =
+            |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
+        let nearest = distance(before.as_ref()).min(distance(after));
+        if nearest > TOLERANCE {
+            return Err(FrameProblem::NoPoseInTime {
+                time,
+                tolerance_ms: 1e3 * TOLERANCE,
+                found: match nearest.is_finite() {
+                    true => format!("the nearest {:.0} ms away", 1e3 * nearest),
+                    false => "no pose at all".to_owned(),
+                },
+            });
+        }
+        Ok(match (before, after) {
+            (Some(a), Some(b)) => {
+                let t = (time - a.time) / (b.time - a.time);
+                let turn = a.turn.slerp(b.turn, t);
+                DMat4::from_rotation_translation(turn, a.position.lerp(b.position, t))
+            }
+            (Some(only), None) => only.matrix(),
+            (None, Some(only)) => only.matrix(),
+            (None, None) => Pose::IDENTITY.to_opencv(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(time: f64, x: f64, angle: f64) -> TimedPose {
+        let q = DQuat::from_rotation_z(angle);
+        TimedPose::new([time, x, 0.0, 0.0, q.x, q.y, q.z, q.w]).unwrap()
+    }
+
+    #[test]
+    fn poses_between_two_are_interpolated_on_the_sphere() {
+        let (path, unordered, doubled) =
+            Trajectory::new(vec![at(2.0, 1.0, 0.8), at(1.99, 0.0, 0.0), at(2.0, 9.0, 0.0)]);
+        assert_eq!((unordered, doubled), (1, 1));
+        let half = path.at(1.995).unwrap();
+        let expected = DMat4::from_rotation_translation(
+            DQuat::from_rotation_z(0.4),
+            DVec3::new(0.5, 0.0, 0.0),
+        );
+        assert!(half.abs_diff_eq(expected, 1e-9), "{half}");
+        assert!(path.at(2.019).unwrap().abs_diff_eq(at(0.0, 1.0, 0.8).matrix(), 1e-12));
+        let error = path.at(2.5).unwrap_err().to_string();
+        assert!(error.contains("within 20 ms") && error.contains("500 ms away"), "{error}");
+        assert!(TimedPose::new([0.0; 8]).is_none() && TimedPose::new([f64::NAN; 8]).is_none());
+    }
+}

@@ -1,0 +1,240 @@
+//! TUM RGB-D: `rgb.txt` and `depth.txt` list images by time, `groundtruth.txt` poses
+//! (`t tx ty tz qx qy qz qw`, camera to world, OpenCV axes); depth in steps of 1/5000 m, registered
+//! to colour.
+//!
+//! Nothing was taken at one time: a frame is a depth image, the photograph nearest to it and the pose
+//! at its time, interpolated between the two around it. A camera that turns by 100° a second turns by
+//! half a degree between two poses at 100 Hz, hence the pose is that of the depth image and not the
+//! nearest one.
+//!
+//! The recordings do not hold their intrinsics. The default of the makers projects their depth better
+//! than the calibration that is published for each colour camera.
+
+use super::format::{DatasetFormat, ParsedFolder};
+use super::recording::{Cameras, RecordedFrame, Recording, first_depth_size, first_size, wrong};
+use super::stated::{self, PRIMESENSE};
+use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
+use crate::dataset::decode::{CodeKind, DepthEncoding};
+use crate::dataset::distortion::Distortion;
+use crate::dataset::entry::DepthSource;
+use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::options::LoadOptions;
+use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::source::ByteSource;
+use crate::dataset::surface::sensor::Sensor;
+use crate::math::pose::Pose;
+use std::path::PathBuf;
+
+pub(super) const FORMAT: DatasetFormat = DatasetFormat {
+    looks_for: "TUM RGB-D: `rgb.txt`, `depth.txt` and `groundtruth.txt`",
+    poses: PoseConvention::Opencv,
+    recognise,
+    parse,
+    known_calibration: |_| None,
+};
+
+const COLOR_LIST: &str = "rgb.txt";
+const DEPTH_LIST: &str = "depth.txt";
+const POSES: &str = "groundtruth.txt";
+/// Metres per code.
+const DEPTH_UNIT: f64 = 1.0 / 5000.0;
+/// Metres; as of 7-Scenes, whose sensor it is.
+const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
+
+fn recognise(folder: &Folder) -> Option<String> {
+    let lists_images = |name: &str| {
+        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        folder.listing.has_file(name) && lines(&text).any(|(_, line)| image(line).is_some())
+    };
+    let is_ours = lists_images(COLOR_LIST) && lists_images(DEPTH_LIST);
+    is_ours.then(|| format!("{COLOR_LIST} and {DEPTH_LIST} with times and image files"))
+}
+
+/// Lines that are no comment, with their numbers from 1.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
+    numbered.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'))
+}
+
+/// Time and file of a line of a list.
+fn image(line: &str) -> Option<(f64, &str)> {
+    let (time, file) = line.split_once(|c: char| c.is_whitespace() || c == ',')?;
+    Some((time.parse().ok().filter(|t: &f64| t.is_finite())?, file.trim()))
+}
+
+fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
+    let mut recording = Recording::new(folder, options);
+    let colors = images(&mut recording, COLOR_LIST)?;
+    let depths = images(&mut recording, DEPTH_LIST)?;
+    let trajectory = trajectory(&mut recording)?;
+    let Some(cameras) = cameras(&mut recording, &colors, &depths)? else {
+        return Ok(recording.finish());
+    };
+    let unit = CodeKind::Linear16(DEPTH_UNIT);
+    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    for depth in &depths {
+        match frame(depth, &colors, &trajectory, cameras, encoding) {
+            Ok(frame) => recording.push(frame),
+            Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
+        }
+    }
+    Ok(recording.finish())
+}
+
+/// An image of a list.
+struct TimedImage {
+    time: f64,
+    name: String,
+    path: PathBuf,
+}
+
+/// The images of a list in the order of their times.
+fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, DatasetError> {
+    let folder = recording.folder;
+    let (file, text) = folder.text(list)?;
+    let mut found: Vec<TimedImage> = Vec::new();
+    for (line, content) in lines(&text) {
+        let Some((time, name)) = image(content) else {
+            let expected = "a time in seconds and an image file";
+            let problem = FrameProblem::Line { expected, found: content.into(), line };
+            recording.skip(content, file.clone(), problem);
+            continue;
+        };
+        match folder.named(name) {
+            Ok(path) => found.push(TimedImage { time, name: name.to_owned(), path }),
+            Err(problem) => {
+                recording.skip(name, file.clone(), missing(problem, name, list == DEPTH_LIST));
+            }
+        }
+    }
+    let unordered = found.windows(2).filter(|pair| pair[1].time < pair[0].time).count();
+    if unordered > 0 {
+        recording.note(format!("{list}: {unordered} times come before an earlier one; sorted"));
+    }
+    found.sort_by(|a, b| a.time.total_cmp(&b.time));
+    let mut unique: Vec<TimedImage> = Vec::with_capacity(found.len());
+    for image in found {
+        match unique.last().is_some_and(|last| last.time == image.time) {
+            true => {
+                let problem = FrameProblem::Doubled(format!("`{}` at that time", image.name));
+                recording.skip(&image.name, file.clone(), problem);
+            }
+            false => unique.push(image),
+        }
+    }
+    Ok(unique)
+}
+
+fn missing(problem: FrameProblem, name: &str, is_depth: bool) -> FrameProblem {
+    match problem {
+        FrameProblem::Read(e) if e.kind() == std::io::ErrorKind::NotFound => match is_depth {
+            true => FrameProblem::MissingDepth(name.to_owned()),
+            false => FrameProblem::MissingColor(name.to_owned()),
+        },
+        other => other,
+    }
+}
+
+fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
+    if !recording.folder.listing.has_file(POSES) {
+        let expected = "poses, lines of t tx ty tz qx qy qz qw";
+        let file = recording.folder.path.join(POSES);
+        let hint = "put the recording's trajectory there, times on the images' clock";
+        return Err(wrong(&file, expected, "no such file".to_owned(), hint));
+    }
+    let (file, text) = recording.folder.text(POSES)?;
+    let mut poses = Vec::new();
+    for (line, content) in lines(&text) {
+        match crate::dataset::matrix::numbers::<8>(content).map(TimedPose::new) {
+            Ok(Some(pose)) => poses.push(pose),
+            Ok(None) | Err(_) => {
+                let expected = "finite t tx ty tz and a unit quaternion qx qy qz qw";
+                let found = content.chars().take(60).collect();
+                let problem = FrameProblem::Line { expected, found, line };
+                recording.skip(&format!("pose {line}"), file.clone(), problem);
+            }
+        }
+    }
+    let (trajectory, unordered, doubled) = Trajectory::new(poses);
+    if unordered > 0 {
+        recording.note(format!("{POSES}: {unordered} times come before an earlier one; sorted"));
+    }
+    if doubled > 0 {
+        recording.note(format!("{POSES}: {doubled} poses of a time that has one are left out"));
+    }
+    Ok(trajectory)
+}
+
+/// Intrinsics from an option, a file or the known cameras; `None` if no image can be read.
+fn cameras(
+    recording: &mut Recording,
+    colors: &[TimedImage],
+    depths: &[TimedImage],
+) -> Result<Option<Cameras>, DatasetError> {
+    let sources = |images: &[TimedImage]| -> Vec<ByteSource> {
+        images.iter().map(|image| ByteSource::File(image.path.clone())).collect()
+    };
+    let size = first_size(&sources(colors));
+    let depth_size = first_depth_size(&sources(depths));
+    let (size, depth_size) = match (size, depth_size) {
+        (Ok(Some(size)), Ok(Some(depth))) => (size, depth),
+        (Ok(_), Ok(_)) => return Ok(None),
+        (Err((file, problem)), _) | (_, Err((file, problem))) => {
+            recording.skip("all", file, problem);
+            return Ok(None);
+        }
+    };
+    let file = recording.folder.path.join("camera-intrinsics.txt");
+    let (file, k) = match stated::in_text_file(recording.folder, size)? {
+        Some(stated) => stated,
+        None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
+        None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
+            recording
+                .note("no intrinsics in the folder: the makers' 525, 525, 319.5, 239.5 are used");
+            (file, PRIMESENSE)
+        }
+        None => {
+            let expected = format!("fx fy cx cy for images of {}x{}", size.0, size.1);
+            let found = "no such file (known cameras have 640x480)".to_owned();
+            return Err(wrong(&file, &expected, found, "write them, or give the intrinsics"));
+        }
+    };
+    recording.one_lens(&k, size, depth_size, &file).map(Some)
+}
+
+fn frame(
+    depth: &TimedImage,
+    colors: &[TimedImage],
+    trajectory: &Trajectory,
+    cameras: Cameras,
+    encoding: DepthEncoding,
+) -> Result<RecordedFrame, FrameProblem> {
+    let pose = Pose::from_opencv(trajectory.at(depth.time)?)?;
+    let color = nearest(colors, depth.time)?;
+    let file = ByteSource::File(depth.path.clone());
+    Ok(RecordedFrame {
+        name: depth.name.rsplit('/').next().unwrap_or(&depth.name).trim_end_matches(".png").into(),
+        time: Some(depth.time),
+        pose,
+        cameras,
+        color: ByteSource::File(color.path.clone()),
+        depth: Some(DepthSource { file, encoding, confidence: None }),
+        lens: Distortion::default(),
+    })
+}
+
+fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem> {
+    let after = colors.partition_point(|image| image.time < time);
+    let around = [after.checked_sub(1).and_then(|i| colors.get(i)), colors.get(after)];
+    let distance = |image: &&TimedImage| (image.time - time).abs();
+    let best = around.into_iter().flatten().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    best.filter(|image| distance(image) <= TOLERANCE).ok_or_else(|| FrameProblem::NoColorInTime {
+        time,
+        tolerance_ms: 1e3 * TOLERANCE,
+        found: match best {
+            Some(image) => format!("the nearest {:.0} ms away", 1e3 * distance(&image)),
+            None => "no image at all".to_owned(),
+        },
+    })
+}

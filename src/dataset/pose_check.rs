@@ -1,0 +1,197 @@
+//! Whether poses mean what a layout says, told without any truth: depth of a frame, moved by both
+//! poses into a neighbour, must lie on what the neighbour measured.
+//!
+//! A wrong convention still loads, and a model of it is mush. So the other conventions and units of
+//! depth are tried on the same pairs of frames, and one that explains them far better is named. Pairs
+//! are chosen so that the camera moved: where it stood still everything agrees with everything, and
+//! where it only turned every unit does.
+
+use super::entry::{DatasetSplit, FrameEntry};
+use super::frame::length_per_z;
+use super::opened::Dataset;
+use super::pose_convention::PoseConvention;
+use crate::math::camera::Intrinsics;
+use crate::math::image::Image;
+use crate::math::pose::Pose;
+use glam::DVec3;
+use strum::IntoEnumIterator;
+
+/// Pairs that are looked at, evenly spaced.
+const MAX_PAIRS: usize = 8;
+/// Frames between the two of a pair, until the camera has moved enough.
+const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
+/// Movement of a pair that is enough: of the camera, as a share of the depth it sees, and its turn in
+/// radians.
+const MOVED: [f64; 2] = [0.05, 0.1];
+/// Samples along a row or column of depth.
+const SAMPLES: usize = 36;
+/// Depths agree if they differ by at most this share.
+const TOLERANCE: f64 = 0.04;
+/// Of all samples this share must fall into the neighbour's image, or as many count as do not agree.
+const MIN_OVERLAP: f64 = 0.25;
+/// Units of depth tried, as factors: confused millimetres, the scales of TUM and Replica, centimetres.
+const UNITS: [f64; 11] =
+    [1.0, 0.001, 1000.0, 0.2, 5.0, 0.01, 100.0, 0.1, 10.0, 1.0 / 6.5535, 6.5535];
+/// By how much another reading must agree better before it is named, and how well it must agree.
+const BETTER: [f64; 2] = [0.2, 0.5];
+
+/// What the pairs say of the poses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseCheck {
+    /// Pairs of frames that were compared.
+    pub pairs: usize,
+    /// As the recording was opened.
+    pub opened: PoseTrial,
+    /// What explains the pairs best; `opened` itself unless another does far better.
+    pub best: PoseTrial,
+}
+
+/// One reading of the poses and of depth, and how well it explains the pairs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseTrial {
+    /// What pose matrices mean.
+    pub poses: PoseConvention,
+    /// Factor of depth as the recording was opened.
+    pub unit: f64,
+    /// Share of samples that lie on what the neighbour measured, 0 to 1.
+    pub agreement: f64,
+    /// Median distance from what the neighbour measured, world units along the optical axis.
+    pub error: f64,
+}
+
+impl PoseCheck {
+    /// Whether another reading is the better one.
+    pub fn is_doubtful(&self) -> bool {
+        self.best != self.opened
+    }
+}
+
+/// Compares frames of a split with their neighbours; `None` without two frames of depth.
+///
+/// ```
+/// use vbgs_studio::dataset::{PoseConvention, pose_check};
+///
+/// let room = vbgs_studio::dataset::synthetic::demo()?;
+/// let check = pose_check::check(&room, 0).ok_or("too few frames")?;
+/// assert!(check.opened.agreement > 0.8 && !check.is_doubtful(), "{check:?}");
+/// assert_eq!(check.opened.poses, PoseConvention::Opencv);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
+    let split = dataset.splits.get(split)?;
+    let stated = dataset.options.poses.unwrap_or(dataset.layout.pose_convention());
+    let pairs = pairs(split);
+    if pairs.is_empty() {
+        return None;
+    }
+    let trial = |poses, unit| PoseTrial::of(&pairs, stated, poses, unit);
+    let opened = trial(stated, 1.0);
+    let trials = PoseConvention::iter().flat_map(|poses| UNITS.map(|unit| trial(poses, unit)));
+    let best = trials.max_by(|a, b| a.agreement.total_cmp(&b.agreement));
+    let best = best
+        .filter(|best| best.agreement > opened.agreement + BETTER[0] && best.agreement > BETTER[1]);
+    Some(PoseCheck { pairs: pairs.len(), opened, best: best.unwrap_or(opened) })
+}
+
+/// Samples of one frame, in its camera, and the neighbour that must have seen them.
+struct FramePair {
+    samples: Vec<DVec3>,
+    from: Pose,
+    to: Pose,
+    intrinsics: Intrinsics,
+    measured: Image<f64>,
+}
+
+fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
+    let n = split.frames.len();
+    let anchors = n.min(MAX_PAIRS);
+    (0..anchors).filter_map(|i| pair(&split.frames[i * n / anchors..])).collect()
+}
+
+/// The first frame and the nearest behind it from which the camera has moved.
+fn pair(frames: &[FrameEntry]) -> Option<FramePair> {
+    let first = frames.first()?;
+    let depth = depth_z(first)?;
+    let mut lengths: Vec<f64> = depth.data.iter().copied().filter(|z| *z > 0.0).collect();
+    lengths.sort_unstable_by(f64::total_cmp);
+    let usual = *lengths.get(lengths.len() / 2)?;
+    let (from, k) = (first.camera.pose, first.camera.intrinsics);
+    let has_moved = |other: &&FrameEntry| {
+        let to = other.camera.pose;
+        let turn = to.rotation().transpose() * from.rotation();
+        let angle = (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0);
+        // One of both: a wrong pose may turn where the camera went straight.
+        from.centre().distance(to.centre()) > MOVED[0] * usual || angle.acos() > MOVED[1]
+    };
+    let candidates = || GAPS.iter().filter_map(|gap| frames.get(*gap));
+    let second = candidates().find(has_moved).or_else(|| candidates().next_back())?;
+    let (columns, rows) = (stride(depth.width), stride(depth.height));
+    let mut samples = Vec::new();
+    for row in (rows / 2..depth.height).step_by(rows) {
+        for column in (columns / 2..depth.width).step_by(columns) {
+            let z = *depth.at(column, row);
+            if z > 0.0 {
+                samples.push(k.ray(column, row) * z);
+            }
+        }
+    }
+    Some(FramePair {
+        samples,
+        from,
+        to: second.camera.pose,
+        intrinsics: second.camera.intrinsics,
+        measured: depth_z(second)?,
+    })
+}
+
+fn stride(side: usize) -> usize {
+    (side / SAMPLES).max(1)
+}
+
+/// Trusted depth along the optical axis, 0 elsewhere; `None` if there is none or it cannot be read.
+fn depth_z(entry: &FrameEntry) -> Option<Image<f64>> {
+    let depth = entry.load_depth().ok().flatten()?;
+    let (width, height) = depth.size();
+    let mut out = Image::filled(width, height, 0.0);
+    for (i, z) in out.data.iter_mut().enumerate() {
+        let (column, row) = (i % width, i / width);
+        if let Some(value) = depth.value_at(column, row).filter(|value| depth.trusts(*value)) {
+            *z = value / length_per_z(&entry.camera.intrinsics, depth.kind, column, row);
+        }
+    }
+    Some(out)
+}
+
+impl PoseTrial {
+    fn of(pairs: &[FramePair], stated: PoseConvention, poses: PoseConvention, unit: f64) -> Self {
+        let (mut n_agreed, mut n_counted, mut errors) = (0.0, 0.0, Vec::new());
+        for pair in pairs {
+            let read = |pose: &Pose| poses.pose(stated.matrix(pose)).unwrap_or(*pose);
+            let (from, to) = (read(&pair.from), read(&pair.to));
+            let (rotation, shift) = to.inverse();
+            let k = &pair.intrinsics;
+            let mut n_inside = 0usize;
+            for sample in &pair.samples {
+                let p = rotation * from.transform_point(*sample * unit) + shift;
+                let at = [k.fx * p.x / p.z + k.cx, k.fy * p.y / p.z + k.cy];
+                let is_inside = p.z > 0.0
+                    && (0.0..f64::from(k.width)).contains(&at[0])
+                    && (0.0..f64::from(k.height)).contains(&at[1]);
+                if !is_inside {
+                    continue;
+                }
+                let measured = unit * pair.measured.at(at[0] as usize, at[1] as usize);
+                if measured > 0.0 {
+                    n_inside += 1;
+                    let error = (p.z - measured).abs();
+                    errors.push(error);
+                    n_agreed += f64::from(u8::from(error <= TOLERANCE * measured));
+                }
+            }
+            n_counted += (n_inside as f64).max(MIN_OVERLAP * pair.samples.len() as f64);
+        }
+        errors.sort_unstable_by(f64::total_cmp);
+        let error = errors.get(errors.len() / 2).copied().unwrap_or(f64::INFINITY);
+        Self { poses, unit, agreement: n_agreed / f64::max(n_counted, 1.0), error }
+    }
+}

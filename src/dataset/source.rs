@@ -1,0 +1,53 @@
+//! Where the bytes of an image are: a file, a member of an archive, a frame of a video.
+
+use super::archive::Archive;
+use super::error::FrameProblem;
+use super::video::Video;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Where the bytes of an image are.
+#[derive(Clone, Debug)]
+pub(super) enum ByteSource {
+    /// A file of its own.
+    File(PathBuf),
+    /// A member of an archive; `shown` is what messages call it.
+    Member { archive: Arc<Archive>, name: String, shown: PathBuf },
+    /// A frame of a video, counted from 0.
+    VideoFrame { video: Arc<Video>, index: usize },
+    /// No photograph was recorded, and none is wanted: grey stands for it. The file is that of the
+    /// depth.
+    Grey(PathBuf),
+}
+
+impl ByteSource {
+    /// A member of an archive.
+    pub fn member(archive: &Arc<Archive>, name: &str) -> Self {
+        let shown = archive.path().join(name);
+        Self::Member { archive: Arc::clone(archive), name: name.to_owned(), shown }
+    }
+
+    /// The file that messages name.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::File(path) | Self::Grey(path) => path,
+            Self::Member { shown, .. } => shown,
+            Self::VideoFrame { video, .. } => video.path(),
+        }
+    }
+
+    /// All bytes.
+    pub fn read(&self) -> Result<Vec<u8>, FrameProblem> {
+        match self {
+            Self::File(path) | Self::Grey(path) => Ok(std::fs::read(path)?),
+            Self::Member { archive, name, .. } => archive.read(name),
+            Self::VideoFrame { video, index } => Ok(std::fs::read(video.frame(*index)?)?),
+        }
+    }
+}
+
+impl From<PathBuf> for ByteSource {
+    fn from(path: PathBuf) -> Self {
+        Self::File(path)
+    }
+}

@@ -1,0 +1,104 @@
+//! The synthetic scene as Record3D exports it, and as it shares it: photographs and smaller depth.
+
+use super::files::{WriteError, create_folder, jpeg, write_bytes, write_jpeg, write_text};
+use super::sequence::{FRAMES_PER_SECOND, SequenceFrame, by_columns, frames, phone_depth};
+use crate::dataset::synthetic::plan::ViewPlan;
+use crate::math::camera::Intrinsics;
+use crate::math::image::Image;
+use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Layer, LayerAttributes};
+use exr::prelude::{SmallVec, WritableImage, f16};
+use serde_json::{Value, json};
+use std::io::{Cursor, Write};
+use std::path::Path;
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+/// Every pixel is sure.
+const SURE: u8 = 2;
+
+/// The exported folder: `metadata.json`, JPEG, and EXR of half floats.
+pub(super) fn write_folder(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    ["rgb", "depth"].into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
+    let of_depth = phone_depth(&plan.scene.intrinsics());
+    for frame in frames(plan) {
+        let (color, depth_z) = frame.views(&of_depth);
+        let file = |folder: &str| out.join(format!("{folder}/{}", frame.index));
+        write_jpeg(&file("rgb").with_extension("jpg"), &color)?;
+        write_exr(&file("depth").with_extension("exr"), &depth_z)?;
+        on_frame();
+    }
+    write_text(&out.join("metadata.json"), &metadata(plan, &of_depth).to_string())
+}
+
+/// The shared archive: `metadata`, JPEG, and packed floats.
+pub(super) fn write_archive(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let of_depth = phone_depth(&plan.scene.intrinsics());
+    let path = out.join("recording.r3d");
+    let failed = |source| WriteError::Io { path: path.clone(), source };
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let mut add = |name: &str, bytes: &[u8]| {
+        let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+        zip.start_file(name, options).map_err(std::io::Error::other)?;
+        zip.write_all(bytes)
+    };
+    add("metadata", metadata(plan, &of_depth).to_string().as_bytes()).map_err(failed)?;
+    for frame in frames(plan) {
+        let (color, depth_z) = frame.views(&of_depth);
+        let i = frame.index;
+        let lengths: Vec<u8> =
+            depth_z.data.iter().flat_map(|z| (*z as f32).to_le_bytes()).collect();
+        let sure = vec![SURE; depth_z.data.len()];
+        add(&format!("rgbd/{i}.jpg"), &jpeg(&path, &color)?).map_err(failed)?;
+        add(&format!("rgbd/{i}.depth"), &packed(&lengths).map_err(failed)?).map_err(failed)?;
+        add(&format!("rgbd/{i}.conf"), &packed(&sure).map_err(failed)?).map_err(failed)?;
+        on_frame();
+    }
+    let bytes = zip.finish().map_err(|e| failed(std::io::Error::other(e)))?.into_inner();
+    write_bytes(&path, &bytes)
+}
+
+fn packed(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+    let mut out = Vec::new();
+    lzfse_rust::LzfseEncoder::default().encode_bytes(bytes, &mut out)?;
+    Ok(out)
+}
+
+fn metadata(plan: &ViewPlan, of_depth: &Intrinsics) -> Value {
+    let k = plan.scene.intrinsics();
+    let pose = |frame: SequenceFrame| {
+        let (p, q) = (frame.pose.centre(), frame.turn(true));
+        [q.x, q.y, q.z, q.w, p.x, p.y, p.z]
+    };
+    json!({
+        "w": k.width, "h": k.height, "dw": of_depth.width, "dh": of_depth.height,
+        "fps": FRAMES_PER_SECOND,
+        "K": by_columns(&k),
+        "poses": frames(plan).map(pose).collect::<Vec<_>>(),
+    })
+}
+
+fn write_exr(path: &Path, depth_z: &Image<f64>) -> Result<(), WriteError> {
+    let halves = depth_z.data.iter().map(|z| f16::from_f64(*z)).collect();
+    let channel = AnyChannel::new("R", FlatSamples::F16(halves));
+    let channels = AnyChannels::sort(SmallVec::from_iter([channel]));
+    let layer = Layer::new(
+        (depth_z.width, depth_z.height),
+        LayerAttributes::named(""),
+        Encoding::FAST_LOSSLESS,
+        channels,
+    );
+    let mut bytes = Cursor::new(Vec::new());
+    let image = exr::prelude::Image::from_layer(layer);
+    let written = image.write().non_parallel().to_buffered(&mut bytes);
+    let failed = |e| WriteError::Io { path: path.to_owned(), source: std::io::Error::other(e) };
+    written.map_err(failed)?;
+    write_bytes(path, bytes.get_ref())
+}

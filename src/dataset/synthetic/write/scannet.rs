@@ -1,0 +1,49 @@
+//! The synthetic scene as ScanNet's exporter unpacks a scan: two cameras of two sizes.
+
+use super::files::{WriteError, create_folder, write_gray16, write_jpeg, write_text};
+use super::sequence::frames;
+use crate::dataset::matrix;
+use crate::dataset::synthetic::plan::ViewPlan;
+use crate::dataset::synthetic::scene::quantise;
+use crate::math::camera::Intrinsics;
+use glam::{DMat4, DVec4};
+use std::path::Path;
+
+/// Metres per step.
+const DEPTH_UNIT: f64 = 0.001;
+/// Sides of depth over those of colour.
+const DEPTH_SIZE: f64 = 0.5;
+/// The depth camera looks this much wider than a resampled photograph.
+const WIDER: f64 = 0.95;
+
+/// Images, poses and both cameras.
+pub(super) fn write(
+    plan: &ViewPlan,
+    out: &Path,
+    on_frame: &mut dyn FnMut(),
+) -> Result<(), WriteError> {
+    let folders = ["color", "depth", "pose", "intrinsic"];
+    folders.into_iter().try_for_each(|name| create_folder(&out.join(name)))?;
+    let k = plan.scene.intrinsics();
+    let half = k.scaled(DEPTH_SIZE);
+    let of_depth = Intrinsics { fx: half.fx * WIDER, fy: half.fy * WIDER, ..half };
+    for frame in frames(plan) {
+        let (color, depth_z) = frame.views(&of_depth);
+        let i = frame.index;
+        write_jpeg(&out.join(format!("color/{i}.jpg")), &color)?;
+        write_gray16(&out.join(format!("depth/{i}.png")), &quantise(&depth_z, DEPTH_UNIT))?;
+        let pose = matrix::to_text(&frame.pose.to_opencv());
+        write_text(&out.join(format!("pose/{i}.txt")), &pose)?;
+        on_frame();
+    }
+    for (name, k) in [("color", &k), ("depth", &of_depth)] {
+        let file = out.join(format!("intrinsic/intrinsic_{name}.txt"));
+        write_text(&file, &matrix::to_text(&four_by_four(k)))?;
+    }
+    Ok(())
+}
+
+fn four_by_four(k: &Intrinsics) -> DMat4 {
+    let principal = DVec4::new(k.cx, k.cy, 1.0, 0.0);
+    DMat4::from_cols(DVec4::X * k.fx, DVec4::Y * k.fy, principal, DVec4::W)
+}
