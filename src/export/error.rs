@@ -4,6 +4,7 @@
 //! file, once, where its path is known. Text of a file is escaped and cut before it enters a
 //! message: it may hold anything.
 
+use super::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -30,7 +31,7 @@ pub enum Fault {
         n_splats: usize,
     },
     /// The name does not tell the format.
-    #[error("expected a name ending in .ply or .glb, found {found:?}; rename it or name a format")]
+    #[error("expected a name ending in {}, found {found:?}; rename it or name a format", listed(&WRITTEN_ENDINGS))]
     UnknownExtension {
         /// The extension, possibly empty.
         found: String,
@@ -42,7 +43,7 @@ pub enum Fault {
         folder: PathBuf,
     },
     /// Nothing at that path.
-    #[error("expected a PLY, GLB or glTF file, found nothing at this path; check the spelling")]
+    #[error("expected a model ({}), found nothing at this path; check the spelling", listed(&READ_ENDINGS))]
     Missing,
     /// Nothing at a checkpoint's path.
     #[error("expected a checkpoint (.vbgs), found nothing at this path; check the spelling")]
@@ -89,7 +90,7 @@ pub enum Fault {
         needed: u64,
     },
     /// The content is of no known format.
-    #[error("expected a PLY, GLB or glTF file, found {found}; convert it to uncompressed PLY")]
+    #[error("expected a model ({}), found {found}; convert it to PLY", listed(&READ_ENDINGS))]
     NotAModel {
         /// The first bytes.
         found: String,

@@ -14,7 +14,7 @@ use std::fmt;
 /// A model read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
-    /// Finite splats in file order, in the file's axes (PLY) or turned to z-up (glTF). Those of a
+    /// Finite splats in file order, in the file's axes (PLY, `.splat`) or turned to z-up (glTF, SPZ). Those of a
     /// point cloud are opaque balls about as wide as half the spacing of the points. With degree-1
     /// colour where the file has it.
     pub splats: SplatSet,
@@ -76,6 +76,14 @@ pub enum Note {
     NoColor,
     /// Linear colours were encoded to sRGB.
     LinearColorEncoded,
+    /// Scales were logarithms, as drafts of glTF's extension before 2026 had them.
+    LogarithmicScales,
+    /// A glTF names a kernel or colour space of another extension.
+    UnknownKernel,
+    /// Splats of a glTF without harmonics have the colours of its points.
+    FallbackColor,
+    /// Records that extensions of an SPZ define.
+    ExtensionsIgnored,
     /// Parts of a glTF that are not what was imported.
     PrimitivesSkipped {
         /// Number of primitives left out.
@@ -98,6 +106,14 @@ impl fmt::Display for Note {
             Note::FlatSplats => f.write_str("scale_2 is missing: splats read as flat"),
             Note::NoColor => f.write_str("the file holds no colour: points read as gray"),
             Note::LinearColorEncoded => f.write_str("linear colours encoded to sRGB"),
+            Note::LogarithmicScales => {
+                f.write_str("scales read as logarithms: the file follows a draft of the extension")
+            }
+            Note::UnknownKernel => f.write_str(
+                "a kernel or colour space of another extension: read as ellipses in sRGB",
+            ),
+            Note::FallbackColor => f.write_str("no harmonics: splats have the colours of COLOR_0"),
+            Note::ExtensionsIgnored => f.write_str("what extensions add to the file is ignored"),
             Note::PrimitivesSkipped { n_primitives } => {
                 write!(f, "{n_primitives} other primitives of the file (meshes, points) skipped")
             }

@@ -31,6 +31,7 @@
 
 pub mod atomic;
 pub mod checkpoint;
+pub mod endings;
 pub mod error;
 pub mod format;
 pub mod imported;
@@ -41,6 +42,8 @@ mod glb;
 mod harmonics;
 mod ply;
 mod read;
+mod splat;
+mod spz;
 mod write;
 
 pub use error::{ExportError, Fault};

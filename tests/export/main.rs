@@ -1,4 +1,4 @@
-//! PLY, GLB and checkpoints: golden files, round trips, files of other programs, damaged files.
+//! PLY, GLB, SPZ, `.splat` and checkpoints: golden files, round trips, files of other programs, damaged files.
 #![allow(clippy::unwrap_used)]
 
 mod allocations;
@@ -14,8 +14,12 @@ mod golden;
 mod hostile;
 mod mapping;
 mod ply;
+mod ply_compressed;
 mod ply_foreign;
 mod round_trip;
+mod samples;
+mod splat;
+mod spz;
 
 use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read, write};

@@ -141,7 +141,7 @@ fn formats_by_name_and_extension() {
     assert_eq!(ModelFormat::from_path(Path::new("a/B.PLY")).unwrap(), ModelFormat::Ply);
     assert_eq!(ModelFormat::from_path(Path::new("x.glb")).unwrap(), ModelFormat::Glb);
     let error = ModelFormat::from_path(Path::new("scene.obj")).unwrap_err().to_string();
-    assert!(error.contains("scene.obj: expected a name ending in .ply or .glb, found \"obj\""));
+    assert!(error.contains("scene.obj: expected a name ending in .ply, .glb or .spz, found \"obj\""));
     assert!("gltf".parse::<ModelFormat>().unwrap_err().to_string().contains("point-cloud"));
     assert_eq!(serde_json::to_string(&Axes::AsIs).unwrap(), "\"as-is\"");
 }
