@@ -21,6 +21,15 @@ pub struct ExportError {
 /// Why a file could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
+    /// Drawable splats, but none that the options ask for.
+    #[error(
+        "nothing to export: expected some of {n_drawable} splats inside the crop box, with enough \
+         evidence and little enough uncertainty, found none; ask for more"
+    )]
+    NothingSelected {
+        /// Splats that could have been written.
+        n_drawable: usize,
+    },
     /// No splat can be drawn.
     #[error(
         "nothing to export: expected at least one finite splat with opacity above 0, found none \
@@ -141,6 +150,9 @@ pub enum Fault {
         /// Bytes asked for.
         bytes: u64,
     },
+    /// Whoever waited for the file wants it no more.
+    #[error("cancelled: no file was written and an older one of this name is untouched")]
+    Cancelled,
     /// Every row was unusable.
     #[error("expected at least one finite row, found none ({skipped} skipped); export it again")]
     NothingToImport {
@@ -148,6 +160,11 @@ pub enum Fault {
         skipped: usize,
     },
 }
+
+/// What stops a writer where nobody wants its file; becomes [`Fault::Cancelled`].
+#[derive(Debug, thiserror::Error)]
+#[error("cancelled")]
+pub(super) struct Cancelled;
 
 impl Fault {
     /// Names the file.

@@ -20,6 +20,8 @@ pub struct Imported {
     pub splats: SplatSet,
     /// What the rows were.
     pub kind: ModelKind,
+    /// Whether the format says what is up, so that reading turned it to z.
+    pub is_z_up: bool,
     /// Rows left out because a field was NaN or infinite.
     pub skipped: usize,
     /// What was ignored, guessed or converted.
@@ -36,6 +38,9 @@ pub(super) const VERTICAL_AXIS: &str = "Vertical axis:";
 impl Imported {
     /// Unit vector that points up in the model's world, where the file says so.
     pub fn up(&self) -> Option<DVec3> {
+        if self.is_z_up {
+            return Some(DVec3::Z);
+        }
         let text = self.comments.iter().find_map(|line| line.strip_prefix(VERTICAL_AXIS))?;
         let numbers: Vec<f64> = text.split_whitespace().filter_map(|n| n.parse().ok()).collect();
         DVec3::from_array(numbers.try_into().ok()?).try_normalize()
@@ -177,7 +182,7 @@ impl Rows {
             notes.push(Note::ColorClamped { n_splats: self.n_wild_colors });
         }
         let Self { splats, skipped, .. } = self;
-        Ok(Imported { splats, kind, skipped, notes, comments, bytes: 0 })
+        Ok(Imported { splats, kind, is_z_up: false, skipped, notes, comments, bytes: 0 })
     }
 }
 

@@ -1,4 +1,4 @@
-//! `.splat` (`export.md`, .splat): 32 bytes a splat and nothing else: no header, no version, no axes.
+//! `.splat` (`export.md`, Dot-splat): 32 bytes a splat and nothing else: no header, no version, no axes.
 
 use super::error::Fault;
 use super::gaussian::Gaussian;

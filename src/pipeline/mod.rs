@@ -16,6 +16,7 @@ pub mod prefetch;
 pub mod prepare;
 pub mod preset;
 mod presets;
+pub mod provenance;
 pub mod run;
 pub mod session;
 pub mod settings;

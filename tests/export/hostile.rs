@@ -39,6 +39,7 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
         ("spz 2", gzip(&legacy(2, 2, 1))),
         ("spz raw", legacy(3, 2, 3)),
         ("spz 4", version_4(2, 0, &zeros(2))),
+        ("spz 4 sh1", written_as(ModelFormat::Spz, &native)),
     ]
 }
 
@@ -110,7 +111,11 @@ fn random_damage() {
 
 #[test]
 fn files_that_are_no_models() {
-    assert_fails("empty", b"", &["expected a model (.ply, .glb, .gltf, .spz or .splat), found an empty file"]);
+    assert_fails(
+        "empty",
+        b"",
+        &["expected a model (.ply, .glb, .gltf, .spz or .splat), found an empty file"],
+    );
     assert_fails("png", b"\x89PNG\r\n\x1a\n", &["found a file starting"]);
     assert_fails("words", b"plywood is no model", &["plywood is no mo"]);
     assert_fails("json", b"{\"camera_angle_x\": 0.69}", &["JSON: expected glTF 2.0"]);
@@ -118,5 +123,10 @@ fn files_that_are_no_models() {
     let error = read(folder.path()).unwrap_err().to_string();
     assert!(error.contains("expected a file, found a folder"), "{error}");
     let error = read(&folder.path().join("none.ply")).unwrap_err().to_string();
-    assert!(error.contains("none.ply: expected a model (.ply, .glb, .gltf, .spz or .splat), found nothing"), "{error}");
+    assert!(
+        error.contains(
+            "none.ply: expected a model (.ply, .glb, .gltf, .spz or .splat), found nothing"
+        ),
+        "{error}"
+    );
 }

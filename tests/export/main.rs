@@ -7,12 +7,14 @@ mod checkpoint;
 #[path = "../common/mod.rs"]
 mod common;
 mod degree_1;
+mod figures;
 mod glb;
 mod glb_file;
 mod glb_foreign;
 mod golden;
 mod hostile;
 mod mapping;
+mod options;
 mod ply;
 mod ply_compressed;
 mod ply_foreign;
@@ -20,6 +22,7 @@ mod round_trip;
 mod samples;
 mod splat;
 mod spz;
+mod spz_written;
 
 use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read, write};

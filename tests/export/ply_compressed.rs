@@ -8,8 +8,9 @@ use vbgs_studio::model::splat::splats::Splat;
 /// extremes of colour.
 pub fn compressed(splats: &[Splat], n_rest: usize, colored: bool) -> Vec<u8> {
     let n_chunks = splats.len().div_ceil(256);
-    let mut header =
-        format!("ply\nformat binary_little_endian 1.0\ncomment by hand\nelement chunk {n_chunks}\n");
+    let mut header = format!(
+        "ply\nformat binary_little_endian 1.0\ncomment by hand\nelement chunk {n_chunks}\n"
+    );
     let triples = |prefix: &str, axes: [&str; 3]| {
         let one = |end: &str| axes.map(|a| format!("property float {end}_{prefix}{a}\n")).concat();
         one("min") + &one("max")

@@ -36,7 +36,10 @@ fn assert_alike(name: &str, a: &Splat, b: &Splat, slack: f32) {
     // Of balls any rotation is right.
     let difference = shape(a) - shape(b);
     let part = difference.to_cols_array().map(f64::abs).into_iter().fold(0.0, f64::max);
-    assert!(part <= 0.15 * f64::from(a.scale[0].max(a.scale[1]).max(a.scale[2])).powi(2), "{name}: {a:?} {b:?}");
+    assert!(
+        part <= 0.15 * f64::from(a.scale[0].max(a.scale[1]).max(a.scale[2])).powi(2),
+        "{name}: {a:?} {b:?}"
+    );
 }
 
 /// PlayCanvas wrote the same four splats in each format.

@@ -30,7 +30,8 @@ pub fn version_4(n: u32, degree: u8, columns: &[Vec<u8>]) -> Vec<u8> {
     bytes.extend(n.to_le_bytes());
     bytes.extend([degree, 12, 0, columns.len() as u8, 32, 0, 0, 0]);
     bytes.resize(32, 0);
-    let packed: Vec<Vec<u8>> = columns.iter().map(|c| zstd::encode_all(&c[..], 3).unwrap()).collect();
+    let packed: Vec<Vec<u8>> =
+        columns.iter().map(|c| zstd::encode_all(&c[..], 3).unwrap()).collect();
     for (packed, column) in packed.iter().zip(columns) {
         bytes.extend((packed.len() as u64).to_le_bytes());
         bytes.extend((column.len() as u64).to_le_bytes());
@@ -97,12 +98,20 @@ fn damaged_files_of_version_4_are_refused() {
     };
     let cases: [(&str, Vec<u8>, &str); 9] = [
         ("header", good[..20].to_vec(), "SPZ header"),
-        ("table", good[..50].to_vec(), "expected a table of 80 bytes behind byte 32, found byte 32"),
+        (
+            "table",
+            good[..50].to_vec(),
+            "expected a table of 80 bytes behind byte 32, found byte 32",
+        ),
         ("table far", with(16, &[0xFF; 4]), "found byte 4294967295 of"),
         ("table near", with(16, &[3, 0, 0, 0]), "found byte 3 of"),
         ("streams", with(15, &[6]), "expected 5 streams for harmonics of degree 0, found 6"),
         ("packed", with(32, &[0xFF; 8]), "SPZ positions: expected 18446744073709551615 compressed"),
-        ("unpacked", with(40, &[0xFF; 8]), "expected 27 bytes for 3 splats, found 18446744073709551"),
+        (
+            "unpacked",
+            with(40, &[0xFF; 8]),
+            "expected 27 bytes for 3 splats, found 18446744073709551",
+        ),
         ("stream", with(112, &[0; 4]), "SPZ positions: expected "),
         ("count", with(8, &[4]), "SPZ positions: expected 36 bytes for 4 splats, found 27"),
     ];
@@ -116,7 +125,11 @@ fn damaged_files_of_version_4_are_refused() {
 fn bombs_end_where_the_splats_do() {
     let mut bomb = legacy(2, 2, 0);
     bomb.resize(64 << 20, 0);
-    assert_fails("gzip", &gzip(&bomb), &["expected an end behind the last column, found more bytes"]);
+    assert_fails(
+        "gzip",
+        &gzip(&bomb),
+        &["expected an end behind the last column, found more bytes"],
+    );
     let mut columns = zeros(2);
     columns[0].resize(64 << 20, 0);
     let mut file = version_4(2, 0, &columns);

@@ -37,7 +37,7 @@ pub struct ComparisonArgs {
 
 #[derive(Args)]
 pub struct EvalArgs {
-    /// Model: checkpoint, .ply or .glb
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
     /// Dataset folder
     pub dataset: PathBuf,

@@ -71,7 +71,8 @@ pub(super) fn model(
     for (part, columns) in chosen.iter().zip(&columns) {
         columns.read(&part.placement, scales, &mut rows)?;
     }
-    rows.finish(kind, notes, comments(root))
+    let imported = rows.finish(kind, notes, comments(root))?;
+    Ok(Imported { is_z_up: true, ..imported })
 }
 
 fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
@@ -210,12 +211,7 @@ impl<'a> Columns<'a> {
         Ok(Self { position, color, shape: None })
     }
 
-    fn read(
-        &self,
-        placement: &Placement,
-        scales: ScaleForm,
-        rows: &mut Rows,
-    ) -> Result<(), Fault> {
+    fn read(&self, placement: &Placement, scales: ScaleForm, rows: &mut Rows) -> Result<(), Fault> {
         for row in 0..self.position.count {
             let point = Gaussian {
                 mean: placement.position(DVec3::from_array(self.position.get(row))),

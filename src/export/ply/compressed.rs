@@ -100,7 +100,9 @@ impl Chunks {
     fn read(body: &mut Body, element: &PlyElement, max_splats: usize) -> Result<Self, Fault> {
         let between = |prefix: &str, axes: [&str; 3]| {
             let column = |end: &str, axis: &str| find(element, &format!("{end}_{prefix}{axis}"));
-            let all = |end: &str| Ok([column(end, axes[0])?, column(end, axes[1])?, column(end, axes[2])?]);
+            let all = |end: &str| {
+                Ok([column(end, axes[0])?, column(end, axes[1])?, column(end, axes[2])?])
+            };
             Ok::<[[usize; 3]; 2], Fault>([all("min")?, all("max")?])
         };
         let position = between("", ["x", "y", "z"])?;

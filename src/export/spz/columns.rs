@@ -2,6 +2,8 @@
 
 use crate::export::error::Fault;
 
+/// The first bytes of a file, or of what its gzip holds.
+pub(super) const MAGIC: &[u8] = b"NGSP";
 /// Highest degree of harmonics that a file may have.
 const MAX_DEGREE: u8 = 4;
 /// Most bits behind the point of a coordinate: it has 24 in all.
@@ -35,8 +37,9 @@ impl SpzHeader {
         let [degree, fraction_bits, flags, n_streams] = [12, 13, 14, 15].map(|i| bytes[i]);
         let version = word(4);
         let header = Self { version, n_splats: word(8), degree, fraction_bits, flags, n_streams };
-        let fault = |expected: String, found: String| Err(Fault::malformed(HEADER, expected, found));
-        if !bytes.starts_with(super::container::MAGIC) {
+        let fault =
+            |expected: String, found: String| Err(Fault::malformed(HEADER, expected, found));
+        if !bytes.starts_with(MAGIC) {
             return fault("\"NGSP\" at its start".into(), format!("{:02x?}", &bytes[..4]));
         }
         if !(1..=4).contains(&version) {

@@ -9,10 +9,8 @@ use crate::export::error::Fault;
 use flate2::bufread::GzDecoder;
 use std::io::{Read, Result as IoResult};
 
-/// The first bytes of a file, or of what its gzip holds.
-pub(super) const MAGIC: &[u8] = b"NGSP";
 /// Bytes of version 4 before extensions and table.
-const NGSP_BYTES: usize = 32;
+pub(super) const NGSP_BYTES: usize = 32;
 /// Bytes of the table of version 4 for each stream: its compressed and its unpacked length.
 const ENTRY_BYTES: usize = 16;
 /// Largest window of a Zstandard stream, as a power of two: what the program `zstd` takes unasked.
@@ -30,7 +28,7 @@ pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     one_stream(GzDecoder::new(bytes), max_splats)
 }
 
-/// Unpacks a file that starts with [`MAGIC`].
+/// Unpacks a file that starts with its magic, [`super::columns::MAGIC`].
 pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
     // Up to version 3 nothing is compressed but by the gzip that this file lacks.
@@ -39,9 +37,8 @@ pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> 
 
 fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
     let mut header = [0; HEADER_BYTES];
-    let short = |e: std::io::Error| {
-        Fault::malformed(HEADER, format!("{HEADER_BYTES} bytes"), damage(&e))
-    };
+    let short =
+        |e: std::io::Error| Fault::malformed(HEADER, format!("{HEADER_BYTES} bytes"), damage(&e));
     source.read_exact(&mut header).map_err(short)?;
     Ok(header)
 }

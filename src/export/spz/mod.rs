@@ -6,3 +6,4 @@ mod columns;
 mod container;
 mod quantise;
 pub(super) mod read;
+pub(super) mod write;

@@ -1,7 +1,7 @@
 //! Numbers as a file's bytes hold them.
 
 use crate::export::harmonics;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// A byte of colour stands for this much of the coefficient of degree 0, times 255: wider than
@@ -10,6 +10,8 @@ const COLOR_SCALE: f64 = 0.15;
 /// Steps of a scale's logarithm, and the logarithm of byte 0.
 const SCALE_STEPS: f64 = 16.0;
 const SCALE_START: f64 = -10.0;
+/// Steps of a coefficient of degree 1 when writing.
+const COEFFICIENT_STEPS: f64 = 32.0;
 /// Largest magnitude of a rotation's 9 bits, which stands for √½.
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
@@ -71,6 +73,55 @@ pub(super) fn smallest_three(bytes: [u8; 4]) -> [f64; 4] {
 /// A coefficient above degree 0.
 pub(super) fn coefficient(byte: u8) -> f64 {
     (f64::from(byte) - 128.0) / 128.0
+}
+
+/// Inverse of [`fixed`], to the nearest and within 24 bits.
+pub(super) fn to_fixed(v: f64, fraction_bits: u8) -> [u8; 3] {
+    let largest = f64::from((1 << 23) - 1);
+    let value = (v * 2f64.powi(fraction_bits.into())).round().clamp(-largest, largest);
+    let [a, b, c, _] = (value as i32).to_le_bytes();
+    [a, b, c]
+}
+
+/// Opacity as a byte.
+pub(super) fn to_opacity(opacity: f64) -> u8 {
+    nearest(255.0 * opacity)
+}
+
+/// Inverse of [`color`].
+pub(super) fn to_color(color: DVec3) -> [u8; 3] {
+    let coefficient = harmonics::of_color(color);
+    coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
+}
+
+/// Inverse of [`scale`]: steps of a sixteenth of a power of e, from 4.5·10⁻⁵ to 376.
+pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
+    scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
+}
+
+/// Inverse of [`smallest_three`].
+pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
+    let xyzw = rotation.to_array();
+    let largest = (1..4).fold(0, |l, i| if xyzw[i].abs() > xyzw[l].abs() { i } else { l });
+    let mut bits = largest as u32;
+    for i in (0..4).filter(|&i| i != largest) {
+        let magnitude = (LARGEST_MAGNITUDE * xyzw[i].abs() / FRAC_1_SQRT_2).round();
+        let is_negative = (xyzw[i] < 0.0) != (xyzw[largest] < 0.0);
+        let magnitude = magnitude.min(LARGEST_MAGNITUDE) as u32;
+        bits = bits << 10 | u32::from(is_negative) << 9 | magnitude;
+    }
+    bits.to_le_bytes()
+}
+
+/// Inverse of [`coefficient`], with fewer steps: as many as the format's own writer keeps.
+pub(super) fn to_coefficient(f: f64) -> u8 {
+    let step = 256.0 / COEFFICIENT_STEPS;
+    nearest(((128.0 * f) / step).round() * step + 128.0)
+}
+
+fn nearest(v: f64) -> u8 {
+    // The cast ends at 0 and 255.
+    v.round() as u8
 }
 
 #[cfg(test)]

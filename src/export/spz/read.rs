@@ -1,5 +1,6 @@
 //! SPZ of versions 1 to 4 into splats.
 
+use super::columns::MAGIC;
 use super::container::{self, Unpacked};
 use super::quantise::{coefficient, color, first_three, fixed, half, scale, smallest_three};
 use crate::export::error::Fault;
@@ -15,7 +16,7 @@ pub(in crate::export) fn is_gzip(bytes: &[u8]) -> bool {
 
 /// Whether a file starts as version 4 does, or an older one without its gzip.
 pub(in crate::export) fn is_plain(bytes: &[u8]) -> bool {
-    bytes.starts_with(container::MAGIC)
+    bytes.starts_with(MAGIC)
 }
 
 /// Reads the model in an SPZ of at most `max_splats` splats.
@@ -38,7 +39,8 @@ pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported
         let splat = splat(&file, i, &mut rows);
         rows.push(splat.turned(&Turn::Y_UP_TO_Z_UP));
     }
-    rows.finish(ModelKind::Splats, notes, Vec::new())
+    let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
+    Ok(Imported { is_z_up: true, ..imported })
 }
 
 /// Coefficients per channel of degree 1.
