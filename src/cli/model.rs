@@ -7,12 +7,14 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
+use vbgs_studio::export::mesh::Surfel;
 use vbgs_studio::model::attributes::ComponentAttributes;
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::any_preset::Revived;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::settings::method::Method;
+use vbgs_studio::pipeline::surfels::surfels;
 
 /// What commands need of a model, whatever file it came from.
 pub struct Model {
@@ -36,23 +38,25 @@ impl Model {
     }
 }
 
-/// What training knows of each splat of a model.
-pub struct Certainty {
+/// What training knows of each component of a model.
+pub struct Training {
     /// Points it has received.
     pub evidence: Vec<f64>,
     /// Standard deviation of its position, world units.
     pub uncertainty: Vec<f64>,
+    /// Its pieces of surface, by component.
+    pub surfels: Vec<(usize, Surfel)>,
 }
 
-impl Certainty {
-    /// Of the splats as files hold them, one for each component.
+impl Training {
     fn of(revived: &Revived) -> Self {
         let (learner, normalization) = (&revived.learner, &revived.normalization);
         let of = |i| ComponentAttributes::new(&learner.posterior(i), normalization, None, None);
         let attributes: Vec<_> = (0..learner.components()).map(of).collect();
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
         let uncertainty = |a: &ComponentAttributes| a.uncertainty.map_or(f64::INFINITY, f64::from);
-        Self { evidence, uncertainty: attributes.iter().map(uncertainty).collect() }
+        let uncertainty = attributes.iter().map(uncertainty).collect();
+        Self { evidence, uncertainty, surfels: surfels(revived) }
     }
 }
 
@@ -66,13 +70,14 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     of_file(path)
 }
 
-/// Like [`load`], with what training knows of the splats where the file holds it.
-pub fn load_with_certainty(path: &Path) -> Result<(Model, Option<Certainty>), Failure> {
+/// Like [`load`], with what training knows where the file holds it. Splats are in the order of the
+/// components then.
+pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
         let revived = run.revive()?;
-        let model = of_run(run, revived.learner.stored_splats());
-        return Ok((model, Some(Certainty::of(&revived))));
+        let model = of_run(run, revived.learner.splats());
+        return Ok((model, Some(Training::of(&revived))));
     }
     Ok((of_file(path)?, None))
 }

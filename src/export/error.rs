@@ -45,6 +45,21 @@ pub enum Fault {
         /// The extension, possibly empty.
         found: String,
     },
+    /// The name does not tell the format of a mesh.
+    #[error("expected a mesh's name ending in .ply, .glb or .obj, found {found:?}; rename it")]
+    UnknownMeshExtension {
+        /// The extension, possibly empty.
+        found: String,
+    },
+    /// Nowhere is enough known for a surface.
+    #[error(
+        "no surface: expected {n_components} components to say enough of one, found none; give a \
+         larger cell or leave fewer components out"
+    )]
+    NoSurface {
+        /// Components asked.
+        n_components: usize,
+    },
     /// The target's folder is missing.
     #[error("the folder {} does not exist; create it or choose another", folder.display())]
     NoFolder {

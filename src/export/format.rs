@@ -123,6 +123,20 @@ pub struct WriteSelection<'a> {
     pub uncertainty: Option<&'a [f64]>,
 }
 
+impl WriteSelection<'_> {
+    /// Whether splat `i` is asked for, by its centre and the evidence of every splat. Lists are as long
+    /// as the splats.
+    pub fn takes(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
+        let is_inside =
+            self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
+        let evidence = evidence.map_or(f64::INFINITY, |all| all[i]);
+        let uncertainty = self.uncertainty.map_or(0.0, |all| all[i]);
+        is_inside
+            && self.min_evidence.is_none_or(|min| evidence >= min)
+            && self.max_uncertainty.is_none_or(|max| uncertainty <= max)
+    }
+}
+
 /// How to write a model; [`WriteOptions::new`] gives the defaults.
 #[derive(Clone, Debug)]
 pub struct WriteOptions<'a> {

@@ -36,6 +36,7 @@ pub mod error;
 pub mod format;
 pub mod imported;
 pub mod mapping;
+pub mod mesh;
 pub mod progress;
 
 mod gaussian;

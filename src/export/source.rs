@@ -115,19 +115,6 @@ fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian
     Some(Gaussian::of(&splat, &appearance))
 }
 
-impl WriteSelection<'_> {
-    /// Whether splat `i` is asked for; lists are as long as the splats.
-    fn takes(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
-        let is_inside =
-            self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
-        let evidence = evidence.map_or(f64::INFINITY, |all| all[i]);
-        let uncertainty = self.uncertainty.map_or(0.0, |all| all[i]);
-        is_inside
-            && self.min_evidence.is_none_or(|min| evidence >= min)
-            && self.max_uncertainty.is_none_or(|max| uncertainty <= max)
-    }
-}
-
 /// The turn from the model's world to the axes of the file.
 pub(super) fn turn(options: &WriteOptions) -> Turn {
     let to_z_up = Turn::to_z_up(options.up.normalize());
@@ -140,7 +127,8 @@ pub(super) fn turn(options: &WriteOptions) -> Turn {
     }
 }
 
-fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
+/// Refuses axes and units without a meaning.
+pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
     let setting = |setting, expected: &str, found: String| {
         Err(Fault::Setting { setting, expected: expected.into(), found })
     };
@@ -150,6 +138,14 @@ fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
     if !(options.unit_scale.is_finite() && options.unit_scale > 0.0) {
         return setting("unit scale", "a number above 0", options.unit_scale.to_string());
     }
+    Ok(())
+}
+
+fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
+    check_frame(options)?;
+    let setting = |setting, expected: &str, found: String| {
+        Err(Fault::Setting { setting, expected: expected.into(), found })
+    };
     let WriteSelection { crop, min_evidence, max_uncertainty, uncertainty } = options.selection;
     if let Some([a, b]) = crop.filter(|[a, b]| !(a.is_finite() && b.is_finite())) {
         return setting("crop box", "finite corners", format!("{a} and {b}"));

@@ -21,3 +21,4 @@ pub mod run;
 pub mod session;
 pub mod settings;
 mod start;
+pub mod surfels;

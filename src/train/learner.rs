@@ -14,6 +14,7 @@ use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
+use glam::DVec3;
 
 /// A model that learns. Components are numbered from 0; a number never changes its component.
 pub trait Learner: Send + Sync {
@@ -42,6 +43,12 @@ pub trait Learner: Send + Sync {
     /// Posterior of a component. Positions are normalised, or of a scene in world units from its
     /// origin; colours are normalised. For the inspector and attributes: no E-step reads it.
     fn posterior(&self, component: usize) -> ComponentPosterior;
+
+    /// Unit normal of the surface behind a component, towards the cameras that saw it, world axes; `None`
+    /// where nothing is known of it.
+    fn normal(&self, _component: usize) -> Option<DVec3> {
+        None
+    }
 
     /// What renderers draw of a component, world units; opacity 0 if nothing. Formed on demand:
     /// many at once come from [`Self::splats_of`], on all threads.

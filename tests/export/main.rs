@@ -14,6 +14,7 @@ mod glb_foreign;
 mod golden;
 mod hostile;
 mod mapping;
+mod mesh;
 mod options;
 mod ply;
 mod ply_compressed;

@@ -18,6 +18,14 @@ pub enum FormatName {
     Spz,
 }
 
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum KindName {
+    /// Splats, or their centres
+    Splats,
+    /// A triangle mesh with vertex colours: PLY, GLB or OBJ by extension
+    Mesh,
+}
+
 #[derive(Clone, Copy, ValueEnum)]
 pub enum AxesName {
     /// The model's world
@@ -64,10 +72,16 @@ pub struct ExportArgs {
     /// File to write
     #[arg(short, long)]
     pub output: PathBuf,
-    /// Format [default: by extension]
+    /// What to write. A mesh needs a checkpoint of the `scene` preset, and ends where nothing was seen
+    #[arg(long = "as", value_enum, default_value = "splats")]
+    pub kind: KindName,
+    /// Width of a cell of the mesh, units of the model's world [default: half the structural scale]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
+    pub cell: Option<f64>,
+    /// Format of splats [default: by extension]
     #[arg(long, value_enum)]
     pub format: Option<FormatName>,
-    /// Axes of a PLY; GLB and SPZ are y-up
+    /// Axes of a PLY or OBJ; GLB and SPZ are y-up
     #[arg(long, value_enum, default_value = "as-is")]
     pub axes: AxesName,
     /// What is up in the model's world [default: what the model says, else z]

@@ -20,7 +20,7 @@ pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchA
 pub use calibrate::CalibrateArgs;
 pub use depth::DepthArgs;
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
-pub use export::{AxesName, ExportArgs, FormatName};
+pub use export::{AxesName, ExportArgs, FormatName, KindName};
 #[cfg(feature = "bench")]
 pub use precision_search::PrecisionSearchArgs;
 pub use render::{AxisName, PaintName, RenderArgs};
@@ -76,7 +76,7 @@ pub enum Command {
     Eval(EvalArgs),
     /// Render one view or a turntable
     Render(RenderArgs),
-    /// Convert a model to PLY, GLB, SPZ or a point cloud
+    /// Convert a model to PLY, GLB, SPZ, a point cloud or a mesh
     Export(ExportArgs),
     /// Write a synthetic posed RGB-D dataset with ground truth
     Synth(SynthArgs),

@@ -26,7 +26,8 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 /// `ARRAY_BUFFER`, the target of a buffer view of vertex attributes (glTF 2.0, 5.11.5).
 const VERTEX_DATA: u32 = 34962;
-const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
+/// The program and its version.
+pub(super) const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
 /// One attribute: how it is declared and how a splat becomes its bytes.
 struct Column {
@@ -207,6 +208,7 @@ fn primitive(columns: &[&Column]) -> Primitive {
     };
     Primitive {
         attributes: Attributes(attributes),
+        indices: None,
         mode: Some(POINTS),
         extensions: PrimitiveExtensions { splatting: Some(splatting), other: BTreeMap::new() },
     }
