@@ -151,7 +151,8 @@ impl Rows {
 
     /// Adds a row, or counts it as skipped.
     pub fn push(&mut self, row: Gaussian) {
-        match row.to_splat() {
+        // Turned axes may have left the other quaternion of the rotation.
+        match row.with_positive_w().to_splat() {
             // Colours are noted only for rows that stay.
             Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.has_wild_color());

@@ -83,7 +83,7 @@ fn nine_splats_are_the_same_as_ply_and_spz() {
 fn every_component_type_of_the_extension_is_read() {
     let scale = |l: [f64; 3]| l.map(|v| v.exp() as f32);
     let (default, one) = (scale([0.0, 0.5, -0.5]), scale([1.0, 0.0, -1.0]));
-    let mut scales = vec![default; 15];
+    let mut scales = [default; 15];
     scales[3] = scale([0.2, -0.1, 0.7]);
     scales[4] = scale([1.0, -2.0, 3.0]);
     scales[5] = one;
