@@ -2,7 +2,7 @@
 //!
 //! Each component is a piece of a plane: at a point of space it says how far the plane is, with a weight
 //! that falls with the distance along the plane, as the component's own Gaussian does, and across it. The
-//! distance there is the weighted mean; where the weights do not add up to a point or so, nothing is
+//! distance there is the weighted mean; where the weights do not add up to a few points, nothing is
 //! known, and no surface comes of it. The planes have the side that cameras saw: two sheets of a thin wall
 //! stay apart.
 //!
@@ -38,11 +38,11 @@ const MAX_BLOCKS: usize = 100_000;
 /// the plane cuts are nearer.
 const REACH: f64 = 2.5;
 /// Distance along the plane, standard deviations, beyond which it says nothing.
-const WIDTH: f64 = 2.5;
+const WIDTH: f64 = 2.0;
 /// Added to the deviation along the plane, cells: between components of few points there is no hole.
 const SPREAD: f64 = 0.5;
 /// Weights that add up to less than so many points are no evidence.
-const MIN_WEIGHT: f64 = 1.0;
+const MIN_WEIGHT: f64 = 8.0;
 /// More points than this make a component no more certain: a wall seen in every frame must not
 /// outweigh the edge of what stands before it.
 const MAX_EVIDENCE: f64 = 64.0;
