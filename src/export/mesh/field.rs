@@ -38,11 +38,14 @@ const MAX_BLOCKS: usize = 100_000;
 /// the plane cuts are nearer.
 const REACH: f64 = 2.5;
 /// Distance along the plane, standard deviations, beyond which it says nothing.
-const WIDTH: f64 = 2.0;
+const WIDTH: f64 = 2.5;
 /// Added to the deviation along the plane, cells: between components of few points there is no hole.
 const SPREAD: f64 = 0.5;
 /// Weights that add up to less than so many points are no evidence.
-const MIN_WEIGHT: f64 = 8.0;
+const MIN_WEIGHT: f64 = 1.0;
+/// Components with less than this share of the median's points say nothing: they stand at the rims of
+/// what was seen, where pixels mix what is near and what is far.
+const MIN_SHARE: f64 = 0.2;
 /// More points than this make a component no more certain: a wall seen in every frame must not
 /// outweigh the edge of what stands before it.
 const MAX_EVIDENCE: f64 = 64.0;
@@ -98,7 +101,8 @@ type Place = [i32; 3];
 /// Blocks and the surfels that reach them, in order.
 fn reached(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
     let mut reached = Vec::new();
-    for (i, surfel) in surfels.iter().enumerate() {
+    let least = MIN_SHARE * median_evidence(surfels);
+    for (i, surfel) in surfels.iter().enumerate().filter(|(_, s)| s.evidence >= least) {
         let (lo, hi) = corners(surfel, cell);
         let [lo, hi] = [lo, hi].map(|corner| corner.div_euclid(IVec3::splat(BLOCK)));
         // Before anything is listed: a cell far too small would ask for all memory there is.
@@ -117,6 +121,12 @@ fn reached(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
         n if n > MAX_BLOCKS => Err(too_small(cell)),
         _ => Ok(reached),
     }
+}
+
+fn median_evidence(surfels: &[Surfel]) -> f64 {
+    let mut evidence: Vec<f64> = surfels.iter().map(|s| s.evidence).collect();
+    evidence.sort_unstable_by(f64::total_cmp);
+    evidence.get(evidence.len() / 2).copied().unwrap_or_default()
 }
 
 fn too_small(cell: f64) -> Fault {
