@@ -87,14 +87,14 @@ impl UiCommand {
     /// One sentence on what it does.
     pub fn tooltip(self) -> &'static str {
         match self {
-            UiCommand::Open => "Open a dataset folder, a checkpoint, a .ply or a .glb",
+            UiCommand::Open => "Open a dataset folder, a checkpoint or a file of splats",
             UiCommand::OpenDemo => "Train the built-in synthetic scene",
             UiCommand::Train => "Train frame by frame until the frames end",
             UiCommand::Pause => "Stop after the current frame",
             UiCommand::Step => "Train exactly one frame",
             UiCommand::Reset => "Forget the scene and start over with what was opened",
             UiCommand::Save => "Write a checkpoint that training can go on from",
-            UiCommand::Export => "Write the scene as .ply or .glb",
+            UiCommand::Export => "Write the scene as a file of splats",
             UiCommand::FrameScene => "Move the camera so that the whole scene is seen",
             UiCommand::Home => "Go back to the view the scene was opened with",
             UiCommand::ToggleRenderer => "Switch between the projected and the exact renderer",

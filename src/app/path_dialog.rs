@@ -5,6 +5,7 @@
 
 use super::file_proposal::FileProposal;
 use super::worker::Waker;
+use crate::export::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -47,11 +48,14 @@ impl Purpose {
         }
     }
 
-    fn hint(self) -> &'static str {
+    fn hint(self) -> String {
         match self {
-            Purpose::Open => "A dataset folder, a checkpoint, a .ply, a .glb or a calibration",
-            Purpose::Save => "A file name ending in .vbgs",
-            Purpose::Export => "A file name ending in .ply or .glb",
+            Purpose::Open => format!(
+                "A dataset folder, a checkpoint, a calibration or splats ({})",
+                listed(&READ_ENDINGS)
+            ),
+            Purpose::Save => "A file name ending in .vbgs".to_owned(),
+            Purpose::Export => format!("A file name ending in {}", listed(&WRITTEN_ENDINGS)),
         }
     }
 
@@ -60,7 +64,7 @@ impl Purpose {
         match self {
             Purpose::Open => None,
             Purpose::Save => Some("vbgs"),
-            Purpose::Export => Some("ply"),
+            Purpose::Export => Some(WRITTEN_ENDINGS[0]),
         }
     }
 }
@@ -270,7 +274,7 @@ impl PathDialog {
             Purpose::Open => {
                 let folders = dialog.clone();
                 self.browse(ui, waker, "Browse folders…", || folders.pick_folder());
-                let endings = ["vbgs", "ply", "glb", "gltf", "ron"];
+                let endings = [&["vbgs", "ron"], &READ_ENDINGS[..]].concat();
                 let files = dialog.add_filter("models and calibrations", &endings);
                 self.browse(ui, waker, "Browse files…", || files.pick_file());
             }
@@ -279,7 +283,7 @@ impl PathDialog {
                 self.browse(ui, waker, "Browse…", || files.save_file());
             }
             Purpose::Export => {
-                let files = dialog.add_filter("splats", &["ply", "glb"]);
+                let files = dialog.add_filter("splats", &WRITTEN_ENDINGS);
                 self.browse(ui, waker, "Browse…", || files.save_file());
             }
         }

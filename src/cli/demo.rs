@@ -6,6 +6,7 @@ use super::{output, train};
 use std::path::Path;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::pipeline::demo;
+use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
@@ -24,13 +25,17 @@ pub fn run(reason: &str) -> Result<(), Failure> {
     let out = Path::new(FOLDER);
     output::create_folder(out)?;
     let splats = session.splats();
-    write(&out.join("scene.ply"), &splats, &WriteOptions::new(ModelFormat::Ply))?;
-    write(
-        &out.join("scene.glb"),
-        &splats,
-        // The room is made in metres; what is not known to be is written without a unit.
-        &WriteOptions { metric: true, ..WriteOptions::new(ModelFormat::Glb) },
-    )?;
+    let comments = file_comments(&session.config().method, session.learner().frames());
+    for format in [ModelFormat::Ply, ModelFormat::Glb] {
+        let options = WriteOptions {
+            comments: &comments,
+            up: session.up(),
+            // The room is made in metres; what is not known to be is written without a unit.
+            metric: true,
+            ..WriteOptions::new(format)
+        };
+        write(&out.join("scene").with_extension(format.extension()), &splats, &options)?;
+    }
     let camera = session.dataset().splits[session.plan().split].frames[0].camera;
     let preview = CpuRenderer::new().render(
         &splats,

@@ -1,46 +1,37 @@
 //! `export`: a model in another format.
 
-use super::args::{AxesName, ExportArgs, FormatName};
+use super::args::{AxesName, ExportArgs, FormatName, KindName};
 use super::failure::Failure;
-use super::{model, output};
+use super::interrupt::Interrupt;
+use super::model::{self, Model, Training};
+use super::{output, progress};
 use glam::DVec3;
-use vbgs_studio::export::mapping;
-use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, write};
+use vbgs_studio::export::mesh::{MeshFormat, Surfel, write_mesh};
+use vbgs_studio::export::{
+    Axes, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSelection, mapping,
+    write,
+};
 
 /// Converts as asked.
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
-    let format = match args.format {
-        Some(FormatName::Ply) => ModelFormat::Ply,
-        Some(FormatName::PointCloud) => ModelFormat::PointCloudPly,
-        Some(FormatName::Glb) => ModelFormat::Glb,
-        None => ModelFormat::from_path(&args.output)?,
-    };
-    let asked = args.mapping.said();
-    if let (Some(option), ModelFormat::PointCloudPly) = (asked, format) {
-        return Err(Failure::Usage(format!(
-            "{option}: a setting of splats, found with the format point-cloud, which holds none; leave it out or export ply or glb"
-        )));
+    match args.kind {
+        KindName::Splats => splats(args),
+        KindName::Mesh => mesh(args),
     }
-    let model = model::load(&args.model)?;
-    if let Some(option) = asked.filter(|_| mapping::is_plain(model.splats.view())) {
-        eprintln!(
-            "note: {}: no splat has an opacity above 1 or a colour gradient: {option} changes nothing",
-            args.model.display()
-        );
-    }
-    let up = model.up.unwrap_or(DVec3::Z);
-    let options = WriteOptions {
-        axes: match args.axes {
-            AxesName::AsIs => Axes::AsIs,
-            AxesName::Viewer => Axes::Viewer,
-        },
-        sh3_padding: args.sh3_padding,
-        mapping: args.mapping.mapping(),
-        comments: &model.comments,
-        up,
-        ..WriteOptions::new(format)
+}
+
+fn splats(args: &ExportArgs) -> Result<(), Failure> {
+    let format = format(args)?;
+    let (model, training) = match (args.min_evidence, args.max_uncertainty) {
+        (None, None) => (model::load(&args.model)?, None),
+        _ => model::load_with_training(&args.model)?,
     };
-    let summary = write(&args.output, &model.splats, &options)?;
+    let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
+    say_what_is_assumed(args, is_turned, &model);
+    let summary = watched("splats", |progress| {
+        let options = options(args, format, &model, training.as_ref(), progress);
+        write(&args.output, &model.splats, &options)
+    })?;
     output::line(format!(
         "wrote {} splats, {} bytes, to {}",
         summary.n_written,
@@ -48,4 +39,127 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         args.output.display()
     ));
     Ok(())
+}
+
+fn mesh(args: &ExportArgs) -> Result<(), Failure> {
+    let asked = args.format.map(|_| "--format").or(args.mapping.said());
+    if let Some(option) = asked.or(args.sh3_padding.then_some("--sh3-padding")) {
+        return Err(Failure::Usage(format!(
+            "{option}: a setting of splats, found with --as mesh; leave it out"
+        )));
+    }
+    let format = MeshFormat::from_path(&args.output)?;
+    let path = args.model.display();
+    let needed = || {
+        Failure::failed(anyhow::anyhow!(
+            "{path}: expected a checkpoint of the `scene` preset, which knows normals, found none; train with --preset scene and export its checkpoint.vbgs"
+        ))
+    };
+    let (model, training) = model::load_with_training(&args.model)?;
+    let training = training.ok_or_else(needed)?;
+    let h = model.method.as_ref().and_then(|m| m.scene()).map(|scene| scene.engine.h);
+    let cell = args.cell.or(h.map(|h| 0.5 * h)).ok_or_else(needed)?;
+    let summary = watched("mesh", |progress| {
+        let options = options(args, ModelFormat::Ply, &model, Some(&training), progress);
+        let asked = |i: usize, surfel: &Surfel| {
+            options.selection.takes(i, surfel.mean, options.confidence).then_some(*surfel)
+        };
+        let surfels: Vec<Surfel> =
+            training.surfels.iter().filter_map(|(i, surfel)| asked(*i, surfel)).collect();
+        write_mesh(&args.output, &surfels, cell, format, &options)
+    })?;
+    output::line(format!(
+        "wrote {} vertices and {} triangles, {} bytes, to {}",
+        summary.n_vertices,
+        summary.n_triangles,
+        summary.bytes,
+        args.output.display()
+    ));
+    Ok(())
+}
+
+/// Runs what writes a file under a bar; Ctrl-C ends it without the file.
+fn watched<T>(
+    what: &'static str,
+    work: impl FnOnce(WriteProgress) -> Result<T, ExportError>,
+) -> Result<T, Failure> {
+    let interrupt = Interrupt::listen()?;
+    let written = progress::share(what, |told| {
+        let goes_on = |share| {
+            told(share);
+            !interrupt.is_asked()
+        };
+        work(WriteProgress::new(&goes_on))
+    });
+    match written {
+        Err(ExportError { fault: Fault::Cancelled, .. }) => Err(Failure::Interrupted),
+        other => Ok(other?),
+    }
+}
+
+fn options<'a>(
+    args: &ExportArgs,
+    format: ModelFormat,
+    model: &'a Model,
+    training: Option<&'a Training>,
+    progress: WriteProgress<'a>,
+) -> WriteOptions<'a> {
+    WriteOptions {
+        axes: match args.axes {
+            AxesName::AsIs => Axes::AsIs,
+            AxesName::Viewer => Axes::Viewer,
+            AxesName::YUp => Axes::YUp,
+            AxesName::ZUp => Axes::ZUp,
+        },
+        sh3_padding: args.sh3_padding,
+        mapping: args.mapping.mapping(),
+        comments: &model.comments,
+        up: args.up.map(|up| up.direction()).or(model.up).unwrap_or(DVec3::Z),
+        unit_scale: args.unit_scale,
+        confidence: training.map(|t| &t.evidence[..]),
+        selection: WriteSelection {
+            crop: args.crop,
+            min_evidence: args.min_evidence,
+            max_uncertainty: args.max_uncertainty,
+            uncertainty: training.map(|t| &t.uncertainty[..]),
+        },
+        progress,
+        ..WriteOptions::new(format)
+    }
+}
+
+/// The format, if every option has a meaning for it.
+fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
+    let format = match args.format {
+        Some(FormatName::Ply) => ModelFormat::Ply,
+        Some(FormatName::PointCloud) => ModelFormat::PointCloudPly,
+        Some(FormatName::Glb) => ModelFormat::Glb,
+        Some(FormatName::Spz) => ModelFormat::Spz,
+        None => ModelFormat::from_path(&args.output)?,
+    };
+    match (args.mapping.said(), format) {
+        (Some(option), ModelFormat::PointCloudPly) => Err(Failure::Usage(format!(
+            "{option}: a setting of splats, found with the format point-cloud, which holds none; leave it out or export ply, glb or spz"
+        ))),
+        _ if args.cell.is_some() => Err(Failure::Usage(
+            "--cell: a setting of meshes, found without --as mesh; add that or leave it out"
+                .to_owned(),
+        )),
+        _ => Ok(format),
+    }
+}
+
+fn say_what_is_assumed(args: &ExportArgs, is_turned: bool, model: &Model) {
+    let path = args.model.display();
+    if let Some(option) = args.mapping.said().filter(|_| mapping::is_plain(model.splats.view())) {
+        eprintln!(
+            "note: {path}: no splat has an opacity above 1 or a colour gradient: {option} changes nothing"
+        );
+    }
+    let is_turned = is_turned || !matches!(args.axes, AxesName::AsIs);
+    if is_turned && args.up.is_none() && model.up.is_none() {
+        eprintln!(
+            "note: {path}: the file does not say what is up; taken as z, --up says otherwise"
+        );
+    }
 }

@@ -30,6 +30,14 @@ pub fn steps<T>(what: &'static str, work: impl FnOnce(&mut dyn FnMut(usize, usiz
     result
 }
 
+/// Shows a bar while `work` tells the share it has done.
+pub fn share<T>(what: &'static str, work: impl FnOnce(&dyn Fn(f64)) -> T) -> T {
+    let bar = bar(100, what);
+    let result = work(&|share| bar.set_position((100.0 * share) as u64));
+    bar.finish_and_clear();
+    result
+}
+
 /// Prints a warning without tearing the bar.
 pub fn warn(bar: &ProgressBar, message: &str) {
     bar.suspend(|| eprintln!("warning: {message}"));

@@ -3,7 +3,6 @@
 use super::args::TrainArgs;
 use super::failure::Failure;
 use super::interrupt::Interrupt;
-use super::model::conversion_comments;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
 use super::{output, pose_check, progress, quality, wording};
@@ -15,6 +14,7 @@ use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
+use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::render::Lens;
@@ -176,7 +176,7 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
         return Ok("");
     }
     session.save(&args.out.join(CHECKPOINT))?;
-    let comments = conversion_comments(&session.config().method);
+    let comments = file_comments(&session.config().method, session.learner().frames());
     let options = WriteOptions {
         comments: &comments,
         up: session.up(),

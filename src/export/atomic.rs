@@ -4,7 +4,7 @@
 //! stands for a whole file, the older or the newer one. Back-ups are second names of the older file
 //! rather than copies, where the file system has them.
 
-use super::error::{ExportError, Fault};
+use super::error::{Cancelled, ExportError, Fault};
 use std::ffi::OsString;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -162,6 +162,7 @@ fn fill_temporary(
 /// What to say of an error after `written` bytes.
 fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
     move |source| match source.kind() {
+        _ if source.get_ref().is_some_and(|inner| inner.is::<Cancelled>()) => Fault::Cancelled,
         io::ErrorKind::StorageFull => Fault::DiskFull { written },
         _ => Fault::Io { action, source },
     }

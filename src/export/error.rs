@@ -4,6 +4,7 @@
 //! file, once, where its path is known. Text of a file is escaped and cut before it enters a
 //! message: it may hold anything.
 
+use super::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -20,6 +21,15 @@ pub struct ExportError {
 /// Why a file could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
+    /// Drawable splats, but none that the options ask for.
+    #[error(
+        "nothing to export: expected some of {n_drawable} splats inside the crop box, with enough \
+         evidence and little enough uncertainty, found none; ask for more"
+    )]
+    NothingSelected {
+        /// Splats that could have been written.
+        n_drawable: usize,
+    },
     /// No splat can be drawn.
     #[error(
         "nothing to export: expected at least one finite splat with opacity above 0, found none \
@@ -30,10 +40,25 @@ pub enum Fault {
         n_splats: usize,
     },
     /// The name does not tell the format.
-    #[error("expected a name ending in .ply or .glb, found {found:?}; rename it or name a format")]
+    #[error("expected a name ending in {}, found {found:?}; rename it or name a format", listed(&WRITTEN_ENDINGS))]
     UnknownExtension {
         /// The extension, possibly empty.
         found: String,
+    },
+    /// The name does not tell the format of a mesh.
+    #[error("expected a mesh's name ending in .ply, .glb or .obj, found {found:?}; rename it")]
+    UnknownMeshExtension {
+        /// The extension, possibly empty.
+        found: String,
+    },
+    /// Nowhere is enough known for a surface.
+    #[error(
+        "no surface: expected {n_components} components to say enough of one, found none; give a \
+         larger cell or leave fewer components out"
+    )]
+    NoSurface {
+        /// Components asked.
+        n_components: usize,
     },
     /// The target's folder is missing.
     #[error("the folder {} does not exist; create it or choose another", folder.display())]
@@ -42,7 +67,7 @@ pub enum Fault {
         folder: PathBuf,
     },
     /// Nothing at that path.
-    #[error("expected a PLY, GLB or glTF file, found nothing at this path; check the spelling")]
+    #[error("expected a model ({}), found nothing at this path; check the spelling", listed(&READ_ENDINGS))]
     Missing,
     /// Nothing at a checkpoint's path.
     #[error("expected a checkpoint (.vbgs), found nothing at this path; check the spelling")]
@@ -89,7 +114,7 @@ pub enum Fault {
         needed: u64,
     },
     /// The content is of no known format.
-    #[error("expected a PLY, GLB or glTF file, found {found}; convert it to uncompressed PLY")]
+    #[error("expected a model ({}), found {found}; convert it to PLY", listed(&READ_ENDINGS))]
     NotAModel {
         /// The first bytes.
         found: String,
@@ -140,6 +165,9 @@ pub enum Fault {
         /// Bytes asked for.
         bytes: u64,
     },
+    /// Whoever waited for the file wants it no more.
+    #[error("cancelled: no file was written and an older one of this name is untouched")]
+    Cancelled,
     /// Every row was unusable.
     #[error("expected at least one finite row, found none ({skipped} skipped); export it again")]
     NothingToImport {
@@ -147,6 +175,11 @@ pub enum Fault {
         skipped: usize,
     },
 }
+
+/// What stops a writer where nobody wants its file; becomes [`Fault::Cancelled`].
+#[derive(Debug, thiserror::Error)]
+#[error("cancelled")]
+pub(super) struct Cancelled;
 
 impl Fault {
     /// Names the file.

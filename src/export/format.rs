@@ -2,6 +2,7 @@
 
 use super::error::{ExportError, Fault};
 use super::mapping::Mapping;
+use super::progress::WriteProgress;
 use glam::DVec3;
 use std::fmt;
 use std::path::Path;
@@ -29,12 +30,14 @@ pub enum ModelFormat {
     PointCloudPly,
     /// Splats as GLB with `KHR_gaussian_splatting` (`export.md`, GLB).
     Glb,
+    /// Splats as SPZ version 4 (`export.md`, SPZ): a fifth of the bytes of PLY, rounded.
+    Spz,
 }
 
 impl ModelFormat {
     /// Every format, in the order menus show them.
-    pub const ALL: [ModelFormat; 3] =
-        [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb];
+    pub const ALL: [ModelFormat; 4] =
+        [ModelFormat::Ply, ModelFormat::PointCloudPly, ModelFormat::Glb, ModelFormat::Spz];
 
     /// The name used by the command line and settings.
     pub fn name(self) -> &'static str {
@@ -42,6 +45,7 @@ impl ModelFormat {
             ModelFormat::Ply => "ply",
             ModelFormat::PointCloudPly => "point-cloud",
             ModelFormat::Glb => "glb",
+            ModelFormat::Spz => "spz",
         }
     }
 
@@ -50,10 +54,11 @@ impl ModelFormat {
         match self {
             ModelFormat::Ply | ModelFormat::PointCloudPly => "ply",
             ModelFormat::Glb => "glb",
+            ModelFormat::Spz => "spz",
         }
     }
 
-    /// The format a file name asks for: `.ply` means splats, `.glb` GLB; case does not matter.
+    /// The format a file name asks for: `.ply` means splats; case does not matter.
     ///
     /// # Errors
     /// [`Fault::UnknownExtension`] for any other name.
@@ -63,6 +68,7 @@ impl ModelFormat {
             // Splats, not points: what a user means by PLY here; points are asked for by name.
             Some("ply") => Ok(ModelFormat::Ply),
             Some("glb") => Ok(ModelFormat::Glb),
+            Some("spz") => Ok(ModelFormat::Spz),
             _ => Err(Fault::UnknownExtension { found: found.unwrap_or_default() }.at(path)),
         }
     }
@@ -76,7 +82,7 @@ impl fmt::Display for ModelFormat {
 
 /// A format name that does not exist.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("expected ply, point-cloud or glb, found {0:?}")]
+#[error("expected ply, point-cloud, glb or spz, found {0:?}")]
 pub struct UnknownFormat(pub String);
 
 impl FromStr for ModelFormat {
@@ -88,16 +94,47 @@ impl FromStr for ModelFormat {
     }
 }
 
-/// The axes of a written PLY. GLB prescribes its own (+y up) and ignores this.
+/// The axes of a written PLY. GLB and SPZ prescribe their own, y up, and ignore this.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axes {
-    /// The dataset's world, unchanged.
+    /// The model's world, unchanged.
     #[default]
     AsIs,
-    /// A z-up world turned into the y-down world splat viewers expect: `(x, y, z)` becomes
+    /// Up turned to −y, as splat viewers expect it: of a z-up world `(x, y, z)` becomes
     /// `(−x, −z, −y)`.
     Viewer,
+    /// Up turned to y: of a z-up world `(x, y, z)` becomes `(x, z, −y)`.
+    YUp,
+    /// Up turned to z.
+    ZUp,
+}
+
+/// Which splats a file gets; `default()` leaves none out that can be drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WriteSelection<'a> {
+    /// Two opposite corners, world units of the model: centres outside stay out.
+    pub crop: Option<[DVec3; 2]>,
+    /// Least number of points behind a splat; asks for [`WriteOptions::confidence`].
+    pub min_evidence: Option<f64>,
+    /// Largest standard deviation of a splat's position, world units; asks for `uncertainty`.
+    pub max_uncertainty: Option<f64>,
+    /// Standard deviation of the position of every splat given, world units.
+    pub uncertainty: Option<&'a [f64]>,
+}
+
+impl WriteSelection<'_> {
+    /// Whether splat `i` is asked for, by its centre and the evidence of every splat. Lists are as long
+    /// as the splats.
+    pub fn takes(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
+        let is_inside =
+            self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
+        let evidence = evidence.map_or(f64::INFINITY, |all| all[i]);
+        let uncertainty = self.uncertainty.map_or(0.0, |all| all[i]);
+        is_inside
+            && self.min_evidence.is_none_or(|min| evidence >= min)
+            && self.max_uncertainty.is_none_or(|max| uncertainty <= max)
+    }
 }
 
 /// How to write a model; [`WriteOptions::new`] gives the defaults.
@@ -120,14 +157,22 @@ pub struct WriteOptions<'a> {
     pub camera_centres: &'a [DVec3],
     /// `N_k` of every splat given, written with the points of a point cloud.
     pub confidence: Option<&'a [f64]>,
-    /// Direction that points up in the model's world, written into a PLY as it is.
+    /// Direction that points up in the model's world, not zero: GLB and SPZ have it turned to y, a
+    /// PLY says it.
     pub up: DVec3,
     /// Lengths are metres: a GLB says so in `asset.extras.units`.
     pub metric: bool,
+    /// Units of the file for each unit of the model's world, above 0.
+    pub unit_scale: f64,
+    /// Which splats are written.
+    pub selection: WriteSelection<'a>,
+    /// Who is told how far the writing is.
+    pub progress: WriteProgress<'a>,
 }
 
 impl WriteOptions<'_> {
-    /// Axes as they are, z up, no padding, one splat for each, no comments, no normals, no confidence, unknown units.
+    /// Axes as they are, z up, no padding, one splat for each, no comments, no normals, no confidence,
+    /// unknown units, nothing left out.
     pub fn new(format: ModelFormat) -> Self {
         Self {
             format,
@@ -139,6 +184,9 @@ impl WriteOptions<'_> {
             confidence: None,
             up: DVec3::Z,
             metric: false,
+            unit_scale: 1.0,
+            selection: WriteSelection::default(),
+            progress: WriteProgress::NONE,
         }
     }
 }

@@ -7,7 +7,7 @@
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DQuat, DVec3};
-use std::f64::consts::FRAC_1_SQRT_2;
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Smallest scale written, so that its logarithm is finite (`export.md`, From splat to file).
 pub(super) const SCALE_FLOOR: f64 = 1e-7;
@@ -34,17 +34,30 @@ pub(super) struct Gaussian {
 
 /// Splats that files can hold, with their positions in the list.
 pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian)> + Clone {
-    let appearance = view.appearance();
-    view.splats().iter().enumerate().filter_map(move |(i, splat)| {
-        let appearance = appearance.get(i).copied().unwrap_or_default();
-        let is_sound = splat.is_finite() && appearance.is_valid();
-        is_sound.then(|| (i, Gaussian::of(splat, &appearance)))
-    })
+    (0..view.splats().len()).filter_map(move |i| Some((i, drawable_at(view, i)?)))
+}
+
+/// The splat of that number, if files can hold it.
+pub(super) fn drawable_at(view: SplatView, i: usize) -> Option<Gaussian> {
+    let (splat, appearance) = (&view.splats()[i], view.appearance().get(i));
+    let appearance = appearance.copied().unwrap_or_default();
+    let is_sound = splat.is_finite() && appearance.is_valid();
+    is_sound.then(|| Gaussian::of(splat, &appearance))
 }
 
 impl Gaussian {
+    /// A splat that nobody sees.
+    pub const NOTHING: Gaussian = Gaussian {
+        mean: DVec3::ZERO,
+        opacity: 0.0,
+        color: DVec3::ZERO,
+        scale: DVec3::splat(SCALE_FLOOR),
+        rotation: DQuat::IDENTITY,
+        directional: DMat3::ZERO,
+    };
+
     /// A drawable splat with the floors every format needs; its gradient is left behind.
-    fn of(splat: &Splat, appearance: &Appearance) -> Self {
+    pub fn of(splat: &Splat, appearance: &Appearance) -> Self {
         let wide = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
         let [w, x, y, z] = splat.rotation.map(f64::from);
         let raw = Self {
@@ -68,6 +81,18 @@ impl Gaussian {
             directional: self.directional * turn.matrix.transpose(),
             ..self
         }
+    }
+
+    /// The splat as many times as large, about the origin.
+    pub fn scaled(self, factor: f64) -> Self {
+        Self { mean: factor * self.mean, scale: factor * self.scale, ..self }
+    }
+
+    /// The same rotation by the quaternion of `w ≥ 0`: of the two that say it, the one that files
+    /// promise.
+    pub fn with_positive_w(self) -> Self {
+        let rotation = if self.rotation.w < 0.0 { -self.rotation } else { self.rotation };
+        Self { rotation, ..self }
     }
 
     /// The colour seen from a point.
@@ -95,7 +120,7 @@ impl Gaussian {
     }
 
     /// Whether the colour does not depend on the direction it is seen from.
-    fn is_diffuse(&self) -> bool {
+    pub fn is_diffuse(&self) -> bool {
         self.directional == DMat3::ZERO
     }
 
@@ -152,7 +177,8 @@ pub(super) fn linear_to_srgb(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// A change of axes: a rotation that permutes and negates coordinates, so positions stay exact.
+/// A change of axes: a rotation. Between axes of the world it only permutes and negates coordinates,
+/// so positions stay exact.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Turn {
     matrix: DMat3,
@@ -181,6 +207,27 @@ impl Turn {
         quaternion: DQuat::from_xyzw(0.0, FRAC_1_SQRT_2, -FRAC_1_SQRT_2, 0.0),
     };
 
+    /// Turns `up`, a unit vector, to z by the shortest way.
+    pub fn to_z_up(up: DVec3) -> Turn {
+        let quaternion = DQuat::from_rotation_arc(up, DVec3::Z);
+        // Half turns have many axes; x keeps it where it is.
+        let quaternion = if up == DVec3::NEG_Z { DQuat::from_rotation_x(PI) } else { quaternion };
+        let matrix = DMat3::from_quat(quaternion);
+        // Rounding must not make 1e-17 of what is a permutation of axes.
+        let is_axis = up.abs().max_element() == 1.0;
+        let exact = |v: DVec3| if is_axis { v.round() } else { v };
+        let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(exact);
+        if up == DVec3::Z {
+            return Turn::NONE;
+        }
+        Turn { matrix: DMat3::from_cols(columns[0], columns[1], columns[2]), quaternion }
+    }
+
+    /// This turn and then another.
+    pub fn then(self, next: Turn) -> Turn {
+        Turn { matrix: next.matrix * self.matrix, quaternion: next.quaternion * self.quaternion }
+    }
+
     /// A position or direction in the new axes.
     pub fn vector(&self, v: DVec3) -> DVec3 {
         // Adding zero turns −0 into 0, which some JSON readers print differently.
@@ -199,7 +246,15 @@ mod tests {
 
     #[test]
     fn turns_are_rotations_whose_quaternions_agree_with_their_matrices() {
-        for turn in [Turn::NONE, Turn::Z_UP_TO_Y_UP, Turn::Y_UP_TO_Z_UP, Turn::Z_UP_TO_Y_DOWN] {
+        let ups = DVec3::AXES.into_iter().flat_map(|axis| [axis, -axis]);
+        let ups = ups.chain([DVec3::new(2.0, -3.0, 6.0) / 7.0]);
+        let arcs = ups.flat_map(|up| {
+            let turn = Turn::to_z_up(up);
+            assert!((turn.vector(up) - DVec3::Z).length() < 1e-15, "{up}");
+            [turn, turn.then(Turn::Z_UP_TO_Y_UP)]
+        });
+        let named = [Turn::NONE, Turn::Z_UP_TO_Y_UP, Turn::Y_UP_TO_Z_UP, Turn::Z_UP_TO_Y_DOWN];
+        for turn in named.into_iter().chain(arcs) {
             let difference = DMat3::from_quat(turn.quaternion) - turn.matrix;
             assert!(difference.to_cols_array().iter().all(|v| v.abs() < 1e-15), "{turn:?}");
             assert_eq!(turn.matrix.determinant(), 1.0);

@@ -2,7 +2,9 @@
 //! first, so the encoders are fed directly; `tests/export/golden.rs` compares the public path.
 
 use super::format::{ModelFormat, WriteOptions};
-use super::gaussian::Gaussian;
+use super::gaussian::{Gaussian, Turn};
+use super::progress::{Steps, WriteProgress};
+use super::stream::SplatRows;
 use super::{glb, ply};
 use glam::{DMat3, DQuat, DVec3};
 use serde_json::Value;
@@ -44,15 +46,29 @@ fn gaussians(folder: &std::path::Path) -> Vec<Gaussian> {
     cases["splats"].as_array().unwrap().iter().map(splat).collect()
 }
 
+impl SplatRows for Vec<Gaussian> {
+    fn n_rows(&self) -> usize {
+        self.len()
+    }
+
+    fn row(&self, row: usize) -> Gaussian {
+        self[row]
+    }
+
+    fn has_directions(&self) -> bool {
+        false
+    }
+}
+
 #[test]
 fn ply_files_are_equal_byte_for_byte() {
     let Some(folder) = golden_folder() else { return };
     for (name, sh3_padding) in [("two_splats.ply", false), ("two_splats_sh3.ply", true)] {
         let options = WriteOptions { sh3_padding, ..WriteOptions::new(ModelFormat::Ply) };
-        let rows = gaussians(&folder).into_iter();
-        let layout = ply::write::PlyLayout::new(rows.clone(), &options).unwrap();
+        let rows = gaussians(&folder);
+        let layout = ply::write::PlyLayout::new(&rows, &options).unwrap();
         let mut bytes = Vec::new();
-        layout.write(&mut bytes, rows).unwrap();
+        layout.write(&mut bytes, &rows, &mut Steps::new(WriteProgress::NONE, 2)).unwrap();
         assert!(bytes == std::fs::read(folder.join(name)).unwrap(), "{name} differs");
     }
 }
@@ -60,13 +76,14 @@ fn ply_files_are_equal_byte_for_byte() {
 #[test]
 fn glb_file_is_equal_byte_for_byte_except_the_generator() {
     let Some(folder) = golden_folder() else { return };
-    let rows = gaussians(&folder).into_iter();
+    let rows = gaussians(&folder).into_iter().map(|g| g.turned(&Turn::Z_UP_TO_Y_UP));
+    let rows = rows.collect::<Vec<_>>();
     let mut layout =
-        glb::write::GlbLayout::new(rows.clone(), &WriteOptions::new(ModelFormat::Glb)).unwrap();
+        glb::write::GlbLayout::new(&rows, &WriteOptions::new(ModelFormat::Glb)).unwrap();
     let mine = concat!(r#""generator":"vbgs-studio "#, env!("CARGO_PKG_VERSION"), '"');
     assert!(layout.json.contains(mine), "{}", layout.json);
     layout.json = layout.json.replace(mine, r#""generator":"vbgs""#);
     let mut bytes = Vec::new();
-    layout.write(&mut bytes, rows).unwrap();
+    layout.write(&mut bytes, &rows, &mut Steps::new(WriteProgress::NONE, 2)).unwrap();
     assert!(bytes == std::fs::read(folder.join("two_splats.glb")).unwrap(), "GLB differs");
 }

@@ -2,33 +2,12 @@
 //! with the Condon–Shortley phase, of the unit direction `(x, y, z)` from the camera to the splat,
 //! `colour = ½ + C0·f₀ + C1·(−y·f₁ + z·f₂ − x·f₃)`.
 
-use super::gaussian::Gaussian;
 use glam::{DMat3, DVec3};
 
 /// Degree 0, `1/(2√π)`.
 const C0: f64 = 0.282_094_791_773_878_14;
 /// Degree 1, `√(3/(4π))`.
 const C1: f64 = 0.488_602_511_902_919_9;
-
-/// How far the harmonics of a file go.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Degree {
-    /// One colour from everywhere.
-    Zero,
-    /// Colour linear in the direction.
-    One,
-}
-
-impl Degree {
-    /// What some splats need.
-    pub fn of(mut gaussians: impl Iterator<Item = Gaussian>) -> Self {
-        // One degree for the whole file: rows have one layout.
-        match gaussians.any(|g| g.directional != DMat3::ZERO) {
-            true => Self::One,
-            false => Self::Zero,
-        }
-    }
-}
 
 /// Coefficient of degree 0 that stands for a colour.
 pub(super) fn of_color(color: DVec3) -> DVec3 {

@@ -14,12 +14,14 @@ use std::fmt;
 /// A model read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Imported {
-    /// Finite splats in file order, in the file's axes (PLY) or turned to z-up (glTF). Those of a
+    /// Finite splats in file order, in the file's axes (PLY, `.splat`) or turned to z-up (glTF, SPZ). Those of a
     /// point cloud are opaque balls about as wide as half the spacing of the points. With degree-1
     /// colour where the file has it.
     pub splats: SplatSet,
     /// What the rows were.
     pub kind: ModelKind,
+    /// Whether the format says what is up, so that reading turned it to z.
+    pub is_z_up: bool,
     /// Rows left out because a field was NaN or infinite.
     pub skipped: usize,
     /// What was ignored, guessed or converted.
@@ -36,6 +38,9 @@ pub(super) const VERTICAL_AXIS: &str = "Vertical axis:";
 impl Imported {
     /// Unit vector that points up in the model's world, where the file says so.
     pub fn up(&self) -> Option<DVec3> {
+        if self.is_z_up {
+            return Some(DVec3::Z);
+        }
         let text = self.comments.iter().find_map(|line| line.strip_prefix(VERTICAL_AXIS))?;
         let numbers: Vec<f64> = text.split_whitespace().filter_map(|n| n.parse().ok()).collect();
         DVec3::from_array(numbers.try_into().ok()?).try_normalize()
@@ -76,6 +81,14 @@ pub enum Note {
     NoColor,
     /// Linear colours were encoded to sRGB.
     LinearColorEncoded,
+    /// Scales were logarithms, as drafts of glTF's extension before 2026 had them.
+    LogarithmicScales,
+    /// A glTF names a kernel or colour space of another extension.
+    UnknownKernel,
+    /// Splats of a glTF without harmonics have the colours of its points.
+    FallbackColor,
+    /// Records that extensions of an SPZ define.
+    ExtensionsIgnored,
     /// Parts of a glTF that are not what was imported.
     PrimitivesSkipped {
         /// Number of primitives left out.
@@ -98,6 +111,14 @@ impl fmt::Display for Note {
             Note::FlatSplats => f.write_str("scale_2 is missing: splats read as flat"),
             Note::NoColor => f.write_str("the file holds no colour: points read as gray"),
             Note::LinearColorEncoded => f.write_str("linear colours encoded to sRGB"),
+            Note::LogarithmicScales => {
+                f.write_str("scales read as logarithms: the file follows a draft of the extension")
+            }
+            Note::UnknownKernel => f.write_str(
+                "a kernel or colour space of another extension: read as ellipses in sRGB",
+            ),
+            Note::FallbackColor => f.write_str("no harmonics: splats have the colours of COLOR_0"),
+            Note::ExtensionsIgnored => f.write_str("what extensions add to the file is ignored"),
             Note::PrimitivesSkipped { n_primitives } => {
                 write!(f, "{n_primitives} other primitives of the file (meshes, points) skipped")
             }
@@ -130,7 +151,8 @@ impl Rows {
 
     /// Adds a row, or counts it as skipped.
     pub fn push(&mut self, row: Gaussian) {
-        match row.to_splat() {
+        // Turned axes may have left the other quaternion of the rotation.
+        match row.with_positive_w().to_splat() {
             // Colours are noted only for rows that stay.
             Some((splat, appearance)) => {
                 self.n_wild_colors += usize::from(row.has_wild_color());
@@ -161,7 +183,7 @@ impl Rows {
             notes.push(Note::ColorClamped { n_splats: self.n_wild_colors });
         }
         let Self { splats, skipped, .. } = self;
-        Ok(Imported { splats, kind, skipped, notes, comments, bytes: 0 })
+        Ok(Imported { splats, kind, is_z_up: false, skipped, notes, comments, bytes: 0 })
     }
 }
 

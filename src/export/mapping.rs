@@ -23,7 +23,8 @@
 //! ```
 
 use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows};
-use crate::model::splat::appearance::{GRADIENT_LIMIT, SplatSet, SplatView};
+use crate::model::splat::appearance::{Appearance, GRADIENT_LIMIT, SplatSet, SplatView};
+use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -122,11 +123,10 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     if is_plain(view) {
         return None;
     }
-    let full_coverage = f64::from(view.finishing().full_coverage);
     let mut plain = SplatSet::default();
     for (i, native) in drawable(view) {
-        for piece in pieces(native, gradient(view, i), mapping.split) {
-            if let Some((splat, appearance)) = plain_of(piece, full_coverage, mapping).to_splat() {
+        for k in 0..n_pieces(&native, mapping) {
+            if let Some((splat, appearance)) = plain_piece(view, i, &native, k, mapping) {
                 plain.push(splat, appearance);
             }
         }
@@ -134,33 +134,55 @@ pub fn to_plain(view: SplatView, mapping: Mapping) -> Option<SplatSet> {
     Some(plain)
 }
 
+/// Piece `k` of splat `i`, which is `native`; `None` if it is more than a file can hold.
+pub(super) fn plain_piece(
+    view: SplatView,
+    i: usize,
+    native: &Gaussian,
+    k: usize,
+    mapping: Mapping,
+) -> Option<(Splat, Appearance)> {
+    let full_coverage = f64::from(view.finishing().full_coverage);
+    let piece = piece(native, gradient(view, i), mapping.split, k);
+    plain_of(piece, full_coverage, mapping).to_splat()
+}
+
+/// Number of pieces a splat becomes.
+pub(super) fn n_pieces(native: &Gaussian, mapping: Mapping) -> usize {
+    1 << split_axes(native, mapping.split).count()
+}
+
 fn gradient(view: SplatView, i: usize) -> DMat3 {
     view.appearance().get(i).map_or(DMat3::ZERO, |appearance| from_rows(appearance.gradient))
 }
 
-/// A splat as several, whose centres, covariances and colours together are its own.
-fn pieces(native: Gaussian, gradient: DMat3, split: GradientSplit) -> Vec<Gaussian> {
-    let frame = DMat3::from_quat(native.rotation);
-    // Along the longest axes, where a gradient changes the colour most.
+/// The axes a splat is split along: the longest, where a gradient changes the colour most.
+fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterator<Item = usize> {
+    let scale = native.scale;
     let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| native.scale[b].total_cmp(&native.scale[a]));
-    let (mut scale, mut offsets) = (native.scale, vec![DVec3::ZERO]);
+    order.sort_by(|&a, &b| scale[b].total_cmp(&scale[a]));
     // Along an axis without extent the pieces would lie on each other.
-    for axis in order.into_iter().take(split.n_axes()).filter(|&i| native.scale[i] > SCALE_FLOOR) {
+    order.into_iter().take(split.n_axes()).filter(move |&i| scale[i] > SCALE_FLOOR)
+}
+
+/// One of the pieces of a splat, whose centres, covariances and colours together are its own.
+fn piece(native: &Gaussian, gradient: DMat3, split: GradientSplit, k: usize) -> Gaussian {
+    let frame = DMat3::from_quat(native.rotation);
+    let (mut scale, mut offset) = (native.scale, DVec3::ZERO);
+    for (bit, axis) in split_axes(native, split).rev().enumerate() {
         let step = split.reach() * native.scale[axis] * frame.col(axis);
-        offsets = offsets.into_iter().flat_map(|o| [o - step, o + step]).collect();
+        offset += if k >> bit & 1 == 1 { step } else { -step };
         // What the centres' spread adds to the variance, the pieces give up: together they have the
         // splat's own.
         scale[axis] *= (1.0 - split.reach().powi(2)).sqrt();
     }
     let limit = DVec3::splat(GRADIENT_LIMIT);
-    let piece = |offset: DVec3| Gaussian {
+    Gaussian {
         mean: native.mean + offset,
         color: native.color + (gradient * offset).clamp(-limit, limit),
         scale,
-        ..native
-    };
-    offsets.into_iter().map(piece).collect()
+        ..*native
+    }
 }
 
 /// The splat with an opacity that plain files can hold.

@@ -1,4 +1,4 @@
-//! Models as files: PLY in the 3DGS layout, point-cloud PLY and GLB with `KHR_gaussian_splatting` for
+//! Models as files: PLY in the 3DGS layout, point-cloud PLY, GLB with `KHR_gaussian_splatting` and SPZ for
 //! other programs, and the native [`checkpoint`]. The only place where file conventions (log scales,
 //! logits, quaternion order, axes, linear colour) are converted; everywhere else a splat is a
 //! [`crate::model::splat::splats::Splat`].
@@ -31,21 +31,29 @@
 
 pub mod atomic;
 pub mod checkpoint;
+pub mod endings;
 pub mod error;
 pub mod format;
 pub mod imported;
 pub mod mapping;
+pub mod mesh;
+pub mod progress;
 
 mod gaussian;
 mod glb;
 mod harmonics;
 mod ply;
 mod read;
+mod source;
+mod splat;
+mod spz;
+mod stream;
 mod write;
 
 pub use error::{ExportError, Fault};
-pub use format::{Axes, ModelFormat, WriteOptions};
+pub use format::{Axes, ModelFormat, WriteOptions, WriteSelection};
 pub use imported::{Imported, ModelKind, Note};
+pub use progress::WriteProgress;
 pub use read::{DEFAULT_MAX_SPLATS, read, read_up_to};
 pub use write::{WriteSummary, write};
 

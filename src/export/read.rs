@@ -2,15 +2,16 @@
 
 use super::error::{ExportError, Fault, reserved, shorten};
 use super::imported::Imported;
-use super::{glb, ply};
+use super::{glb, ply, splat, spz};
 use std::io::Read;
 use std::path::Path;
 
 /// Most splats [`read`] accepts: about 1.4 GB of PLY.
 pub const DEFAULT_MAX_SPLATS: usize = 20_000_000;
 
-/// Reads a model, recognised by its content and never by its name: PLY (splats or points), GLB,
-/// or glTF with `data:` or sibling buffers. Accepts up to [`DEFAULT_MAX_SPLATS`] rows.
+/// Reads a model, recognised by its content and never by its name: PLY (splats, points or PlayCanvas'
+/// compressed form), GLB, glTF with `data:` or sibling buffers, SPZ 1 to 4 or `.splat`. Accepts up to
+/// [`DEFAULT_MAX_SPLATS`] rows.
 ///
 /// # Errors
 /// The file cannot be read, is no model, is damaged, or uses what this program does not support;
@@ -41,6 +42,11 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
         glb::read::glb(bytes, folder, max_splats)
     } else if text.starts_with(b"{") {
         glb::read::gltf(text, folder, max_splats)
+    } else if spz::read::is_plain(bytes) || spz::read::is_gzip(bytes) {
+        spz::read::spz(bytes, max_splats)
+    } else if splat::is_likely(bytes) {
+        // Last: the only format without a mark of its own.
+        splat::splat(bytes, max_splats)
     } else {
         let start = String::from_utf8_lossy(&bytes[..bytes.len().min(16)]);
         let found = match bytes {

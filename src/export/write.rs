@@ -1,9 +1,11 @@
-//! Models into files: the options are checked, splats mapped and counted, and one format writes.
+//! Models into files: the options are checked, splats selected and mapped, and one format writes.
 
 use super::error::{ExportError, Fault, shorten};
 use super::format::{ModelFormat, WriteOptions};
-use super::gaussian::drawable;
-use super::{atomic, glb, mapping, ply};
+use super::progress::Steps;
+use super::source::Source;
+use super::stream::SplatRows;
+use super::{atomic, glb, ply, spz};
 use crate::model::splat::appearance::SplatView;
 use std::io::{self, Write};
 use std::path::Path;
@@ -11,7 +13,8 @@ use std::path::Path;
 /// What an export wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteSummary {
-    /// Splats in the file: as many as were drawable, times two or four if they were split.
+    /// Splats in the file: as many as were drawable and selected, times two or four if they were
+    /// split.
     pub n_written: usize,
     /// Splats left out: not finite, or of opacity 0 (unused components).
     pub n_skipped: usize,
@@ -20,53 +23,61 @@ pub struct WriteSummary {
 }
 
 /// Writes the drawable splats to `path`, whole or not at all (see [`atomic::write_atomic`]), mapped
-/// to plain ones where they are more than that (see [`mapping`]).
+/// to plain ones where they are more than that (see [`super::mapping`]). Besides the model it takes
+/// 8 bytes of memory a splat and a block of rows; for SPZ also the compressed file and 16 bytes a splat.
 ///
-/// Positions are exact, scales at least 1e-7; opacities in PLY are kept within `[1e-6, 1 − 1e-6]`.
+/// Positions are exact but in SPZ, scales at least 1e-7; opacities in PLY are kept within
+/// `[1e-6, 1 − 1e-6]`.
 ///
 /// # Errors
-/// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::Setting`] for options that do not
-/// fit the splats, [`Fault::TooLargeForGlb`] from 4 GiB, and whatever writing the file can meet.
+/// [`Fault::NothingToExport`] if no splat is drawable, [`Fault::NothingSelected`] if none is asked for,
+/// [`Fault::Setting`] for options that do not fit the splats, [`Fault::TooLargeForGlb`] from 4 GiB,
+/// [`Fault::Cancelled`], and whatever writing the file can meet.
 pub fn write<'a>(
     path: &Path,
     splats: impl Into<SplatView<'a>>,
     options: &WriteOptions,
 ) -> Result<WriteSummary, ExportError> {
     let view: SplatView = splats.into();
-    let n_splats = view.splats().len();
-    let n_drawable = drawable(view).count();
-    if n_drawable == 0 {
-        return Err(Fault::NothingToExport { n_splats }.at(path));
-    }
-    let mapped = match options.format {
-        ModelFormat::Ply | ModelFormat::Glb => mapping::to_plain(view, options.mapping),
-        ModelFormat::PointCloudPly => None,
-    };
-    let n_written = mapped.as_ref().map_or(n_drawable, |plain| plain.len());
-    let view = mapped.as_ref().map_or(view, Into::into);
-    let content = prepare(view, options).map_err(|fault| fault.at(path))?;
+    let source = source(view, options).map_err(|fault| fault.at(path))?;
+    let content = prepare(&source, options).map_err(|fault| fault.at(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
-    Ok(WriteSummary { n_written, n_skipped: n_splats - n_drawable, bytes })
+    let n_skipped = view.splats().len() - source.n_drawable();
+    Ok(WriteSummary { n_written: source.n_rows(), n_skipped, bytes })
+}
+
+/// The rows of the file, of which there is at least one.
+fn source<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Source<'a>, Fault> {
+    check_comments(options.comments)?;
+    let source = Source::new(view, options)?;
+    match (source.n_drawable(), source.n_rows()) {
+        (0, _) => Err(Fault::NothingToExport { n_splats: view.splats().len() }),
+        (n_drawable, 0) => Err(Fault::NothingSelected { n_drawable }),
+        _ => Ok(source),
+    }
 }
 
 type Content<'a> = Box<dyn Fn(&mut dyn Write) -> io::Result<()> + 'a>;
 
 /// Checks everything that can be wrong with the options before a file is created.
-fn prepare<'a>(view: SplatView<'a>, options: &'a WriteOptions) -> Result<Content<'a>, Fault> {
-    check_comments(options.comments)?;
-    let rows = move || drawable(view).map(|(_, gaussian)| gaussian);
+fn prepare<'a>(source: &'a Source<'a>, options: &'a WriteOptions) -> Result<Content<'a>, Fault> {
+    let steps = |n_columns: usize| Steps::new(options.progress, source.n_rows() * n_columns);
     Ok(match options.format {
         ModelFormat::Ply => {
-            let layout = ply::write::PlyLayout::new(rows(), options)?;
-            Box::new(move |out| layout.write(out, rows()))
+            let layout = ply::write::PlyLayout::new(source, options)?;
+            Box::new(move |out| layout.write(out, source, &mut steps(1)))
         }
         ModelFormat::PointCloudPly => {
-            let header = ply::points::header(rows().count(), view.splats().len(), options)?;
-            Box::new(move |out| ply::points::points(out, &header, view, options))
+            let header = ply::points::header(source.n_rows(), options)?;
+            Box::new(move |out| ply::points::points(out, &header, source, options, &mut steps(1)))
         }
         ModelFormat::Glb => {
-            let layout = glb::write::GlbLayout::new(rows(), options)?;
-            Box::new(move |out| layout.write(out, rows()))
+            let layout = glb::write::GlbLayout::new(source, options)?;
+            Box::new(move |out| layout.write(out, source, &mut steps(layout.n_columns())))
+        }
+        ModelFormat::Spz => {
+            let layout = spz::write::SpzLayout::new(source)?;
+            Box::new(move |out| layout.write(out, source, &mut steps(layout.n_columns())))
         }
     })
 }

@@ -15,6 +15,7 @@ use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
+use glam::DVec3;
 
 /// A model that learns. Components are numbered from 0; a number never changes its component.
 pub trait Learner: Send + Sync {
@@ -46,6 +47,12 @@ pub trait Learner: Send + Sync {
 
     /// What photographs leave uncertain of a component's splat; `None` where they teach nothing.
     fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {
+        None
+    }
+
+    /// Unit normal of the surface behind a component, towards the cameras that saw it, world axes; `None`
+    /// where nothing is known of it.
+    fn normal(&self, _component: usize) -> Option<DVec3> {
         None
     }
 

@@ -239,7 +239,9 @@ fn paths_that_are_no_dataset() {
             scratch.run(&format!("info {path}")).fails(1, &parts);
         }
     }
-    scratch.run("info list.txt").fails(1, &["list.txt", "expected a PLY, GLB or glTF file"]);
+    scratch
+        .run("info list.txt")
+        .fails(1, &["list.txt", "expected a model (.ply, .glb, .gltf, .spz or .splat)"]);
 }
 
 #[test]

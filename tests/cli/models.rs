@@ -77,6 +77,54 @@ fn mappings_do_not_touch_plain_scenes() {
 }
 
 #[test]
+fn exports_are_chosen_turned_scaled_and_meshed() {
+    let scratch = Scratch::with_room();
+    scratch.run("train room --out run").succeeds();
+    let count = |name: &str| scratch.model(name).splats.len();
+    let export = |options: &str, to: &str| {
+        scratch.run(&format!("export run/checkpoint.vbgs -o {to} {options}")).succeeds()
+    };
+    export("", "all.ply");
+    export("--min-evidence 20 --max-uncertainty 0.02", "sure.ply");
+    export("--crop -9,-9,0,9,9,1", "low.spz");
+    for name in ["sure.ply", "low.spz"] {
+        assert!((1..count("all.ply")).contains(&count(name)), "{name}");
+    }
+    let comments = scratch.run("info all.ply").succeeds().stdout;
+    for said in
+        ["vbgs made by vbgs-studio", "preset scene, from 8 frames", "vbgs antialias footprint"]
+    {
+        assert!(comments.contains(said), "{said} is missing in: {comments}");
+    }
+    // What is up goes to y, and reading takes y for up again.
+    scratch.run("export all.ply -o turned.glb --up -y --unit-scale 10").succeeds();
+    let (before, after) = (scratch.model("all.ply").splats, scratch.model("turned.glb").splats);
+    for (a, b) in before.iter().zip(after.iter()) {
+        let [x, y, z] = a.mean.map(|v| 10.0 * v);
+        let apart = [b.mean[0] - x, b.mean[1] - z, b.mean[2] + y];
+        assert!(apart.iter().all(|v| v.abs() < 1e-4), "{a:?} {b:?}");
+    }
+    for name in ["mesh.ply", "mesh.glb", "mesh.obj"] {
+        let said = export("--as mesh", name).stdout;
+        assert!(said.contains(" triangles, ") && !said.contains(" 0 vertices"), "{said}");
+    }
+    scratch
+        .run("export all.ply -o a.obj --as mesh")
+        .fails(1, &["all.ply: expected a checkpoint of the `scene` preset", "train with"]);
+    scratch
+        .run("export all.ply -o a.ply --min-evidence 2")
+        .fails(1, &["a.ply: least evidence: expected a model with its training behind it"]);
+    for (options, parts) in [
+        ("-o a.ply --as mesh --sh3-padding", &["--sh3-padding: a setting of splats"][..]),
+        ("-o a.ply --cell 0.1", &["--cell: a setting of meshes"]),
+        ("-o a.ply --crop 1,2,3", &["--crop", "expected six numbers X,Y,Z,X,Y,Z"]),
+        ("-o a.ply --unit-scale 0", &["--unit-scale", "expected a number above 0"]),
+    ] {
+        scratch.run(&format!("export all.ply {options}")).fails(2, parts);
+    }
+}
+
+#[test]
 fn view_dependent_colour_passes_through() {
     let scratch = Scratch::empty();
     let splat = Splat { opacity: 0.9, color: [0.3, -0.2, 1.1], ..Splat::default() };
@@ -138,14 +186,29 @@ fn files_that_hold_no_model() {
     fs::write(scratch.path("cloud.obj"), "v 1 2 3").unwrap();
     for (file, parts) in [
         ("none.ply", &["expected", "found nothing", "check the spelling"][..]),
-        ("empty.ply", &["expected a PLY, GLB or glTF file", "found an empty file"]),
-        ("empty.glb", &["expected a PLY, GLB or glTF file", "found an empty file"]),
+        (
+            "empty.ply",
+            &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found an empty file"],
+        ),
+        (
+            "empty.glb",
+            &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found an empty file"],
+        ),
         ("short.ply", &["expected", "rows", "found", "export the file again"]),
         ("header.ply", &["expected", "found", "export the file again"]),
         ("short.glb", &["expected", "found", "export the file again"]),
-        ("text.ply", &["expected a PLY, GLB or glTF file", "found a file starting \"a shopping"]),
-        ("image.glb", &["expected a PLY, GLB or glTF file", "found"]),
-        ("cloud.obj", &["expected a PLY, GLB or glTF file", "found", "convert it"]),
+        (
+            "text.ply",
+            &[
+                "expected a model (.ply, .glb, .gltf, .spz or .splat)",
+                "found a file starting \"a shopping",
+            ],
+        ),
+        ("image.glb", &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found"]),
+        (
+            "cloud.obj",
+            &["expected a model (.ply, .glb, .gltf, .spz or .splat)", "found", "convert it"],
+        ),
         ("out/report.json", &["expected glTF 2.0", "found"]),
         ("room", &["expected a file", "found a folder"]),
     ] {
@@ -181,8 +244,8 @@ fn places_that_take_no_files() {
     for (output, parts) in [
         ("out", &["out: expected a file", "found a folder", "name a file in it"][..]),
         ("nowhere/a.ply", &["nowhere/a.ply", "folder nowhere does not exist", "create it"]),
-        ("a.xyz", &["a.xyz", "ending in .ply or .glb", "found \"xyz\"", "rename it"]),
-        ("a", &["ending in .ply or .glb", "found \"\"", "name a format"]),
+        ("a.xyz", &["a.xyz", "ending in .ply, .glb or .spz", "found \"xyz\"", "rename it"]),
+        ("a", &["ending in .ply, .glb or .spz", "found \"\"", "name a format"]),
     ] {
         let format = if output == "out" { "--format ply" } else { "" };
         scratch.run(&format!("export out/scene.ply -o {output} {format}")).fails(1, parts);

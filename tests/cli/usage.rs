@@ -79,7 +79,7 @@ fn arguments_of_the_other_commands() {
         ("train room --out a --export-mapping wide", &["'wide'", "--export-mapping"]),
         (
             "export out/scene.ply -o a.ply --format point-cloud --export-split 2",
-            &["--export-split", "a setting of splats", "export ply or glb"],
+            &["--export-split", "a setting of splats", "export ply, glb or spz"],
         ),
         ("synth new --layout tum", &["'tum'", "--layout"]),
         ("synth new --frames 0", &["training frames", "1 to 100000", "found 0"]),

@@ -1,4 +1,4 @@
-//! PLY, GLB and checkpoints: golden files, round trips, files of other programs, damaged files.
+//! PLY, GLB, SPZ, `.splat` and checkpoints: golden files, round trips, files of other programs, damaged files.
 #![allow(clippy::unwrap_used)]
 
 mod allocations;
@@ -7,15 +7,23 @@ mod checkpoint;
 #[path = "../common/mod.rs"]
 mod common;
 mod degree_1;
+mod figures;
 mod glb;
 mod glb_file;
 mod glb_foreign;
 mod golden;
 mod hostile;
 mod mapping;
+mod mesh;
+mod options;
 mod ply;
+mod ply_compressed;
 mod ply_foreign;
 mod round_trip;
+mod samples;
+mod splat;
+mod spz;
+mod spz_written;
 
 use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read, write};

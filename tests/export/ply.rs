@@ -46,8 +46,11 @@ fn an_independent_reader_finds_every_splat() {
                 let scale = float(vertex, &format!("scale_{i}")).exp();
                 assert!((scale / splat.scale[i] - 1.0).abs() < 2e-6);
             }
+            // Of the two quaternions of a rotation, files have the one of positive w.
+            let sign = splat.rotation[0].signum();
             for i in 0..4 {
-                assert!((float(vertex, &format!("rot_{i}")) - splat.rotation[i]).abs() < 1e-6);
+                let found = float(vertex, &format!("rot_{i}"));
+                assert!((found - sign * splat.rotation[i]).abs() < 1e-6);
             }
             if sh3_padding {
                 assert!((0..45).all(|i| float(vertex, &format!("f_rest_{i}")) == 0.0));

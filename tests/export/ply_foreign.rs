@@ -350,7 +350,7 @@ fn broken_headers_and_rows_say_where() {
         ("ply\nformat ascii 1.0\nend_header\n", &["expected an element vertex, found none"]),
         (
             "ply\nformat ascii 1.0\nelement chunk 1\nproperty float min_x\nelement vertex 1\nproperty uint packed_position\nend_header\n",
-            &["this is SuperSplat's compressed PLY", "export an uncompressed one"],
+            &["element chunk: expected property min_y, found none of that name"],
         ),
         (
             "ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar float x\nend_header\n1 2\n",

@@ -19,6 +19,7 @@ use super::training::TrainSettings;
 use super::viewer::painter::ViewPainter;
 use super::viewer::{SceneView, toolbar};
 use super::worker::{Waker, Worker, WorkerOrder};
+use crate::export::endings::{READ_ENDINGS, listed};
 use crate::export::mapping::Mapping;
 use crate::render::attributes::Attribute;
 use eframe::egui::{
@@ -245,7 +246,8 @@ impl Studio {
         ui.vertical_centered(|ui| {
             ui.add_space(ui.available_height() * 0.35);
             ui.label(RichText::new("Drop a dataset folder here").size(22.0));
-            ui.label("a checkpoint to go on with, or a .ply or .glb to look at");
+            let endings = listed(&READ_ENDINGS);
+            ui.label(format!("a checkpoint to go on with, or splats to look at ({endings})"));
             ui.add_space(12.0);
             if ui.button(UiCommand::Open.label()).clicked() {
                 self.apply_command(UiCommand::Open, snapshot);

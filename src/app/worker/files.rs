@@ -6,6 +6,7 @@ use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::dataset::Layout;
 use crate::export::mapping::Mapping;
 use crate::export::{self, ModelFormat, WriteOptions};
+use crate::pipeline::provenance::file_comments;
 use crate::pipeline::session::Session;
 use glam::DVec3;
 use std::path::Path;
@@ -34,7 +35,14 @@ impl WorkerThread {
     pub(super) fn export(&mut self, number: u64, path: &Path, mapping: Mapping) {
         self.begin_write(number);
         let written = ModelFormat::from_path(path).and_then(|format| {
+            let comments = match &self.content {
+                Some(Content::Session(session)) => {
+                    file_comments(&session.config().method, session.learner().frames())
+                }
+                _ => Vec::new(),
+            };
             let options = WriteOptions {
+                comments: &comments,
                 metric: self.is_metric(),
                 up: self.up(),
                 mapping,

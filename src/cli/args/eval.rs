@@ -37,7 +37,7 @@ pub struct ComparisonArgs {
 
 #[derive(Args)]
 pub struct EvalArgs {
-    /// Model: checkpoint, .ply or .glb
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
     /// Dataset folder, or a Record3D .r3d
     pub dataset: PathBuf,

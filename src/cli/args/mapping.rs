@@ -26,11 +26,11 @@ pub enum SplitName {
 
 #[derive(Args)]
 pub struct MappingArgs {
-    /// What PLY and GLB hold of opacities above 0.99, in a scene with colour gradients or opacities
+    /// What PLY, GLB and SPZ hold of opacities above 0.99, in a scene with colour gradients or opacities
     /// above 1 [default: equal-area; clip with --export-split 4]
     #[arg(long, value_enum)]
     pub export_mapping: Option<MappingName>,
-    /// Splats of PLY and GLB for each of a scene with colour gradients or opacities above 1
+    /// Splats of PLY, GLB and SPZ for each of a scene with colour gradients or opacities above 1
     /// [default: 1]
     #[arg(long, value_enum)]
     pub export_split: Option<SplitName>,

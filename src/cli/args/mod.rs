@@ -5,6 +5,7 @@ mod bench;
 mod calibrate;
 mod depth;
 mod eval;
+mod export;
 mod mapping;
 mod parse;
 #[cfg(feature = "bench")]
@@ -19,6 +20,7 @@ pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchA
 pub use calibrate::CalibrateArgs;
 pub use depth::DepthArgs;
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};
+pub use export::{AxesName, ExportArgs, FormatName, KindName};
 #[cfg(feature = "bench")]
 pub use precision_search::PrecisionSearchArgs;
 pub use render::{AxisName, PaintName, RenderArgs};
@@ -26,7 +28,6 @@ pub use train::TrainArgs;
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
-use mapping::MappingArgs;
 use parse::{parse_count, parse_size};
 use std::path::PathBuf;
 
@@ -37,7 +38,7 @@ use std::path::PathBuf;
 #[derive(Parser)]
 #[command(version)]
 pub struct Arguments {
-    /// Dataset folder, checkpoint, `.ply` or `.glb` to open in the window
+    /// Dataset folder, checkpoint or file of splats (.ply, .glb, .gltf, .spz, .splat) to open in the window
     pub path: Option<PathBuf>,
     /// Threads that train and render [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
@@ -75,7 +76,7 @@ pub enum Command {
     Eval(EvalArgs),
     /// Render one view or a turntable
     Render(RenderArgs),
-    /// Convert a model to PLY, GLB or a point cloud
+    /// Convert a model to PLY, GLB, SPZ, a point cloud or a mesh
     Export(ExportArgs),
     /// Write a synthetic posed RGB-D dataset with ground truth
     Synth(SynthArgs),
@@ -91,41 +92,6 @@ pub enum Command {
     #[cfg(feature = "bench")]
     /// Find the cheapest precision of every operation within an error bound
     PrecisionSearch(PrecisionSearchArgs),
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum FormatName {
-    Ply,
-    PointCloud,
-    Glb,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-pub enum AxesName {
-    /// The dataset's world
-    AsIs,
-    /// Turned to the y-down world of splat viewers (PLY)
-    Viewer,
-}
-
-#[derive(Args)]
-pub struct ExportArgs {
-    /// Model: checkpoint, .ply or .glb
-    pub model: PathBuf,
-    /// File to write
-    #[arg(short, long)]
-    pub output: PathBuf,
-    /// Format [default: by extension]
-    #[arg(long, value_enum)]
-    pub format: Option<FormatName>,
-    /// Axes of a PLY
-    #[arg(long, value_enum, default_value = "as-is")]
-    pub axes: AxesName,
-    /// Pad the harmonics of a splat PLY to 45 coefficients for readers that insist on them
-    #[arg(long)]
-    pub sh3_padding: bool,
-    #[command(flatten)]
-    pub mapping: MappingArgs,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -201,7 +167,7 @@ pub struct MergeArgs {
 
 #[derive(Args)]
 pub struct InfoArgs {
-    /// Dataset folder or .r3d, checkpoint, .ply or .glb
+    /// Dataset folder or .r3d, checkpoint or file of splats
     pub path: PathBuf,
     /// Print JSON on stdout
     #[arg(long)]

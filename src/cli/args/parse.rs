@@ -1,6 +1,7 @@
 //! Values on the command line.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use glam::DVec3;
 use std::str::FromStr;
 
 /// Parses a setting of the library by the names it has in files.
@@ -18,6 +19,23 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
     // know, and nobody would say what is expected.
     let count = text.parse().ok().filter(|&n| n > 0);
     count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
+}
+
+/// A number above 0.
+pub fn parse_positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0);
+    number.ok_or_else(|| "expected a number above 0".to_owned())
+}
+
+/// Two opposite corners of a box.
+pub fn parse_box(text: &str) -> Result<[DVec3; 2], String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|n| n.trim().parse().ok()).collect();
+    match numbers[..] {
+        [a, b, c, d, e, f] if numbers.iter().all(|n| n.is_finite()) => {
+            Ok([DVec3::new(a, b, c), DVec3::new(d, e, f)])
+        }
+        _ => Err("expected six numbers X,Y,Z,X,Y,Z: two opposite corners".to_owned()),
+    }
 }
 
 pub fn parse_color(text: &str) -> Result<[f32; 3], String> {

@@ -9,7 +9,7 @@ use vbgs_studio::render::Lens;
 
 #[derive(Args)]
 pub struct RenderArgs {
-    /// Model: checkpoint, .ply or .glb
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
     /// PNG file to write; a folder with --turntable. With --renderer both the two pictures of a view
     /// are called NAME-projected.png and NAME-exact.png

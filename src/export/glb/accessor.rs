@@ -31,7 +31,17 @@ fn rule(semantic: &str) -> Rule {
         }
         SCALE => Rule {
             kinds: VEC3,
-            components: &[(F32, false), (U8, false), (U16, false), (U8, true), (U16, true)],
+            components: &[
+                (F32, false),
+                (U8, false),
+                (U16, false),
+                (U8, true),
+                (U16, true),
+                (I8, false),
+                (I16, false),
+                (I8, true),
+                (I16, true),
+            ],
         },
         OPACITY => {
             Rule { kinds: &[("SCALAR", 1)], components: &[(F32, false), (U8, true), (U16, true)] }
@@ -94,6 +104,11 @@ impl<'a> Column<'a> {
         })?;
         let Accessor { component_type: component, normalized, count, .. } = *accessor;
         Ok(Self { bytes, stride, component, normalized, count, place })
+    }
+
+    /// Whether its integers have a sign.
+    pub fn is_signed_integer(&self) -> bool {
+        matches!(self.component, I8 | I16)
     }
 
     /// The first `N` components of a row; the type has at least that many.

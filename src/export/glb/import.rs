@@ -64,10 +64,15 @@ pub(super) fn model(
         });
     }
     let mut rows = Rows::with_room(total(&columns, max_splats)?)?;
-    for (part, columns) in chosen.iter().zip(&columns) {
-        columns.read(&part.placement, &mut rows)?;
+    let scales = ScaleForm::of(&columns);
+    if scales == ScaleForm::Logarithmic {
+        notes.push(Note::LogarithmicScales);
     }
-    rows.finish(kind, notes, comments(root))
+    for (part, columns) in chosen.iter().zip(&columns) {
+        columns.read(&part.placement, scales, &mut rows)?;
+    }
+    let imported = rows.finish(kind, notes, comments(root))?;
+    Ok(Imported { is_z_up: true, ..imported })
 }
 
 fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
@@ -101,6 +106,29 @@ fn total(columns: &[Columns], max_splats: usize) -> Result<usize, Fault> {
     }
 }
 
+/// What the numbers of a file's scales are.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum ScaleForm {
+    /// Standard deviations, as the ratified extension has them.
+    Linear,
+    /// Their natural logarithms, as in the drafts that were published for review.
+    Logarithmic,
+}
+
+impl ScaleForm {
+    /// Nothing in a file names its draft; but only drafts had integers with a sign, and deviations of
+    /// which most are not above 0 are none.
+    fn of(columns: &[Columns]) -> Self {
+        let scales = || columns.iter().filter_map(|c| c.shape.as_ref()).map(|shape| &shape.scale);
+        let components = || scales().flat_map(|s| (0..s.count).flat_map(|row| s.get::<3>(row)));
+        let n_low = components().filter(|s| *s <= 0.0).count();
+        match scales().any(Column::is_signed_integer) || 2 * n_low > components().count() {
+            true => Self::Logarithmic,
+            false => Self::Linear,
+        }
+    }
+}
+
 /// The attributes of one part, all with as many rows as its positions.
 struct Columns<'a> {
     position: Column<'a>,
@@ -129,10 +157,17 @@ impl<'a> Columns<'a> {
         part: &Part,
         notes: &mut Vec<Note>,
     ) -> Result<Self, Fault> {
-        let linear = check_splatting(part)?;
+        let linear = check_splatting(part, notes)?;
         let position = open(root, buffers, part, POSITION, None)?;
         let count = Some(position.count);
-        let coefficient = open(root, buffers, part, SH_0, count)?;
+        let has = |semantic| part.primitive.attributes.get(semantic).is_some();
+        let color = if has(SH_0) || !has(COLOR_0) {
+            let coefficient = open(root, buffers, part, SH_0, count)?;
+            Color::Sh { coefficient, linear }
+        } else {
+            note_once(notes, Note::FallbackColor);
+            Color::Linear(open(root, buffers, part, COLOR_0, count)?)
+        };
         let shape = Shape {
             rotation: open(root, buffers, part, ROTATION, count)?,
             scale: open(root, buffers, part, SCALE, count)?,
@@ -157,7 +192,7 @@ impl<'a> Columns<'a> {
         if linear {
             note_once(notes, Note::LinearColorEncoded);
         }
-        Ok(Self { position, color: Color::Sh { coefficient, linear }, shape: Some(shape) })
+        Ok(Self { position, color, shape: Some(shape) })
     }
 
     fn of_points(
@@ -176,7 +211,7 @@ impl<'a> Columns<'a> {
         Ok(Self { position, color, shape: None })
     }
 
-    fn read(&self, placement: &Placement, rows: &mut Rows) -> Result<(), Fault> {
+    fn read(&self, placement: &Placement, scales: ScaleForm, rows: &mut Rows) -> Result<(), Fault> {
         for row in 0..self.position.count {
             let point = Gaussian {
                 mean: placement.position(DVec3::from_array(self.position.get(row))),
@@ -191,7 +226,7 @@ impl<'a> Columns<'a> {
                 Some(shape) => {
                     let [x, y, z, w] = shape.rotation.get(row);
                     let rotation = rows.rotation([w, x, y, z]);
-                    let (scale, rotation) = placement.shape(shape.scale(row)?, rotation);
+                    let (scale, rotation) = placement.shape(shape.scale(row, scales)?, rotation);
                     let [opacity] = shape.opacity.get(row);
                     let directional = placement.directional(shape.directional(row));
                     Gaussian { opacity, scale, rotation, directional, ..point }
@@ -211,8 +246,11 @@ impl Shape<'_> {
         })
     }
 
-    fn scale(&self, row: usize) -> Result<DVec3, Fault> {
+    fn scale(&self, row: usize, form: ScaleForm) -> Result<DVec3, Fault> {
         let scale: [f64; 3] = self.scale.get(row);
+        if form == ScaleForm::Logarithmic {
+            return Ok(DVec3::from_array(scale).exp());
+        }
         match scale.iter().find(|s| **s < 0.0) {
             None => Ok(DVec3::from_array(scale)),
             Some(negative) => Err(Fault::malformed(
@@ -265,7 +303,7 @@ fn open<'a>(
 }
 
 /// Checks the extension object; returns whether the coefficients are linear.
-fn check_splatting(part: &Part) -> Result<bool, Fault> {
+fn check_splatting(part: &Part, notes: &mut Vec<Note>) -> Result<bool, Fault> {
     let primitive = part.primitive;
     let attributes = &primitive.attributes;
     if ["_ROTATION", "_SCALE"].iter().any(|name| attributes.get(name).is_some()) {
@@ -291,16 +329,11 @@ fn check_splatting(part: &Part) -> Result<bool, Fault> {
         let found = format!("mode {mode}");
         return Err(Fault::malformed(&part.place, format!("mode {POINTS} (POINTS)"), found));
     }
-    let unknown = |field: &str, known: &str, found: &str| {
-        let found = format!("\"{}\"", shorten(found));
-        Err(Fault::malformed(format!("{} {field}", part.place), known, found))
-    };
-    match (kernel.as_str(), color_space.as_str()) {
-        (KERNEL, SRGB) => Ok(false),
-        (KERNEL, LINEAR) => Ok(true),
-        (KERNEL, other) => unknown("colorSpace", &format!("\"{SRGB}\" or \"{LINEAR}\""), other),
-        (other, _) => unknown("kernel", &format!("\"{KERNEL}\""), other),
+    // Extensions may add kernels and colour spaces; these are what their files fall back to.
+    if kernel != KERNEL || ![SRGB, LINEAR].contains(&color_space.as_str()) {
+        note_once(notes, Note::UnknownKernel);
     }
+    Ok(color_space == LINEAR)
 }
 
 fn note_once(notes: &mut Vec<Note>, note: Note) {

@@ -4,6 +4,7 @@
 mod accessor;
 mod container;
 mod import;
+pub(super) mod mesh;
 mod nodes;
 pub(super) mod read;
 mod schema;

@@ -15,7 +15,7 @@ pub(super) type Extensions = BTreeMap<String, Value>;
 #[serde(rename_all = "camelCase")]
 pub(super) struct Root {
     pub asset: Asset,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub extensions_used: Vec<String>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub extensions_required: Vec<String>,
@@ -75,8 +75,11 @@ pub(super) struct Mesh {
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Primitive {
     pub attributes: Attributes,
+    /// Of points there are none, and no mesh is read.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub indices: Option<usize>,
     pub mode: Option<u32>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "PrimitiveExtensions::is_empty")]
     pub extensions: PrimitiveExtensions,
 }
 
@@ -86,6 +89,12 @@ pub(super) struct PrimitiveExtensions {
     pub splatting: Option<GaussianSplatting>,
     #[serde(flatten)]
     pub other: Extensions,
+}
+
+impl PrimitiveExtensions {
+    fn is_empty(&self) -> bool {
+        self.splatting.is_none() && self.other.is_empty()
+    }
 }
 
 /// Accessor numbers by semantic, in file order when written.

@@ -1,8 +1,8 @@
 //! Splats as GLB: floats, one tightly packed buffer view per attribute.
 //!
 //! Attributes are described by one table of columns, each with its declaration and its encoder, so
-//! that accessor, buffer view and bytes cannot disagree. Rows are encoded column by column from an
-//! iterator that is run again for each: memory stays at one row whatever the size of the model.
+//! that accessor, buffer view and bytes cannot disagree. Rows are encoded column by column, each computed
+//! again for each column: memory stays at a block of rows whatever the size of the model.
 //! Everything that can be refused is refused before a file is created.
 
 use super::schema::*;
@@ -12,8 +12,12 @@ use super::{
 };
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
-use crate::export::gaussian::{Gaussian, Turn, srgb_to_linear};
-use crate::export::harmonics::{self, Degree};
+use crate::export::gaussian::{Gaussian, srgb_to_linear};
+use crate::export::harmonics;
+use crate::export::progress::Steps;
+use crate::export::stream::{SplatRows, put_floats, write_rows};
+use glam::Vec3;
+use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -22,7 +26,8 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 /// `ARRAY_BUFFER`, the target of a buffer view of vertex attributes (glTF 2.0, 5.11.5).
 const VERTEX_DATA: u32 = 34962;
-const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
+/// The program and its version.
+pub(super) const GENERATOR: &str = concat!("vbgs-studio ", env!("CARGO_PKG_VERSION"));
 
 /// One attribute: how it is declared and how a splat becomes its bytes.
 struct Column {
@@ -46,7 +51,7 @@ impl Column {
 
 /// What every file has.
 const COLUMNS: [Column; 6] = [
-    Column::floats(POSITION, "VEC3", 3, |g, row| put(row, &g.mean.to_array())),
+    Column::floats(POSITION, "VEC3", 3, |g, row| put_floats(row, &g.mean.to_array())),
     Column {
         semantic: COLOR_0,
         kind: "VEC4",
@@ -54,10 +59,12 @@ const COLUMNS: [Column; 6] = [
         row_bytes: 8,
         encode: put_fallback_color,
     },
-    Column::floats(ROTATION, "VEC4", 4, |g, row| put(row, &g.rotation.to_array())),
-    Column::floats(SCALE, "VEC3", 3, |g, row| put(row, &g.scale.to_array())),
-    Column::floats(OPACITY, "SCALAR", 1, |g, row| put(row, &[g.opacity])),
-    Column::floats(SH_0, "VEC3", 3, |g, row| put(row, &harmonics::of_color(g.color).to_array())),
+    Column::floats(ROTATION, "VEC4", 4, |g, row| put_floats(row, &g.rotation.to_array())),
+    Column::floats(SCALE, "VEC3", 3, |g, row| put_floats(row, &g.scale.to_array())),
+    Column::floats(OPACITY, "SCALAR", 1, |g, row| put_floats(row, &[g.opacity])),
+    Column::floats(SH_0, "VEC3", 3, |g, row| {
+        put_floats(row, &harmonics::of_color(g.color).to_array())
+    }),
 ];
 
 /// What files have besides where colour depends on the direction.
@@ -67,12 +74,8 @@ const DEGREE_1: [Column; 3] = [
     Column::floats(SH_1[2], "VEC3", 3, |g, row| put_degree_1(g, 2, row)),
 ];
 
-fn put(row: &mut Vec<u8>, values: &[f64]) {
-    row.extend(values.iter().flat_map(|&v| (v as f32).to_le_bytes()));
-}
-
 fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
-    put(row, &harmonics::of_directional(splat.directional)[coefficient].to_array());
+    put_floats(row, &harmonics::of_directional(splat.directional)[coefficient].to_array());
 }
 
 /// What viewers without the extension draw. 16 bits, because linear values in 8 band in the darks.
@@ -92,16 +95,13 @@ pub(in crate::export) struct GlbLayout {
 
 impl GlbLayout {
     /// For these splats; fails if the file would not fit GLB's 32-bit lengths.
-    pub fn new(
-        gaussians: impl Iterator<Item = Gaussian> + Clone,
-        options: &WriteOptions,
-    ) -> Result<Self, Fault> {
-        let n = gaussians.clone().count();
-        let columns: Vec<&Column> = match Degree::of(gaussians.clone()) {
-            Degree::Zero => COLUMNS.iter().collect(),
-            Degree::One => COLUMNS.iter().chain(&DEGREE_1).collect(),
+    pub fn new(rows: &impl SplatRows, options: &WriteOptions) -> Result<Self, Fault> {
+        let n = rows.n_rows();
+        let columns: Vec<&Column> = match rows.has_directions() {
+            false => COLUMNS.iter().collect(),
+            true => COLUMNS.iter().chain(&DEGREE_1).collect(),
         };
-        let root = root(n, &columns, extremes(gaussians), options);
+        let root = root(n, &columns, extremes(rows), options);
         let json = serde_json::to_string(&root)
             .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
         let bin_length = n as u64 * columns.iter().map(|c| c.row_bytes as u64).sum::<u64>();
@@ -113,36 +113,34 @@ impl GlbLayout {
         Ok(Self { json, columns, bin_length })
     }
 
+    /// Number of columns, each of which takes all rows.
+    pub fn n_columns(&self) -> usize {
+        self.columns.len()
+    }
+
     /// The whole file.
     pub fn write(
         &self,
         out: &mut dyn Write,
-        gaussians: impl Iterator<Item = Gaussian> + Clone,
+        rows: &impl SplatRows,
+        steps: &mut Steps,
     ) -> io::Result<()> {
         container::write_start(out, &self.json, self.bin_length)?;
-        let mut row = Vec::new();
         for column in &self.columns {
-            for gaussian in gaussians.clone() {
-                row.clear();
-                (column.encode)(&gaussian.turned(&Turn::Z_UP_TO_Y_UP), &mut row);
-                out.write_all(&row)?;
-            }
+            write_rows(out, rows.n_rows(), steps, |i, row| (column.encode)(&rows.row(i), row))?;
         }
         Ok(())
     }
 }
 
 /// Exact extremes of the positions as written: validators compare them with the data.
-fn extremes(gaussians: impl Iterator<Item = Gaussian>) -> ([f32; 3], [f32; 3]) {
-    let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-    for gaussian in gaussians {
-        let position = Turn::Z_UP_TO_Y_UP.vector(gaussian.mean).as_vec3().to_array();
-        for axis in 0..3 {
-            min[axis] = min[axis].min(position[axis]);
-            max[axis] = max[axis].max(position[axis]);
-        }
-    }
-    (min, max)
+fn extremes(rows: &impl SplatRows) -> ([f32; 3], [f32; 3]) {
+    let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let positions = (0..rows.n_rows()).into_par_iter().map(|i| rows.row(i).mean.as_vec3());
+    let (min, max) = positions
+        .fold(|| none, |(min, max), p| (min.min(p), max.max(p)))
+        .reduce(|| none, |a, b| (a.0.min(b.0), a.1.max(b.1)));
+    (min.to_array(), max.to_array())
 }
 
 fn root(
@@ -190,7 +188,7 @@ fn root(
         extensions_required: Vec::new(),
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
-        // No transform to y-up here, since some readers ignore a node's: positions are turned.
+        // No transform to y-up here, since some readers ignore a node's: the rows are turned already.
         nodes: vec![Node { mesh: Some(0), ..Node::default() }],
         meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,
@@ -210,6 +208,7 @@ fn primitive(columns: &[&Column]) -> Primitive {
     };
     Primitive {
         attributes: Attributes(attributes),
+        indices: None,
         mode: Some(POINTS),
         extensions: PrimitiveExtensions { splatting: Some(splatting), other: BTreeMap::new() },
     }
@@ -217,7 +216,8 @@ fn primitive(columns: &[&Column]) -> Primitive {
 
 fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
-    if options.metric {
+    // Of scaled lengths only the caller knows the unit.
+    if options.metric && options.unit_scale == 1.0 {
         extras.insert("units".to_owned(), json!("metres"));
     }
     if !options.comments.is_empty() {

@@ -8,6 +8,7 @@ use super::header::{Encoding, Kind, PlyElement, Property, Scalar};
 use crate::export::error::{Fault, shorten};
 
 /// Reads values one after the other.
+#[derive(Clone)]
 pub(super) struct Body<'a> {
     encoding: Encoding,
     rest: &'a [u8],

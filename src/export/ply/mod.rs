@@ -1,6 +1,7 @@
 //! PLY: splats in the 3DGS layout and plain coloured points.
 
 mod body;
+mod compressed;
 mod header;
 pub(super) mod points;
 pub(super) mod read;

@@ -1,28 +1,18 @@
 //! Centres as a coloured point cloud (`export.md`, Point cloud).
 
-use super::write::{end_header, header_start, push_property, turn};
+use super::write::{end_header, header_start, push_property};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
-use crate::export::gaussian::{Gaussian, drawable};
+use crate::export::gaussian::Gaussian;
+use crate::export::progress::Steps;
+use crate::export::source::Source;
+use crate::export::stream::{SplatRows, put_floats, write_rows};
 use crate::math::image::unit_to_byte;
-use crate::model::splat::appearance::SplatView;
 use glam::DVec3;
 use std::io::{self, Write};
 
-/// The header of `n` points, those of `n_splats` that are drawable.
-pub(in crate::export) fn header(
-    n: usize,
-    n_splats: usize,
-    options: &WriteOptions,
-) -> Result<String, Fault> {
-    // A list of another length would give every point a stranger's count.
-    if let Some(confidence) = options.confidence.filter(|c| c.len() != n_splats) {
-        return Err(Fault::Setting {
-            setting: "confidence",
-            expected: format!("one value for each of {n_splats} splats"),
-            found: format!("{} values", confidence.len()),
-        });
-    }
+/// The header of `n` points.
+pub(in crate::export) fn header(n: usize, options: &WriteOptions) -> Result<String, Fault> {
     let mut header = header_start(n, options);
     let mut put = |kind, names: &[&str]| {
         names.iter().for_each(|name| push_property(&mut header, kind, name));
@@ -42,26 +32,27 @@ pub(in crate::export) fn header(
 pub(in crate::export) fn points(
     out: &mut dyn Write,
     header: &str,
-    view: SplatView,
+    source: &Source,
     options: &WriteOptions,
+    steps: &mut Steps,
 ) -> io::Result<()> {
     out.write_all(header.as_bytes())?;
-    let turn = turn(options.axes);
-    let vector = |v: DVec3| turn.vector(v).to_array().map(|x| (x as f32).to_le_bytes());
-    for (i, point) in drawable(view) {
-        out.write_all(vector(point.mean).as_flattened())?;
-        let camera = nearest(point.mean, options.camera_centres);
+    // Cameras stand in the model's world, so normals and colours are found there.
+    let (cameras, confidence) = (options.camera_centres, options.confidence);
+    write_rows(out, source.n_rows(), steps, |i, row| {
+        let point = source.in_world(i);
+        put_floats(row, &source.row(i).mean.to_array());
+        let camera = nearest(point.mean, cameras);
         if let Some(camera) = camera {
-            out.write_all(vector(normal(&point, camera)).as_flattened())?;
+            put_floats(row, &source.direction(normal(&point, camera)).to_array());
         }
         // A point has one colour: what the nearest camera saw is what was there to be seen.
         let color = camera.map_or(point.color, |camera| point.color_from(camera));
-        out.write_all(&color.to_array().map(|c| unit_to_byte(c as f32)))?;
-        if let Some(confidence) = options.confidence {
-            out.write_all(&(confidence[i] as f32).to_le_bytes())?;
+        row.extend_from_slice(&color.to_array().map(|c| unit_to_byte(c as f32)));
+        if let Some(confidence) = confidence {
+            put_floats(row, &[confidence[source.splat_of(i)]]);
         }
-    }
-    Ok(())
+    })
 }
 
 fn nearest(point: DVec3, camera_centres: &[DVec3]) -> Option<DVec3> {

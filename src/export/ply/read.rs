@@ -6,6 +6,7 @@
 
 use super::N_REST_DEGREE_1;
 use super::body::Body;
+use super::compressed;
 use super::header::{Kind, PlyElement, PlyHeader};
 use crate::export::error::Fault;
 use crate::export::gaussian::{Gaussian, sigmoid};
@@ -23,13 +24,10 @@ const MAX_DEGREE: usize = 4;
 /// Reads the model in a PLY of at most `max_splats` vertices.
 pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
     let header = PlyHeader::parse(bytes)?;
-    if header.elements.iter().any(|e| e.name == "chunk") {
-        return Err(Fault::Unsupported {
-            feature: "this is SuperSplat's compressed PLY (element chunk)".to_owned(),
-            advice: "export an uncompressed one",
-        });
-    }
     let mut body = Body::new(header.encoding, &bytes[header.body_offset..]);
+    if header.elements.iter().any(|element| element.name == compressed::CHUNK) {
+        return compressed::read(body, header, max_splats);
+    }
     for element in &header.elements {
         if element.name == "vertex" {
             return vertices(&mut body, element, header.comments, max_splats);

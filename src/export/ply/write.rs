@@ -2,10 +2,13 @@
 
 use super::{N_REST_DEGREE_1, N_REST_DEGREE_3};
 use crate::export::error::Fault;
-use crate::export::format::{Axes, WriteOptions};
-use crate::export::gaussian::{Gaussian, Turn, logit, wxyz};
-use crate::export::harmonics::{self, Degree};
+use crate::export::format::WriteOptions;
+use crate::export::gaussian::{Gaussian, logit, wxyz};
+use crate::export::harmonics;
 use crate::export::imported::VERTICAL_AXIS;
+use crate::export::progress::Steps;
+use crate::export::source::turn;
+use crate::export::stream::{SplatRows, put_floats, write_rows};
 use std::fmt::Write as _;
 use std::io::{self, Write};
 
@@ -23,49 +26,38 @@ pub(in crate::export) struct PlyLayout {
     header: String,
     /// Coefficients per channel above degree 0.
     n_rest: usize,
-    turn: Turn,
 }
 
 impl PlyLayout {
     /// For these splats.
-    pub fn new(
-        gaussians: impl Iterator<Item = Gaussian> + Clone,
-        options: &WriteOptions,
-    ) -> Result<Self, Fault> {
-        let n_rest = match (options.sh3_padding, Degree::of(gaussians.clone())) {
+    pub fn new(rows: &impl SplatRows, options: &WriteOptions) -> Result<Self, Fault> {
+        let n_rest = match (options.sh3_padding, rows.has_directions()) {
             (true, _) => N_REST_DEGREE_3,
-            (false, Degree::One) => N_REST_DEGREE_1,
-            (false, Degree::Zero) => 0,
+            (false, true) => N_REST_DEGREE_1,
+            (false, false) => 0,
         };
-        let mut header = header_start(gaussians.count(), options);
+        let mut header = header_start(rows.n_rows(), options);
         let rest = (0..3 * n_rest).map(|i| format!("f_rest_{i}"));
         let names = BEFORE_REST.map(str::to_owned).into_iter().chain(rest);
         for name in names.chain(AFTER_REST.map(str::to_owned)) {
             push_property(&mut header, "float", &name);
         }
-        Ok(Self { header: end_header(header)?, n_rest, turn: turn(options.axes) })
+        Ok(Self { header: end_header(header)?, n_rest })
     }
 
     /// Header and rows.
     pub fn write(
         &self,
         out: &mut dyn Write,
-        gaussians: impl Iterator<Item = Gaussian>,
+        rows: &impl SplatRows,
+        steps: &mut Steps,
     ) -> io::Result<()> {
         out.write_all(self.header.as_bytes())?;
-        let mut row = Vec::new();
-        for gaussian in gaussians {
-            row.clear();
-            self.encode_row(&mut row, &gaussian.turned(&self.turn));
-            out.write_all(&row)?;
-        }
-        Ok(())
+        write_rows(out, rows.n_rows(), steps, |i, row| self.encode_row(row, &rows.row(i)))
     }
 
     fn encode_row(&self, row: &mut Vec<u8>, gaussian: &Gaussian) {
-        let mut put = |values: &[f64]| {
-            row.extend(values.iter().flat_map(|&v| (v as f32).to_le_bytes()));
-        };
+        let mut put = |values: &[f64]| put_floats(row, values);
         put(&gaussian.mean.to_array());
         put(&[0.0; 3]); // normals: readers of this layout skip them
         put(&harmonics::of_color(gaussian.color).to_array());
@@ -85,7 +77,7 @@ impl PlyLayout {
 /// Everything up to the first property of the vertex element.
 pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     // brush reads this comment as the up direction.
-    let up = turn(options.axes).vector(options.up);
+    let up = turn(options).vector(options.up);
     // Adding zero turns −0 into 0.
     let [x, y, z] = up.as_vec3().to_array().map(|v| v + 0.0);
     let mut header =
@@ -112,12 +104,4 @@ pub(super) fn end_header(mut header: String) -> Result<String, Fault> {
         expected: format!("a PLY header below {MAX_HEADER_BYTES} bytes"),
         found: format!("{} bytes", header.len()),
     })
-}
-
-/// The change of axes an option asks for.
-pub(super) fn turn(axes: Axes) -> Turn {
-    match axes {
-        Axes::AsIs => Turn::NONE,
-        Axes::Viewer => Turn::Z_UP_TO_Y_DOWN,
-    }
 }

@@ -78,6 +78,10 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         PhotometricDeviations::of(self.photometric.state(), id)
     }
 
+    fn normal(&self, id: usize) -> Option<DVec3> {
+        self.sums(id).normal.try_normalize()
+    }
+
     fn splat(&self, id: usize) -> (Splat, Appearance) {
         self.photometric.splat(id).unwrap_or_else(|| self.splat_of_points(id))
     }

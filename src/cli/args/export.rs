@@ -1,0 +1,108 @@
+//! Arguments of `export`.
+
+use super::mapping::MappingArgs;
+use super::parse::{parse_box, parse_positive};
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+use std::path::PathBuf;
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum FormatName {
+    /// Splats in the 3DGS layout
+    Ply,
+    /// Centres as coloured points, a PLY
+    PointCloud,
+    /// Splats by KHR_gaussian_splatting, y up
+    Glb,
+    /// Splats as SPZ 4, y up: small and rounded
+    Spz,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum KindName {
+    /// Splats, or their centres
+    Splats,
+    /// A triangle mesh with vertex colours: PLY, GLB or OBJ by extension
+    Mesh,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum AxesName {
+    /// The model's world
+    AsIs,
+    /// Up turned to -y, as splat viewers have it
+    Viewer,
+    /// Up turned to y
+    YUp,
+    /// Up turned to z
+    ZUp,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+pub enum UpName {
+    X,
+    #[value(name = "-x")]
+    MinusX,
+    Y,
+    #[value(name = "-y")]
+    MinusY,
+    Z,
+    #[value(name = "-z")]
+    MinusZ,
+}
+
+impl UpName {
+    /// The direction in the model's world.
+    pub fn direction(self) -> DVec3 {
+        match self {
+            Self::X => DVec3::X,
+            Self::MinusX => DVec3::NEG_X,
+            Self::Y => DVec3::Y,
+            Self::MinusY => DVec3::NEG_Y,
+            Self::Z => DVec3::Z,
+            Self::MinusZ => DVec3::NEG_Z,
+        }
+    }
+}
+
+#[derive(Args)]
+pub struct ExportArgs {
+    /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
+    pub model: PathBuf,
+    /// File to write
+    #[arg(short, long)]
+    pub output: PathBuf,
+    /// What to write. A mesh needs a checkpoint of the `scene` preset, and ends where nothing was seen
+    #[arg(long = "as", value_enum, default_value = "splats")]
+    pub kind: KindName,
+    /// Width of a cell of the mesh, units of the model's world [default: half the structural scale]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
+    pub cell: Option<f64>,
+    /// Format of splats [default: by extension]
+    #[arg(long, value_enum)]
+    pub format: Option<FormatName>,
+    /// Axes of a PLY or OBJ; GLB and SPZ are y-up
+    #[arg(long, value_enum, default_value = "as-is")]
+    pub axes: AxesName,
+    /// What is up in the model's world [default: what the model says, else z]
+    #[arg(long, value_enum, allow_hyphen_values = true)]
+    pub up: Option<UpName>,
+    /// Units of the file for each unit of the model's world
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_positive)]
+    pub unit_scale: f64,
+    /// Write only splats whose centre is in this box, units and axes of the model's world
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = parse_box)]
+    pub crop: Option<[DVec3; 2]>,
+    /// Write only splats with so many points behind them; MODEL must be a checkpoint
+    #[arg(long, value_name = "POINTS", value_parser = parse_positive)]
+    pub min_evidence: Option<f64>,
+    /// Write only splats whose position is known this well, as a standard deviation in units of the
+    /// model's world; MODEL must be a checkpoint
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
+    pub max_uncertainty: Option<f64>,
+    /// Pad the harmonics of a splat PLY to 45 coefficients for readers that insist on them
+    #[arg(long)]
+    pub sh3_padding: bool,
+    #[command(flatten)]
+    pub mapping: MappingArgs,
+}

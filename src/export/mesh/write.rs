@@ -1,0 +1,77 @@
+//! A mesh into a file.
+
+use super::field::Surfel;
+use super::format::MeshFormat;
+use super::nets::{TriangleMesh, triangulate};
+use super::text;
+use crate::export::atomic::write_atomic;
+use crate::export::error::{ExportError, Fault};
+use crate::export::format::{Axes, ModelFormat, WriteOptions};
+use crate::export::glb::mesh::MeshLayout;
+use crate::export::progress::Steps;
+use crate::export::source::{check_frame, turn};
+use glam::DVec3;
+use std::path::Path;
+
+/// What was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshSummary {
+    /// Vertices of the mesh.
+    pub n_vertices: usize,
+    /// Triangles between them.
+    pub n_triangles: usize,
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// Triangulates surfels on cells of width `cell`, world units, and writes the mesh whole or not at all.
+/// Of the options axes, what is up, unit, comments and progress count; GLB is y-up.
+///
+/// # Errors
+/// [`Fault::NoSurface`] where no surface is found, [`Fault::Setting`] for options without a meaning,
+/// [`Fault::TooLargeForGlb`], [`Fault::Cancelled`], and whatever writing the file can meet.
+pub fn write_mesh(
+    path: &Path,
+    surfels: &[Surfel],
+    cell: f64,
+    format: MeshFormat,
+    options: &WriteOptions,
+) -> Result<MeshSummary, ExportError> {
+    let mesh = in_file_axes(surfels, cell, format, options).map_err(|fault| fault.at(path))?;
+    let (n_vertices, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
+    let steps = |n| Steps::new(options.progress, n);
+    let comments = options.comments;
+    let n_rows = n_vertices + n_triangles;
+    let bytes = match format {
+        MeshFormat::Ply => {
+            write_atomic(path, |out| text::ply(out, &mesh, comments, &mut steps(n_rows)))?
+        }
+        MeshFormat::Obj => {
+            write_atomic(path, |out| text::obj(out, &mesh, comments, &mut steps(n_rows)))?
+        }
+        MeshFormat::Glb => {
+            let layout = MeshLayout::new(&mesh, comments).map_err(|fault| fault.at(path))?;
+            let steps = &mut steps(n_rows + n_vertices);
+            write_atomic(path, |out| layout.write(out, &mesh, steps))?
+        }
+    };
+    Ok(MeshSummary { n_vertices, n_triangles, bytes })
+}
+
+fn in_file_axes(
+    surfels: &[Surfel],
+    cell: f64,
+    format: MeshFormat,
+    options: &WriteOptions,
+) -> Result<TriangleMesh, Fault> {
+    check_frame(options)?;
+    let mut mesh = triangulate(surfels, cell)?;
+    if mesh.triangles.is_empty() {
+        return Err(Fault::NoSurface { n_components: surfels.len() });
+    }
+    let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
+    let turn = turn(&WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() });
+    let place = |p: &mut DVec3| *p = options.unit_scale * turn.vector(*p);
+    mesh.positions.iter_mut().for_each(place);
+    Ok(mesh)
+}

@@ -1,0 +1,235 @@
+//! PlayCanvas' compressed PLY (`export.md`, Compressed PLY): splats in chunks of 256, each number a
+//! share of the way between the chunk's extremes, packed into four words; harmonics as bytes in an
+//! element of their own.
+
+use super::N_REST_DEGREE_1;
+use super::body::Body;
+use super::header::{PlyElement, PlyHeader};
+use crate::export::error::{Fault, reserved};
+use crate::export::gaussian::Gaussian;
+use crate::export::harmonics;
+use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use glam::{DMat3, DVec3};
+use std::f64::consts::SQRT_2;
+
+/// The element of the chunks' extremes, by which the form is known.
+pub(super) const CHUNK: &str = "chunk";
+const CHUNK_SPLATS: usize = 256;
+/// Numbers of coefficients of whole degrees, over all channels.
+const SH_COUNTS: [usize; 3] = [9, 24, 45];
+/// Harmonics lie within plus and minus this.
+const SH_RANGE: f64 = 4.0;
+
+/// Reads the splats behind a header that has an element [`CHUNK`].
+pub(super) fn read(
+    mut body: Body,
+    header: PlyHeader,
+    max_splats: usize,
+) -> Result<Imported, Fault> {
+    let (mut chunks, mut words, mut sh) = (None, None, None);
+    for element in &header.elements {
+        match element.name.as_str() {
+            CHUNK => chunks = Some(Chunks::read(&mut body.clone(), element, max_splats)?),
+            "vertex" => words = Some(Words::open(&body, element, max_splats)?),
+            "sh" => sh = Some(Harmonics::open(&body, element)?),
+            _ => {}
+        }
+        body.skip(element)?;
+    }
+    let (Some(chunks), Some(mut words)) = (chunks, words) else {
+        return Err(Fault::malformed("header", "an element vertex beside element chunk", "none"));
+    };
+    let n = words.n_rows;
+    if chunks.rows.len() != n.div_ceil(CHUNK_SPLATS) {
+        let expected = format!("{} chunks for {n} splats", n.div_ceil(CHUNK_SPLATS));
+        return Err(Fault::malformed("element chunk", expected, chunks.rows.len().to_string()));
+    }
+    if let Some(sh) = sh.as_ref().filter(|sh| sh.n_rows != n) {
+        let expected = format!("{n} rows, as many as element vertex");
+        return Err(Fault::malformed("element sh", expected, sh.n_rows.to_string()));
+    }
+    let mut rows = Rows::with_room(n)?;
+    for i in 0..n {
+        let extremes = &chunks.rows[i / CHUNK_SPLATS];
+        let [position, rotation, scale, color] = words.row(i)?;
+        let [r, g, b, opacity] = shares(color, [8, 8, 8, 8]);
+        let rotation = rows.rotation(smallest_three(rotation));
+        let directional = sh.as_mut().map_or(Ok(DMat3::ZERO), |sh| sh.directional(i))?;
+        rows.push(Gaussian {
+            mean: extremes.position.at(DVec3::from_array(shares(position, [11, 10, 11]))),
+            opacity,
+            color: extremes.color.at(DVec3::new(r, g, b)),
+            scale: extremes.scale.at(DVec3::from_array(shares(scale, [11, 10, 11]))).exp(),
+            rotation,
+            directional,
+        });
+    }
+    let n_coefficients = sh.map_or(0, |sh| sh.n_ignored());
+    let notes = match n_coefficients {
+        0 => vec![],
+        _ => vec![Note::ViewDependentColorIgnored { n_coefficients }],
+    };
+    rows.finish(ModelKind::Splats, notes, header.comments)
+}
+
+/// The extremes of the splats of each chunk.
+struct Chunks {
+    rows: Vec<Extremes>,
+}
+
+struct Extremes {
+    position: Between,
+    /// Natural logarithms.
+    scale: Between,
+    color: Between,
+}
+
+#[derive(Clone, Copy)]
+struct Between {
+    min: DVec3,
+    max: DVec3,
+}
+
+impl Between {
+    fn at(&self, share: DVec3) -> DVec3 {
+        self.min * (1.0 - share) + self.max * share
+    }
+}
+
+impl Chunks {
+    fn read(body: &mut Body, element: &PlyElement, max_splats: usize) -> Result<Self, Fault> {
+        let between = |prefix: &str, axes: [&str; 3]| {
+            let column = |end: &str, axis: &str| find(element, &format!("{end}_{prefix}{axis}"));
+            let all = |end: &str| {
+                Ok([column(end, axes[0])?, column(end, axes[1])?, column(end, axes[2])?])
+            };
+            Ok::<[[usize; 3]; 2], Fault>([all("min")?, all("max")?])
+        };
+        let position = between("", ["x", "y", "z"])?;
+        let scale = between("scale_", ["x", "y", "z"])?;
+        // The first files had none: colours were shares of 1.
+        let color = between("", ["r", "g", "b"]).ok();
+        let n = body.n_rows(element)?;
+        if n > max_splats.div_ceil(CHUNK_SPLATS) {
+            let declared = (n as u64).saturating_mul(CHUNK_SPLATS as u64);
+            return Err(Fault::TooMany { declared, cap: max_splats });
+        }
+        let mut rows = reserved(n)?;
+        let mut values = vec![0.0; element.properties.len()];
+        for row in 0..n {
+            body.read_row(element, row, &mut values)?;
+            let vector = |columns: [usize; 3]| DVec3::from_array(columns.map(|c| values[c]));
+            let of = |[min, max]: [[usize; 3]; 2]| Between { min: vector(min), max: vector(max) };
+            let unit = Between { min: DVec3::ZERO, max: DVec3::ONE };
+            let color = color.map_or(unit, of);
+            rows.push(Extremes { position: of(position), scale: of(scale), color });
+        }
+        Ok(Self { rows })
+    }
+}
+
+/// The packed words of each splat.
+struct Words<'a> {
+    body: Body<'a>,
+    element: &'a PlyElement,
+    n_rows: usize,
+    columns: [usize; 4],
+    values: Vec<f64>,
+}
+
+impl<'a> Words<'a> {
+    fn open(body: &Body<'a>, element: &'a PlyElement, max_splats: usize) -> Result<Self, Fault> {
+        let columns = [
+            find(element, "packed_position")?,
+            find(element, "packed_rotation")?,
+            find(element, "packed_scale")?,
+            find(element, "packed_color")?,
+        ];
+        let n_rows = body.n_rows(element)?;
+        if n_rows > max_splats {
+            return Err(Fault::TooMany { declared: element.count, cap: max_splats });
+        }
+        let values = vec![0.0; element.properties.len()];
+        Ok(Self { body: body.clone(), element, n_rows, columns, values })
+    }
+
+    /// Position, rotation, scale and colour of the next row, which is number `i`.
+    fn row(&mut self, i: usize) -> Result<[u32; 4], Fault> {
+        self.body.read_row(self.element, i, &mut self.values)?;
+        Ok(self.columns.map(|c| self.values[c] as u32))
+    }
+}
+
+/// Harmonics above degree 0.
+struct Harmonics<'a> {
+    body: Body<'a>,
+    element: &'a PlyElement,
+    n_rows: usize,
+    /// By coefficient, then channel.
+    degree_1: [[usize; 3]; N_REST_DEGREE_1],
+    values: Vec<f64>,
+}
+
+impl<'a> Harmonics<'a> {
+    fn open(body: &Body<'a>, element: &'a PlyElement) -> Result<Self, Fault> {
+        let n = element.properties.len();
+        if !SH_COUNTS.contains(&n) {
+            let expected = "9, 24 or 45 coefficients";
+            return Err(Fault::malformed("element sh", expected, n.to_string()));
+        }
+        let mut degree_1 = [[0; 3]; N_REST_DEGREE_1];
+        for (i, coefficient) in degree_1.iter_mut().enumerate() {
+            for (channel, column) in coefficient.iter_mut().enumerate() {
+                *column = find(element, &format!("f_rest_{}", channel * n / 3 + i))?;
+            }
+        }
+        let n_rows = body.n_rows(element)?;
+        Ok(Self { body: body.clone(), element, n_rows, degree_1, values: vec![0.0; n] })
+    }
+
+    /// The change of colour with the direction of the next row, which is number `i`.
+    fn directional(&mut self, i: usize) -> Result<DMat3, Fault> {
+        self.body.read_row(self.element, i, &mut self.values)?;
+        let value = |column: usize| match self.values[column] {
+            0.0 => -SH_RANGE,
+            255.0 => SH_RANGE,
+            byte => ((byte + 0.5) / 256.0 - 0.5) * 2.0 * SH_RANGE,
+        };
+        let vector = |columns: [usize; 3]| DVec3::from_array(columns.map(value));
+        Ok(harmonics::to_directional(self.degree_1.map(vector)))
+    }
+
+    fn n_ignored(&self) -> usize {
+        self.values.len() - self.degree_1.as_flattened().len()
+    }
+}
+
+fn find(element: &PlyElement, name: &str) -> Result<usize, Fault> {
+    element.properties.iter().position(|p| p.name == name).ok_or_else(|| {
+        let place = format!("element {}", element.name);
+        Fault::malformed(place, format!("property {name}"), "none of that name")
+    })
+}
+
+/// Parts of a word as shares of their largest value; the first stands in the uppermost bits.
+fn shares<const N: usize>(word: u32, bits: [u32; N]) -> [f64; N] {
+    let mut shift: u32 = bits.iter().sum();
+    bits.map(|n| {
+        shift -= n;
+        let largest = (1u32 << n) - 1;
+        f64::from(word >> shift & largest) / f64::from(largest)
+    })
+}
+
+/// `w x y z` of a packed rotation: which of them is the largest in the upper two bits, then the other
+/// three as shares of the way from −√½ to √½.
+fn smallest_three(word: u32) -> [f64; 4] {
+    let [a, b, c] = shares(word & 0x3FFF_FFFF, [10, 10, 10]).map(|s| (s - 0.5) * SQRT_2);
+    let largest = (1.0 - a * a - b * b - c * c).max(0.0).sqrt();
+    match word >> 30 {
+        0 => [largest, a, b, c],
+        1 => [a, largest, b, c],
+        2 => [a, b, largest, c],
+        _ => [a, b, c, largest],
+    }
+}

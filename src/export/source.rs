@@ -1,0 +1,167 @@
+//! The splats of a file: which of a model's, made plain, and in the file's axes and units.
+//!
+//! A row is computed each time it is asked for, from the model itself: a copy of a native scene as
+//! plain splats would take as much memory as the scene. What is kept is where each row comes from.
+
+use super::error::Fault;
+use super::format::{Axes, ModelFormat, WriteOptions, WriteSelection};
+use super::gaussian::{Gaussian, Turn, drawable_at};
+use super::mapping::{self, Mapping};
+use super::stream::SplatRows;
+use crate::model::splat::appearance::SplatView;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// The rows of one file.
+pub(super) struct Source<'a> {
+    view: SplatView<'a>,
+    /// How native splats become plain ones; `None` where they are plain or only points.
+    mapping: Option<Mapping>,
+    turn: Turn,
+    unit_scale: f64,
+    rows: Vec<Row>,
+    has_directions: bool,
+    /// Splats that files can hold, selected or not.
+    n_drawable: usize,
+}
+
+/// Where a row comes from.
+#[derive(Clone, Copy)]
+struct Row {
+    splat: u32,
+    piece: u8,
+}
+
+impl<'a> Source<'a> {
+    /// The rows that the options ask for.
+    pub fn new(view: SplatView<'a>, options: &WriteOptions) -> Result<Self, Fault> {
+        check(view.splats().len(), options)?;
+        let is_points = options.format == ModelFormat::PointCloudPly;
+        let mapping = (!is_points && !mapping::is_plain(view)).then_some(options.mapping);
+        let (selection, evidence) = (options.selection, options.confidence);
+        let rows_of = |i: usize| -> Option<(u8, bool)> {
+            let native = drawable_at(view, i)?;
+            let n_pieces = mapping.map_or(1, |mapping| mapping::n_pieces(&native, mapping));
+            let n_pieces = match selection.takes(i, native.mean, evidence) {
+                true => n_pieces as u8,
+                false => 0,
+            };
+            Some((n_pieces, !native.is_diffuse()))
+        };
+        let found: Vec<Option<(u8, bool)>> =
+            (0..view.splats().len()).into_par_iter().map(rows_of).collect();
+        let mut rows = Vec::new();
+        for (i, n_pieces) in found.iter().enumerate().filter_map(|(i, f)| Some((i, (*f)?.0))) {
+            let row = |piece| Row { splat: i as u32, piece };
+            // A piece may be too large for f32 where the whole is not.
+            let fits =
+                |piece: &u8| mapping.is_none() || plain(view, row(*piece), mapping).is_some();
+            rows.extend((0..n_pieces).filter(fits).map(row));
+        }
+        Ok(Self {
+            view,
+            mapping,
+            turn: turn(options),
+            unit_scale: options.unit_scale,
+            rows,
+            has_directions: found.iter().flatten().any(|&(n_pieces, has)| n_pieces > 0 && has),
+            n_drawable: found.iter().flatten().count(),
+        })
+    }
+
+    /// Splats that files can hold, selected or not.
+    pub fn n_drawable(&self) -> usize {
+        self.n_drawable
+    }
+
+    /// Number of the splat that a row shows.
+    pub fn splat_of(&self, row: usize) -> usize {
+        self.rows[row].splat as usize
+    }
+
+    /// The splat of a row in the model's own axes and units.
+    pub fn in_world(&self, row: usize) -> Gaussian {
+        let row = self.rows[row];
+        // Kept rows are of splats that can be drawn: the other branch is never taken.
+        plain(self.view, row, self.mapping).unwrap_or(Gaussian::NOTHING)
+    }
+
+    /// A direction in the axes of the file.
+    pub fn direction(&self, v: DVec3) -> DVec3 {
+        self.turn.vector(v)
+    }
+}
+
+impl SplatRows for Source<'_> {
+    fn n_rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    fn row(&self, row: usize) -> Gaussian {
+        let turned = self.in_world(row).turned(&self.turn).with_positive_w();
+        if self.unit_scale == 1.0 { turned } else { turned.scaled(self.unit_scale) }
+    }
+
+    fn has_directions(&self) -> bool {
+        self.has_directions
+    }
+}
+
+fn plain(view: SplatView, row: Row, mapping: Option<Mapping>) -> Option<Gaussian> {
+    let i = row.splat as usize;
+    let native = drawable_at(view, i)?;
+    let Some(mapping) = mapping else { return Some(native) };
+    let (splat, appearance) = mapping::plain_piece(view, i, &native, row.piece.into(), mapping)?;
+    Some(Gaussian::of(&splat, &appearance))
+}
+
+/// The turn from the model's world to the axes of the file.
+pub(super) fn turn(options: &WriteOptions) -> Turn {
+    let to_z_up = Turn::to_z_up(options.up.normalize());
+    match (options.format, options.axes) {
+        (ModelFormat::Glb | ModelFormat::Spz, _) => to_z_up.then(Turn::Z_UP_TO_Y_UP),
+        (_, Axes::AsIs) => Turn::NONE,
+        (_, Axes::Viewer) => to_z_up.then(Turn::Z_UP_TO_Y_DOWN),
+        (_, Axes::YUp) => to_z_up.then(Turn::Z_UP_TO_Y_UP),
+        (_, Axes::ZUp) => to_z_up,
+    }
+}
+
+/// Refuses axes and units without a meaning.
+pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
+    let setting = |setting, expected: &str, found: String| {
+        Err(Fault::Setting { setting, expected: expected.into(), found })
+    };
+    if options.up.try_normalize().is_none() {
+        return setting("up", "a direction", options.up.to_string());
+    }
+    if !(options.unit_scale.is_finite() && options.unit_scale > 0.0) {
+        return setting("unit scale", "a number above 0", options.unit_scale.to_string());
+    }
+    Ok(())
+}
+
+fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
+    check_frame(options)?;
+    let setting = |setting, expected: &str, found: String| {
+        Err(Fault::Setting { setting, expected: expected.into(), found })
+    };
+    let WriteSelection { crop, min_evidence, max_uncertainty, uncertainty } = options.selection;
+    if let Some([a, b]) = crop.filter(|[a, b]| !(a.is_finite() && b.is_finite())) {
+        return setting("crop box", "finite corners", format!("{a} and {b}"));
+    }
+    let lists = [("confidence", options.confidence), ("uncertainty", uncertainty)];
+    // A list of another length would give every splat a stranger's number.
+    for (name, list) in lists {
+        if let Some(list) = list.filter(|list| list.len() != n_splats) {
+            let expected = format!("one value for each of {n_splats} splats");
+            return setting(name, &expected, format!("{} values", list.len()));
+        }
+    }
+    let training = "a model with its training behind it (a checkpoint)";
+    match (min_evidence, options.confidence, max_uncertainty, uncertainty) {
+        (Some(_), None, ..) => setting("least evidence", training, "splats alone".into()),
+        (.., Some(_), None) => setting("largest uncertainty", training, "splats alone".into()),
+        _ => Ok(()),
+    }
+}

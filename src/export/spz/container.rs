@@ -1,0 +1,170 @@
+//! From the bytes of a file to its columns, nothing reserved before it is known to be there.
+//!
+//! What a file says of sizes costs nothing to forge, and both compressions reach ratios of a thousand
+//! and more: memory grows with what was really unpacked and ends one byte behind what the number of
+//! splats needs.
+
+use super::columns::{COLUMN_NAMES, HEADER, HEADER_BYTES, SpzHeader};
+use crate::export::error::Fault;
+use flate2::bufread::GzDecoder;
+use std::io::{Read, Result as IoResult};
+
+/// Bytes of version 4 before extensions and table.
+pub(super) const NGSP_BYTES: usize = 32;
+/// Bytes of the table of version 4 for each stream: its compressed and its unpacked length.
+const ENTRY_BYTES: usize = 16;
+/// Largest window of a Zstandard stream, as a power of two: what the program `zstd` takes unasked.
+const MAX_WINDOW_LOG: u32 = 27;
+
+/// A file's columns, unpacked.
+pub(super) struct Unpacked {
+    pub header: SpzHeader,
+    /// As [`SpzHeader::widths`] lists them, each as long as the splats need.
+    pub columns: [Vec<u8>; 6],
+}
+
+/// Unpacks a file that starts as gzip does.
+pub(super) fn gzip(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
+    one_stream(GzDecoder::new(bytes), max_splats)
+}
+
+/// Unpacks a file that starts with its magic, [`super::columns::MAGIC`].
+pub(super) fn plain(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
+    let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
+    // Up to version 3 nothing is compressed but by the gzip that this file lacks.
+    if header.version < 4 { one_stream(bytes, max_splats) } else { streams(bytes, max_splats) }
+}
+
+fn header_of(source: &mut impl Read) -> Result<[u8; HEADER_BYTES], Fault> {
+    let mut header = [0; HEADER_BYTES];
+    let short =
+        |e: std::io::Error| Fault::malformed(HEADER, format!("{HEADER_BYTES} bytes"), damage(&e));
+    source.read_exact(&mut header).map_err(short)?;
+    Ok(header)
+}
+
+/// Versions 1 to 3: header and columns behind each other.
+fn one_stream(mut source: impl Read, max_splats: usize) -> Result<Unpacked, Fault> {
+    let header = SpzHeader::parse(&header_of(&mut source)?)?;
+    check_count(&header, max_splats)?;
+    if header.version > 3 {
+        let found = format!("version {}", header.version);
+        return Err(Fault::malformed(HEADER, "version 1 to 3 inside gzip", found));
+    }
+    // Where the records stand changed from one writer to the next, and all behind them with it.
+    if header.has_extensions() {
+        return Err(Fault::Unsupported {
+            feature: format!("extensions in SPZ version {}", header.version),
+            advice: "save the file as SPZ version 4 or as PLY",
+        });
+    }
+    let mut columns: [Vec<u8>; 6] = Default::default();
+    for ((column, width), name) in columns.iter_mut().zip(header.widths()).zip(COLUMN_NAMES) {
+        *column = exactly(&mut source, header.n_splats as usize * width, name)?;
+    }
+    // Also reads the checksum behind the last column.
+    match source.read(&mut [0]) {
+        Ok(0) => Ok(Unpacked { header, columns }),
+        Ok(_) => Err(Fault::malformed("SPZ", "an end behind the last column", "more bytes")),
+        Err(e) => Err(Fault::malformed("SPZ", "an end behind the last column", damage(&e))),
+    }
+}
+
+/// Version 4: a plain header, a table, and a Zstandard stream for each column.
+fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
+    let header = SpzHeader::parse(&header_of(&mut &*bytes)?)?;
+    check_count(&header, max_splats)?;
+    let table = Table::parse(bytes, &header)?;
+    let mut columns: [Vec<u8>; 6] = Default::default();
+    let mut rest = table.streams;
+    for (i, (packed, unpacked)) in table.entries.into_iter().enumerate() {
+        let (name, needed) = (COLUMN_NAMES[i], header.n_splats as usize * header.widths()[i]);
+        if unpacked != needed as u64 {
+            let expected = format!("{needed} bytes for {} splats", header.n_splats);
+            return Err(Fault::malformed(format!("SPZ {name}"), expected, unpacked.to_string()));
+        }
+        let there = usize::try_from(packed).ok().and_then(|n| rest.split_at_checked(n));
+        let Some((stream, behind)) = there else {
+            let found = format!("{} bytes", rest.len());
+            let expected = format!("{packed} compressed bytes");
+            return Err(Fault::malformed(format!("SPZ {name}"), expected, found));
+        };
+        rest = behind;
+        columns[i] = zstandard(stream, needed, name)?;
+    }
+    Ok(Unpacked { header, columns })
+}
+
+struct Table<'a> {
+    /// Compressed and unpacked length of each stream.
+    entries: Vec<(u64, u64)>,
+    /// Everything behind the table.
+    streams: &'a [u8],
+}
+
+impl<'a> Table<'a> {
+    fn parse(bytes: &'a [u8], header: &SpzHeader) -> Result<Self, Fault> {
+        let n = if header.degree == 0 { 5 } else { 6 };
+        if usize::from(header.n_streams) != n {
+            let expected = format!("{n} streams for harmonics of degree {}", header.degree);
+            return Err(Fault::malformed(HEADER, expected, header.n_streams.to_string()));
+        }
+        let start = match bytes.get(16..20) {
+            Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
+            _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),
+        };
+        let end = start.saturating_add(n * ENTRY_BYTES);
+        let (Some(table), true) = (bytes.get(start..end), start >= NGSP_BYTES) else {
+            let expected = format!("a table of {} bytes behind byte {NGSP_BYTES}", n * ENTRY_BYTES);
+            let found = format!("byte {start} of {}", bytes.len());
+            return Err(Fault::malformed(HEADER, expected, found));
+        };
+        let (words, _) = table.as_chunks::<8>();
+        let entries = words.as_chunks::<2>().0.iter();
+        let entries = entries.map(|&[a, b]| (u64::from_le_bytes(a), u64::from_le_bytes(b)));
+        Ok(Self { entries: entries.collect(), streams: &bytes[end..] })
+    }
+}
+
+fn zstandard(stream: &[u8], needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
+    let fault = |e: &std::io::Error| {
+        Fault::malformed(format!("SPZ {name}"), "a Zstandard stream", damage(e))
+    };
+    let mut decoder = zstd::Decoder::with_buffer(stream).map_err(|e| fault(&e))?.single_frame();
+    decoder.window_log_max(MAX_WINDOW_LOG).map_err(|e| fault(&e))?;
+    let column = exactly(&mut decoder, needed, name)?;
+    match decoder.read(&mut [0]) {
+        Ok(0) => Ok(column),
+        Ok(_) => {
+            let expected = format!("{needed} bytes");
+            Err(Fault::malformed(format!("SPZ {name}"), expected, "more"))
+        }
+        Err(e) => Err(fault(&e)),
+    }
+}
+
+/// The next `needed` bytes; memory grows only with what comes.
+fn exactly(source: &mut impl Read, needed: usize, name: &str) -> Result<Vec<u8>, Fault> {
+    let mut bytes = Vec::new();
+    let read: IoResult<usize> = source.by_ref().take(needed as u64).read_to_end(&mut bytes);
+    let found = match read {
+        Ok(n) if n == needed => return Ok(bytes),
+        Ok(n) => format!("{n}"),
+        Err(e) => format!("{} and then {}", bytes.len(), damage(&e)),
+    };
+    Err(Fault::malformed(format!("SPZ {name}"), format!("{needed} bytes"), found))
+}
+
+/// What a decoder says, on one line.
+fn damage(error: &std::io::Error) -> String {
+    crate::export::error::shorten(&error.to_string())
+}
+
+fn check_count(header: &SpzHeader, max_splats: usize) -> Result<(), Fault> {
+    match header.n_splats as usize {
+        n if n > max_splats => {
+            Err(Fault::TooMany { declared: header.n_splats.into(), cap: max_splats })
+        }
+        _ => Ok(()),
+    }
+}

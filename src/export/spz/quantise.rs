@@ -1,0 +1,151 @@
+//! Numbers as a file's bytes hold them.
+
+use crate::export::harmonics;
+use glam::{DQuat, DVec3};
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// A byte of colour stands for this much of the coefficient of degree 0, times 255: wider than
+/// `[0, 1]`, for colours that harmonics bring back.
+const COLOR_SCALE: f64 = 0.15;
+/// Steps of a scale's logarithm, and the logarithm of byte 0.
+const SCALE_STEPS: f64 = 16.0;
+const SCALE_START: f64 = -10.0;
+/// Steps of a coefficient of degree 1 when writing.
+const COEFFICIENT_STEPS: f64 = 32.0;
+/// Largest magnitude of a rotation's 9 bits, which stands for √½.
+const LARGEST_MAGNITUDE: f64 = 511.0;
+
+/// A coordinate of 24 bits.
+pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
+    // Into the upper bytes and back: the sign comes along.
+    let value = i32::from_le_bytes([0, bytes[0], bytes[1], bytes[2]]) >> 8;
+    f64::from(value) * 0.5f64.powi(fraction_bits.into())
+}
+
+/// A coordinate of version 1, IEEE 754 with half precision.
+pub(super) fn half(bytes: [u8; 2]) -> f64 {
+    let bits = u16::from_le_bytes(bytes);
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
+    let magnitude = match exponent {
+        0 => fraction * 0.5f64.powi(24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        _ => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
+    };
+    if bits >> 15 == 1 { -magnitude } else { magnitude }
+}
+
+/// The sRGB-encoded colour of three bytes.
+pub(super) fn color(bytes: [u8; 3]) -> DVec3 {
+    let byte = DVec3::from_array(bytes.map(f64::from));
+    harmonics::to_color((byte / 255.0 - 0.5) / COLOR_SCALE)
+}
+
+/// Standard deviations of three bytes.
+pub(super) fn scale(bytes: [u8; 3]) -> DVec3 {
+    let byte = DVec3::from_array(bytes.map(f64::from));
+    (byte / SCALE_STEPS + SCALE_START).exp()
+}
+
+/// `w x y z` of versions 1 and 2: x, y and z, the rest positive.
+pub(super) fn first_three(bytes: [u8; 3]) -> [f64; 4] {
+    let [x, y, z] = bytes.map(|b| f64::from(b) / 127.5 - 1.0);
+    [(1.0 - x * x - y * y - z * z).max(0.0).sqrt(), x, y, z]
+}
+
+/// `w x y z` from version 3 on: which of x, y, z, w is the largest in the upper two bits, then sign and
+/// magnitude of the other three.
+pub(super) fn smallest_three(bytes: [u8; 4]) -> [f64; 4] {
+    let bits = u32::from_le_bytes(bytes);
+    let largest = (bits >> 30) as usize;
+    let mut xyzw = [0.0; 4];
+    let others = (0..4).rev().filter(|&i| i != largest);
+    for (i, shift) in others.zip([0, 10, 20]) {
+        let magnitude = f64::from(bits >> shift & 511) / LARGEST_MAGNITUDE * FRAC_1_SQRT_2;
+        xyzw[i] = if bits >> shift & 512 == 0 { magnitude } else { -magnitude };
+    }
+    let sum: f64 = xyzw.iter().map(|v| v * v).sum();
+    xyzw[largest] = (1.0 - sum).max(0.0).sqrt();
+    let [x, y, z, w] = xyzw;
+    [w, x, y, z]
+}
+
+/// A coefficient above degree 0.
+pub(super) fn coefficient(byte: u8) -> f64 {
+    (f64::from(byte) - 128.0) / 128.0
+}
+
+/// Inverse of [`fixed`], to the nearest and within 24 bits.
+pub(super) fn to_fixed(v: f64, fraction_bits: u8) -> [u8; 3] {
+    let largest = f64::from((1 << 23) - 1);
+    let value = (v * 2f64.powi(fraction_bits.into())).round().clamp(-largest, largest);
+    let [a, b, c, _] = (value as i32).to_le_bytes();
+    [a, b, c]
+}
+
+/// Opacity as a byte.
+pub(super) fn to_opacity(opacity: f64) -> u8 {
+    nearest(255.0 * opacity)
+}
+
+/// Inverse of [`color`].
+pub(super) fn to_color(color: DVec3) -> [u8; 3] {
+    let coefficient = harmonics::of_color(color);
+    coefficient.to_array().map(|f| nearest(255.0 * (COLOR_SCALE * f + 0.5)))
+}
+
+/// Inverse of [`scale`]: steps of a sixteenth of a power of e, from 4.5·10⁻⁵ to 376.
+pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
+    scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
+}
+
+/// Inverse of [`smallest_three`].
+pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
+    let xyzw = rotation.to_array();
+    let largest = (1..4).fold(0, |l, i| if xyzw[i].abs() > xyzw[l].abs() { i } else { l });
+    let mut bits = largest as u32;
+    for i in (0..4).filter(|&i| i != largest) {
+        let magnitude = (LARGEST_MAGNITUDE * xyzw[i].abs() / FRAC_1_SQRT_2).round();
+        let is_negative = (xyzw[i] < 0.0) != (xyzw[largest] < 0.0);
+        let magnitude = magnitude.min(LARGEST_MAGNITUDE) as u32;
+        bits = bits << 10 | u32::from(is_negative) << 9 | magnitude;
+    }
+    bits.to_le_bytes()
+}
+
+/// Inverse of [`coefficient`], with fewer steps: as many as the format's own writer keeps.
+pub(super) fn to_coefficient(f: f64) -> u8 {
+    let step = 256.0 / COEFFICIENT_STEPS;
+    nearest(((128.0 * f) / step).round() * step + 128.0)
+}
+
+fn nearest(v: f64) -> u8 {
+    // The cast ends at 0 and 255.
+    v.round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves() {
+        for (bits, value) in [
+            (0x3C00u16, 1.0),
+            (0xC000, -2.0),
+            (0x7BFF, 65504.0),
+            (0x0001, 0.5f64.powi(24)),
+            (0x3555, 0.333_251_953_125),
+            (0xFC00, f64::NEG_INFINITY),
+        ] {
+            assert_eq!(half(bits.to_le_bytes()), value);
+        }
+        assert!(half([1, 0x7C]).is_nan());
+    }
+
+    #[test]
+    fn fixed_points_have_a_sign() {
+        assert_eq!(fixed([0, 0xF0, 0xFF], 12), -1.0);
+        assert_eq!(fixed([0xFF, 0xFF, 0x7F], 0), 8_388_607.0);
+    }
+}

@@ -1,0 +1,88 @@
+//! SPZ of versions 1 to 4 into splats.
+
+use super::columns::MAGIC;
+use super::container::{self, Unpacked};
+use super::quantise::{coefficient, color, first_three, fixed, half, scale, smallest_three};
+use crate::export::error::Fault;
+use crate::export::gaussian::{Gaussian, Turn};
+use crate::export::harmonics;
+use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use glam::{DMat3, DVec3};
+
+/// Whether a file starts as gzip does.
+pub(in crate::export) fn is_gzip(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x1F, 0x8B])
+}
+
+/// Whether a file starts as version 4 does, or an older one without its gzip.
+pub(in crate::export) fn is_plain(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC)
+}
+
+/// Reads the model in an SPZ of at most `max_splats` splats.
+pub(in crate::export) fn spz(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
+    let file = match is_gzip(bytes) {
+        true => container::gzip(bytes, max_splats)?,
+        false => container::plain(bytes, max_splats)?,
+    };
+    let header = file.header;
+    let mut notes = Vec::new();
+    let n_coefficients = 3 * header.n_coefficients().saturating_sub(N_DEGREE_1);
+    if n_coefficients > 0 {
+        notes.push(Note::ViewDependentColorIgnored { n_coefficients });
+    }
+    if header.has_extensions() {
+        notes.push(Note::ExtensionsIgnored);
+    }
+    let mut rows = Rows::with_room(header.n_splats as usize)?;
+    for i in 0..header.n_splats as usize {
+        let splat = splat(&file, i, &mut rows);
+        rows.push(splat.turned(&Turn::Y_UP_TO_Z_UP));
+    }
+    let imported = rows.finish(ModelKind::Splats, notes, Vec::new())?;
+    Ok(Imported { is_z_up: true, ..imported })
+}
+
+/// Coefficients per channel of degree 1.
+const N_DEGREE_1: usize = 3;
+
+/// The splat of row `i` in the file's axes.
+fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
+    let header = &file.header;
+    let [positions, opacities, colors, scales, rotations, harmonics] = &file.columns;
+    let mean = match header.version {
+        1 => {
+            let [a, b, c, d, e, f] = row(positions, i);
+            [[a, b], [c, d], [e, f]].map(half)
+        }
+        _ => {
+            let [a, b, c, d, e, f, g, h, j] = row(positions, i);
+            [[a, b, c], [d, e, f], [g, h, j]].map(|bytes| fixed(bytes, header.fraction_bits))
+        }
+    };
+    let rotation = match header.version {
+        1 | 2 => first_three(row(rotations, i)),
+        _ => smallest_three(row(rotations, i)),
+    };
+    let directional = match header.n_coefficients() {
+        0 => DMat3::ZERO,
+        n => {
+            let coefficients = &harmonics[i * 3 * n..];
+            let of = |k: usize| DVec3::from_array(row(coefficients, k).map(coefficient));
+            harmonics::to_directional([of(0), of(1), of(2)])
+        }
+    };
+    Gaussian {
+        mean: DVec3::from_array(mean),
+        opacity: f64::from(opacities[i]) / 255.0,
+        color: color(row(colors, i)),
+        scale: scale(row(scales, i)),
+        rotation: rows.rotation(rotation),
+        directional,
+    }
+}
+
+/// Row `i` of a column that has as many rows as the file has splats.
+fn row<const N: usize>(column: &[u8], i: usize) -> [u8; N] {
+    std::array::from_fn(|k| column[i * N + k])
+}

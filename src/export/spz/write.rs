@@ -1,0 +1,170 @@
+//! Splats as SPZ version 4.
+//!
+//! Splats are written along a curve that stays near itself in space: neighbours have coordinates, sizes
+//! and colours alike, and what repeats within a stream is not written twice. A coordinate has as many
+//! bits behind the point as its place in a file needs: an eighth of the size of a small splat moves
+//! nothing that is seen, and every bit more is noise that does not compress.
+
+use super::columns::{COLUMN_NAMES, MAGIC};
+use super::container::NGSP_BYTES;
+use super::quantise::{
+    to_coefficient, to_color, to_fixed, to_opacity, to_scale, to_smallest_three,
+};
+use crate::export::error::Fault;
+use crate::export::gaussian::Gaussian;
+use crate::export::harmonics;
+use crate::export::progress::Steps;
+use crate::export::stream::{SplatRows, write_rows};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::io::{self, Write};
+
+/// Zstandard's level: higher ones take twice as long for a hundredth.
+const LEVEL: i32 = 9;
+/// Coordinates are rounded to this share of a small splat's middle deviation.
+const STEP_OF_DEVIATION: f64 = 1.0 / 8.0;
+/// The small splat: smaller is this share of all.
+const SMALL_QUANTILE: f64 = 0.1;
+/// Splats looked at for it.
+const N_SAMPLED: usize = 4096;
+/// Bits of a coordinate without its sign.
+const COORDINATE_BITS: i32 = 23;
+/// Most bits behind the point, as many as every reader takes.
+const MAX_FRACTION_BITS: i32 = 20;
+/// Bits of a coordinate along the curve: three of them fill a word.
+const CURVE_BITS: u32 = 21;
+
+/// A file before its columns.
+pub(in crate::export) struct SpzLayout {
+    /// The rows in the order they are written in.
+    order: Vec<u32>,
+    fraction_bits: u8,
+    /// Degree of the harmonics.
+    degree: u8,
+}
+
+impl SpzLayout {
+    /// For these splats; fails where coordinates are too far from the origin for 24 bits.
+    pub fn new(rows: &impl SplatRows) -> Result<Self, Fault> {
+        let largest = (0..rows.n_rows())
+            .into_par_iter()
+            .map(|i| rows.row(i).mean.abs().max_element())
+            .reduce(|| 0.0, f64::max);
+        let fraction_bits = fraction_bits(rows, largest)?;
+        let order = curve(rows, largest);
+        Ok(Self { order, fraction_bits, degree: u8::from(rows.has_directions()) })
+    }
+
+    /// Number of columns, each of which takes all rows.
+    pub fn n_columns(&self) -> usize {
+        if self.degree == 0 { COLUMN_NAMES.len() - 1 } else { COLUMN_NAMES.len() }
+    }
+
+    /// The whole file. Its columns are kept compressed until all are: their lengths stand before them.
+    pub fn write(
+        &self,
+        out: &mut dyn Write,
+        rows: &impl SplatRows,
+        steps: &mut Steps,
+    ) -> io::Result<()> {
+        let mut columns = Vec::new();
+        for (encode, width) in self.encoders() {
+            let unpacked = (self.order.len() * width) as u64;
+            let mut encoder = zstd::Encoder::new(Vec::new(), LEVEL)?;
+            encoder.set_pledged_src_size(Some(unpacked))?;
+            let row = |i: usize| rows.row(self.order[i] as usize);
+            write_rows(&mut encoder, self.order.len(), steps, |i, bytes| encode(&row(i), bytes))?;
+            columns.push((encoder.finish()?, unpacked));
+        }
+        out.write_all(&self.header(columns.len()))?;
+        for (packed, unpacked) in &columns {
+            out.write_all(&(packed.len() as u64).to_le_bytes())?;
+            out.write_all(&unpacked.to_le_bytes())?;
+        }
+        columns.iter().try_for_each(|(packed, _)| out.write_all(packed))
+    }
+
+    fn header(&self, n_streams: usize) -> Vec<u8> {
+        let mut header = MAGIC.to_vec();
+        header.extend(4u32.to_le_bytes());
+        header.extend((self.order.len() as u32).to_le_bytes());
+        // No flag: opacities are as drawn, without the compensation that the flag of antialiasing asks
+        // viewers for.
+        header.extend([self.degree, self.fraction_bits, 0, n_streams as u8]);
+        header.extend((NGSP_BYTES as u32).to_le_bytes());
+        header.resize(NGSP_BYTES, 0);
+        header
+    }
+
+    /// How a splat becomes the bytes of each column, and how many.
+    fn encoders(&self) -> Vec<(Encode, usize)> {
+        let bits = self.fraction_bits;
+        let mut encoders: Vec<(Encode, usize)> = vec![
+            (
+                Box::new(move |g, row| {
+                    g.mean.to_array().iter().for_each(|&v| row.extend(to_fixed(v, bits)));
+                }),
+                9,
+            ),
+            (Box::new(|g, row| row.push(to_opacity(g.opacity))), 1),
+            (Box::new(|g, row| row.extend(to_color(g.color))), 3),
+            (Box::new(|g, row| row.extend(to_scale(g.scale))), 3),
+            (Box::new(|g, row| row.extend(to_smallest_three(g.rotation))), 4),
+        ];
+        if self.degree > 0 {
+            let harmonics = |g: &Gaussian, row: &mut Vec<u8>| {
+                let coefficients = harmonics::of_directional(g.directional);
+                row.extend(coefficients.iter().flat_map(DVec3::to_array).map(to_coefficient));
+            };
+            encoders.push((Box::new(harmonics), 9));
+        }
+        encoders
+    }
+}
+
+type Encode = Box<dyn Fn(&Gaussian, &mut Vec<u8>) + Sync>;
+
+fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
+    // The whole part takes so many of the bits.
+    let room = COORDINATE_BITS - largest.max(f64::MIN_POSITIVE).log2().floor() as i32 - 1;
+    if room < 0 {
+        return Err(Fault::Setting {
+            setting: "SPZ",
+            expected: format!("coordinates below {}", 1 << COORDINATE_BITS),
+            found: format!("{largest}; give a smaller unit scale or export PLY"),
+        });
+    }
+    let step = rows.n_rows().div_ceil(N_SAMPLED).max(1);
+    let middle = |i: usize| {
+        let [a, b, c] = rows.row(i).scale.to_array();
+        a.max(b).min(a.max(c)).min(b.max(c))
+    };
+    let mut deviations: Vec<f64> = (0..rows.n_rows()).step_by(step).map(middle).collect();
+    deviations.sort_by(f64::total_cmp);
+    let small = deviations[(deviations.len() as f64 * SMALL_QUANTILE) as usize];
+    let needed = -(small * STEP_OF_DEVIATION).log2().floor() as i32;
+    Ok(needed.clamp(0, MAX_FRACTION_BITS).min(room) as u8)
+}
+
+/// The rows along a Morton curve through the cube that holds them all.
+fn curve(rows: &impl SplatRows, largest: f64) -> Vec<u32> {
+    let cells = f64::from(1u32 << CURVE_BITS) - 1.0;
+    let cell = |v: f64| (0.5 * (v / largest.max(f64::MIN_POSITIVE) + 1.0) * cells) as u64;
+    let key = |i: u32| {
+        let [x, y, z] = rows.row(i as usize).mean.to_array().map(cell);
+        spread(x) | spread(y) << 1 | spread(z) << 2
+    };
+    let keys = (0..rows.n_rows() as u32).into_par_iter().map(|i| (key(i), i));
+    let mut keys: Vec<(u64, u32)> = keys.collect();
+    keys.par_sort_unstable();
+    keys.into_iter().map(|(_, i)| i).collect()
+}
+
+/// The lower 21 bits, two zeros between each and the next.
+fn spread(v: u64) -> u64 {
+    let v = (v | v << 32) & 0x001F_0000_0000_FFFF;
+    let v = (v | v << 16) & 0x001F_0000_FF00_00FF;
+    let v = (v | v << 8) & 0x100F_00F0_0F00_F00F;
+    let v = (v | v << 4) & 0x10C3_0C30_C30C_30C3;
+    (v | v << 2) & 0x1249_2492_4924_9249
+}

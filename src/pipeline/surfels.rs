@@ -1,0 +1,25 @@
+//! What a model's components say of surfaces.
+
+use super::any_preset::Revived;
+use crate::export::mesh::Surfel;
+use crate::math::normalization::Normalization;
+
+/// Pieces of surface by component: those that are drawn, and whose normal is known. A model of the
+/// `paper` preset knows none.
+pub fn surfels(revived: &Revived) -> Vec<(usize, Surfel)> {
+    let (learner, normalization) = (&revived.learner, &revived.normalization);
+    let of = |component: usize| {
+        let (splat, _) = learner.splat(component);
+        let normal = learner.normal(component).filter(|_| splat.is_drawable())?;
+        let posterior = learner.posterior(component);
+        let surfel = Surfel {
+            mean: normalization.denormalize(posterior.mean_space),
+            normal,
+            covariance: posterior.world_covariance(normalization),
+            color: Normalization::denormalize_color(posterior.mean_color),
+            evidence: posterior.count,
+        };
+        Some((component, surfel))
+    };
+    (0..learner.components()).filter_map(of).collect()
+}
