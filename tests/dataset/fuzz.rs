@@ -1,7 +1,8 @@
 //! Seeded mutations of the text files: a clean dataset or a precise error, never a panic.
 
-use crate::common::scratch::{open_plain, tiny_blender, tiny_seven_scenes};
+use crate::common::scratch::{open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use std::path::Path;
+use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 const ROUNDS: u64 = 400;
@@ -112,4 +113,25 @@ fn mutated_poses_and_intrinsics() {
 fn mutated_images() {
     let folder = tiny_blender();
     fuzz(folder.path(), &["train/r_0.png", "train/r_1_depth_0001.png"], 20_000);
+}
+
+#[test]
+fn mutated_recordings() {
+    use SyntheticLayout::*;
+    let recordings: [(SyntheticLayout, &[&str]); 10] = [
+        (Tum, &["groundtruth.txt", "rgb.txt", "depth.txt", "camera-intrinsics.txt"]),
+        (Open3d, &["trajectory.log", "camera.json"]),
+        (Replica, &["traj.txt", "cam_params.json"]),
+        (Scannet, &["pose/1.txt", "intrinsic/intrinsic_color.txt"]),
+        (Nerfstudio, &["transforms.json"]),
+        (Record3d, &["metadata.json", "depth/1.exr"]),
+        (Record3dArchive, &["recording.r3d"]),
+        (StrayScanner, &["odometry.csv", "camera_matrix.csv", "confidence/000001.png"]),
+        (Arkit, &["frames.jsonl", "depth/000001.bin"]),
+        (RtabMap, &["poses.txt", "calib/1.yaml"]),
+    ];
+    for (i, (layout, files)) in recordings.into_iter().enumerate() {
+        let folder = tiny(layout);
+        fuzz(folder.path(), files, 30_000 + 1_000 * i as u64);
+    }
 }

@@ -12,7 +12,7 @@ use vbgs_studio::model::scene::photometric::{N_COLOR, N_FORM};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::photometric::{
-    Compared, PhotometricWalk, PixelRule, RowChoice, Seen,
+    Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat,
 };
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 
@@ -127,7 +127,7 @@ fn derivatives(splats: &[SplatF64], i: usize, parameter: usize, full: f64) -> Ve
 }
 
 /// Gradient by all parameters of one splat.
-struct Lift<'a>(&'a Compared<'a>, Seen, Splat, Appearance);
+struct Lift<'a>(&'a Compared<'a>, SeenSplat, Splat, Appearance);
 
 impl Kernel for Lift<'_> {
     type Output = [f64; N];
@@ -152,7 +152,7 @@ fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, [f
     let view = SplatView::new(splats, appearance).unwrap();
     let mut walk = PhotometricWalk::default();
     let compared = walk.compare(view, &camera(), &photograph(), rule(full), RowChoice::ALL);
-    let lift = |seen: Seen| {
+    let lift = |seen: SeenSplat| {
         let id = seen.id as usize;
         (seen.id, Isa::best().run(Lift(&compared, seen, splats[id], appearance[id])))
     };

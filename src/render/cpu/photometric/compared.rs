@@ -23,7 +23,7 @@ pub struct Compared<'a> {
 
 /// A splat that pixels show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Seen {
+pub struct SeenSplat {
     /// Its number among the splats.
     pub id: u32,
     record: u32,
@@ -31,17 +31,17 @@ pub struct Seen {
 
 impl Compared<'_> {
     /// Splats whose blending weights add to more than `weight` over the pixels (px), by number.
-    pub fn seen(&self, weight: f32) -> Vec<Seen> {
+    pub fn seen(&self, weight: f32) -> Vec<SeenSplat> {
         let ids = &self.lists.records.ids;
         let seen = |&record: &u32| self.totals[record as usize][WEIGHT] > weight;
         let record = self.lists.in_order().filter(seen);
-        record.map(|record| Seen { id: ids[record as usize], record }).collect()
+        record.map(|record| SeenSplat { id: ids[record as usize], record }).collect()
     }
 
     /// The sums by parameters of up to eight splats, one in each lane and as they were drawn; lanes
     /// without a splat are 0.
     #[inline(always)]
-    pub fn lift<V: Vector>(&self, splats: &[(Seen, Splat, Appearance)]) -> ParameterSums<V> {
+    pub fn lift<V: Vector>(&self, splats: &[(SeenSplat, Splat, Appearance)]) -> ParameterSums<V> {
         let mut linear = [[0.0; LANES]; N_LINEAR];
         let mut sums = [[0.0; LANES]; N_IMAGE_SUMS];
         for (lane, (seen, splat, appearance)) in splats.iter().take(LANES).enumerate() {

@@ -14,7 +14,7 @@ mod sums;
 mod walk;
 
 pub use blocks::ParameterSums;
-pub use compared::{Compared, Seen};
+pub use compared::{Compared, SeenSplat};
 pub use row::RowChoice;
 pub use walk::PixelRule;
 

@@ -18,18 +18,20 @@ pub struct RowChoice {
 }
 
 impl RowChoice {
+    /// At most so many: a tile has a row then.
+    pub const MOST: u32 = TILE as u32;
     /// Every row.
     pub const ALL: Self = Self { every: 1, first: 0 };
 
     /// Every `every`-th row, of which the power of two below counts, 16 at most; the `turn`-th choice.
     pub fn new(every: u32, turn: u64) -> Self {
-        let every = 1 << every.clamp(1, TILE as u32).ilog2();
+        let every = 1 << every.clamp(1, Self::MOST).ilog2();
         Self { every, first: (turn % u64::from(every)) as u32 }
     }
 
     /// Rows of a tile, a bit each.
     fn mask(self) -> u32 {
-        (self.first..TILE as u32).step_by(self.every as usize).fold(0, |mask, row| mask | 1 << row)
+        (self.first..Self::MOST).step_by(self.every as usize).fold(0, |mask, row| mask | 1 << row)
     }
 }
 

@@ -12,7 +12,7 @@ use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{Compared, PhotometricWalk, PixelRule, RowChoice, Seen};
+use crate::render::cpu::photometric::{Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat};
 use crate::train::outcome::PhotographOutcome;
 use rayon::prelude::*;
 use rule::PhotometricRule;
@@ -91,18 +91,19 @@ impl PhotometricLearner {
         let Some(view) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
         let pixels = PixelRule { full_coverage, tau, coverage };
-        let rows = RowChoice::new(rule.rows, self.state.noise[1] as u64);
+        let every = rule.rows_of(photograph.data.len());
+        let rows = RowChoice::new(every, self.state.noise[1] as u64);
         let mut walk = std::mem::take(&mut self.walk);
         let compared = walk.compare(view, camera, photograph, pixels, rows);
         let noise = &mut self.state.noise;
         let outcome = noise::judge(noise, compared.squared_error, compared.pixels);
         let deviation = rule.noise * noise::usual(noise);
-        let mut seen = compared.seen(MIN_SEEN / rule.rows as f32);
+        let mut seen = compared.seen(MIN_SEEN / every as f32);
         if outcome.is_some_and(|outcome| outcome.contradicts) {
             seen.clear();
         }
         // A row stands for those that are left out.
-        let variance = deviation * deviation / f64::from(rule.rows);
+        let variance = deviation * deviation / f64::from(every);
         self.repaired += self.step(&compared, &seen, variance, rule);
         self.walk = walk;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
@@ -112,7 +113,7 @@ impl PhotometricLearner {
     fn step(
         &mut self,
         compared: &Compared<'_>,
-        seen: &[Seen],
+        seen: &[SeenSplat],
         variance: f64,
         rule: &PhotometricRule,
     ) -> u64 {

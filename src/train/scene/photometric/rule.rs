@@ -1,9 +1,13 @@
 //! Constants of the photometric step (`photometric.md`, Constants).
 
+use crate::render::cpu::photometric::RowChoice;
 use crate::train::setting::value::{Choice, SettingValue, ValueError};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
 use strum::{Display, EnumString, VariantNames};
+
+/// Pixels that are learnt of a frame where rows are left out at all: photographs of phones have millions.
+const MOST_PIXELS: usize = 100_000;
 
 /// How much a photograph is believed, and what is expected of splats before any.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,6 +61,18 @@ pub struct PriorDeviations {
 }
 
 impl PhotometricRule {
+    /// Every how many rows of an image of so many pixels are learnt.
+    pub fn rows_of(&self, pixels: usize) -> u32 {
+        match self.rows {
+            0 | 1 => 1,
+            rows => {
+                let most = RowChoice::MOST;
+                let fewer = pixels.div_ceil(MOST_PIXELS).min(most as usize).next_power_of_two();
+                rows.clamp(fewer as u32, most)
+            }
+        }
+    }
+
     /// What two cores can afford live.
     pub const LIGHT: Self = Self { rows: 4, ..Self::DEFAULT };
 
@@ -140,5 +156,18 @@ impl SettingValue for PhotometricMode {
         mode.ok_or_else(|| {
             ValueError::Text(format!("expected off, light or full, found `{found}`"))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_photographs_give_fewer_rows() {
+        let rows = |pixels| PhotometricRule::LIGHT.rows_of(pixels);
+        assert_eq!([rows(400 * 400), rows(640 * 480), rows(800 * 800)], [4, 4, 8]);
+        assert_eq!(rows(1920 * 1440), 16);
+        assert_eq!(PhotometricRule::DEFAULT.rows_of(1920 * 1440), 1);
     }
 }

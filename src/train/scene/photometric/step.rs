@@ -7,7 +7,7 @@ use crate::math::simd::{Kernel, LANES, Vector};
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{Compared, ParameterSums, Seen};
+use crate::render::cpu::photometric::{Compared, ParameterSums, SeenSplat};
 use glam::{DQuat, DVec3};
 
 /// Bounds of an opacity: a splat that photographs call transparent stays in sight of later ones.
@@ -30,7 +30,7 @@ pub struct LearnRun<'a> {
     pub run: SplatRun<'a>,
     pub compared: &'a Compared<'a>,
     /// Those of the run that the photograph shows.
-    pub seen: &'a [Seen],
+    pub seen: &'a [SeenSplat],
     /// Of a pixel's colour.
     pub variance: f64,
     pub rule: &'a PhotometricRule,
