@@ -95,9 +95,8 @@ mod tests {
 
     #[test]
     fn lanes_without_a_factor_are_told() {
-        // 9 > 4 · 2: lanes whose first entry is at most 9²/3 have none.
         let (sound, _) = Isa::best().run(Solve(1, 4.5));
-        assert_eq!(sound, 0b1111_1000, "indefinite where 4.5² > 3·first");
+        assert_eq!(sound, 0b1110_0000, "the determinant is 5.75·first − 48");
         assert_eq!(Isa::best().run(Solve(2, f32::NAN)).0, 0);
     }
 }

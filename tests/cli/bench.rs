@@ -51,7 +51,7 @@ fn accuracy_is_taken_apart() {
     // Exact depth, registered colour, one exposure: nothing to calibrate, tighten or fit.
     let names: Vec<&str> = rows.iter().map(|row| row["configuration"].as_str().unwrap()).collect();
     assert!(!names.iter().any(|name| name.contains("calibration") || name.contains("gain")));
-    assert_eq!((steps.len(), scales.len()), (8, 6), "{names:?}");
+    assert_eq!((steps.len(), scales.len()), (9, 6), "{names:?}");
     for row in scales {
         let range = row["psnr_high"].as_f64().unwrap() - row["psnr_low"].as_f64().unwrap();
         assert!(range == 0.0 || row["births"] == "seeds", "lattices know no order: {row}");

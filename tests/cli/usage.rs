@@ -81,7 +81,7 @@ fn arguments_of_the_other_commands() {
             "export out/scene.ply -o a.ply --format point-cloud --export-split 2",
             &["--export-split", "a setting of splats", "export ply, glb or spz"],
         ),
-        ("synth new --layout tum", &["'tum'", "--layout"]),
+        ("synth new --layout lidar", &["'lidar'", "--layout"]),
         ("synth new --frames 0", &["training frames", "1 to 100000", "found 0"]),
         ("synth new --depth-noise -1", &["depth noise", "0 to 100", "found -1"]),
         ("synth new --size 4x4", &["width", "8 to 8192", "found 4"]),
