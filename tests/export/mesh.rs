@@ -1,14 +1,20 @@
 //! Triangle meshes from components: a sphere whose truth is known, holes, formats, and the figure of a
 //! recording.
 
+use super::common::shared;
 use super::glb_file::Glb;
 use glam::{DMat3, DQuat, DVec3};
-use std::path::{Path, PathBuf};
-use vbgs_studio::dataset::depth::DepthKind;
-use vbgs_studio::dataset::{self, LoadOptions};
+use std::path::Path;
+use std::sync::Arc;
+use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, triangulate, write_mesh};
 use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, WriteProgress};
 use vbgs_studio::math::sym3::Sym3;
+use vbgs_studio::pipeline::checkpoint::SavedRun;
+use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::pipeline::surfels::surfels;
 
 /// Discs on a sphere of radius 1 about `centre`, none within `hole` of its top.
 fn sphere(n: usize, centre: DVec3, hole: f64) -> Vec<Surfel> {
@@ -143,61 +149,55 @@ fn what_is_no_mesh_is_named() {
     assert!(error.contains("ending in .ply, .glb or .obj, found \"stl\""), "{error}");
 }
 
-/// Vertices of a mesh that `export --as mesh` wrote as PLY.
-fn vertices(path: &Path) -> Vec<DVec3> {
-    let bytes = std::fs::read(path).unwrap();
-    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
-    let header = std::str::from_utf8(&bytes[..end]).unwrap();
-    let count = header.lines().find_map(|l| l.strip_prefix("element vertex ")).unwrap();
-    let rows = bytes[end + 11..].as_chunks::<15>().0[..count.parse().unwrap()].iter();
-    let float = |row: &[u8; 15], i: usize| {
-        f64::from(f32::from_le_bytes([row[i], row[i + 1], row[i + 2], row[i + 3]]))
-    };
-    rows.map(|row| DVec3::new(float(row, 0), float(row, 4), float(row, 8))).collect()
-}
-
-/// Share of the vertices of the mesh VBGS_MESH that a depth image of VBGS_DATASET measured within half
-/// the structural scale VBGS_SCALE: in the pixel they fall on, by any frame.
-#[test]
-#[ignore = "a figure of files that the environment names"]
-fn figures_of_a_mesh() {
-    let name = |key: &str| std::env::var(key).unwrap();
-    let vertices = vertices(&PathBuf::from(name("VBGS_MESH")));
-    let half = 0.5 * name("VBGS_SCALE").parse::<f64>().unwrap();
-    let dataset = dataset::open(Path::new(&name("VBGS_DATASET")), &LoadOptions::default()).unwrap();
-    let mut nearest = vec![f64::INFINITY; vertices.len()];
-    for split in dataset.splits.iter().filter(|split| split.has_depth) {
-        for entry in &split.frames {
-            let frame = entry.load().unwrap();
-            let Some(depth) = &frame.depth else { continue };
-            let (width, height) = depth.size();
-            for (vertex, nearest) in vertices.iter().zip(&mut nearest) {
-                let (pixel, z) = frame.camera.project(*vertex);
-                let (x, y) = (pixel.x.floor(), pixel.y.floor());
-                if z <= 0.0 || x < 0.0 || y < 0.0 || x >= width as f64 || y >= height as f64 {
-                    continue;
-                }
-                let measured = depth.value_at(x as usize, y as usize);
-                let ours = match depth.kind {
-                    DepthKind::Z => z,
-                    DepthKind::RayDistance => (*vertex - frame.camera.pose.centre()).length(),
-                };
-                if let Some(measured) = measured {
-                    *nearest = nearest.min((ours - measured).abs());
-                }
+/// Distance of each point to the nearest depth that any frame measured in the pixel it falls on.
+fn distances_to_depth(points: &[DVec3], dataset: &Dataset) -> Vec<f64> {
+    let mut nearest = vec![f64::INFINITY; points.len()];
+    for entry in dataset.splits.iter().flat_map(|split| &split.frames) {
+        let frame = entry.load().unwrap();
+        let depth = frame.depth.as_ref().unwrap();
+        let (width, height) = depth.size();
+        for (point, nearest) in points.iter().zip(&mut nearest) {
+            let (pixel, z) = frame.camera.project(*point);
+            let (x, y) = (pixel.x.floor(), pixel.y.floor());
+            if z <= 0.0 || x < 0.0 || y < 0.0 || x >= width as f64 || y >= height as f64 {
+                continue;
+            }
+            if let Some(measured) = depth.value_at(x as usize, y as usize) {
+                *nearest = nearest.min((z - measured).abs());
             }
         }
     }
-    let within = nearest.iter().filter(|d| **d <= half).count();
-    let mut sorted = nearest.clone();
-    sorted.sort_by(f64::total_cmp);
-    let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
-    eprintln!(
+    nearest
+}
+
+/// The mesh of a recorded room lies where its camera measured: within half the structural scale.
+#[test]
+#[ignore = "trains on 100 Kinect frames: half a minute"]
+fn figures_of_a_recorded_room() {
+    let Some(path) = shared("data/kinect_office") else { return };
+    let dataset = Arc::new(dataset::open(&path, &LoadOptions::default()).unwrap());
+    let everything = Selection::everything();
+    let asked = SceneOverrides::default();
+    let mut session = Session::new(Arc::clone(&dataset), asked, everything).unwrap();
+    while !matches!(session.step().unwrap(), Step::Finished) {}
+    let half = 0.5 * session.config().method.scene().unwrap().engine.h;
+    let folder = tempfile::tempdir().unwrap();
+    let checkpoint = folder.path().join("room.vbgs");
+    session.save(&checkpoint).unwrap();
+    let revived = SavedRun::read(&checkpoint).unwrap().revive().unwrap();
+    let surfels: Vec<Surfel> = surfels(&revived).into_iter().map(|(_, surfel)| surfel).collect();
+    let mesh = triangulate(&surfels, half).unwrap();
+    let mut distances = distances_to_depth(&mesh.positions, &dataset);
+    distances.sort_by(f64::total_cmp);
+    let within = distances.partition_point(|d| *d <= half) as f64 / distances.len() as f64;
+    let at = |share: f64| distances[((distances.len() - 1) as f64 * share) as usize];
+    println!(
         "{} vertices, {:.2} % within {half:.4}; median {:.4}, 95 % {:.4}, 99 % {:.4}",
-        vertices.len(),
-        100.0 * within as f64 / vertices.len() as f64,
+        distances.len(),
+        100.0 * within,
         at(0.5),
         at(0.95),
         at(0.99)
     );
+    assert!(within > 0.95 && distances.len() > 10_000);
 }

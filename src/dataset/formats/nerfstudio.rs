@@ -38,15 +38,16 @@ const DEPTH_UNIT: f64 = 0.001;
 const IMAGE_EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 fn recognise(folder: &Folder) -> Option<String> {
-    let name = frame_list(folder)?;
+    let (name, _) = frame_list(folder)?;
     Some(format!("{name} whose frames name depth files or have cameras of their own"))
 }
 
-/// The JSON file in the root that is a frame list of this layout.
-fn frame_list(folder: &Folder) -> Option<&str> {
-    folder.listing.files().filter(|name| name.ends_with(".json")).find(|name| {
-        let json = folder.text(name).ok().and_then(|(_, t)| serde_json::from_str(&t).ok());
-        json.is_some_and(|json| is_list(&json))
+/// The JSON file in the root that is a frame list of this layout, and what it holds.
+fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
+    folder.listing.files().filter(|name| name.ends_with(".json")).find_map(|name| {
+        let (_, text) = folder.text(name).ok()?;
+        let json = serde_json::from_str(&text).ok().filter(is_list)?;
+        Some((name, json))
     })
 }
 
@@ -63,9 +64,8 @@ pub(super) fn is_list(json: &Value) -> bool {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let (file, text) = folder.text(frame_list(folder).unwrap_or("transforms.json"))?;
-    let json: Value = serde_json::from_str(&text)
-        .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
+    let Some((name, json)) = frame_list(folder) else { return Ok(recording.finish()) };
+    let file = folder.path.join(name);
     let list = FrameList { json: &json, file: &file };
     list.check_model()?;
     let encoding = list.encoding(&recording)?;

@@ -2,6 +2,7 @@
 
 use crate::dataset::error::FrameProblem;
 use crate::dataset::folder::{Folder, FolderListing};
+use crate::dataset::source::ByteSource;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -64,6 +65,11 @@ impl NumberedFiles {
     pub fn stem(&self, number: u64) -> Option<&str> {
         let name = self.by_number.get(&number)?;
         Some(name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem))
+    }
+
+    /// Every file that can be had, by number.
+    pub fn sources(&self, folder: &Folder) -> Vec<ByteSource> {
+        self.numbers().filter_map(|n| self.file(folder, n)?.ok()).map(Into::into).collect()
     }
 
     /// The file of a number; `None` if there is none.

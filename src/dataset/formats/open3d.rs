@@ -7,7 +7,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, first_depth_size, first_size, wrong};
+use super::recording::{Cameras, RecordedFrame, Recording, wrong};
 use super::stated::{self, PRIMESENSE};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
@@ -175,16 +175,9 @@ fn cameras(
     recording: &mut Recording,
     pairs: &BTreeMap<u64, Pair>,
 ) -> Result<Option<Cameras>, DatasetError> {
-    let size = first_size(pairs.values().filter_map(|pair| pair.color.as_ref()));
-    let depth_size = first_depth_size(pairs.values().filter_map(|pair| pair.depth.as_ref().ok()));
-    let (size, depth_size) = match (size, depth_size) {
-        (Ok(Some(size)), Ok(Some(depth))) => (size, depth),
-        (Ok(_), Ok(_)) => return Ok(None),
-        (Err((file, problem)), _) | (_, Err((file, problem))) => {
-            recording.skip("all", file, problem);
-            return Ok(None);
-        }
-    };
+    let colors = pairs.values().filter_map(|pair| pair.color.as_ref());
+    let depths = pairs.values().filter_map(|pair| pair.depth.as_ref().ok());
+    let Some((size, depth_size)) = recording.sizes(colors, depths) else { return Ok(None) };
     let folder = recording.folder;
     let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, size)?) {
         (Some(stated), _) | (None, Some(stated)) => stated,

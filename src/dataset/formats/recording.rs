@@ -71,6 +71,20 @@ impl<'a> Recording<'a> {
         }
     }
 
+    /// Sizes of photographs and of depth, by the first of each that can be read; `None` if there are
+    /// none, which is noted where a file is to blame.
+    pub fn sizes<'s>(
+        &mut self,
+        colors: impl IntoIterator<Item = &'s ByteSource>,
+        depths: impl IntoIterator<Item = &'s ByteSource>,
+    ) -> Option<((u32, u32), (u32, u32))> {
+        let sizes = first_size(colors).and_then(|color| Ok(color.zip(first_depth_size(depths)?)));
+        sizes.unwrap_or_else(|(file, problem)| {
+            self.skip(SPLIT, file, problem);
+            None
+        })
+    }
+
     /// Says what a user should know.
     pub fn note(&mut self, note: impl Into<String>) {
         self.parsed.notes.push(note.into());

@@ -6,7 +6,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{RecordedFrame, Recording, first_depth_size, first_size, same_size, wrong};
+use super::recording::{RecordedFrame, Recording, same_size, wrong};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
@@ -62,19 +62,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let depths = list("depth", &["png"])?;
     recording.skip_doubled(&colors, IMAGES);
     recording.skip_doubled(&depths, IMAGES);
-    let sources = |files: &NumberedFiles| -> Vec<ByteSource> {
-        files.numbers().filter_map(|n| files.file(folder, n)?.ok()).map(Into::into).collect()
-    };
-    let sizes = first_size(&sources(&colors))
-        .and_then(|color| Ok(color.zip(first_depth_size(&sources(&depths))?)));
-    let (size, depth_size) = match sizes {
-        Ok(Some(sizes)) => sizes,
-        Ok(None) => return Ok(recording.finish()),
-        Err((file, problem)) => {
-            recording.skip("all", file, problem);
-            return Ok(recording.finish());
-        }
-    };
+    let sizes = recording.sizes(&colors.sources(folder), &depths.sources(folder));
+    let Some((size, depth_size)) = sizes else { return Ok(recording.finish()) };
     let (file, k, per_metre) = camera(&mut recording, size)?;
     let cameras = recording.one_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::Linear16(1.0 / per_metre);

@@ -7,7 +7,7 @@
 //! robot has other axes, which the pose check tells.
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::recording::{RecordedFrame, Recording, first_depth_size, first_size, sane, wrong};
+use super::recording::{RecordedFrame, Recording, sane, wrong};
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
@@ -118,15 +118,9 @@ fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let images = Images::list(folder)?;
-    let sizes = first_size(&images.sources(&images.colors))
-        .and_then(|color| Ok(color.zip(first_depth_size(&images.sources(&images.depths))?)));
-    let (size, depth_size) = match sizes {
-        Ok(Some(sizes)) => sizes,
-        Ok(None) => return Ok(recording.finish()),
-        Err((file, problem)) => {
-            recording.skip("all", file, problem);
-            return Ok(recording.finish());
-        }
+    let (colors, depths) = (images.sources(&images.colors), images.sources(&images.depths));
+    let Some((size, depth_size)) = recording.sizes(&colors, &depths) else {
+        return Ok(recording.finish());
     };
     let (calibration_file, stated) = read_calibration(folder)?;
     super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;

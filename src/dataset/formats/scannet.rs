@@ -6,9 +6,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{
-    Cameras, RecordedFrame, Recording, first_depth_size, first_size, sane, wrong,
-};
+use super::recording::{Cameras, RecordedFrame, Recording, sane, wrong};
 use super::stated;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::CodeKind;
@@ -60,19 +58,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let colors = list(COLORS, &PHOTOGRAPHS)?;
     let depths = list(DEPTHS, &["png"])?;
     let poses = list(POSES, &["txt"])?;
-    let sources = |files: &NumberedFiles| -> Vec<ByteSource> {
-        files.numbers().filter_map(|n| files.file(folder, n)?.ok()).map(Into::into).collect()
-    };
-    let sizes = first_size(&sources(&colors))
-        .and_then(|color| Ok(color.zip(first_depth_size(&sources(&depths))?)));
-    let (color, depth) = match sizes {
-        Ok(Some(sizes)) => sizes,
-        Ok(None) => return Ok(recording.finish()),
-        Err((file, problem)) => {
-            recording.skip("all", file, problem);
-            return Ok(recording.finish());
-        }
-    };
+    let sizes = recording.sizes(&colors.sources(folder), &depths.sources(folder));
+    let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);

@@ -11,7 +11,7 @@
 //! than the calibration that is published for each colour camera.
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::recording::{Cameras, RecordedFrame, Recording, first_depth_size, first_size, wrong};
+use super::recording::{Cameras, RecordedFrame, Recording, wrong};
 use super::stated::{self, PRIMESENSE};
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
@@ -175,16 +175,8 @@ fn cameras(
     let sources = |images: &[TimedImage]| -> Vec<ByteSource> {
         images.iter().map(|image| ByteSource::File(image.path.clone())).collect()
     };
-    let size = first_size(&sources(colors));
-    let depth_size = first_depth_size(&sources(depths));
-    let (size, depth_size) = match (size, depth_size) {
-        (Ok(Some(size)), Ok(Some(depth))) => (size, depth),
-        (Ok(_), Ok(_)) => return Ok(None),
-        (Err((file, problem)), _) | (_, Err((file, problem))) => {
-            recording.skip("all", file, problem);
-            return Ok(None);
-        }
-    };
+    let sizes = recording.sizes(&sources(colors), &sources(depths));
+    let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,

@@ -2,9 +2,7 @@
 //! (`photometric.md`, Lift), a splat in each lane.
 
 use super::lift::{BY_MEAN, BY_SHAPE, DIRECTION, MOVING, N_LINEAR, PLACES};
-use super::sums::{
-    COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, N_IMAGE_SUMS, N_QUADRATIC, WEIGHT, moment,
-};
+use super::sums::{COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, N_IMAGE_SUMS, N_QUADRATIC, moment};
 use crate::math::lane_cholesky::at;
 use crate::math::simd::Vector;
 use crate::model::scene::photometric::{N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION};
@@ -21,8 +19,6 @@ pub struct ParameterSums<V> {
     pub color: [[V; N_COLOR]; 3],
     /// Gauss-Newton block of a channel's coefficients, which all channels share: the lower triangle.
     pub color_curvature: [V; N_COLOR_PRECISION],
-    /// Sum of the blending weights over the pixels, px.
-    pub weight: V,
 }
 
 /// Place of each feature of `ln α` among the moments: powers of `p` and `q`.
@@ -55,7 +51,6 @@ impl<V: Vector> ParameterSums<V> {
             curvature: [zero; N_FORM_PRECISION],
             color: [[zero; N_COLOR]; 3],
             color_curvature: [zero; N_COLOR_PRECISION],
-            weight: sums[WEIGHT],
         };
         for parameter in 0..N_FORM {
             found.add_form(parameter, &features(linear, parameter), linear, sums);

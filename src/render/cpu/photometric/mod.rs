@@ -30,7 +30,7 @@ use rayon::prelude::*;
 use row::{WalkCanvas, WalkRow};
 use sums::{ImageSums, N_IMAGE_SUMS};
 
-/// Records per parallel task of adding rows up.
+/// Least records per parallel task of adding rows up.
 const MIN_TASK: usize = 2048;
 
 /// Compares photographs with splats; keeps its buffers between views.
@@ -42,8 +42,9 @@ pub struct PhotometricWalk {
 }
 
 impl PhotometricWalk {
-    /// Compares the chosen rows of a photograph with the picture of `splats` from where it was taken. Its pixels are sRGB-encoded red, green and blue over black, and how much of them
-    /// surfaces cover: NaN where that is not known and what is mostly covered counts as covered.
+    /// Compares the chosen rows of a photograph with the picture of `splats` from where it was taken.
+    /// Its pixels are sRGB-encoded red, green and blue over black, and how much of them surfaces
+    /// cover: NaN where that is not known and what is mostly covered counts as covered.
     pub fn compare(
         &mut self,
         splats: SplatView<'_>,
@@ -78,14 +79,18 @@ impl PhotometricWalk {
         });
     }
 
-    /// Row after row: the order of additions is part of the result.
+    /// Row after row: the order of additions is part of the result. Every task goes through all rows
+    /// and keeps its own records, as listing by row does, so there are no more tasks than threads.
     fn add_rows(&mut self) {
-        let canvases = &self.canvases;
-        self.totals.resize(self.lists.records.records.len(), [0.0; N_IMAGE_SUMS]);
-        self.totals.par_chunks_mut(MIN_TASK).enumerate().for_each(|(task, totals)| {
+        let (canvases, lists) = (&self.canvases, &self.lists.rows);
+        let n_records = self.lists.records.records.len();
+        let of_task = n_records.div_ceil(rayon::current_num_threads()).max(MIN_TASK);
+        self.totals.resize(n_records, [0.0; N_IMAGE_SUMS]);
+        self.totals.par_chunks_mut(of_task).enumerate().for_each(|(task, totals)| {
             totals.fill([0.0; N_IMAGE_SUMS]);
-            let first = (task * MIN_TASK) as u32;
-            for (&record, sums) in canvases.iter().flat_map(|row| row.list.iter().zip(&row.sums)) {
+            let first = (task * of_task) as u32;
+            let rows = canvases.iter().enumerate();
+            for (&record, sums) in rows.flat_map(|(i, row)| lists.get(i).iter().zip(&row.sums)) {
                 // Records before the first wrap around and lie behind the last.
                 if let Some(total) = totals.get_mut(record.wrapping_sub(first) as usize) {
                     total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);

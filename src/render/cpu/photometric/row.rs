@@ -29,6 +29,11 @@ impl RowChoice {
         Self { every, first: (turn % u64::from(every)) as u32 }
     }
 
+    /// Every how many rows one is compared.
+    pub fn every(self) -> u32 {
+        self.every
+    }
+
     /// Rows of a tile, a bit each.
     fn mask(self) -> u32 {
         (self.first..Self::MOST).step_by(self.every as usize).fold(0, |mask, row| mask | 1 << row)
@@ -38,9 +43,7 @@ impl RowChoice {
 /// What a row of tiles gives, and its buffers.
 #[derive(Default)]
 pub(super) struct WalkCanvas {
-    /// Visible records of the row, nearest first.
-    pub list: Vec<u32>,
-    /// Sums of each.
+    /// Sums of each of the row's records, in the order of its list.
     pub sums: Vec<ImageSums>,
     /// Sum of squared differences over the channels of covered pixels.
     pub squared_error: f64,
@@ -68,7 +71,7 @@ impl Kernel for WalkRow<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { records, list, row, photograph, rule, rows, canvas } = self;
-        canvas.begin(list);
+        canvas.begin(list.len());
         let mask = rows.mask();
         let (width, height, top) = (photograph.width, photograph.height, row * TILE);
         let lefts = (0..width).step_by(TILE);
@@ -76,8 +79,8 @@ impl Kernel for WalkRow<'_> {
         canvas.tiles.extend(
             lefts.map(|left| Tile::new(left, top, width - left, height - top).with_rows(mask)),
         );
-        canvas.batches.resize_with(canvas.list.len().div_ceil(BATCH), Batch::default);
-        for (batch, list) in canvas.batches.iter_mut().zip(canvas.list.chunks(BATCH)) {
+        canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
+        for (batch, list) in canvas.batches.iter_mut().zip(list.chunks(BATCH)) {
             batch.fill(records, list, canvas.tiles.len());
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let (list, records) = (batch.by_tile.get(index), &batch.records);
@@ -102,11 +105,9 @@ impl Kernel for WalkRow<'_> {
 
 impl WalkCanvas {
     /// Forgets the last view.
-    fn begin(&mut self, list: &[u32]) {
-        self.list.clear();
-        self.list.extend_from_slice(list);
+    fn begin(&mut self, n_records: usize) {
         self.sums.clear();
-        self.sums.resize(list.len(), [0.0; N_IMAGE_SUMS]);
+        self.sums.resize(n_records, [0.0; N_IMAGE_SUMS]);
         (self.squared_error, self.pixels) = (0.0, 0.0);
     }
 }

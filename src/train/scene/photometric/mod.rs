@@ -91,8 +91,8 @@ impl PhotometricLearner {
         let Some(view) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
         let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
         let pixels = PixelRule { full_coverage, tau, coverage };
-        let every = rule.rows_of(photograph.data.len());
-        let rows = RowChoice::new(every, self.state.noise[1] as u64);
+        let rows = RowChoice::new(rule.rows_of(photograph.data.len()), self.state.noise[1] as u64);
+        let every = rows.every();
         let mut walk = std::mem::take(&mut self.walk);
         let compared = walk.compare(view, camera, photograph, pixels, rows);
         let noise = &mut self.state.noise;

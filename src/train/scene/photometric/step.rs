@@ -321,7 +321,6 @@ mod tests {
                 curvature: [zero; N_FORM_PRECISION],
                 color: [[zero; N_COLOR]; 3],
                 color_curvature: [zero; N_COLOR_PRECISION],
-                weight: V::splat(10.0),
             };
             sums.curvature[0] = V::splat(self.curvature);
             sums.color[0][0] = V::splat(10.0 * self.residual);
