@@ -55,6 +55,7 @@ fn main() {
         },
         visibility: vec![VisibilityCounts { expected: 640, hits: 1, misses: 0 }; n],
         exposures: Vec::new(),
+        poses: Vec::new(),
         photometric: None,
     };
     time("scene", n, StoredModel::Scene(scene));

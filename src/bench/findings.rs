@@ -17,6 +17,7 @@ use crate::render::gpu::headless::HeadlessError;
 use crate::train::candidates::IndexError;
 use crate::train::setting::ConfigError;
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// Version tag of every bench's JSON.
 pub const BENCH_FORMAT: &str = "vbgs-bench/1";
@@ -88,6 +89,25 @@ pub enum BenchError {
         bound: f64,
         /// Least error of any combination.
         best: f64,
+    },
+    /// A file of the bench's own cannot be read or written.
+    #[error("{}: {source}; check the folder and its permissions", path.display())]
+    File {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// No scene to train on.
+    #[error(
+        "{}: expected folders of scenes with depth, found none; the first problem: {first}",
+        folder.display()
+    )]
+    NoScene {
+        /// The folder that was looked through.
+        folder: PathBuf,
+        /// Why its first folder was left out.
+        first: String,
     },
     /// Nothing to train on.
     #[error(

@@ -3,5 +3,6 @@
 pub mod findings;
 pub mod paper;
 mod plot;
+pub mod protocol;
 pub mod render;
 pub mod scene;

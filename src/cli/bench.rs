@@ -16,12 +16,14 @@ use vbgs_studio::bench::paper::pareto::ParetoPlan;
 use vbgs_studio::bench::paper::scaling;
 use vbgs_studio::bench::paper::scaling::ScalingPlan;
 use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::protocol::{self, ProtocolPlan};
 use vbgs_studio::bench::render;
 #[cfg(feature = "gui")]
 use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
 use vbgs_studio::bench::scene;
 use vbgs_studio::bench::scene::AccuracyPlan;
+use vbgs_studio::bench::scene::retention;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::demo;
 
@@ -40,6 +42,25 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             let plan = ParetoPlan::new(args.common.options(args.max_frames));
             pareto::run(&plan, dataset, progress)
         }),
+        BenchName::Paper(args) => {
+            let plan = ProtocolPlan {
+                data: args.data.clone(),
+                kept: args.common.out.join("paper"),
+                options: args.common.options(args.max_frames),
+            };
+            if args.common.repeats.is_some() {
+                return Err(once("paper"));
+            }
+            measure(&args.common, |progress| protocol::run(&plan, progress))
+        }
+        BenchName::Retention(args) => {
+            if args.common.repeats.is_some() {
+                return Err(once("retention"));
+            }
+            on_dataset(args, |dataset, progress| {
+                retention::run(args.common.options(args.max_frames), dataset, progress)
+            })
+        }
         BenchName::Scaling(args) => {
             measure(args, |progress| scaling::run(&ScalingPlan::new(args.options(None)), progress))
         }
@@ -51,6 +72,12 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             measure(&args.common, |progress| render::run(&plan, &scene, progress))
         }
     }
+}
+
+fn once(bench: &str) -> Failure {
+    Failure::Usage(format!(
+        "--repeats: `bench {bench}` learns the frames once, in their order; leave it out"
+    ))
 }
 
 /// Sizes side by side in the plot.

@@ -103,13 +103,14 @@ pub fn quality(eval: &EvalReport) -> String {
         _ => String::new(),
     };
     let plain = format!(
-        "{}{settings} on {} views of `{}` ({} ground truth, partial coverage {}, exposure {}): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
+        "{}{settings} on {} views of `{}` ({} ground truth, partial coverage {}, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,
         eval.ground_truth,
         eval.partial_coverage,
         eval.exposure,
+        eval.poses,
         eval.psnr_mean,
         eval.psnr_std,
         eval.ssim_mean,

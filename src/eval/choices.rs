@@ -26,3 +26,28 @@ pub enum PartialCoverage {
     /// [`COVERED`](super::comparison::COVERED): what is left when cracks are filled (`eval.md`, Partial coverage).
     Divided,
 }
+
+/// Where views are drawn from.
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    Display,
+    EnumString,
+    VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum ViewPoses {
+    /// As they were recorded.
+    #[default]
+    Recorded,
+    /// Moved as the frames were that the scene was learnt from around them; as recorded where no pose
+    /// was corrected.
+    Corrected,
+}

@@ -4,14 +4,14 @@
 //! the names of its fields stay. Values that may be missing are `Option`, not NaN, which JSON
 //! cannot hold.
 
-use super::choices::PartialCoverage;
+use super::choices::{PartialCoverage, ViewPoses};
 use super::cracks::CrackReport;
 use super::seen::Seen;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
-use crate::train::outcome::PhotographOutcome;
+use crate::train::outcome::{Contradiction, PhotographOutcome};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
@@ -118,12 +118,23 @@ pub struct FrameReport {
 }
 
 impl FrameReport {
-    /// What a user should know of a frame whose picture was not learnt.
+    /// What a user should know of a frame that was not learnt, or only in part.
     pub fn doubt(&self) -> Option<String> {
-        let PhotographOutcome { difference, usual, .. } =
-            self.photograph.filter(|p| p.contradicts)?;
+        let PhotographOutcome { difference, usual, contradiction } = self.photograph?;
+        let (found, left_out) = match contradiction? {
+            Contradiction::Picture => ("its photograph differs", "its picture"),
+            Contradiction::Colors => ("the colours of its points differ", "it"),
+            Contradiction::Depth => {
+                return Some(format!(
+                    "{}: it measured something behind {:.0} % of the surfaces in view, where {:.0} % are usual, so nothing was learnt from it; check its pose, and whether something moved",
+                    self.frame,
+                    100.0 * difference,
+                    100.0 * usual
+                ));
+            }
+        };
         Some(format!(
-            "{}: its photograph differs from the scene by {difference:.3}, where {usual:.3} is usual (root mean square of colours in [0, 1]), so nothing was learnt from its picture; check its pose and exposure, and whether something moved",
+            "{}: {found} from the scene by {difference:.3}, where {usual:.3} is usual (root mean square of colours in [0, 1]), so nothing was learnt from {left_out}; check its pose and exposure, and whether something moved",
             self.frame
         ))
     }
@@ -197,6 +208,8 @@ pub struct EvalReport {
     pub partial_coverage: PartialCoverage,
     /// How bright the scene was drawn.
     pub exposure: Exposing,
+    /// Where views were drawn from.
+    pub poses: ViewPoses,
     /// The camera that took the photographs; `None` if it measured depth as well.
     pub color_camera: Option<ColorCamera>,
     /// Background of the render, sRGB-encoded.

@@ -6,7 +6,7 @@
 //! fatal, but a split without any usable view is an error: an average over nothing would look like
 //! a result.
 
-use super::choices::{GroundTruth, PartialCoverage};
+use super::choices::{GroundTruth, PartialCoverage, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
@@ -34,6 +34,8 @@ pub struct EvalOptions {
     pub partial_coverage: PartialCoverage,
     /// The camera that took the photographs, where it is not the one that measured depth.
     pub color_camera: Option<ColorCamera>,
+    /// Where views are drawn from.
+    pub poses: ViewPoses,
     /// Settings of the render; its background is the comparison's.
     pub render: RenderOptions,
 }
@@ -42,7 +44,8 @@ impl EvalOptions {
     /// As viewers show a model and as photographs are stored, by the camera that measured depth.
     pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
         let partial_coverage = PartialCoverage::Composited;
-        Self { ground_truth, partial_coverage, color_camera: None, render }
+        let poses = ViewPoses::Recorded;
+        Self { ground_truth, partial_coverage, color_camera: None, poses, render }
     }
 
     fn photo_camera(&self, frame: &Frame) -> Camera {
@@ -100,7 +103,10 @@ pub fn evaluate<'a>(
     let splats = splats.into();
     let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
-        let frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
+        let mut frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
+        if let (ViewPoses::Corrected, Some(log)) = (options.poses, &splats.finishing().poses) {
+            frame.camera.pose = log.at(&frame.camera.pose);
+        }
         let camera = options.photo_camera(&frame);
         let rendered = renderer.render(splats, &camera, &options.render);
         let surfaces = photographed_surfaces(&frame, sensor, options);
@@ -272,6 +278,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         ground_truth: ground_truth.to_owned(),
         partial_coverage: options.partial_coverage,
         exposure: options.render.exposing,
+        poses: options.poses,
         color_camera: options.color_camera,
         background: options.render.background,
         views: scores.len(),

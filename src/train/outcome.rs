@@ -22,14 +22,28 @@ pub struct FrameOutcome {
     pub ms: StageMs,
 }
 
-/// A photograph beside the picture that was drawn before it was learnt: an honest score, since the frame
-/// was never seen.
+/// A frame beside the scene as it was before: an honest score, since the frame was never seen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PhotographOutcome {
-    /// Root mean square difference over the channels of covered pixels, colour units.
+    /// Root mean square difference from the picture drawn, over the channels of covered pixels, colour
+    /// units. Of a frame that contradicts by its points: that of their colours, or the share of surfaces
+    /// that it saw through.
     pub difference: f64,
-    /// What the frames before differed by.
+    /// What it was in the frames before.
     pub usual: f64,
-    /// Whether it differed so much more that nothing was learnt from its picture.
-    pub contradicts: bool,
+    /// What it contradicts the scene by, if it does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contradiction: Option<Contradiction>,
+}
+
+/// How a frame contradicts what the frames before it have shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Contradiction {
+    /// Its photograph differs from the picture: nothing was learnt from its pixels.
+    Picture,
+    /// Its points have other colours than their surfaces: nothing was learnt from it.
+    Colors,
+    /// It saw through surfaces: nothing was learnt from it.
+    Depth,
 }

@@ -20,6 +20,59 @@ fn a_bench_writes_three_files_and_prints_its_table() {
     assert_eq!(printed["bench"], "pareto");
 }
 
+/// What was measured once is not measured again, unless it was asked otherwise.
+#[test]
+fn the_papers_protocol_goes_on_where_it_stopped() {
+    let scratch = Scratch::with_room();
+    std::fs::create_dir(scratch.path("scenes")).unwrap();
+    std::fs::create_dir(scratch.path("scenes/nothing")).unwrap();
+    std::fs::rename(scratch.path("room"), scratch.path("scenes/room")).unwrap();
+    let bench = "bench paper --data scenes --quick --out found --max-frames";
+    let run = scratch.run(&format!("{bench} 2")).succeeds();
+    assert!(run.stdout.contains("left out: scenes/nothing"), "{}", run.stdout);
+    let json = scratch.json("found/paper.json");
+    let rows = json["rows"].as_array().unwrap();
+    let named = |row: &serde_json::Value| {
+        format!("{} {}", row["preset"], row["renderer"]).replace('"', "")
+    };
+    let names: Vec<String> = rows.iter().map(named).collect();
+    assert_eq!(names, ["paper projected", "paper exact", "scene projected", "scene exact"]);
+    assert!(rows.iter().all(|row| row["frames"] == 2 && row["psnr"].as_f64().unwrap() > 5.0));
+    let kept = scratch.path("found/paper/room-scene.json");
+    let marked = std::fs::read_to_string(&kept).unwrap().replace("\"drawn\": ", "\"drawn\": 1");
+    std::fs::write(&kept, marked).unwrap();
+    scratch.run(&format!("{bench} 2")).succeeds();
+    let again = scratch.json("found/paper.json");
+    assert_eq!(again["rows"][0], rows[0], "times of another run would differ");
+    assert_ne!(again["rows"][2]["drawn"], rows[2]["drawn"], "read from what was kept");
+    scratch.run(&format!("{bench} 1")).succeeds();
+    assert_eq!(scratch.json("found/paper.json")["rows"][2]["frames"], 1);
+    scratch.run("bench paper --data found").fails(1, &["found: expected folders of scenes"]);
+}
+
+/// Every configuration looks at the same frames again, and says what became of them.
+#[test]
+fn retention_is_of_frames_and_held_out_views() {
+    let scratch = Scratch::with_room();
+    let run = scratch.run("bench retention room --quick --out found").succeeds();
+    assert!(run.stdout.contains("full, no accumulated precision"), "{}", run.stdout);
+    let json = scratch.json("found/retention.json");
+    let (rows, summary) = (json["rows"].as_array().unwrap(), json["summary"].as_array().unwrap());
+    assert_eq!(summary.len(), 4);
+    assert_eq!(rows.len() % 4, 0);
+    for kept in summary {
+        let of = |key: &str| {
+            let mine = rows.iter().filter(|row| row["configuration"] == kept["configuration"]);
+            let values: Vec<f64> = mine.map(|row| row[key].as_f64().unwrap()).collect();
+            values.iter().sum::<f64>() / values.len() as f64
+        };
+        assert!((of("after") - kept["after"].as_f64().unwrap()).abs() < 1e-9, "{kept}");
+        assert!((of("at_end") - kept["at_end"].as_f64().unwrap()).abs() < 1e-9, "{kept}");
+        assert!(kept["held_out_fall"].as_f64().unwrap() >= 0.0);
+    }
+    scratch.run("bench retention room --repeats 2").fails(2, &["--repeats: "]);
+}
+
 /// The preset stands in every table, and what changes nothing on the dataset in none.
 #[test]
 fn accuracy_is_taken_apart() {

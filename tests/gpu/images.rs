@@ -83,8 +83,11 @@ fn every_method_finishes_pixels() {
     let appearance = random_appearance(&splats, 9);
     let frames = vec![FrameExposure::new(&Pose::IDENTITY, [2.0, 1.0, 0.8])];
     let exposures = Some(Arc::new(ExposureLog::new(frames, 0.1)));
-    let set =
-        SplatSet::new(splats, appearance).finished(Finishing { full_coverage: 0.4, exposures });
+    let set = SplatSet::new(splats, appearance).finished(Finishing {
+        full_coverage: 0.4,
+        exposures,
+        poses: None,
+    });
     for method in METHODS {
         let options = RenderOptions { exposing: Exposing::Recorded, ..options(method) };
         let view = camera_of(method);

@@ -59,6 +59,7 @@ fn finished_images_agree_with_the_oracle() {
         let finishing = Finishing {
             full_coverage: 0.4,
             exposures: Some(Arc::new(ExposureLog::new(frames, 0.1))),
+            ..Finishing::default()
         };
         let set = SplatSet::new(splats, appearance).finished(finishing);
         for method in METHODS {

@@ -4,17 +4,21 @@
 use crate::common::oracle::{AppearanceF64, Oracle, SplatF64};
 use glam::{DMat3, DQuat, DVec3};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::cholesky::Cholesky;
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
 use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::math::simd::{Isa, Kernel, Vector};
-use vbgs_studio::model::scene::photometric::{N_COLOR, N_FORM};
+use vbgs_studio::model::scene::photometric::{
+    N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION,
+};
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::photometric::{
     Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat,
 };
 use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::train::scene::photometric::rule::PhotometricRule;
 
 const SIZE: u32 = 40;
 /// Residuals are far below it: every pixel counts in full.
@@ -126,21 +130,30 @@ fn derivatives(splats: &[SplatF64], i: usize, parameter: usize, full: f64) -> Ve
     ahead.iter().zip(&back).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
 }
 
-/// Gradient by all parameters of one splat.
+/// What a photograph says of one splat.
+struct Said {
+    /// Gradient by all parameters.
+    gradient: [f64; N],
+    /// Lower triangles of the Gauss-Newton blocks of its form and of a channel's colour.
+    form: [f64; N_FORM_PRECISION],
+    color: [f64; N_COLOR_PRECISION],
+}
+
 struct Lift<'a>(&'a Compared<'a>, SeenSplat, Splat, Appearance);
 
 impl Kernel for Lift<'_> {
-    type Output = [f64; N];
+    type Output = Said;
 
     #[inline(always)]
-    fn run<V: Vector>(self) -> [f64; N] {
+    fn run<V: Vector>(self) -> Said {
         let Self(compared, seen, splat, appearance) = self;
         let sums = compared.lift::<V>(&[(seen, splat, appearance)]);
         let first = |lanes: V| f64::from(lanes.to_array()[0]);
         let color = sums.color.as_flattened();
-        std::array::from_fn(|i| {
+        let gradient = std::array::from_fn(|i| {
             first(if i < N_FORM { sums.gradient[i] } else { color[i - N_FORM] })
-        })
+        });
+        Said { gradient, form: sums.curvature.map(first), color: sums.color_curvature.map(first) }
     }
 }
 
@@ -148,7 +161,7 @@ fn rule(full: f64) -> PixelRule {
     PixelRule { full_coverage: full as f32, tau: ALL, coverage: COVERAGE as f32 }
 }
 
-fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, [f64; N])> {
+fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Said)> {
     let view = SplatView::new(splats, appearance).unwrap();
     let mut walk = PhotometricWalk::default();
     let compared = walk.compare(view, &camera(), &photograph(), rule(full), RowChoice::ALL);
@@ -159,19 +172,22 @@ fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, [f
     compared.seen(0.0).into_iter().map(lift).collect()
 }
 
+/// Photograph less picture.
+fn residual(splats: &[SplatF64], full: f64) -> Vec<f64> {
+    let target = photograph();
+    let channels = |p: &[f32; 4]| {
+        let [r, g, b, a] = p.map(f64::from);
+        [r, g, b, a * COVERAGE.sqrt()]
+    };
+    let target = target.data.iter().flat_map(channels);
+    target.zip(picture(splats, full)).map(|(y, c)| y - c).collect()
+}
+
 /// Root mean square error of each group of derivatives over their own, over all splats.
 fn errors(varied: bool, full: f64) -> [f64; 4] {
     let (splats, appearance) = scene(varied);
     let wide = wide(&splats, &appearance);
-    let residual: Vec<f64> = {
-        let target = photograph();
-        let channels = |p: &[f32; 4]| {
-            let [r, g, b, a] = p.map(f64::from);
-            [r, g, b, a * COVERAGE.sqrt()]
-        };
-        let target = target.data.iter().flat_map(channels);
-        target.zip(picture(&wide, full)).map(|(y, c)| y - c).collect()
-    };
+    let residual = residual(&wide, full);
     let groups = [0..3, 3..9, 9..10, 10..N];
     let mut groups_of = [(0.0f64, 0.0f64); 4];
     for (id, found) in found(&splats, &appearance, full) {
@@ -179,7 +195,7 @@ fn errors(varied: bool, full: f64) -> [f64; 4] {
             for parameter in group.clone() {
                 let slope = derivatives(&wide, id as usize, parameter, full);
                 let truth: f64 = slope.iter().zip(&residual).map(|(d, r)| d * r).sum();
-                *error += (found[parameter] - truth).powi(2);
+                *error += (found.gradient[parameter] - truth).powi(2);
                 *size += truth * truth;
             }
         }
@@ -225,4 +241,92 @@ fn rows_add_up_to_the_whole() {
     );
     assert!(quarters.iter().all(|part| part.1 < 0.3 * pixels && part.2 <= n_seen));
     assert_eq!(compared(RowChoice::new(7, 6)), quarters[2], "the power of two below");
+}
+
+/// Precision of the parameters of a splat before any photograph: its diagonal.
+fn prior(splat: &Splat) -> [f64; N] {
+    let prior = PhotometricRule::DEFAULT.prior;
+    let extent = f64::from(splat.scale.iter().fold(0.0f32, |a, &s| a.max(s)));
+    let per = |deviation: f64| deviation.powi(-2);
+    std::array::from_fn(|parameter| match parameter {
+        0..3 => per(prior.mean * extent),
+        3..6 => per(prior.scale),
+        6..9 => per(prior.turn),
+        9 => per(prior.opacity),
+        _ => match (parameter - N_FORM) % N_COLOR {
+            0 => per(prior.color),
+            1..4 => per(prior.directional),
+            _ => per(prior.gradient / extent),
+        },
+    })
+}
+
+fn solved(n: usize, matrix: &[f64], right: &[f64]) -> Vec<f64> {
+    Cholesky::new(n, matrix).unwrap().solve(right)
+}
+
+/// Squared error once every splat has taken its step.
+fn after(splats: &[SplatF64], steps: &[f64], full: f64) -> f64 {
+    let step = |(i, splat): (usize, &SplatF64)| {
+        (0..N).fold(*splat, |splat, parameter| changed(splat, parameter, steps[i * N + parameter]))
+    };
+    let stepped: Vec<SplatF64> = splats.iter().enumerate().map(step).collect();
+    residual(&stepped, full).iter().map(|r| r * r).sum()
+}
+
+/// The blocks leave out what splats of one pixel take from each other, and a weight on them makes up
+/// for it: against the dense Gauss-Newton step with all cross terms, under the same prior and noise.
+#[test]
+fn blocks_come_near_the_dense_step() {
+    let (splats, appearance) = scene(true);
+    let (full, wide) = (0.6, wide(&splats, &appearance));
+    let residual = residual(&wide, full);
+    let before: f64 = residual.iter().map(|r| r * r).sum();
+    let columns: Vec<Vec<f64>> =
+        (0..splats.len() * N).map(|k| derivatives(&wide, k / N, k % N, full)).collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let n = columns.len();
+    let priors: Vec<f64> = splats.iter().flat_map(prior).collect();
+    // Noise as learning takes it: several times what the picture differs by.
+    let rule = PhotometricRule::DEFAULT;
+    let variance = rule.noise.powi(2) * before / residual.len() as f64;
+    let mut dense = vec![0.0; n * n];
+    for i in 0..n {
+        for j in 0..=i {
+            let entry = dot(&columns[i], &columns[j]) / variance;
+            (dense[i * n + j], dense[j * n + i]) = (entry, entry);
+        }
+        dense[i * n + i] += priors[i];
+    }
+    let right: Vec<f64> = columns.iter().map(|column| dot(column, &residual) / variance).collect();
+    let dense_step = solved(n, &dense, &right);
+    let mut block_step = vec![0.0; n];
+    for (id, said) in found(&splats, &appearance, full) {
+        let first = id as usize * N;
+        let triangle = |i: usize, j: usize| i.max(j) * (i.max(j) + 1) / 2 + i.min(j);
+        let mut block = |from: usize, size: usize, curvature: &[f64]| {
+            let at = first + from;
+            let entry = |k: usize| {
+                let (i, j) = (k / size, k % size);
+                let own = if i == j { priors[at + i] } else { 0.0 };
+                own + rule.damping * curvature[triangle(i, j)] / variance
+            };
+            let matrix: Vec<f64> = (0..size * size).map(entry).collect();
+            let pull = |i: usize| said.gradient[from + i] / variance;
+            let step = solved(size, &matrix, &(0..size).map(pull).collect::<Vec<_>>());
+            block_step[at..at + size].copy_from_slice(&step);
+        };
+        block(0, N_FORM, &said.form);
+        (0..3).for_each(|k| block(N_FORM + k * N_COLOR, N_COLOR, &said.color));
+    }
+    let gained = |step: &[f64]| 1.0 - after(&wide, step, full) / before;
+    let (dense, block) = (gained(&dense_step), gained(&block_step));
+    let cosine = dot(&dense_step, &block_step)
+        / (dot(&dense_step, &dense_step) * dot(&block_step, &block_step)).sqrt();
+    println!(
+        "squared error taken away: dense {:.1} %, blocks {:.1} %; cosine of the steps {cosine:.3}",
+        100.0 * dense,
+        100.0 * block
+    );
+    assert!(block > 0.0 && block > 0.5 * dense && cosine > 0.5);
 }

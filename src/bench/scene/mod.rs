@@ -8,6 +8,7 @@
 //! judged by one camera, whatever they were trained with.
 
 mod report;
+pub mod retention;
 mod row;
 mod training;
 mod variants;

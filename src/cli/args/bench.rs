@@ -19,8 +19,12 @@ pub enum BenchName {
     Ablation(DatasetBenchArgs),
     /// What every part of the scene preset brings, and components against quality
     Accuracy(DatasetBenchArgs),
+    /// The paper's protocol on every scene of a folder: both presets, both renderers
+    Paper(ProtocolArgs),
     /// Speed against error: one setting at a time
     Pareto(DatasetBenchArgs),
+    /// What a scene keeps of its frames: each one's own view right after it and at the end
+    Retention(DatasetBenchArgs),
     /// Cost against points, components and threads, on the synthetic room
     Scaling(CommonArgs),
     /// Hard cases against exact arithmetic
@@ -46,6 +50,18 @@ pub struct RenderBenchArgs {
     #[cfg(feature = "gui")]
     #[arg(long, value_name = "NAME")]
     pub adapter: Option<String>,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+#[derive(Args)]
+pub struct ProtocolArgs {
+    /// Folder whose folders are scenes; those without depth are left out
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Training frames of a scene at most [default: 200]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
+    pub max_frames: Option<usize>,
     #[command(flatten)]
     pub common: CommonArgs,
 }

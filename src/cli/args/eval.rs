@@ -5,7 +5,7 @@ use super::parse::{choice, parse_color, parse_count};
 use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
-use vbgs_studio::eval::choices::PartialCoverage;
+use vbgs_studio::eval::choices::{PartialCoverage, ViewPoses};
 use vbgs_studio::render::Exposing;
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -33,6 +33,10 @@ pub struct ComparisonArgs {
     /// as those recorded around each view
     #[arg(long, value_parser = choice::<Exposing>(), default_value = "neutral")]
     pub exposure: Exposing,
+    /// Where views are drawn from: as recorded, or moved as the frames were that the scene was learnt
+    /// from around them, where their poses were corrected
+    #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "recorded")]
+    pub eval_poses: ViewPoses,
 }
 
 #[derive(Args)]

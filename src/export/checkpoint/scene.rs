@@ -9,6 +9,7 @@ use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WideR
 use crate::model::scene::sums::N_SUMS;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
+use crate::model::splat::pose_log::FramePose;
 use crate::model::splat::splats::Splat;
 
 /// Words of a component's visibility counts.
@@ -16,6 +17,7 @@ const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 
 /// Numbers of a frame's exposure.
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
+const N_POSE: usize = size_of::<FramePose>() / size_of::<f64>();
 
 /// Numbers of a splat and of its appearance.
 const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
@@ -50,6 +52,10 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         let numbers = bytemuck::cast_slice(&state.exposures);
         sections.push(Section::new::<f64>(tag::EXPOSURES, numbers));
     }
+    if !state.poses.is_empty() {
+        let numbers = bytemuck::cast_slice(&state.poses);
+        sections.push(Section::new::<f64>(tag::POSES, numbers));
+    }
     sections.extend(state.photometric.iter().flat_map(|photometric| {
         [
             Section::new::<f32>(tag::PHOTO_SPLATS, bytemuck::cast_slice(&photometric.splats)),
@@ -60,6 +66,8 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
             Section::new(tag::PHOTO_FORM, photometric.form.as_flattened()),
             Section::new(tag::PHOTO_COLOR, photometric.color.as_flattened()),
             Section::new(tag::PHOTO_NOISE, &photometric.noise),
+            Section::new(tag::PHOTO_POINTS, &photometric.points),
+            Section::new(tag::PHOTO_SEEN_THROUGH, &photometric.seen_through),
         ]
     }));
     sections
@@ -90,6 +98,10 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
             true => bytemuck::cast_vec(sections.rows::<f64, N_EXPOSURE>(tag::EXPOSURES, None)?),
             false => Vec::new(),
         },
+        poses: match sections.has(tag::POSES) {
+            true => bytemuck::cast_vec(sections.rows::<f64, N_POSE>(tag::POSES, None)?),
+            false => Vec::new(),
+        },
         photometric: match sections.has(tag::PHOTO_SPLATS) {
             true => Some(photometric(sections, n)?),
             false => None,
@@ -102,12 +114,16 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
 fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {
     let splats = sections.rows::<f32, N_SPLAT>(tag::PHOTO_SPLATS, Some(n))?;
     let appearance = sections.rows::<f32, N_APPEARANCE>(tag::PHOTO_APPEARANCE, Some(n))?;
+    // Files of before frames were judged by their points have neither.
+    let usual = |tag| if sections.has(tag) { sections.numbers(tag) } else { Ok([0.0; 2]) };
     Ok(PhotometricState {
         splats: bytemuck::cast_vec(splats),
         appearance: bytemuck::cast_vec(appearance),
         form: sections.rows(tag::PHOTO_FORM, Some(n))?,
         color: sections.rows(tag::PHOTO_COLOR, Some(n))?,
         noise: sections.numbers(tag::PHOTO_NOISE)?,
+        points: usual(tag::PHOTO_POINTS)?,
+        seen_through: usual(tag::PHOTO_SEEN_THROUGH)?,
     })
 }
 

@@ -24,11 +24,14 @@ pub const WIDE_SUMS: [u8; 4] = *b"WIDE";
 pub const LOOKS: [u8; 4] = *b"LOOK";
 pub const COMPONENTS: [u8; 4] = *b"COMP";
 pub const EXPOSURES: [u8; 4] = *b"EXPO";
+pub const POSES: [u8; 4] = *b"POSE";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
 pub const PHOTO_FORM: [u8; 4] = *b"PHFO";
 pub const PHOTO_COLOR: [u8; 4] = *b"PHCO";
 pub const PHOTO_NOISE: [u8; 4] = *b"PHNO";
+pub const PHOTO_POINTS: [u8; 4] = *b"PHPT";
+pub const PHOTO_SEEN_THROUGH: [u8; 4] = *b"PHST";
 
 /// What every checkpoint may have.
 const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
@@ -36,7 +39,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 13] = [
+pub const OF_SCENES: [[u8; 4]; 16] = [
     ORIGIN,
     SEEDS,
     SUMS,
@@ -45,11 +48,14 @@ pub const OF_SCENES: [[u8; 4]; 13] = [
     COMPONENTS,
     LOOKS,
     EXPOSURES,
+    POSES,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,
     PHOTO_FORM,
     PHOTO_COLOR,
     PHOTO_NOISE,
+    PHOTO_POINTS,
+    PHOTO_SEEN_THROUGH,
 ];
 
 /// Whether this program knows what a section means.

@@ -38,6 +38,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
         visibility: Vec::with_capacity(terms.len()),
         exposures: Vec::new(),
+        poses: Vec::new(),
         photometric: None,
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
@@ -70,10 +71,10 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     Ok(scene)
 }
 
-/// Seeds that share components were merged when a budget was reached, and gains follow the frames
-/// before.
+/// Seeds that share components were merged when a budget was reached, and gains and poses follow
+/// the frames before.
 fn depends_on_order(scene: &SceneState) -> bool {
-    scene.components.is_some() || !scene.exposures.is_empty()
+    scene.components.is_some() || !scene.exposures.is_empty() || !scene.poses.is_empty()
 }
 
 /// A component of one of the scenes.
@@ -133,6 +134,7 @@ mod tests {
                 .map(|&(_, points)| VisibilityCounts { expected: points, hits: 1, misses: 40_000 })
                 .collect(),
             exposures: Vec::new(),
+            poses: Vec::new(),
             photometric: None,
         }
     }

@@ -30,6 +30,10 @@ pub struct PhotometricState {
     /// Running mean square of the differences between photographs and the pictures drawn before
     /// these were learnt, per channel; and the weight behind it.
     pub noise: [f64; 2],
+    /// The same of the colours of points and the means of their components, before these were learnt.
+    pub points: [f64; 2],
+    /// Running mean share of surfaces in view that frames saw through; and the weight behind it.
+    pub seen_through: [f64; 2],
 }
 
 impl PhotometricState {
@@ -60,6 +64,8 @@ impl PhotometricState {
             form: listed_rows(&self.form, components, [0.0; N_FORM_PRECISION]),
             color: listed_rows(&self.color, components, [0.0; N_COLOR_PRECISION]),
             noise: self.noise,
+            points: self.points,
+            seen_through: self.seen_through,
         }
     }
 

@@ -3,6 +3,7 @@
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
 use crate::model::splat::exposure::FrameExposure;
+use crate::model::splat::pose_log::FramePose;
 use bytemuck::{Pod, Zeroable};
 use std::cmp::Ordering;
 
@@ -34,6 +35,8 @@ pub struct SceneState {
     pub visibility: Vec<VisibilityCounts>,
     /// How the frames were exposed, in the order they were learnt in, where gains were fitted.
     pub exposures: Vec<FrameExposure>,
+    /// How their poses were corrected, in the same order, where poses are not taken for exact.
+    pub poses: Vec<FramePose>,
     /// What photographs taught, row by component, where splats learn from them.
     pub photometric: Option<PhotometricState>,
 }

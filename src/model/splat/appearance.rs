@@ -5,6 +5,7 @@
 //! hold, take no memory for it.
 
 use super::exposure::ExposureLog;
+use super::pose_log::PoseLog;
 use super::splats::Splat;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -73,16 +74,18 @@ pub struct SplatSet {
     finishing: Finishing,
 }
 
-/// What a scene says of finished pixels.
+/// What a scene says of finished pixels, and of the frames behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finishing {
     /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`; 1 for plain splats.
     pub full_coverage: f32,
     /// How the frames behind the splats were exposed, where that is known.
     pub exposures: Option<Arc<ExposureLog>>,
+    /// How the poses of these frames were corrected, where they were.
+    pub poses: Option<Arc<PoseLog>>,
 }
 
-static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None };
+static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
 
 /// Pixels of plain splats stay as they are.
 impl Default for Finishing {

@@ -1,23 +1,16 @@
 //! How the frames that a scene was learnt from were exposed, so that a view can be drawn as bright
 //! as a camera there would have taken it.
 
+use super::viewpoint::{DISTANCE, Viewpoint, regress};
 use crate::math::pose::Pose;
 use bytemuck::{Pod, Zeroable};
-use glam::DVec3;
-
-/// Angle between view directions, radians, at which a frame counts for less by `exp(−½)`.
-const ANGLE: f64 = 0.1;
-/// Distance between cameras, structural scales, at which a frame counts for less by `exp(−½)`.
-const DISTANCE: f64 = 4.0;
 
 /// How one frame was exposed, and from where it was taken.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct FrameExposure {
-    /// Where its camera stood, world units.
-    pub centre: [f64; 3],
-    /// Unit direction it looked in, world axes.
-    pub forward: [f64; 3],
+    /// Where it was taken from.
+    pub viewpoint: Viewpoint,
     /// Factors that brought its red, green and blue to the scene's.
     pub gain: [f64; 3],
 }
@@ -25,15 +18,7 @@ pub struct FrameExposure {
 impl FrameExposure {
     /// A frame taken from `pose`, whose channels `gain` brought to the scene's exposure.
     pub fn new(pose: &Pose, gain: [f32; 3]) -> Self {
-        let (centre, forward) = (pose.centre().to_array(), pose.forward().to_array());
-        Self { centre, forward, gain: gain.map(f64::from) }
-    }
-
-    /// Squared distance from a pose, one for a frame that counts for less by `exp(−½)`.
-    fn squared_distance(&self, pose: &Pose, reach: f64) -> f64 {
-        let apart = DVec3::from_array(self.centre).distance(pose.centre()) / reach;
-        let angle = DVec3::from_array(self.forward).angle_between(pose.forward()) / ANGLE;
-        apart * apart + angle * angle
+        Self { viewpoint: Viewpoint::new(pose), gain: gain.map(f64::from) }
     }
 }
 
@@ -63,30 +48,19 @@ impl ExposureLog {
     }
 
     /// Factors on the scene's red, green and blue as seen from `pose`: the geometric mean of what
-    /// undoes the frames' gains, by Gaussian weights relative to the nearest frame's (Nadaraya and
-    /// Watson's regression); 1 without frames.
+    /// undoes the gains of the frames around it; 1 without frames.
     pub fn at(&self, pose: &Pose) -> [f32; 3] {
-        let away = |frame: &FrameExposure| frame.squared_distance(pose, self.reach);
-        let nearest = self.frames.iter().map(away).fold(f64::INFINITY, f64::min);
         // Of logarithms, since gains are factors: half and twice as bright make as bright.
-        let (mut total, mut logs) = (0.0, DVec3::ZERO);
-        for frame in &self.frames {
-            // Relative to the nearest frame: far from all of them every weight alone would
-            // underflow.
-            let weight = (0.5 * (nearest - away(frame))).exp();
-            total += weight;
-            logs -= weight * DVec3::from_array(frame.gain).map(f64::ln);
-        }
-        match total > 0.0 {
-            true => (logs / total).to_array().map(|log| log.exp() as f32),
-            false => [1.0; 3],
-        }
+        let said = |frame: &FrameExposure| (frame.viewpoint, frame.gain.map(|gain| -gain.ln()));
+        let logs = regress(&self.frames, pose, self.reach, said);
+        logs.map_or([1.0; 3], |logs| logs.map(|log| log.exp() as f32))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec3;
 
     fn looking(x: f64) -> Pose {
         Pose::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(x, 1.0, 0.0), DVec3::Z).unwrap()

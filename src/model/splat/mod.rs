@@ -1,6 +1,8 @@
-//! What renderers draw and files hold: splats, their appearance and the exposure of the frames
+//! What renderers draw and files hold: splats, their appearance, and exposure and poses of the frames
 //! they were learnt from.
 
 pub mod appearance;
 pub mod exposure;
+pub mod pose_log;
 pub mod splats;
+pub mod viewpoint;

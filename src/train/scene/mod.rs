@@ -13,6 +13,7 @@ pub mod learner;
 pub mod memory;
 pub mod partition;
 pub mod photometric;
+mod pose_equations;
 pub mod sum_form;
 pub mod trainer;
 pub mod units;

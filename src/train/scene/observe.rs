@@ -28,13 +28,7 @@ pub fn observe<W: SumScalar>(
     camera: &Camera,
     h: f64,
 ) {
-    let pose = &camera.pose;
-    let viewer = Viewer {
-        frame,
-        rotation: pose.rotation().transpose(),
-        centre: pose.centre() - frame.origin,
-        h,
-    };
+    let viewer = Viewer::new(frame, camera, h);
     component_sums.for_each_part(PARTS, |first, rows, wide| {
         for (id, row) in (first..).zip(rows) {
             let (n, sum, normal) = wide.plane(id, row);
@@ -53,7 +47,21 @@ pub fn observe<W: SumScalar>(
     });
 }
 
-impl Viewer<'_> {
+/// Whether a frame taken by `camera` measured something behind a surface at `mean` (world units from
+/// the origin), and not the surface; `None` where that is hidden, out of view or unknown.
+pub fn is_seen_through(frame: &Observation, camera: &Camera, mean: DVec3) -> Option<bool> {
+    let viewer = Viewer::new(frame, camera, 0.0);
+    let (visibility, _) = viewer.visibility(mean, DVec3::ZERO)?;
+    Some(visibility == Visibility::Miss)
+}
+
+impl<'a> Viewer<'a> {
+    fn new(frame: &'a Observation, camera: &Camera, h: f64) -> Self {
+        let pose = &camera.pose;
+        let (rotation, centre) = (pose.rotation().transpose(), pose.centre() - frame.origin);
+        Self { frame, rotation, centre, h }
+    }
+
     /// What the frame says of a component at `mean`, and the returns it could have given.
     fn visibility(&self, mean: DVec3, normal: DVec3) -> Option<(Visibility, f64)> {
         let local = self.rotation * (mean - self.centre);

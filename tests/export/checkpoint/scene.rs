@@ -9,6 +9,8 @@ use vbgs_studio::model::scene::state::{
 };
 use vbgs_studio::model::scene::sums::{N_SUMS, terms};
 use vbgs_studio::model::splat::exposure::FrameExposure;
+use vbgs_studio::model::splat::pose_log::FramePose;
+use vbgs_studio::model::splat::viewpoint::Viewpoint;
 
 /// Components of the sample with more points than fit in a row.
 const WIDE: [usize; 2] = [5, 11];
@@ -74,6 +76,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         sums,
         visibility,
         exposures: Vec::new(),
+        poses: Vec::new(),
         photometric: None,
     }))
 }
@@ -88,6 +91,7 @@ pub fn nothing() -> SceneState {
         sums,
         visibility: Vec::new(),
         exposures: Vec::new(),
+        poses: Vec::new(),
         photometric: None,
     }
 }
@@ -221,12 +225,31 @@ fn seeds_may_share_components() {
     assert_refused(&short, &["COMP", "21 elements", "found 20"]);
 }
 
+const VIEWPOINT: Viewpoint = Viewpoint { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8] };
+
+#[test]
+fn frames_may_have_corrected_poses() {
+    let mut checkpoint = sample(mixed());
+    let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
+    let pose = FramePose { recorded: VIEWPOINT, turn: [0.01, 0.0, -0.02], shift: [0.1, 0.2, 0.3] };
+    state.poses = vec![pose, FramePose { shift: [0.0; 3], ..pose }];
+    let bytes = to_bytes(&checkpoint);
+    assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
+    let with = |at: usize, value: f64| {
+        edited(&bytes, b"POSE", |s| {
+            s.content[8 * at..8 * at + 8].copy_from_slice(&value.to_le_bytes());
+        })
+    };
+    assert_refused(&with(18, f64::NAN), &["POSE[component 1, correction]", "a finite number"]);
+    assert_refused(&with(3, 1.0), &["POSE[component 0, direction]", "a unit vector"]);
+    assert_refused(&with(12, f64::INFINITY), &["POSE[component 1, centre]", "finite"]);
+}
+
 #[test]
 fn frames_may_have_gains() {
     let mut checkpoint = sample(mixed());
     let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
-    let exposure =
-        |gain| FrameExposure { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8], gain };
+    let exposure = |gain| FrameExposure { viewpoint: VIEWPOINT, gain };
     state.exposures = vec![exposure([1.0; 3]), exposure([0.5, 1.25, 2.0])];
     let bytes = to_bytes(&checkpoint);
     assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);

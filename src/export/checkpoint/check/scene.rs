@@ -7,6 +7,7 @@ use crate::model::scene::bounds::{F32, F64, MIXED, SQUARES, Slack, first_unbound
 use crate::model::scene::photometric::{N_COLOR, N_FORM, PhotometricState};
 use crate::model::scene::state::{MAX_SUM, QUANTUM, SceneState, StoredSums, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::{MAX_TERM, N_SUMS};
+use crate::model::splat::viewpoint::Viewpoint;
 
 /// Every sum by name.
 #[rustfmt::skip]
@@ -31,15 +32,15 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
         return Err(value(tag::SEEDS, at / 3, AXES[at % 3], "a finite number", found));
     }
     for (at, frame) in state.exposures.iter().enumerate() {
-        if let Some(&found) = frame.centre.iter().find(|x| !x.is_finite()) {
-            return Err(value(tag::EXPOSURES, at, "centre", "a finite number", found));
-        }
-        let length = frame.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if length.is_nan() || (length - 1.0).abs() > 1e-3 {
-            return Err(value(tag::EXPOSURES, at, "direction", "a unit vector", length));
-        }
+        viewpoint(tag::EXPOSURES, at, &frame.viewpoint)?;
         if let Some(&found) = frame.gain.iter().find(|g| !(**g > 0.0 && g.is_finite())) {
             return Err(value(tag::EXPOSURES, at, "gain", "a positive number", found));
+        }
+    }
+    for (at, frame) in state.poses.iter().enumerate() {
+        viewpoint(tag::POSES, at, &frame.recorded)?;
+        if let Some(&found) = frame.turn.iter().chain(&frame.shift).find(|x| !x.is_finite()) {
+            return Err(value(tag::POSES, at, "correction", "a finite number", found));
         }
     }
     if let Some(photometric) = &state.photometric {
@@ -61,6 +62,18 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
     }
 }
 
+/// A place and a direction.
+fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defect> {
+    if let Some(&found) = viewpoint.centre.iter().find(|x| !x.is_finite()) {
+        return Err(value(tag, at, "centre", "a finite number", found));
+    }
+    let length = viewpoint.forward.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if length.is_nan() || (length - 1.0).abs() > 1e-3 {
+        return Err(value(tag, at, "direction", "a unit vector", length));
+    }
+    Ok(())
+}
+
 /// Splats that a renderer can draw, and precisions that are some.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
     for (at, splat) in state.splats.iter().enumerate().filter(|(_, splat)| splat.opacity != 0.0) {
@@ -75,10 +88,17 @@ fn photometric(state: &PhotometricState) -> Result<(), Defect> {
             return Err(value(tag::PHOTO_FORM, at, "precision", expected, f64::from(found)));
         }
     }
-    match state.noise.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
-        Some(&found) => Err(value(tag::PHOTO_NOISE, 0, "noise", "a number of 0 or more", found)),
-        None => Ok(()),
-    }
+    let usual = [
+        (tag::PHOTO_NOISE, state.noise),
+        (tag::PHOTO_POINTS, state.points),
+        (tag::PHOTO_SEEN_THROUGH, state.seen_through),
+    ];
+    usual.into_iter().try_for_each(|(tag, numbers)| {
+        match numbers.into_iter().find(|x| !(x.is_finite() && *x >= 0.0)) {
+            Some(found) => Err(value(tag, 0, "noise", "a number of 0 or more", found)),
+            None => Ok(()),
+        }
+    })
 }
 
 fn each<T>(rows: &[T], check: impl Fn(usize, &T) -> Result<(), Defect>) -> Result<(), Defect> {

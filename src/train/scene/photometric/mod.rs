@@ -2,7 +2,9 @@
 //! precision per splat that accumulates.
 #![doc = include_str!("photometric.md")]
 
+pub mod agreement;
 mod noise;
+mod pose;
 pub mod rule;
 mod step;
 
@@ -14,12 +16,19 @@ use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat};
 use crate::train::outcome::PhotographOutcome;
+use crate::train::scene::pose_equations::PoseEquations;
+use agreement::Agreement;
+use glam::DVec3;
 use rayon::prelude::*;
 use rule::PhotometricRule;
 use step::{LearnRun, SplatRun};
 
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
 const MIN_SEEN: f32 = 0.5;
+/// Every how many rows of a photograph are asked for its pose, at least.
+const POSE_ROWS: u32 = 4;
+/// Fewest splats that determine a pose.
+const MIN_POSE_SPLATS: usize = 500;
 /// Components per parallel task.
 const MIN_TASK: usize = 512;
 
@@ -78,6 +87,50 @@ impl PhotometricLearner {
         }
     }
 
+    /// Judges a frame by its points before anything of it is learnt; `None` unless it contradicts the
+    /// scene.
+    pub fn judge(&mut self, agreement: &Agreement) -> Option<PhotographOutcome> {
+        noise::judge_points(&mut self.state, agreement)
+    }
+
+    /// What a photograph taken by `camera` says of the motion of the frame's camera at `centre` (world
+    /// units), which it moves with; `None` where it shows too little.
+    pub fn pose_equations(
+        &mut self,
+        camera: &Camera,
+        centre: DVec3,
+        photograph: &Image<[f32; 4]>,
+        full_coverage: f32,
+        rule: &PhotometricRule,
+    ) -> Option<PoseEquations> {
+        let every = POSE_ROWS.max(rule.rows_of(photograph.data.len()));
+        let rows = RowChoice::new(every, self.state.noise[1] as u64);
+        let mut walk = std::mem::take(&mut self.walk);
+        let compared = self.compare(&mut walk, camera, photograph, full_coverage, rule, rows)?;
+        let seen = compared.seen(MIN_SEEN / every as f32);
+        let deviation = rule.noise * noise::usual(&self.state.noise);
+        let variance = deviation * deviation / f64::from(every);
+        let found = (seen.len() >= MIN_POSE_SPLATS)
+            .then(|| pose::equations(&compared, &seen, &self.state, centre, variance));
+        self.walk = walk;
+        found
+    }
+
+    fn compare<'a>(
+        &self,
+        walk: &'a mut PhotometricWalk,
+        camera: &Camera,
+        photograph: &Image<[f32; 4]>,
+        full_coverage: f32,
+        rule: &PhotometricRule,
+        rows: RowChoice,
+    ) -> Option<Compared<'a>> {
+        let view = SplatView::new(&self.state.splats, &self.state.appearance)?;
+        let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
+        let pixels = PixelRule { full_coverage, tau, coverage };
+        Some(walk.compare(view, camera, photograph, pixels, rows))
+    }
+
     /// Learns from a photograph taken by `camera`, unless that contradicts the scene. Gives which splats
     /// it changed, and how it compared.
     pub fn learn(
@@ -87,19 +140,16 @@ impl PhotometricLearner {
         full_coverage: f32,
         rule: &PhotometricRule,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
-        let PhotometricState { splats, appearance, .. } = &self.state;
-        let Some(view) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
-        let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
-        let pixels = PixelRule { full_coverage, tau, coverage };
         let rows = RowChoice::new(rule.rows_of(photograph.data.len()), self.state.noise[1] as u64);
         let every = rows.every();
         let mut walk = std::mem::take(&mut self.walk);
-        let compared = walk.compare(view, camera, photograph, pixels, rows);
+        let compared = self.compare(&mut walk, camera, photograph, full_coverage, rule, rows);
+        let Some(compared) = compared else { return (Vec::new(), None) };
         let noise = &mut self.state.noise;
         let outcome = noise::judge(noise, compared.squared_error, compared.pixels);
         let deviation = rule.noise * noise::usual(noise);
         let mut seen = compared.seen(MIN_SEEN / every as f32);
-        if outcome.is_some_and(|outcome| outcome.contradicts) {
+        if outcome.is_some_and(|outcome| outcome.contradiction.is_some()) {
             seen.clear();
         }
         // A row stands for those that are left out.

@@ -1,7 +1,9 @@
 //! How far photographs differ from the pictures drawn before they are learnt: what a pixel's noise is
 //! taken from, and the test that a photograph belongs to the scene (`photometric.md`, Noise).
 
-use crate::train::outcome::PhotographOutcome;
+use super::agreement::Agreement;
+use crate::model::scene::photometric::PhotometricState;
+use crate::train::outcome::{Contradiction, PhotographOutcome};
 
 /// Weight of the newest frame in the running mean.
 const SHARE: f64 = 0.05;
@@ -13,24 +15,50 @@ const LEAST: f64 = 0.002;
 const SETTLED: f64 = 8.0;
 /// Times the usual mean square from which on a photograph contradicts the scene.
 const CONTRADICTION: f64 = 6.0;
+/// Times the usual share of surfaces seen through from which on a frame's depth contradicts the scene,
+/// and the least such share.
+const SEEN_THROUGH: [f64; 2] = [4.0, 0.2];
 
 /// Judges a frame by its squared difference over so many pixels of three channels, and takes it into the
 /// running mean square and its weight, `noise`. `None` without pixels.
 pub fn judge(noise: &mut [f64; 2], squared_error: f64, pixels: f64) -> Option<PhotographOutcome> {
-    let [mean, weight] = noise;
     if !(pixels > 0.0 && squared_error.is_finite()) {
         return None;
     }
-    let of_frame = squared_error / (3.0 * pixels);
-    let usual = usual(&[*mean, *weight]);
-    let most = CONTRADICTION * usual * usual;
+    let (of_frame, usual) = (squared_error / (3.0 * pixels), usual(noise));
+    let contradicts = take(noise, of_frame, CONTRADICTION * usual * usual);
+    let contradiction = contradicts.then_some(Contradiction::Picture);
+    Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradiction })
+}
+
+/// Judges a frame by how its points agree with the scene, before they are learnt; `None` unless they
+/// contradict it.
+pub fn judge_points(
+    state: &mut PhotometricState,
+    agreement: &Agreement,
+) -> Option<PhotographOutcome> {
+    let Agreement { squared_error, points, in_view, seen_through } = *agreement;
+    let colors = judge(&mut state.points, squared_error, points)
+        .filter(|outcome| outcome.contradiction.is_some())
+        .map(|outcome| PhotographOutcome { contradiction: Some(Contradiction::Colors), ..outcome });
+    let usual = state.seen_through[0];
+    let difference = if in_view > 0.0 { seen_through / in_view } else { return colors };
+    let [times, least] = SEEN_THROUGH;
+    let is_through = take(&mut state.seen_through, difference, (times * usual).max(least));
+    let contradiction = is_through.then_some(Contradiction::Depth);
+    colors.or(contradiction.map(|_| PhotographOutcome { difference, usual, contradiction }))
+}
+
+/// Takes a frame's value into a running mean and its weight; whether it is more than `most`, once it is
+/// known what is usual.
+fn take([mean, weight]: &mut [f64; 2], of_frame: f64, most: f64) -> bool {
     let contradicts = *weight >= SETTLED && of_frame > most;
     let share = (1.0 / (*weight + 1.0)).max(SHARE);
     // A contradiction counts in part: a scene that has really changed is believed after some frames.
     let counted = if contradicts { most } else { of_frame };
     *mean += share * (counted - *mean);
     *weight += 1.0;
-    Some(PhotographOutcome { difference: of_frame.sqrt(), usual, contradicts })
+    contradicts
 }
 
 /// Root of the running mean square, colour units.
@@ -47,7 +75,10 @@ mod tests {
     fn a_contradiction_is_told_until_it_is_the_rule() {
         let mut noise = [0.0, 0.0];
         let mut judge = |difference: f64| {
-            judge(&mut noise, 300.0 * difference * difference, 100.0).unwrap().contradicts
+            judge(&mut noise, 300.0 * difference * difference, 100.0)
+                .unwrap()
+                .contradiction
+                .is_some()
         };
         assert!((0..20).all(|_| !judge(0.05)), "what is usual does not contradict");
         assert!(judge(0.3) && !judge(0.06), "one frame that differs changes little");

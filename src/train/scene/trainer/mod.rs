@@ -4,6 +4,7 @@
 //! before points look for components, births are over before anything is summed, and visibility is
 //! counted with the means of after the frame.
 
+mod photograph;
 mod seam;
 
 use super::accumulate::{Matched, accumulate};
@@ -27,12 +28,13 @@ use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::exposure::{ExposureLog, FrameExposure};
+use crate::model::splat::pose_log::{FramePose, PoseLog};
 use crate::model::splat::splats::Splat;
 use crate::observation::surface::{DepthTolerance, Observation, SurfacePoint};
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::estep::Scoring;
 use crate::train::learner::Learner;
-use crate::train::outcome::{FrameOutcome, PhotographOutcome};
+use crate::train::outcome::FrameOutcome;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
@@ -75,6 +77,8 @@ pub struct SceneTrainer<W> {
     unassigned: UnassignedPoints,
     /// How the frames were exposed, while gains are fitted.
     exposures: Vec<FrameExposure>,
+    /// How their poses were corrected, unless these are taken for exact.
+    poses: Vec<FramePose>,
     /// Points of the frame being learnt as its corrected pose has them.
     moved: Vec<SurfacePoint>,
     /// What photographs taught, while splats learn from them.
@@ -103,6 +107,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             frames: 0,
             unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
+            poses: Vec::new(),
             moved: Vec::new(),
             photometric: PhotometricLearner::default(),
         }
@@ -121,6 +126,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             trainer.components = Components::restore(components, trainer.component_sums.len())?;
         }
         trainer.exposures = state.exposures;
+        trainer.poses = state.poses;
         trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
         trainer.frames = frames;
         Some(trainer)
@@ -135,7 +141,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             Some(_) => (0..self.grid.len()).map(|seed| self.grid.position(seed)).collect(),
             None => order.iter().map(|&id| self.grid.position(id as usize)).collect(),
         };
-        let exposures = self.exposures.clone();
+        let (exposures, poses) = (self.exposures.clone(), self.poses.clone());
         let photometric = self.config.photometric.is_some();
         let photometric = photometric.then(|| self.photometric.state().listed(&order));
         SceneState {
@@ -145,6 +151,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             sums,
             visibility,
             exposures,
+            poses,
             photometric,
         }
     }
@@ -170,7 +177,14 @@ impl<W: SumScalar> SceneTrainer<W> {
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
         self.assign(points);
+        let contradiction = self.contradiction(frame, &camera, points);
         lap(&mut ms, SceneStage::Assign);
+        if contradiction.is_some() {
+            self.moved = moved.unwrap_or_default();
+            self.pass_over();
+            ms.train = wall.elapsed_ms();
+            return FrameOutcome { photograph: contradiction, ms, ..FrameOutcome::default() };
+        }
         let born = self.give_birth(points);
         lap(&mut ms, SceneStage::Births);
         // Before refinement: evidence is of points as they were measured.
@@ -188,6 +202,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
+        if self.config.align {
+            self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
+        }
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
         let merged = self.merge();
@@ -196,30 +213,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         lap(&mut ms, SceneStage::Merge);
         ms.train = wall.elapsed_ms();
         FrameOutcome { points: n_points, elbo_mean, born, reassigned: 0, merged, photograph, ms }
-    }
-
-    /// The step that the frame's photograph asks of the splats.
-    fn learn_photograph(
-        &mut self,
-        frame: &Observation,
-        camera: &Camera,
-        gain: [f32; 3],
-    ) -> Option<PhotographOutcome> {
-        let (rule, photograph) = (self.config.photometric?, frame.photograph.as_ref()?);
-        // Taken out meanwhile: new splats are made of the sums that stay behind.
-        let mut photometric = std::mem::take(&mut self.photometric);
-        let splat = |id| self.splat_of_points(id);
-        photometric.begin(self.component_sums.len(), &self.touched, &rule, splat);
-        let full_coverage = self.config.splat_rule.full_coverage as f32;
-        let exposed = photograph.exposed(gain);
-        let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
-        let camera = photograph.camera(&camera.pose);
-        let (changed, outcome) = photometric.learn(&camera, pixels, full_coverage, &rule);
-        self.photometric = photometric;
-        self.touched.extend(changed);
-        self.touched.sort_unstable();
-        self.touched.dedup();
-        outcome
     }
 
     /// The splat of a component by its points alone.
@@ -263,6 +256,8 @@ impl<W: SumScalar> SceneTrainer<W> {
     pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
         let points: Vec<SurfacePoint> = frame.points.iter().step_by(EVERY).copied().collect();
         self.assign(&points);
+        let mut photometric = std::mem::take(&mut self.photometric);
+        let gain = self.gain(&points);
         let alignment = PoseAlignment {
             component_sums: &self.component_sums,
             seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
@@ -271,9 +266,13 @@ impl<W: SumScalar> SceneTrainer<W> {
             frame,
             points: &points,
             owners: &self.owners,
-            gain: self.gain(&points),
+            gain,
         };
-        alignment.motion()
+        let mut of_picture = self.pose_of_picture(frame, gain, &mut photometric);
+        let motion = alignment.motion(&mut of_picture);
+        drop(of_picture);
+        self.photometric = photometric;
+        motion
     }
 
     /// Gives points without a component one of their own, as far as the budget allows: a frame may
@@ -414,9 +413,11 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn set_of(&self, splats: Vec<Splat>, appearance: Vec<Appearance>) -> SplatSet {
-        let exposures = ExposureLog::new(self.exposures.clone(), self.config.h);
-        let exposures = (!self.exposures.is_empty()).then(|| Arc::new(exposures));
+        let h = self.config.h;
+        let exposures = (!self.exposures.is_empty())
+            .then(|| Arc::new(ExposureLog::new(self.exposures.clone(), h)));
+        let poses = (!self.poses.is_empty()).then(|| Arc::new(PoseLog::new(self.poses.clone(), h)));
         let full_coverage = self.config.splat_rule.full_coverage as f32;
-        SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures })
+        SplatSet::new(splats, appearance).finished(Finishing { full_coverage, exposures, poses })
     }
 }

@@ -1,0 +1,273 @@
+//! The paper's protocol on every scene of a folder (`pipeline.md`, Paper's protocol): 200 frames with
+//! depth, up to 100 held-out views, both presets, both renderers, latency as the paper counts it.
+//!
+//! Eight scenes of two presets take hours on small machines, so that every finished run is kept in a
+//! file of its own, and a bench that is started again goes on where it stopped.
+
+use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::paper::sample::spaced;
+use super::plot::axis::Axis;
+use super::plot::draw::{self, Mark, Panel, Series};
+use crate::dataset::{self, Dataset, LoadOptions};
+use crate::eval::choices::GroundTruth;
+use crate::eval::spread::Spread;
+use crate::eval::table;
+use crate::eval::views::{EvalOptions, evaluate};
+use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::plan::Selection;
+use crate::pipeline::session::{Session, Step};
+use crate::pipeline::settings::method::MethodRequest;
+use crate::pipeline::settings::scene::SceneOverrides;
+use crate::render::{RenderMethod, RenderOptions};
+use crate::train::paper::config::PaperConfig;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Frames and held-out views of the paper.
+const PAPER: [usize; 2] = [200, 100];
+/// The same of a quick run.
+const QUICK: [usize; 2] = [12, 4];
+
+/// What is measured.
+#[derive(Clone, Debug)]
+pub struct ProtocolPlan {
+    /// Every folder in it that can be opened and has depth is a scene.
+    pub data: PathBuf,
+    /// Folder in which finished runs are kept.
+    pub kept: PathBuf,
+    /// What was asked for.
+    pub options: BenchOptions,
+}
+
+/// One preset on one scene, drawn by one renderer.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct ProtocolRow {
+    /// Name of the scene's folder.
+    pub scene: String,
+    /// Preset that learnt it.
+    pub preset: String,
+    /// Renderer that drew it.
+    pub renderer: String,
+    /// Frames learnt.
+    pub frames: usize,
+    /// Held-out views drawn.
+    pub views: usize,
+    /// Components in use.
+    pub components: usize,
+    /// Those that are drawn.
+    pub drawn: usize,
+    /// Median milliseconds of learning a frame: what the paper counts.
+    pub train_ms: f64,
+    /// Median milliseconds of filtering and unprojecting a frame, on the thread that decodes.
+    pub prepare_ms: f64,
+    /// PSNR against photographs over black, dB.
+    pub psnr: f64,
+    /// PSNR against photographs whose alpha is dropped, as the paper compares, dB.
+    pub psnr_rgb: f64,
+    /// Mean structural similarity to photographs over black, −1 to 1.
+    pub ssim: f64,
+}
+
+/// A finished run as it is kept.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    /// What its rows depend on.
+    of: Value,
+    rows: Vec<ProtocolRow>,
+}
+
+/// Runs what is not kept yet, scene by scene.
+pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError> {
+    let (scenes, left_out) = scenes(&plan.data)?;
+    std::fs::create_dir_all(&plan.kept).map_err(|source| kept(&plan.kept, source))?;
+    let [frames, views] = if plan.options.quick { QUICK } else { PAPER };
+    let frames = plan.options.max_frames.unwrap_or(frames);
+    let mut rows = Vec::new();
+    for (done, scene) in scenes.iter().enumerate() {
+        for (half, preset) in ["paper", "scene"].into_iter().enumerate() {
+            progress(2 * done + half, 2 * scenes.len());
+            let run = ProtocolRun { scene, preset, frames, views, seed: plan.options.seed };
+            rows.extend(run.kept_or_new(&plan.kept)?);
+        }
+    }
+    let mut notes = vec![format!(
+        "{frames} frames at most, in their order, {views} held-out views at most; N = 100,000 in `paper`, `scene` as its preset; ms: median over frames of learning, decoding and preparing beside it; PSNR rgb: photographs without their alpha, as the paper compares."
+    )];
+    notes.extend(left_out);
+    let names: Vec<String> = scenes.iter().map(|scene| scene.name.clone()).collect();
+    Findings {
+        name: "paper",
+        dataset: &plan.data.display().to_string(),
+        adapter: None,
+        options: plan.options,
+        notes,
+        table: text(&rows),
+        plot: draw::draw("The paper's protocol", &panels(&rows, &names))?,
+        summary: json!({ "scenes": names }),
+        rows,
+    }
+    .into_bench()
+}
+
+/// The scenes of a folder by name, and what was left out and why.
+fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
+    let listing = std::fs::read_dir(data).map_err(|source| kept(data, source))?;
+    let folders = listing.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
+    let mut folders: Vec<PathBuf> = folders.collect();
+    folders.sort();
+    let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
+    for folder in folders {
+        match dataset::open(&folder, &LoadOptions::default()) {
+            Err(error) => left_out.push(format!("left out: {error}")),
+            Ok(dataset) => match dataset.training_split() {
+                Err(error) => left_out.push(format!("left out: {error}")),
+                Ok(_) => scenes.push(Arc::new(dataset)),
+            },
+        }
+    }
+    if scenes.is_empty() {
+        let first = left_out.into_iter().next().unwrap_or_else(|| "it holds no folder".to_owned());
+        return Err(BenchError::NoScene { folder: data.to_owned(), first });
+    }
+    Ok((scenes, left_out))
+}
+
+/// One preset on one scene.
+struct ProtocolRun<'a> {
+    scene: &'a Arc<Dataset>,
+    preset: &'static str,
+    frames: usize,
+    views: usize,
+    seed: u64,
+}
+
+impl ProtocolRun<'_> {
+    /// The rows in the run's file if they are of this very run, else those of a new one.
+    fn kept_or_new(&self, folder: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
+        let selection = Selection { max_frames: Some(self.frames), ..Selection::everything() };
+        let asked: MethodRequest = match self.preset {
+            "paper" => PaperConfig { seed: self.seed, ..PaperConfig::paper() }.into(),
+            _ => SceneOverrides::default().into(),
+        };
+        let session = Session::new(self.scene.clone(), asked, selection)?;
+        let of = json!({
+            "program": env!("CARGO_PKG_VERSION"),
+            "settings": session.config(),
+            "views": self.views,
+        });
+        let file = folder.join(format!("{}-{}.json", self.scene.name, self.preset));
+        let earlier = std::fs::read(&file).ok().and_then(|b| serde_json::from_slice(&b).ok());
+        if let Some(Kept { rows, .. }) = earlier.filter(|kept: &Kept| kept.of == of) {
+            return Ok(rows);
+        }
+        let rows = self.measured(session)?;
+        let text = serde_json::to_vec_pretty(&Kept { of, rows: rows.clone() })?;
+        std::fs::write(&file, text).map_err(|source| kept(&file, source))?;
+        Ok(rows)
+    }
+
+    fn measured(&self, mut session: Session) -> Result<Vec<ProtocolRow>, BenchError> {
+        while !matches!(session.step()?, Step::Finished) {}
+        let splats = session.stored_splats();
+        let median = |times: Vec<f64>| Spread::of(times).median;
+        let frames = session.frames();
+        let color_camera = session.config().method.any().color_camera();
+        let drawn = splats.view().splats().iter().filter(|splat| splat.is_drawable()).count();
+        let row = |method: RenderMethod| -> Result<ProtocolRow, BenchError> {
+            let render = RenderOptions::evaluation(method, [0.0; 3]);
+            let options = |truth| EvalOptions { color_camera, ..EvalOptions::plain(truth, render) };
+            let composited = self.quality(&session, &splats, &options(GroundTruth::Composited))?;
+            let rgb = self.quality(&session, &splats, &options(GroundTruth::Rgb))?;
+            Ok(ProtocolRow {
+                scene: self.scene.name.clone(),
+                preset: self.preset.to_owned(),
+                renderer: method.renderer().to_string(),
+                frames: frames.len(),
+                views: composited.0,
+                components: session.learner().used(),
+                drawn,
+                train_ms: median(frames.iter().map(|frame| frame.ms.stages.train).collect()),
+                prepare_ms: median(frames.iter().map(|frame| frame.ms.prepare).collect()),
+                psnr: composited.1,
+                psnr_rgb: rgb.1,
+                ssim: composited.2,
+            })
+        };
+        [RenderMethod::PROJECTED, RenderMethod::EXACT].into_iter().map(row).collect()
+    }
+
+    /// Number of held-out views, their mean PSNR in dB and SSIM.
+    fn quality(
+        &self,
+        session: &Session,
+        splats: &SplatSet,
+        options: &EvalOptions,
+    ) -> Result<(usize, f64, f64), BenchError> {
+        let held_out = self.scene.evaluation(session.plan().split);
+        let views = spaced(&held_out.frames, self.views);
+        let (found, _) = evaluate(splats, self.scene, held_out.split, &views, options, |_| ())?;
+        Ok((found.views, found.psnr_mean, found.ssim_mean))
+    }
+}
+
+fn kept(path: &Path, source: std::io::Error) -> BenchError {
+    BenchError::File { path: path.to_owned(), source }
+}
+
+fn text(rows: &[ProtocolRow]) -> String {
+    let header = [
+        "scene",
+        "preset",
+        "renderer",
+        "drawn",
+        "ms/frame",
+        "prepare ms",
+        "PSNR dB",
+        "PSNR rgb dB",
+        "SSIM",
+    ];
+    let cells = |row: &ProtocolRow| {
+        [
+            row.scene.clone(),
+            row.preset.clone(),
+            row.renderer.clone(),
+            row.drawn.to_string(),
+            format!("{:.1}", row.train_ms),
+            format!("{:.1}", row.prepare_ms),
+            format!("{:.2}", row.psnr),
+            format!("{:.2}", row.psnr_rgb),
+            format!("{:.4}", row.ssim),
+        ]
+    };
+    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+}
+
+/// Quality and latency by scene.
+fn panels(rows: &[ProtocolRow], scenes: &[String]) -> [Panel; 2] {
+    let panel = |title: &str, x: Axis, of: fn(&ProtocolRow) -> f64, renderers: &[&str]| {
+        let series = |preset: &str, renderer: &str| {
+            let mine = rows.iter().filter(|row| row.preset == preset && row.renderer == renderer);
+            let mark = |row: &ProtocolRow| {
+                let at = scenes.iter().position(|scene| *scene == row.scene)?;
+                let (x, y) = (Spread::exact(of(row)), Spread::exact(at as f64));
+                Some(Mark { x, y, label: None })
+            };
+            let marks = mine.filter_map(mark).collect();
+            Series { name: format!("{preset}, {renderer}"), marks, connected: false }
+        };
+        let series = ["paper", "scene"]
+            .into_iter()
+            .flat_map(|preset| renderers.iter().map(move |renderer| (preset, *renderer)))
+            .map(|(preset, renderer)| series(preset, renderer))
+            .collect();
+        Panel { title: title.to_owned(), x, y: Axis::Names(scenes.to_vec()), series }
+    };
+    let quality = Axis::Linear("PSNR, dB".to_owned());
+    let latency = Axis::Log("median ms a frame".to_owned());
+    [
+        panel("quality", quality, |row| row.psnr, &["projected", "exact"]),
+        panel("latency", latency, |row| row.train_ms, &["projected"]),
+    ]
+}

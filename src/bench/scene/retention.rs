@@ -1,0 +1,313 @@
+//! What a scene keeps of its frames: every frame's own view right after it was learnt and at the end,
+//! and the held-out views as frames come (`pipeline.md`, Retention bench).
+//!
+//! Learning that forgets shows its last frames well and its first ones badly. One row without
+//! accumulated precision stands beside the others, since precision is what keeps splats where earlier
+//! frames put them.
+
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::bench::paper::sample::spaced;
+use crate::bench::plot::axis::Axis;
+use crate::bench::plot::draw::{self, Mark, Panel, Series};
+use crate::dataset::Dataset;
+use crate::eval::choices::GroundTruth;
+use crate::eval::metrics::mean_std;
+use crate::eval::spread::Spread;
+use crate::eval::table;
+use crate::eval::views::{EvalOptions, evaluate};
+use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::any_preset::AnyPreset;
+use crate::pipeline::error::SessionError;
+use crate::pipeline::plan::{Plan, Selection};
+use crate::pipeline::prefetch::Prefetch;
+use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
+use crate::render::{RenderMethod, RenderOptions};
+use crate::train::scene::engine;
+use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
+use serde::Serialize;
+use std::sync::Arc;
+
+/// Of the frames learnt, how many are looked at again.
+const FRAMES: usize = 50;
+/// How often the held-out views are looked at, and how many of them.
+const LOOKS: [usize; 2] = [10, 10];
+
+/// A frame's own view.
+#[derive(Clone, Debug, Serialize)]
+pub struct RetentionRow {
+    /// What was learnt, and how.
+    pub configuration: &'static str,
+    /// Frames learnt with this one.
+    pub after_frames: usize,
+    /// Name of the frame.
+    pub frame: String,
+    /// PSNR right after it was learnt, dB.
+    pub after: f64,
+    /// PSNR when all frames were learnt, dB.
+    pub at_end: f64,
+}
+
+/// What a configuration keeps.
+#[derive(Clone, Debug, Serialize)]
+pub struct RetentionSummary {
+    /// What was learnt, and how.
+    pub configuration: &'static str,
+    /// Mean over frames right after each, dB.
+    pub after: f64,
+    /// Mean over the same frames when all were learnt, dB.
+    pub at_end: f64,
+    /// Most that a frame's own view lost, dB.
+    pub most_lost: f64,
+    /// Mean PSNR of the held-out views as frames came, dB, by frames learnt.
+    pub held_out: Vec<(usize, f64)>,
+    /// Most that this fell below what it had been, dB.
+    pub held_out_fall: f64,
+}
+
+/// How photographs are learnt.
+fn configurations() -> [(&'static str, Option<PhotometricRule>); 4] {
+    let full = PhotometricRule::DEFAULT;
+    [
+        ("points alone", None),
+        ("light", PhotometricMode::Light.rule()),
+        ("full", PhotometricMode::Full.rule()),
+        // Every frame finds the prior's precision alone.
+        (
+            "full, no accumulated precision",
+            Some(PhotometricRule { forgotten: 1.0, kept: 0.0, ..full }),
+        ),
+    ]
+}
+
+/// Trains every configuration over the frames as listed.
+pub fn run(
+    options: BenchOptions,
+    dataset: Arc<Dataset>,
+    progress: Progress,
+) -> Result<Bench, BenchError> {
+    let (most, looked_at) = if options.quick { (12, 6) } else { (usize::MAX, FRAMES) };
+    let all = Plan::new(&dataset, &Selection::everything(), options.seed);
+    let all = all.map_err(SessionError::from)?;
+    let evaluation = dataset.evaluation(all.split);
+    let frames = spaced(&all.frames, options.max_frames.unwrap_or(most));
+    let plan = Plan { frames, ..all };
+    let base = SceneRun::new(&dataset, &plan, &SceneOverrides::default());
+    let base = base.map_err(SessionError::from)?;
+    let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+    let views = EvalOptions {
+        color_camera: base.color_camera(),
+        ..EvalOptions::plain(GroundTruth::Composited, render)
+    };
+    let positions: Vec<usize> = (0..plan.frames.len()).collect();
+    let bench = Retention {
+        held_out: (evaluation.split, spaced(&evaluation.frames, LOOKS[1])),
+        looked_at: spaced(&positions, looked_at),
+        dataset,
+        plan,
+        views,
+    };
+    let (mut rows, mut summary) = (Vec::new(), Vec::new());
+    for (done, (name, rule)) in configurations().into_iter().enumerate() {
+        progress(done, configurations().len());
+        let mut run = base.clone();
+        run.engine.photometric = rule;
+        let (found, kept) = bench.of(name, &run)?;
+        rows.extend(found);
+        summary.push(kept);
+    }
+    bench.into_bench(options, rows, summary)
+}
+
+/// What all configurations share.
+struct Retention {
+    dataset: Arc<Dataset>,
+    plan: Plan,
+    /// Positions in the plan whose own views are looked at.
+    looked_at: Vec<usize>,
+    /// Split and positions of the held-out views.
+    held_out: (usize, Vec<usize>),
+    views: EvalOptions,
+}
+
+impl Retention {
+    /// One configuration, frame by frame.
+    fn of(
+        &self,
+        configuration: &'static str,
+        run: &SceneRun,
+    ) -> Result<(Vec<RetentionRow>, RetentionSummary), BenchError> {
+        let surface = run.prepared_surface();
+        let mut scene = engine::begin(&run.engine, surface.origin);
+        let (mut rows, mut held_out) = (Vec::new(), Vec::new());
+        let n_frames = self.plan.frames.len();
+        let every = n_frames.div_ceil(LOOKS[0]).max(1);
+        let mut prefetch = Prefetch::start(self.dataset.clone(), &self.plan, 0, surface)?;
+        let mut first_problem = None;
+        while let Some(frame) = prefetch.next_frame() {
+            let prepared = match frame.result {
+                Ok(prepared) => prepared,
+                Err(problem) => {
+                    first_problem.get_or_insert(problem);
+                    continue;
+                }
+            };
+            scene.learn(&prepared.observation)?;
+            prefetch.recycle(prepared.observation);
+            let learnt = frame.position + 1;
+            if self.looked_at.contains(&frame.position) {
+                let after = self.psnr(&scene.stored_splats(), self.own(frame.position))?;
+                let frame = frame.name;
+                let row =
+                    RetentionRow { configuration, after_frames: learnt, frame, after, at_end: 0.0 };
+                rows.push(row);
+            }
+            if learnt.is_multiple_of(every) || learnt == n_frames {
+                let views = (self.held_out.0, self.held_out.1.as_slice());
+                held_out.push((learnt, self.psnr(&scene.stored_splats(), views)?));
+            }
+        }
+        if rows.is_empty() {
+            let first = first_problem.unwrap_or_else(|| "no frame is selected".to_owned());
+            return Err(BenchError::NoFrame { dataset: self.dataset.name.clone(), first });
+        }
+        let splats = scene.stored_splats();
+        for row in &mut rows {
+            row.at_end = self.psnr(&splats, self.own(row.after_frames - 1))?;
+        }
+        let summary = summarise(configuration, &rows, held_out);
+        Ok((rows, summary))
+    }
+
+    /// Split and number of the frame at a position of the plan.
+    fn own(&self, position: usize) -> (usize, &[usize]) {
+        (self.plan.split, &self.plan.frames[position..=position])
+    }
+
+    /// Mean PSNR of some views, dB.
+    fn psnr(
+        &self,
+        splats: &SplatSet,
+        (split, views): (usize, &[usize]),
+    ) -> Result<f64, BenchError> {
+        let found = evaluate(splats, &self.dataset, split, views, &self.views, |_| ())?;
+        Ok(found.0.psnr_mean)
+    }
+
+    fn into_bench(
+        self,
+        options: BenchOptions,
+        rows: Vec<RetentionRow>,
+        summary: Vec<RetentionSummary>,
+    ) -> Result<Bench, BenchError> {
+        let title = format!("Retention: {}", self.dataset.name);
+        let note = format!(
+            "{} frames as listed, {} of them looked at again by their own views, {} held-out views; projected renderer, black background, recorded poses.",
+            self.plan.frames.len(),
+            self.looked_at.len(),
+            self.held_out.1.len()
+        );
+        Findings {
+            name: "retention",
+            dataset: &self.dataset.name,
+            adapter: None,
+            options,
+            notes: vec![note],
+            table: text(&summary),
+            plot: draw::draw(&title, &panels(&rows, &summary))?,
+            rows,
+            summary,
+        }
+        .into_bench()
+    }
+}
+
+fn summarise(
+    configuration: &'static str,
+    rows: &[RetentionRow],
+    held_out: Vec<(usize, f64)>,
+) -> RetentionSummary {
+    let mean =
+        |value: fn(&RetentionRow) -> f64| mean_std(&rows.iter().map(value).collect::<Vec<_>>()).0;
+    let (mut best, mut held_out_fall) = (f64::NEG_INFINITY, 0.0f64);
+    for (_, psnr) in &held_out {
+        best = best.max(*psnr);
+        held_out_fall = held_out_fall.max(best - psnr);
+    }
+    RetentionSummary {
+        configuration,
+        after: mean(|row| row.after),
+        at_end: mean(|row| row.at_end),
+        most_lost: rows.iter().map(|row| row.after - row.at_end).fold(f64::NEG_INFINITY, f64::max),
+        held_out,
+        held_out_fall,
+    }
+}
+
+fn text(summary: &[RetentionSummary]) -> String {
+    let header = [
+        "configuration",
+        "own view after dB",
+        "at the end dB",
+        "lost dB",
+        "most lost dB",
+        "held-out dB",
+        "its largest fall dB",
+    ];
+    let cells = |row: &RetentionSummary| {
+        [
+            row.configuration.to_owned(),
+            format!("{:.2}", row.after),
+            format!("{:.2}", row.at_end),
+            format!("{:.2}", row.after - row.at_end),
+            format!("{:.2}", row.most_lost),
+            row.held_out.last().map_or_else(String::new, |(_, psnr)| format!("{psnr:.2}")),
+            format!("{:.2}", row.held_out_fall),
+        ]
+    };
+    table::text(header, &summary.iter().map(cells).collect::<Vec<_>>())
+}
+
+/// What every frame lost, and the held-out views, by frames learnt.
+fn panels(rows: &[RetentionRow], summary: &[RetentionSummary]) -> [Panel; 2] {
+    let mark =
+        |x: usize, y: f64| Mark { x: Spread::exact(x as f64), y: Spread::exact(y), label: None };
+    let lost = |kept: &RetentionSummary| {
+        let rows = rows.iter().filter(|row| row.configuration == kept.configuration);
+        let marks = rows.map(|row| mark(row.after_frames, row.after - row.at_end)).collect();
+        Series { name: kept.configuration.to_owned(), marks, connected: false }
+    };
+    let held_out = |kept: &RetentionSummary| {
+        let marks = kept.held_out.iter().map(|&(learnt, psnr)| mark(learnt, psnr)).collect();
+        Series { name: kept.configuration.to_owned(), marks, connected: true }
+    };
+    let panel = |title: &str, y: &str, series: Vec<Series>| Panel {
+        title: title.to_owned(),
+        x: Axis::Linear("frames learnt".to_owned()),
+        y: Axis::Linear(y.to_owned()),
+        series,
+    };
+    [
+        panel("own views", "PSNR lost until the end, dB", summary.iter().map(lost).collect()),
+        panel("held-out views", "PSNR, dB", summary.iter().map(held_out).collect()),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_lost_is_counted_from_the_best() {
+        let row = |after: f64, at_end: f64| RetentionRow {
+            configuration: "a",
+            after_frames: 1,
+            frame: String::new(),
+            after,
+            at_end,
+        };
+        let held_out = vec![(1, 20.0), (2, 25.0), (3, 24.0), (4, 24.6)];
+        let found = summarise("a", &[row(30.0, 29.0), row(32.0, 32.5)], held_out);
+        assert_eq!((found.after, found.at_end, found.most_lost), (31.0, 30.75, 1.0));
+        assert_eq!(found.held_out_fall, 1.0);
+    }
+}

@@ -1,0 +1,112 @@
+//! How the recorded poses of the frames that a scene was learnt from erred, so that a view recorded
+//! among them can be drawn from where its camera really stood.
+
+use super::viewpoint::{DISTANCE, Viewpoint, regress};
+use crate::math::pose::Pose;
+use bytemuck::{Pod, Zeroable};
+use glam::{DQuat, DVec3};
+
+/// How one frame's recorded pose was corrected.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FramePose {
+    /// The recorded pose.
+    pub recorded: Viewpoint,
+    /// How the true camera is turned against the recorded one: axis times angle in its frame, radians.
+    pub turn: [f64; 3],
+    /// Where the true camera stands in the recorded one's frame, world units.
+    pub shift: [f64; 3],
+}
+
+impl FramePose {
+    /// A frame recorded at one pose and taken from another.
+    pub fn new(recorded: &Pose, real: &Pose) -> Self {
+        let (rotation, offset) =
+            (recorded.rotation().transpose(), real.centre() - recorded.centre());
+        let turn = DQuat::from_mat3(&(rotation * real.rotation())).normalize();
+        Self {
+            recorded: Viewpoint::new(recorded),
+            turn: turn.to_scaled_axis().to_array(),
+            shift: (rotation * offset).to_array(),
+        }
+    }
+}
+
+/// The corrections of a scene's frames, in the order they were learnt in.
+///
+/// ```
+/// use glam::{DQuat, DVec3};
+/// use vbgs_studio::math::pose::Pose;
+/// use vbgs_studio::model::splat::pose_log::{FramePose, PoseLog};
+///
+/// let real = Pose::IDENTITY.attached(DVec3::new(0.01, 0.0, 0.0), DQuat::IDENTITY);
+/// let log = PoseLog::new(vec![FramePose::new(&Pose::IDENTITY, &real)], 0.03);
+/// assert!((log.at(&Pose::IDENTITY).centre() - real.centre()).length() < 1e-12);
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseLog {
+    frames: Vec<FramePose>,
+    /// Distance between cameras at which a frame counts for less by `exp(−½)`, world units.
+    reach: f64,
+}
+
+impl PoseLog {
+    /// Frames of a scene with structural scale `h`, world units.
+    pub fn new(frames: Vec<FramePose>, h: f64) -> Self {
+        Self { frames, reach: DISTANCE * h }
+    }
+
+    /// Where a camera really stood that was recorded at `pose`: moved as the frames recorded around it
+    /// were, in the camera's own axes; as recorded without frames.
+    pub fn at(&self, pose: &Pose) -> Pose {
+        let said = |frame: &FramePose| {
+            let [a, b, c] = frame.turn;
+            let [x, y, z] = frame.shift;
+            (frame.recorded, [a, b, c, x, y, z])
+        };
+        match regress(&self.frames, pose, self.reach, said) {
+            None => *pose,
+            Some([a, b, c, x, y, z]) => {
+                let turn = DQuat::from_scaled_axis(DVec3::new(a, b, c));
+                pose.attached(DVec3::new(x, y, z), turn)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_move_as_the_frames_around_them() {
+        let recorded =
+            |x: f64| Pose::look_at(DVec3::new(x, 0.0, 0.0), DVec3::new(x, 1.0, 0.0), DVec3::Z);
+        let frame = |x: f64, right: f64, turn: f64| {
+            let recorded = recorded(x).unwrap();
+            let real = recorded.attached(DVec3::X * right, DQuat::from_rotation_y(turn));
+            FramePose::new(&recorded, &real)
+        };
+        let log = PoseLog::new(vec![frame(0.0, 0.02, 0.01), frame(0.1, 0.04, 0.03)], 0.025);
+        let moved = |x: f64| {
+            let recorded = recorded(x).unwrap();
+            FramePose::new(&recorded, &log.at(&recorded))
+        };
+        let between = moved(0.05);
+        assert!((between.shift[0] - 0.03).abs() < 1e-9 && (between.turn[1] - 0.02).abs() < 1e-6);
+        assert!((moved(-1.0).shift[0] - 0.02).abs() < 1e-3);
+        let alone = PoseLog::new(Vec::new(), 0.025);
+        assert_eq!(alone.at(&recorded(0.3).unwrap()), recorded(0.3).unwrap());
+    }
+
+    #[test]
+    fn a_correction_gives_the_real_pose_back() {
+        let recorded = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z).unwrap();
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.02, -0.01, 0.03));
+        let real = recorded.attached(DVec3::new(0.01, -0.02, 0.03), turn);
+        let found = PoseLog::new(vec![FramePose::new(&recorded, &real)], 0.1).at(&recorded);
+        assert!((found.centre() - real.centre()).length() < 1e-12);
+        let apart = found.rotation() - real.rotation();
+        assert!(apart.to_cols_array().iter().all(|x| x.abs() < 1e-12));
+    }
+}

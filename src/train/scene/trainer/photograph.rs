@@ -1,0 +1,95 @@
+//! What the trainer does with a frame's photograph: judges the frame before it is learnt, and learns
+//! from the picture after the points.
+
+use super::{EVERYTHING_EVERY, SceneTrainer};
+use crate::math::camera::Camera;
+use crate::observation::surface::{Observation, SurfacePoint};
+use crate::train::outcome::PhotographOutcome;
+use crate::train::scene::align::Motion;
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::photometric::PhotometricLearner;
+use crate::train::scene::photometric::agreement::Comparison;
+use crate::train::scene::pose_equations::PoseEquations;
+use crate::train::scene::seed_positions::SeedPositions;
+
+/// Steps that photographs ask of a pose.
+const POSE_ROUNDS: usize = 2;
+
+impl<W: SumScalar> SceneTrainer<W> {
+    /// What the frame's photograph, whose colours `gain` brings to the scene's exposure, asks of its
+    /// pose: [`POSE_ROUNDS`] times, nothing where photographs are not learnt.
+    pub(super) fn pose_of_picture<'a>(
+        &'a self,
+        frame: &'a Observation,
+        gain: [f32; 3],
+        photometric: &'a mut PhotometricLearner,
+    ) -> impl FnMut(&Motion) -> Option<PoseEquations> + 'a {
+        let photograph = frame.photograph.as_ref();
+        let exposed = photograph.and_then(|photograph| photograph.exposed(gain));
+        let full_coverage = self.config.splat_rule.full_coverage as f32;
+        let mut rounds =
+            0..std::env::var("POSE_ROUNDS").map_or(POSE_ROUNDS, |n| n.parse().unwrap_or(2));
+        move |motion| {
+            let (rule, photograph) = (self.config.photometric?, photograph?);
+            rounds.next()?;
+            let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
+            let pose = motion.of_pose(&frame.camera.pose);
+            let camera = photograph.camera(&pose);
+            photometric.pose_equations(&camera, pose.centre(), pixels, full_coverage, &rule)
+        }
+    }
+
+    /// Whether a frame's points contradict the scene, asked only where photographs are learnt: without
+    /// them scenes keep the bits that they had before frames were judged.
+    pub(super) fn contradiction(
+        &mut self,
+        frame: &Observation,
+        camera: &Camera,
+        points: &[SurfacePoint],
+    ) -> Option<PhotographOutcome> {
+        self.config.photometric?;
+        let comparison = Comparison {
+            component_sums: &self.component_sums,
+            seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
+            h: self.config.h,
+            frame,
+            camera,
+            points,
+            owners: &self.owners,
+            gain: self.gain(points),
+        };
+        let agreement = comparison.agreement();
+        self.photometric.judge(&agreement)
+    }
+
+    /// Counts a frame of which nothing is learnt.
+    pub(super) fn pass_over(&mut self) {
+        self.frames += 1;
+        self.touched.clear();
+        self.has_changed_all = self.frames.is_multiple_of(EVERYTHING_EVERY);
+    }
+
+    /// The step that the frame's photograph asks of the splats.
+    pub(super) fn learn_photograph(
+        &mut self,
+        frame: &Observation,
+        camera: &Camera,
+        gain: [f32; 3],
+    ) -> Option<PhotographOutcome> {
+        let (rule, photograph) = (self.config.photometric?, frame.photograph.as_ref()?);
+        // Taken out meanwhile: new splats are made of the sums that stay behind.
+        let mut photometric = std::mem::take(&mut self.photometric);
+        let splat = |id| self.splat_of_points(id);
+        photometric.begin(self.component_sums.len(), &self.touched, &rule, splat);
+        let full_coverage = self.config.splat_rule.full_coverage as f32;
+        let exposed = photograph.exposed(gain);
+        let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
+        let camera = photograph.camera(&camera.pose);
+        let (changed, outcome) = photometric.learn(&camera, pixels, full_coverage, &rule);
+        self.photometric = photometric;
+        self.touched.extend(changed);
+        self.touched.sort_unstable();
+        self.touched.dedup();
+        outcome
+    }
+}
