@@ -71,7 +71,8 @@ pub fn seen(
 
 impl QualityRequest<'_> {
     fn options(&self, method: RenderMethod) -> EvalOptions {
-        let ComparisonArgs { ground_truth, background, partial_coverage, exposure } = *self.args;
+        let ComparisonArgs { ground_truth, background, partial_coverage, exposure, eval_scale } =
+            *self.args;
         EvalOptions {
             ground_truth: match ground_truth {
                 GroundTruthName::Composited => GroundTruth::Composited,
@@ -79,6 +80,7 @@ impl QualityRequest<'_> {
             },
             partial_coverage,
             color_camera: self.color_camera,
+            scale: eval_scale,
             render: RenderOptions {
                 exposing: exposure,
                 ..RenderOptions::evaluation(method, background)

@@ -6,6 +6,7 @@ use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::eval::choices::PartialCoverage;
+use vbgs_studio::eval::scale::EvalScale;
 use vbgs_studio::render::Exposing;
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -33,6 +34,10 @@ pub struct ComparisonArgs {
     /// as those recorded around each view
     #[arg(long, value_parser = choice::<Exposing>(), default_value = "neutral")]
     pub exposure: Exposing,
+    /// Compare at this fraction of the photographs' width and height, photographs averaged over the
+    /// area of each pixel (above 0, at most 1)
+    #[arg(long, value_name = "F", default_value = "1", allow_negative_numbers = true)]
+    pub eval_scale: EvalScale,
 }
 
 #[derive(Args)]
