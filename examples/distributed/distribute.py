@@ -114,7 +114,9 @@ def merge_tree(executor, program, parts, fan_in):
 
 
 def parse():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", help="as `vbgs-studio train` takes it")
     parser.add_argument("--out", required=True, help="folder for checkpoint.vbgs and scene.ply")
     parser.add_argument("--shards", type=int, required=True, help="tasks that share the frames")
@@ -123,8 +125,11 @@ def parse():
     parser.add_argument("--local", action="store_true", help="on this machine, without Ray")
     parser.add_argument("--workers", type=int, default=1, help="shards at a time with --local [1]")
     parser.add_argument("--program", default="vbgs-studio", help="the program [vbgs-studio]")
-    parser.add_argument("train_options", nargs="*", help="after `--`: more options of `train`")
-    arguments = parser.parse_args()
+    parser.epilog = "What follows `--` are options of `vbgs-studio train`, for every shard."
+    given = sys.argv[1:]
+    end = given.index("--") if "--" in given else len(given)
+    arguments = parser.parse_args(given[:end])
+    arguments.train_options = given[end + 1 :]
     if arguments.shards < 1 or arguments.fan_in < 2 or arguments.workers < 1:
         parser.error("expected --shards and --workers of 1 or more and --fan-in of 2 or more")
     return arguments
@@ -139,10 +144,11 @@ def main():
     options = asked.train_options
     if "--births" not in options:
         options = [*EXACT, *options]
+    n = asked.shards
     started = time.monotonic()
     shards = [
-        executor.submit(train_shard, asked.program, dataset, f"{k}/{asked.shards}", asked.threads, options)
-        for k in range(1, asked.shards + 1)
+        executor.submit(train_shard, asked.program, dataset, f"{k}/{n}", asked.threads, options)
+        for k in range(1, n + 1)
     ]
     last, depth = merge_tree(executor, asked.program, shards, asked.fan_in)
     content, merge_s = executor.result(last)
@@ -152,9 +158,10 @@ def main():
     partial.write_bytes(content)
     os.replace(partial, checkpoint)
     run_program(asked.program, ["export", str(checkpoint), "-o", str(out / "scene.ply")])
+    seconds, megabytes = time.monotonic() - started, len(content) * 1e-6
     print(
-        f"{asked.shards} shards, {depth} levels of merges by {asked.fan_in}, the last took {merge_s:.2f} s, "
-        f"in {time.monotonic() - started:.1f} s: {checkpoint} ({len(content) * 1e-6:.1f} MB) and {out / 'scene.ply'}"
+        f"{n} shards, {depth} levels of merges by {asked.fan_in}, the last took {merge_s:.2f} s; "
+        f"in {seconds:.1f} s: {checkpoint} ({megabytes:.1f} MB) and {out / 'scene.ply'}"
     )
 
 

@@ -204,9 +204,6 @@ fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
     ));
     info.splits.iter().for_each(print_split);
     output::line(format!("  evaluation: {}", info.evaluation));
-    if let Some(rate) = info.frame_rate {
-        output::line(format!("  {rate:.1} frames a second"));
-    }
     let summary = info.poses.summary.as_deref();
     output::line(format!("  poses: {}", summary.unwrap_or("too few frames with depth to check")));
     if let Some(warning) = &info.poses.warning {

@@ -29,11 +29,15 @@ impl FileProgress {
         self.done.store(0, Ordering::Relaxed);
     }
 
-    /// So much of it is written, 0 to 1. Whether that is news worth drawing, and whether to go on.
-    pub fn tell(&self, share: f64) -> (bool, bool) {
+    /// So much of it is written, 0 to 1; whether that is news worth drawing.
+    pub fn tell(&self, share: f64) -> bool {
         let done = (share.clamp(0.0, 1.0) * WHOLE) as u32;
-        let is_news = self.done.swap(done, Ordering::Relaxed) / 10 != done / 10;
-        (is_news, !self.is_cancelled.load(Ordering::Relaxed))
+        self.done.swap(done, Ordering::Relaxed) / 10 != done / 10
+    }
+
+    /// Whether the user still wants it.
+    pub fn is_wanted(&self) -> bool {
+        !self.is_cancelled.load(Ordering::Relaxed)
     }
 
     /// The file is there, or was given up.
@@ -63,14 +67,11 @@ mod tests {
         assert_eq!(progress.share(), None);
         progress.cancel();
         progress.begin();
-        assert_eq!((progress.tell(0.25), progress.share()), ((true, true), Some(0.25)));
-        assert_eq!(
-            progress.tell(0.252),
-            (false, true),
-            "not drawn again for less than a hundredth"
-        );
+        assert!(progress.tell(0.25) && progress.is_wanted());
+        assert!(!progress.tell(0.252), "not drawn again for less than a hundredth");
+        assert_eq!(progress.share(), Some(0.252));
         progress.cancel();
-        assert_eq!(progress.tell(0.5), (true, false));
+        assert!(progress.tell(0.5) && !progress.is_wanted());
         progress.end();
         assert_eq!(progress.share(), None);
     }

@@ -61,11 +61,10 @@ impl WorkerThread {
 
     fn write_model(&self, path: &Path, mapping: Mapping) -> Result<WriteSummary, ExportError> {
         let told = |share: f64| {
-            let (is_news, goes_on) = self.shared.file.tell(share);
-            if is_news {
+            if self.shared.file.tell(share) {
                 (self.waker)();
             }
-            goes_on
+            self.shared.file.is_wanted()
         };
         ModelFormat::from_path(path).and_then(|format| {
             let comments = match &self.content {
