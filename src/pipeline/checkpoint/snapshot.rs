@@ -10,7 +10,7 @@ use crate::dataset::Dataset;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::eval::machine;
 use crate::eval::report::{FrameReport, SkippedFrame};
-use crate::export::checkpoint::{Checkpoint, Cursor};
+use crate::export::checkpoint::{Checkpoint, Cursor, MAX_JSON_BYTES};
 use crate::model::stored::StoredModel;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::past::Past;
@@ -89,13 +89,31 @@ impl SessionSnapshot {
             config: canonical(&config)?,
             meta: canonical(&meta)?,
             numerics: machine::numerics(),
-            history: Some(canonical(&history)?),
+            history: readable(canonical(&history)?),
             cursor,
             model,
         })
     }
 }
 
+/// A history that can be read again: that of some hundred thousand frames cannot, and a checkpoint
+/// does without rather than being refused with it.
+fn readable(history: String) -> Option<String> {
+    (history.len() <= MAX_JSON_BYTES).then_some(history)
+}
+
 pub(super) fn now_unix_s() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_history_that_no_reader_takes_is_left_out() {
+        let longest = " ".repeat(MAX_JSON_BYTES);
+        assert_eq!(readable(longest.clone() + " "), None);
+        assert_eq!(readable(longest).map(|text| text.len()), Some(MAX_JSON_BYTES));
+    }
 }
