@@ -77,7 +77,7 @@ mod tests {
     fn textured(scale: f64) -> Image<[u8; 4]> {
         let value = |i: usize| {
             let (x, y) = ((i % 160) as f64, (i / 160) as f64);
-            let wave = (x / 2.1).sin() * (y / 3.3).cos() + (x / 23.0).sin() + (y / 17.0).cos();
+            let wave = (x / 0.9).sin() * (y / 1.1).cos() + (x / 23.0).sin() + (y / 17.0).cos();
             (scale * (128.0 + 30.0 * wave)) as u8
         };
         let pixel = |i| [value(i), value(i), value(i), 255];

@@ -69,7 +69,7 @@ fn killed(room: &Path, state: &Path) {
     let file = saved(state).remove(0);
     let content = std::fs::read(&file).unwrap();
     drop(worker);
-    assert_eq!(saved(state), [PathBuf::new(); 0], "closed in order, nothing is left");
+    assert!(saved(state).is_empty(), "closed in order, nothing is left");
     std::fs::write(file, content).unwrap();
 }
 
@@ -118,7 +118,7 @@ fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
     while !matches!(whole.step().unwrap(), Step::Finished) {}
     let content = SavedRun::read(&file).unwrap().content;
     assert!(content.model == whole.checkpoint().unwrap().model, "another scene");
-    assert_eq!(saved(&state), [PathBuf::new(); 0], "saved where the user said");
+    assert!(saved(&state).is_empty(), "saved where the user said");
 }
 
 #[test]
