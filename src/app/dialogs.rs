@@ -1,7 +1,7 @@
 //! Questions about unsaved training, and the list of shortcuts.
 
 use super::command::UiCommand;
-use eframe::egui::{Grid, Id, Modal, RichText, Ui, Window};
+use eframe::egui::{Grid, Id, Modal, ProgressBar, RichText, Ui, Window};
 
 /// What the user decided about unsaved training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,15 +42,24 @@ pub fn confirm_discard(ui: &Ui, n_frames: usize) -> Option<Decision> {
     decision
 }
 
-/// Shown while a file is written on which something waits; whether the user no longer wants that.
-pub fn wait_for_file(ui: &Ui) -> bool {
+/// Shown while a file is written on which something waits, with the share of an export that is
+/// written; whether the user no longer wants that.
+pub fn wait_for_file(ui: &Ui, exported: Option<f32>) -> bool {
     let response = Modal::new(Id::unique("writing")).show(ui.ctx(), |ui| {
         ui.horizontal(|ui| {
             ui.spinner();
             ui.label("Writing the file…");
         });
         ui.add_space(8.0);
-        ui.button("Cancel").on_hover_text("The file is written all the same").clicked()
+        if let Some(share) = exported {
+            ui.add(ProgressBar::new(share).show_percentage());
+        }
+        // A checkpoint takes less time than a click.
+        let meaning = match exported {
+            Some(_) => "No file is written, and nothing else is done",
+            None => "The file is written all the same",
+        };
+        ui.button("Cancel").on_hover_text(meaning).clicked()
     });
     response.inner || response.should_close()
 }

@@ -3,6 +3,7 @@
 //! The trainer lives on the [`worker`]'s thread and the window never waits for it; splats reach the
 //! viewport through [`splat_updates`]. What is legal when stands in [`command`].
 
+pub mod abandoned;
 mod adapter_memory;
 pub mod camera;
 pub mod color_mode;

@@ -163,6 +163,15 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     }
 }
 
+/// Opens the run that was saved on its way, as if its dataset had stayed open.
+pub fn open_run(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
+    let run = SavedRun::read(path)?;
+    let warning = run.numerics_differ().map(|text| (NoticeKind::Warning, text));
+    let mut opened = session(continued(&run)?, serial, run.meta.dataset.as_deref());
+    opened.notices.extend(warning);
+    Ok(opened)
+}
+
 fn drawable(all: &SplatSet) -> SplatSet {
     let mut drawn = SplatSet::default().finished(all.finishing().clone());
     for (i, splat) in all.iter().enumerate().filter(|(_, splat)| splat.is_drawable()) {

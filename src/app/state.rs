@@ -1,9 +1,11 @@
 //! The states of a run and the picture of it that panels draw from.
 
+use super::abandoned::AbandonedRun;
 use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
+use crate::dataset::pose_check::PoseCheck;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
@@ -207,6 +209,10 @@ pub struct Snapshot {
     pub latest_write: Option<WriteOutcome>,
     /// What is known of the selected splat, if one is selected.
     pub inspected: Option<Arc<Inspected>>,
+    /// How well the dataset's poses agree with its depth, once that is known.
+    pub poses: Option<Arc<PoseCheck>>,
+    /// A run that an earlier window left behind, to be gone on with.
+    pub abandoned: Option<Arc<AbandonedRun>>,
     /// What the user should read, newest last.
     pub notices: Arc<Vec<Notice>>,
 }

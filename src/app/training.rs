@@ -1,5 +1,5 @@
-//! What the user chose about training; kept between sessions. It applies to what is opened or reset
-//! next.
+//! What the user chose about training; kept between sessions. How a scene is trained applies to what
+//! is opened or reset next, how often a run is saved at once.
 
 use super::stored_text;
 use crate::pipeline::settings::method::MethodRequest;
@@ -16,11 +16,21 @@ pub struct TrainSettings {
     pub preset: Preset,
     /// Settings of the scene preset.
     pub scene: SceneOverrides,
+    /// Seconds from one save on the way to the next; `None` saves on request only.
+    pub autosave_s: Option<u32>,
 }
+
+/// Seconds from one save on the way to the next, unless the user chose others: what a crash may cost,
+/// while a save of a large scene takes a second or two of the disk.
+pub const AUTOSAVE_S: u32 = 30;
 
 impl Default for TrainSettings {
     fn default() -> Self {
-        Self { preset: Preset::Scene, scene: SceneOverrides::default() }
+        Self {
+            preset: Preset::Scene,
+            scene: SceneOverrides::default(),
+            autosave_s: Some(AUTOSAVE_S),
+        }
     }
 }
 
@@ -60,7 +70,7 @@ mod tests {
             cosine: Some(false),
             ..SceneOverrides::default()
         };
-        let chosen = TrainSettings { preset: Preset::Paper, scene };
+        let chosen = TrainSettings { preset: Preset::Paper, scene, autosave_s: None };
         assert_eq!(TrainSettings::from_text(&chosen.to_text().unwrap()), (chosen, None));
         for text in ["", "(preset: tomorrow)", "(scene: (scale: Some(\"-1\")))"] {
             let (read, notice) = TrainSettings::from_text(text);

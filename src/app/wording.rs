@@ -1,5 +1,6 @@
 //! What the window says of values of the library: by the names that its panels give the settings.
 
+use crate::dataset::pose_check::{PoseCheck, PoseTrial};
 use crate::train::warnings::TrainingWarning;
 
 /// A warning of the model being trained.
@@ -17,9 +18,48 @@ pub fn warning(warning: &TrainingWarning) -> String {
     }
 }
 
+/// How well the poses of a recording agree with its depth.
+pub fn poses(check: &PoseCheck) -> String {
+    let PoseTrial { agreement, poses, .. } = check.opened;
+    let percent = 100.0 * agreement;
+    format!("{percent:.0} % of depth agrees with neighbouring frames ({})", poses.name())
+}
+
+/// What to do if poses or depth mean something else than the recording's layout says.
+pub fn pose_warning(check: &PoseCheck) -> Option<String> {
+    let PoseCheck { opened, best, .. } = check;
+    if !check.is_doubtful() {
+        return None;
+    }
+    let axes = (best.poses != opened.poses)
+        .then(|| format!("its poses look {}, not {}", best.poses.name(), opened.poses.name()));
+    let unit = (best.unit != 1.0).then(|| format!("its depth looks {} times as long", best.unit));
+    let looks: Vec<String> = axes.into_iter().chain(unit).collect();
+    Some(format!(
+        "{}: read so, {:.0} % of depth agrees with neighbouring frames, {:.0} % as it was opened. Correct the recording, or train it from the command line with pose axes and depth scale stated, and open its checkpoint here",
+        looks.join(" and "),
+        100.0 * best.agreement,
+        100.0 * opened.agreement
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::PoseConvention;
+
+    #[test]
+    fn doubtful_poses_are_told_with_what_they_look_like() {
+        let opened =
+            PoseTrial { poses: PoseConvention::Opencv, unit: 1.0, agreement: 0.12, error: 0.5 };
+        let best = PoseTrial { poses: PoseConvention::Opengl, agreement: 0.96, ..opened };
+        let check = PoseCheck { pairs: 8, opened, is_asked: false, best };
+        let text = pose_warning(&check).unwrap();
+        assert!(text.contains("opengl, not opencv") && text.contains("96 %"), "{text}");
+        assert!(!text.contains("--"), "the window has no options: {text}");
+        assert_eq!(pose_warning(&PoseCheck { best: opened, ..check.clone() }), None);
+        assert_eq!(poses(&check), "12 % of depth agrees with neighbouring frames (opencv)");
+    }
 
     #[test]
     fn the_window_speaks_of_no_options() {

@@ -2,8 +2,9 @@
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::{checkpoint_info, output, pose_check};
+use super::{capture_check, checkpoint_info, output, pose_check};
 use serde::Serialize;
+use vbgs_studio::dataset::capture_check::CaptureCheck;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
 use vbgs_studio::dataset::splits::HELD_OUT;
@@ -62,6 +63,8 @@ struct SplitInfo {
     /// Smallest and largest measured depth of the frames looked at, world units.
     depth_range: Option<[f64; 2]>,
     bytes: u64,
+    /// Blur, jumps of brightness, gaps; `None` of frames that are part of another split.
+    capture: Option<CaptureCheck>,
 }
 
 #[derive(Serialize)]
@@ -190,6 +193,7 @@ fn split_info(dataset: &Dataset, split: usize, defects: &mut Vec<String>) -> Spl
         depth_unit: unit,
         depth_range: range,
         bytes,
+        capture: (!is_part).then(|| dataset::capture_check::check(&dataset.splits[split])),
     }
 }
 
@@ -200,9 +204,6 @@ fn print_dataset(info: &DatasetInfo) -> Result<(), Failure> {
     ));
     info.splits.iter().for_each(print_split);
     output::line(format!("  evaluation: {}", info.evaluation));
-    if let Some(rate) = info.frame_rate {
-        output::line(format!("  {rate:.1} frames a second"));
-    }
     let summary = info.poses.summary.as_deref();
     output::line(format!("  poses: {}", summary.unwrap_or("too few frames with depth to check")));
     if let Some(warning) = &info.poses.warning {
@@ -244,6 +245,8 @@ fn print_split(s: &SplitInfo) {
         let ([width, height], [fx, fy]) = (s.photo_size, s.photo_focal_px);
         output::line(format!("    photographs: {width}x{height}, focal {fx:.1} {fy:.1} px"));
     }
+    let capture = s.capture.iter().flat_map(capture_check::lines);
+    capture.for_each(|line| output::line(format!("    {line}")));
 }
 
 fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {

@@ -4,6 +4,7 @@ mod args;
 #[cfg(feature = "bench")]
 mod bench;
 mod calibrate;
+mod capture_check;
 mod checkpoint_info;
 mod demo;
 mod eval;

@@ -102,8 +102,12 @@ pub fn quality(eval: &EvalReport) -> String {
         (Some(antialias), Some(response)) => format!(" (antialias {antialias}, {response})"),
         _ => String::new(),
     };
+    let scale = match eval.scale.is_full() {
+        true => String::new(),
+        false => format!(" at {} of the photographs' size", eval.scale),
+    };
     let plain = format!(
-        "{}{settings} on {} views of `{}` ({} ground truth, partial coverage {}, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
+        "{}{settings} on {} views of `{}`{scale} ({} ground truth, partial coverage {}, exposure {}, {} poses): PSNR {:.2} ± {:.2} dB, {covered}, SSIM {:.4}{depth}",
         eval.renderer,
         eval.views,
         eval.split,

@@ -25,7 +25,8 @@ pub fn warning(check: &PoseCheck) -> Option<String> {
     let (mut looks, mut advice) = (Vec::new(), Vec::new());
     if best.poses != opened.poses {
         let (best, opened) = (best.poses.name(), opened.poses.name());
-        looks.push(format!("these poses look {best}, the layout says {opened}"));
+        let says = if check.is_asked { "--pose-axes" } else { "the layout" };
+        looks.push(format!("these poses look {best}, {says} says {opened}"));
         advice.push(format!("--pose-axes {best}"));
     }
     if best.unit != 1.0 {
@@ -51,10 +52,12 @@ mod tests {
         let opened =
             PoseTrial { poses: PoseConvention::Opencv, unit: 1.0, agreement: 0.12, error: 0.5 };
         let better = PoseTrial { poses: PoseConvention::Opengl, agreement: 0.96, ..opened };
-        let check = PoseCheck { pairs: 8, opened, best: better };
+        let check = PoseCheck { pairs: 8, opened, is_asked: false, best: better };
         let expected = "these poses look opengl, the layout says opencv: agreement 12 % against 96 %; \
                         try --pose-axes opengl";
         assert_eq!(warning(&check).as_deref(), Some(expected));
+        let asked = warning(&PoseCheck { is_asked: true, ..check.clone() }).unwrap_or_default();
+        assert!(asked.starts_with("these poses look opengl, --pose-axes says opencv"), "{asked}");
         let scaled = PoseTrial { unit: 5.0, agreement: 0.9, ..opened };
         let text = warning(&PoseCheck { best: scaled, ..check.clone() }).unwrap_or_default();
         assert!(text.contains("depth looks 5 times") && text.contains("--depth-scale 5"), "{text}");

@@ -71,8 +71,14 @@ pub fn seen(
 
 impl QualityRequest<'_> {
     fn options(&self, method: RenderMethod) -> EvalOptions {
-        let ComparisonArgs { ground_truth, background, partial_coverage, exposure, eval_poses } =
-            *self.args;
+        let ComparisonArgs {
+            ground_truth,
+            background,
+            partial_coverage,
+            exposure,
+            eval_poses,
+            eval_scale,
+        } = *self.args;
         EvalOptions {
             ground_truth: match ground_truth {
                 GroundTruthName::Composited => GroundTruth::Composited,
@@ -81,6 +87,7 @@ impl QualityRequest<'_> {
             partial_coverage,
             color_camera: self.color_camera,
             poses: eval_poses,
+            scale: eval_scale,
             render: RenderOptions {
                 exposing: exposure,
                 ..RenderOptions::evaluation(method, background)

@@ -13,6 +13,7 @@ use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
+use vbgs_studio::pipeline::autosave::{Autosave, AutosaveInterval};
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -40,19 +41,19 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     };
     output::create_folder(&args.out)?;
     note(&session);
-    let checkpoint = args.out.join(CHECKPOINT);
     // Measured after the run, whose times they must not change.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
+    let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
     let end = train(&mut session, &interrupt, |session, bar| {
         if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
             early.push((session.visited(), session.stored_splats()));
         }
-        let due = args.autosave_frames.is_some_and(|n| learnt(session).is_multiple_of(n));
-        if due && let Err(error) = session.save_keeping_old(&checkpoint) {
-            // The run is worth more than one of its copies.
+        // The run is worth more than one of its copies: that one failed is said and no more.
+        if let Some(Err(error)) = autosave.between_frames(session) {
             progress::warn(bar, &error.to_string());
         }
     });
+    autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
     if learnt(&session) == 0 && end.is_err() {
         return end.map(drop);
     }
@@ -77,6 +78,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
+}
+
+/// How often the run is saved on its way.
+fn interval(args: &TrainArgs) -> AutosaveInterval {
+    AutosaveInterval { frames: args.autosave_frames, time: args.autosave_seconds }
 }
 
 /// A new run, or the one in a checkpoint if it was begun as asked.
@@ -175,7 +181,12 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
     if session.learner().used() == 0 {
         return Ok("");
     }
-    session.save(&args.out.join(CHECKPOINT))?;
+    let checkpoint = args.out.join(CHECKPOINT);
+    match interval(args) == AutosaveInterval::default() {
+        true => session.save(&checkpoint)?,
+        // Like every save on the way: the one before stays.
+        false => session.save_keeping_old(&checkpoint)?,
+    };
     let comments = file_comments(&session.config().method, session.learner().frames());
     let options = WriteOptions {
         comments: &comments,

@@ -88,11 +88,25 @@ impl FrameEntry {
                 Ok(scene.frame(&self.name, self.camera, *noise_stream))
             }
             FrameSource::Files(files) => {
-                let color = self.color(files)?;
-                self.check_color(files, &color)?;
+                let color = self.load_color()?;
                 let depth = self.depth(files)?;
                 let (name, camera) = (self.name.clone(), self.camera);
                 Ok(Frame { name, camera, color_camera: self.color_camera, color, depth })
+            }
+        }
+    }
+
+    /// Decodes the frame's photograph alone.
+    ///
+    /// # Errors
+    /// As [`Self::load`], of the photograph's file.
+    pub fn load_color(&self) -> Result<Image<[u8; 4]>, FrameError> {
+        match &self.source {
+            FrameSource::Synthetic { .. } => Ok(self.load()?.color),
+            FrameSource::Files(files) => {
+                let color = self.color(files)?;
+                self.check_color(files, &color)?;
+                Ok(color)
             }
         }
     }

@@ -13,11 +13,13 @@
 //! | which frames train, which measure? | [`splits`] |
 //! | what corrects the cameras? | [`calibration`] |
 //! | do poses mean what the layout says? | [`pose_check`] |
+//! | was it shaken, did exposure jump, are frames missing? | [`capture_check`] |
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
 #![doc = include_str!("dataset.md")]
 
 pub mod calibration;
+pub mod capture_check;
 pub mod depth;
 pub mod error;
 pub mod fingerprint;
@@ -43,6 +45,7 @@ mod opened;
 mod options;
 mod pose_convention;
 mod position_range;
+mod sharpness;
 mod source;
 mod video;
 

@@ -11,6 +11,8 @@ use super::options::LoadOptions;
 use super::pose_convention::PoseConvention;
 use super::position_range::PositionRange;
 use super::surface::sensor::Sensor;
+use crate::math::orbit::mean_up;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -138,6 +140,11 @@ impl Dataset {
     pub fn known_calibration(&self) -> Option<Calibration> {
         let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
         self.layout.known_calibration(&depth_camera)
+    }
+
+    /// Direction that points up in the world, as far as the cameras of a split tell.
+    pub fn up(&self, split: usize) -> DVec3 {
+        mean_up(self.splits[split].frames.iter().map(|frame| &frame.camera.pose))
     }
 
     /// The sensor that its depth is from, as the first frame with depth tells; exact depth where

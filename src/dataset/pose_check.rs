@@ -42,6 +42,8 @@ pub struct PoseCheck {
     pub pairs: usize,
     /// As the recording was opened.
     pub opened: PoseTrial,
+    /// Whether the user said what its pose matrices mean, and not its layout.
+    pub is_asked: bool,
     /// What explains the pairs best; `opened` itself unless another does far better.
     pub best: PoseTrial,
 }
@@ -90,7 +92,8 @@ pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
     let best = trials.max_by(|a, b| a.agreement.total_cmp(&b.agreement));
     let best = best
         .filter(|best| best.agreement > opened.agreement + BETTER[0] && best.agreement > BETTER[1]);
-    Some(PoseCheck { pairs: pairs.len(), opened, best: best.unwrap_or(opened) })
+    let is_asked = dataset.options.poses.is_some();
+    Some(PoseCheck { pairs: pairs.len(), opened, is_asked, best: best.unwrap_or(opened) })
 }
 
 /// Samples of one frame, in its camera, and the neighbour that must have seen them.

@@ -8,6 +8,7 @@ pub mod machine;
 pub mod measure;
 pub mod metrics;
 pub mod report;
+pub mod scale;
 pub mod seen;
 pub mod sizes;
 pub mod spread;

@@ -6,6 +6,7 @@
 
 use super::choices::{PartialCoverage, ViewPoses};
 use super::cracks::CrackReport;
+use super::scale::EvalScale;
 use super::seen::Seen;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
@@ -212,6 +213,10 @@ pub struct EvalReport {
     pub poses: ViewPoses,
     /// The camera that took the photographs; `None` if it measured depth as well.
     pub color_camera: Option<ColorCamera>,
+    /// The fraction of the photographs' sides that views were compared at, photographs averaged over
+    /// the area of each pixel in encoded values.
+    #[serde(default)]
+    pub scale: EvalScale,
     /// Background of the render, sRGB-encoded.
     pub background: [f32; 3],
     /// Number of views that were scored, skipped ones left out.

@@ -10,6 +10,7 @@ use super::choices::{GroundTruth, PartialCoverage, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
+use super::scale::EvalScale;
 use super::seen::Seen;
 use super::sizes::MetricError;
 use super::surfaces::Surfaces;
@@ -36,6 +37,8 @@ pub struct EvalOptions {
     pub color_camera: Option<ColorCamera>,
     /// Where views are drawn from.
     pub poses: ViewPoses,
+    /// The fraction of the photographs' sides that views are compared at.
+    pub scale: EvalScale,
     /// Settings of the render; its background is the comparison's.
     pub render: RenderOptions,
 }
@@ -44,12 +47,18 @@ impl EvalOptions {
     /// As viewers show a model and as photographs are stored, by the camera that measured depth.
     pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
         let partial_coverage = PartialCoverage::Composited;
-        let poses = ViewPoses::Recorded;
-        Self { ground_truth, partial_coverage, color_camera: None, poses, render }
+        let (poses, scale) = (ViewPoses::Recorded, EvalScale::FULL);
+        Self { ground_truth, partial_coverage, color_camera: None, poses, scale, render }
     }
 
+    /// The photograph's camera, for the image that is compared.
     fn photo_camera(&self, frame: &Frame) -> Camera {
-        frame.photo_camera(self.color_camera.as_ref())
+        self.scale.camera(frame.photo_camera(self.color_camera.as_ref()))
+    }
+
+    /// Whether the image that is compared is the depth image, pixel by pixel.
+    fn is_depth_image(&self, frame: &Frame) -> bool {
+        self.scale.is_full() && frame.photographed_by(self.color_camera.as_ref()).is_none()
     }
 }
 
@@ -168,6 +177,7 @@ fn score(
     options: &EvalOptions,
 ) -> Result<ViewReport, MetricError> {
     let truth = ground_truth(frame, options.ground_truth, options.render.background);
+    let truth = options.scale.photograph(truth, &options.photo_camera(frame).intrinsics);
     let Rendered { coverage, .. } = rendered;
     let divided = match options.partial_coverage {
         PartialCoverage::Composited => None,
@@ -222,9 +232,9 @@ fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
 /// What the depth camera saw, in the photograph's image.
 fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -> Option<Surfaces> {
     let surfaces = Surfaces::of(frame, sensor)?;
-    match frame.photographed_by(options.color_camera.as_ref()) {
-        None => Some(surfaces),
-        Some(_) => Some(surfaces.seen_by(&options.photo_camera(frame), EVALUATION_NEAR as f32)),
+    match options.is_depth_image(frame) {
+        true => Some(surfaces),
+        false => Some(surfaces.seen_by(&options.photo_camera(frame), EVALUATION_NEAR as f32)),
     }
 }
 
@@ -236,10 +246,10 @@ fn measured_depth(
     options: &EvalOptions,
 ) -> Option<Image<f32>> {
     let kind = depth_kind(options.render.method);
-    match frame.photographed_by(options.color_camera.as_ref()) {
+    match options.is_depth_image(frame) {
         // All that the file holds: reprojecting would lose the rim.
-        None => frame.depth_as(kind),
-        Some(_) => surfaces.map(|s| s.depth_as(kind)),
+        true => frame.depth_as(kind),
+        false => surfaces.map(|s| s.depth_as(kind)),
     }
 }
 
@@ -280,6 +290,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         exposure: options.render.exposing,
         poses: options.poses,
         color_camera: options.color_camera,
+        scale: options.scale,
         background: options.render.background,
         views: scores.len(),
         skipped: Vec::new(),

@@ -212,6 +212,28 @@ fn back_up_by(
     done.map_err(|fault| fault.at(path))
 }
 
+/// Removes what processes that were killed while they wrote `path` have left beside it: each is as
+/// large as the file. Not for files that another process may be writing at this moment.
+pub fn remove_leftovers(path: &Path) {
+    let Ok(Destination::File(file)) = Destination::of(path) else { return };
+    let Some(name) = file.file_name().and_then(|name| name.to_str()) else { return };
+    let Ok(entries) = std::fs::read_dir(folder_of(&file)) else { return };
+    for entry in entries.flatten() {
+        if entry.file_name().to_str().is_some_and(|found| is_leftover(found, name)) {
+            // One that stays costs space and nothing else.
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Whether a file is named as temporaries and second names of `name` are, by another process.
+fn is_leftover(found: &str, name: &str) -> bool {
+    let rest = found.strip_prefix('.').unwrap_or(found).strip_prefix(name);
+    let middle = rest.and_then(|rest| rest.strip_prefix('.')?.strip_suffix(".tmp"));
+    let process = middle.and_then(|middle| middle.split('.').next()?.parse::<u32>().ok());
+    process.is_some_and(|process| process != std::process::id())
+}
+
 const KEEP_OLD: &str = "keep the older file as .bak";
 
 /// A copy under the name `kept`, complete or not at all.
@@ -287,6 +309,22 @@ impl<W: Write> Write for Counted<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_what_other_processes_left_of_this_file_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.vbgs");
+        let own = format!(".a.vbgs.{}.x1.tmp", std::process::id());
+        let left = [".a.vbgs.0.Ab3.tmp", "a.vbgs.0.tmp"];
+        let kept = ["a.vbgs", "a.vbgs.bak", "a.vbgs.notes.tmp", ".b.vbgs.0.Ab3.tmp", own.as_str()];
+        left.iter().chain(&kept).for_each(|name| {
+            std::fs::write(folder.path().join(name), "x").unwrap();
+        });
+        remove_leftovers(&path);
+        assert!(left.iter().all(|name| !folder.path().join(name).exists()));
+        assert!(kept.iter().all(|name| folder.path().join(name).exists()));
+        remove_leftovers(&folder.path().join("none/a.vbgs"));
+    }
 
     /// On a file system without links the copy never touches what is there, not even when the two
     /// names are already one file.

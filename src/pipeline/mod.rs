@@ -3,6 +3,7 @@
 #![doc = include_str!("pipeline.md")]
 
 pub mod any_preset;
+pub mod autosave;
 pub mod checkpoint;
 pub mod demo;
 pub mod error;

@@ -4,6 +4,7 @@ use crate::dataset::Dataset;
 use crate::eval::report::{FrameReport, SkippedFrame};
 
 /// What a run has behind it when a session begins.
+#[derive(Clone)]
 pub(super) struct Past {
     /// Positions of the plan gone through.
     pub visited: usize,

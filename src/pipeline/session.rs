@@ -14,7 +14,6 @@ use crate::eval::report::{
     DatasetReport, EvalReport, FrameMs, FrameReport, REPORT_FORMAT, Report, SkippedFrame, Summary,
 };
 use crate::math::normalization::Normalization;
-use crate::math::orbit::mean_up;
 use crate::model::splat::appearance::SplatSet;
 use crate::train::birth_log::BirthLog;
 use crate::train::learner::Learner;
@@ -243,7 +242,7 @@ impl Session {
 
     /// Direction that points up in the world, as far as the cameras tell.
     pub fn up(&self) -> DVec3 {
-        mean_up(self.dataset.splits[self.plan.split].frames.iter().map(|f| &f.camera.pose))
+        self.dataset.up(self.plan.split)
     }
 
     /// Trained frames so far, in order.

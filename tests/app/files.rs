@@ -1,12 +1,17 @@
 //! Scenes and runs that are written and opened again.
 
-use super::harness::{click, dataset, is, train, wait, window, write_to};
+use super::harness::{PATIENCE, click, dataset, is, train, wait, window, write_to};
 use crate::common::adapter::turn;
 use eframe::egui::Key;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, Weak};
+use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::{RunState, Source, Subject};
+use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
+use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::export;
+use vbgs_studio::export::mapping::Mapping;
 
 #[test]
 fn export_writes_the_newest_state_and_the_file_opens_again() {
@@ -66,4 +71,45 @@ fn a_saved_run_opens_where_it_stopped_and_goes_on() {
     let told = viewer.state().snapshot().notices.iter().any(|n| n.text.contains("cannot go on"));
     assert!(told, "why it cannot be trained");
     wait(&mut viewer, "splats", |s| s.n_drawn() == drawn);
+}
+
+/// The user's wish reaches the writer between two blocks of rows, and an older file stays.
+#[test]
+fn an_export_is_given_up_when_the_user_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let worker: Arc<Mutex<Weak<Worker>>> = Arc::default();
+    let (seen, patient) = (Arc::new(AtomicBool::new(false)), worker.clone());
+    let shown = seen.clone();
+    // Called by the thread that writes, whenever there is more to draw.
+    let waker: Waker = Arc::new(move || {
+        let worker = patient.lock().unwrap().upgrade();
+        if let Some(worker) = worker.filter(|worker| worker.file_progress().is_some()) {
+            shown.store(true, Ordering::SeqCst);
+            worker.cancel_file();
+        }
+    });
+    let started = Worker::start_with(waker, vec![folder.path().join("state")]).unwrap();
+    let started = Arc::new(started);
+    *worker.lock().unwrap() = Arc::downgrade(&started);
+    let room = dataset(folder.path(), 2);
+    started.send(WorkerOrder::Open(Subject::Path(room)));
+    started.send(WorkerOrder::Train);
+    let wait = |what: &str, condition: &dyn Fn() -> bool| {
+        let begun = Instant::now();
+        while !condition() {
+            assert!(begun.elapsed() < PATIENCE, "waited for {what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    wait("the end", &|| started.snapshot().state == RunState::Finished);
+    let file = folder.path().join("scene.ply");
+    std::fs::write(&file, "older").unwrap();
+    started.send(WorkerOrder::Export(1, file.clone(), Mapping::default()));
+    let is_told = |n: &Notice| n.kind == NoticeKind::Info && n.text.contains("cancelled");
+    wait("the message", &|| started.snapshot().notices.iter().any(is_told));
+    assert!(seen.load(Ordering::SeqCst));
+    assert_eq!(std::fs::read(&file).unwrap(), b"older");
+    let outcome = started.snapshot().latest_write.unwrap();
+    assert_eq!((outcome.number, outcome.is_written), (1, false));
+    assert_eq!(started.file_progress(), None);
 }

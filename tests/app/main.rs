@@ -2,6 +2,7 @@
 #![cfg(feature = "gui")]
 #![allow(clippy::unwrap_used)]
 
+mod abandoned;
 mod camera;
 #[path = "../common/mod.rs"]
 mod common;
@@ -10,6 +11,7 @@ mod files;
 mod harness;
 mod inspect;
 mod opening;
+mod poses;
 mod saving;
 mod scene;
 mod states;

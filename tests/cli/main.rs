@@ -5,15 +5,19 @@
 mod bad_input;
 mod bench;
 mod calibrate;
+mod capture;
 mod checkpoint;
 mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod determinism;
+mod distributed;
+mod eval_scale;
 mod headless;
 mod images;
 #[cfg(unix)]
 mod interrupt;
+mod killed;
 mod models;
 mod real;
 mod report;

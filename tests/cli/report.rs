@@ -77,6 +77,7 @@ eval[].psnr_mean number
 eval[].psnr_std number
 eval[].renderer string
 eval[].response null
+eval[].scale number
 eval[].seen_mean.coverage number
 eval[].seen_mean.coverage_interior number
 eval[].seen_mean.psnr number

@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 /// Folders whose comments may point to explanations.
 const FOLDERS: [&str; 5] = ["src", "shaders", "benches", "tests", "examples"];
 
+/// It is for readers of the whole, not an explanation of a room.
+const README: &str = "README.md";
+
 /// Files below a folder, this one left out: it speaks of references without being one.
 fn files(folder: &Path, found: &mut Vec<PathBuf>) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
@@ -49,7 +52,7 @@ fn headings(text: &str) -> Vec<String> {
 /// The explanations by name, with their headings. Names are unique, and so are headings in a file.
 fn explanations() -> BTreeMap<String, Vec<String>> {
     let mut found = BTreeMap::new();
-    for path in with_extension(&["md"]) {
+    for path in explaining() {
         let headings = headings(&std::fs::read_to_string(&path).unwrap());
         for (i, heading) in headings.iter().enumerate() {
             assert!(!headings[..i].contains(heading), "{}: two of {heading:?}", path.display());
@@ -57,6 +60,13 @@ fn explanations() -> BTreeMap<String, Vec<String>> {
         let twin = found.insert(name_of(&path), headings);
         assert!(twin.is_none(), "two files {}: a comment cannot tell them apart", path.display());
     }
+    found
+}
+
+/// Explanations of rooms; what readers of a whole folder find first is none.
+fn explaining() -> Vec<PathBuf> {
+    let mut found = with_extension(&["md"]);
+    found.retain(|path| name_of(path) != README);
     found
 }
 
@@ -84,8 +94,8 @@ fn faults(text: &str, known: &BTreeMap<String, Vec<String>>, n: &mut usize) -> V
         if before[..start].ends_with('"') {
             continue; // a path that code reads
         }
-        if name == "README.md" {
-            continue; // it is for readers of the whole, not an explanation of a room
+        if name == README {
+            continue;
         }
         *n += 1;
         let place: String = text[start..].chars().take(60).collect();
@@ -122,7 +132,7 @@ fn references_point_to_headings() {
 #[test]
 fn explanations_point_to_each_other() {
     let known = explanations();
-    for path in with_extension(&["md"]) {
+    for path in explaining() {
         let text = flat(&std::fs::read_to_string(&path).unwrap());
         let mut n = 0;
         let wrong: Vec<String> = faults(&text, &known, &mut n)
@@ -136,7 +146,7 @@ fn explanations_point_to_each_other() {
 #[test]
 fn rustdoc_shows_every_explanation() {
     let sources: Vec<PathBuf> = with_extension(&["rs"]);
-    for path in with_extension(&["md"]) {
+    for path in explaining() {
         let folder = path.parent().unwrap();
         let shown = format!("#![doc = include_str!(\"{}\")]", name_of(&path));
         let module = folder.with_extension("rs");

@@ -1,5 +1,6 @@
 //! Panels: each draws from the snapshot and answers with what the user asked for.
 
+pub mod abandoned;
 pub mod adapter;
 pub mod inspector;
 pub mod latency;

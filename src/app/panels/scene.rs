@@ -2,7 +2,9 @@
 //! or doubted.
 
 use crate::app::state::Snapshot;
-use eframe::egui::{Grid, RichText, ScrollArea, Ui};
+use crate::app::wording;
+use crate::dataset::pose_check::PoseCheck;
+use eframe::egui::{Color32, Grid, RichText, ScrollArea, Ui};
 
 /// Draws the panel.
 pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
@@ -18,11 +20,24 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
                 ui.end_row();
             }
         });
+        if let Some(check) = &snapshot.poses {
+            poses(check, ui);
+        }
         let skipped: Vec<&str> = snapshot.skipped.iter().map(|s| s.message.as_str()).collect();
         list("Skipped frames", &skipped, ui);
         let doubts: Vec<&str> = snapshot.doubts.iter().map(String::as_str).collect();
         list("Photographs that contradict the scene", &doubts, ui);
     });
+}
+
+/// Whether poses and depth agree, and loudly where they do not.
+fn poses(check: &PoseCheck, ui: &mut Ui) {
+    ui.add_space(8.0);
+    ui.label(RichText::new("Poses").strong());
+    ui.label(wording::poses(check));
+    if let Some(warning) = wording::pose_warning(check) {
+        ui.label(RichText::new(warning).color(Color32::ORANGE));
+    }
 }
 
 /// Nothing where there is nothing to say.

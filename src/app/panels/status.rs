@@ -4,7 +4,7 @@ use crate::app::state::{RunState, Snapshot};
 use crate::eval::machine;
 use crate::eval::report::quantile;
 use crate::pipeline::any_preset::ComponentLimit;
-use eframe::egui::{Color32, Label, RichText, Ui};
+use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
 
 /// What the line says beside the snapshot.
 pub struct StatusContext<'a> {
@@ -12,12 +12,15 @@ pub struct StatusContext<'a> {
     pub adapter: &'a str,
     /// Splats in the picture.
     pub n_drawn: usize,
+    /// The share of the file being exported that is written.
+    pub file_progress: Option<f32>,
 }
 
-/// Draws the line.
-pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) {
-    ui.horizontal(|ui| {
+/// Draws the line; whether the user wants the file being exported no more.
+pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> bool {
+    let line = ui.horizontal(|ui| {
         ui.label(RichText::new(snapshot.state.label()).strong().color(color(snapshot.state)));
+        let is_cancelled = surroundings.file_progress.is_some_and(|share| file(share, ui));
         if snapshot.frames_per_s > 0.0 {
             ui.separator();
             ui.label(format!("{:.1} frames/s", snapshot.frames_per_s));
@@ -54,7 +57,17 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) {
         // The one text of unknown length must not make the line, and with it the viewport, jump.
         let adapter = Label::new(RichText::new(surroundings.adapter).weak()).truncate();
         ui.add(adapter).on_hover_text(surroundings.adapter);
+        is_cancelled
     });
+    line.inner
+}
+
+/// How far a file is; whether the user wants it no more.
+fn file(share: f32, ui: &mut Ui) -> bool {
+    ui.separator();
+    let text = format!("Exporting: {:.0} %", 100.0 * share);
+    ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
+    ui.button("Cancel export").on_hover_text("An older file of this name stays").clicked()
 }
 
 /// Only the paper's preset has components that nothing uses.

@@ -1,6 +1,6 @@
 //! How what is opened or reset next is trained.
 
-use crate::app::training::TrainSettings;
+use crate::app::training::{AUTOSAVE_S, TrainSettings};
 use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use crate::train::scene::photometric::rule::PhotometricMode;
@@ -17,6 +17,9 @@ const SCALES_PX: RangeInclusive<f64> = 0.5..=20.0;
 /// Components of a budget when one is first set.
 const FIRST_BUDGET: usize = 25_000;
 
+/// Seconds between two saves on the way that can be chosen.
+const AUTOSAVES_S: RangeInclusive<u32> = 1..=3600;
+
 /// Draws the panel.
 pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
     ui.horizontal(|ui| {
@@ -31,6 +34,23 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
         ui.collapsing("Details", |ui| details(&mut settings.scene, ui));
     }
     ui.label(RichText::new("Holds for what is opened next, and after Reset").weak());
+    autosave(&mut settings.autosave_s, ui);
+}
+
+/// How often a run is saved on its way.
+fn autosave(seconds: &mut Option<u32>, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        let mut is_on = seconds.is_some();
+        let help = "Beside training, so that a crash costs no more than this; the next start offers to go on";
+        if ui.checkbox(&mut is_on, "Autosave every").on_hover_text(help).changed() {
+            *seconds = is_on.then_some(AUTOSAVE_S);
+        }
+        let mut shown = seconds.unwrap_or(AUTOSAVE_S);
+        let value = DragValue::new(&mut shown).range(AUTOSAVES_S).suffix(" s");
+        if ui.add_enabled(is_on, value).changed() {
+            *seconds = Some(shown);
+        }
+    });
 }
 
 /// The settings that the table gives a label: first those with values, then what is on or off.

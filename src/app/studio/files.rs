@@ -2,8 +2,10 @@
 
 use super::Studio;
 use super::commands::order_to_open;
+use crate::app::abandoned::AbandonedRun;
 use crate::app::dialogs::{self, Decision};
 use crate::app::export_options;
+use crate::app::panels::abandoned::Answer;
 use crate::app::path_dialog::PathAnswer;
 use crate::app::pending::{AfterWrite, Continuation, Pending};
 use crate::app::state::Snapshot;
@@ -24,6 +26,25 @@ impl Studio {
                 None
             }
         };
+    }
+
+    /// Whether the user wants to be asked about an abandoned run another time.
+    pub(super) fn is_put_off(&self, run: &AbandonedRun) -> bool {
+        self.put_off.as_ref() == Some(&run.slot)
+    }
+
+    pub(super) fn answer_abandoned(
+        &mut self,
+        run: &AbandonedRun,
+        answer: Option<Answer>,
+        snapshot: &Snapshot,
+    ) {
+        match answer {
+            None => {}
+            Some(Answer::GoOn) => self.discard_then(WorkerOrder::GoOn, snapshot),
+            Some(Answer::GiveUp) => self.worker.send(WorkerOrder::GiveUp),
+            Some(Answer::NotNow) => self.put_off = Some(run.slot.clone()),
+        }
     }
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
@@ -80,8 +101,13 @@ impl Studio {
         match pending.after(snapshot.latest_write) {
             AfterWrite::Wait(Pending::Asking(next)) => self.ask(next, ui, snapshot.unsaved_frames),
             AfterWrite::Wait(waiting) => {
-                let is_writing = matches!(waiting, Pending::Writing(..));
-                self.pending = Some(waiting).filter(|_| !is_writing || !dialogs::wait_for_file(ui));
+                let exported = self.worker.file_progress();
+                let is_given_up =
+                    matches!(waiting, Pending::Writing(..)) && dialogs::wait_for_file(ui, exported);
+                if is_given_up && exported.is_some() {
+                    self.worker.cancel_file();
+                }
+                self.pending = Some(waiting).filter(|_| !is_given_up);
             }
             AfterWrite::GoAhead(next) => self.go_ahead(next, ui),
             AfterWrite::GiveUp => {}

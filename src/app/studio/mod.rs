@@ -10,7 +10,7 @@ use super::drawing::Drawer;
 use super::drop_target;
 use super::exit::{Exit, Leave};
 use super::painting::Painting;
-use super::panels::{notices, status, transport};
+use super::panels::{abandoned, notices, status, transport};
 use super::path_dialog::PathDialog;
 use super::pending::Pending;
 use super::persistence::{self, StoredSettings};
@@ -26,6 +26,7 @@ use eframe::egui::{
     CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
 };
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -60,6 +61,8 @@ pub struct Studio {
     pending: Option<Pending>,
     may_close: bool,
     dismissed: u64,
+    /// File of the abandoned run that the user does not want to be asked about now.
+    put_off: Option<PathBuf>,
     started: Instant,
     first_splats_logged: bool,
 }
@@ -128,6 +131,7 @@ impl Studio {
             pending: None,
             may_close: false,
             dismissed: 0,
+            put_off: None,
             started,
             first_splats_logged: false,
         })
@@ -175,9 +179,21 @@ impl Studio {
         if let Some(command) = asked.inner {
             self.apply_command(command, snapshot);
         }
-        let surroundings =
-            status::StatusContext { adapter: &self.adapter, n_drawn: self.view.n_drawn() };
-        Panel::bottom("status").frame(frame).show(ui, |ui| status::ui(snapshot, &surroundings, ui));
+        if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_put_off(run)) {
+            let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
+            self.answer_abandoned(run, answer.inner, snapshot);
+        }
+        let surroundings = status::StatusContext {
+            adapter: &self.adapter,
+            n_drawn: self.view.n_drawn(),
+            file_progress: self.worker.file_progress(),
+        };
+        let cancelled = Panel::bottom("status")
+            .frame(frame)
+            .show(ui, |ui| status::ui(snapshot, &surroundings, ui));
+        if cancelled.inner {
+            self.worker.cancel_file();
+        }
         Panel::right("panels")
             .default_size(340.0)
             .size_range(240.0..=640.0)

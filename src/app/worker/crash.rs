@@ -13,6 +13,8 @@ use std::path::Path;
 impl WorkerThread {
     /// After a panic of this thread: saves the scene and tells the window, which stays to show it.
     pub(super) fn crashed(&mut self, panic: PanicReport) {
+        // It may have been writing one.
+        self.shared.file.end();
         let crash = Crash { thread: CrashedThread::Training, panic, rescue: self.rescue() };
         // Noted first: whatever fails from here on, the program ends by telling of it.
         self.shared.crashed(crash.clone());

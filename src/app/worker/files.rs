@@ -5,7 +5,9 @@ use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::dataset::Layout;
 use crate::export::mapping::Mapping;
-use crate::export::{self, ModelFormat, WriteOptions};
+use crate::export::{
+    self, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary,
+};
 use crate::pipeline::provenance::file_comments;
 use crate::pipeline::session::Session;
 use glam::DVec3;
@@ -20,6 +22,7 @@ impl WorkerThread {
                 // Not after an export: training cannot go on from one, so a
                 // crash still saves these.
                 self.frames_since_checkpoint = 0;
+                self.forget_autosave();
                 let text = format!(
                     "Saved {} frames ({:.1} MB) to {}",
                     self.snapshot.frames_done,
@@ -34,7 +37,36 @@ impl WorkerThread {
 
     pub(super) fn export(&mut self, number: u64, path: &Path, mapping: Mapping) {
         self.begin_write(number);
-        let written = ModelFormat::from_path(path).and_then(|format| {
+        self.shared.file.begin();
+        let written = self.write_model(path, mapping);
+        self.shared.file.end();
+        match written {
+            Ok(summary) => {
+                let megabytes = summary.bytes as f64 * 1e-6;
+                let text = format!(
+                    "Wrote {} splats ({megabytes:.1} MB) to {}",
+                    summary.n_written,
+                    path.display()
+                );
+                self.end_write(number, text);
+            }
+            // The user's own wish is no error.
+            Err(ExportError { fault: Fault::Cancelled, .. }) => {
+                let text = format!("{}: {}", path.display(), Fault::Cancelled);
+                self.notify(NoticeKind::Info, text);
+            }
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+        }
+    }
+
+    fn write_model(&self, path: &Path, mapping: Mapping) -> Result<WriteSummary, ExportError> {
+        let told = |share: f64| {
+            if self.shared.file.tell(share) {
+                (self.waker)();
+            }
+            self.shared.file.is_wanted()
+        };
+        ModelFormat::from_path(path).and_then(|format| {
             let comments = match &self.content {
                 Some(Content::Session(session)) => {
                     file_comments(&session.config().method, session.learner().frames())
@@ -46,22 +78,11 @@ impl WorkerThread {
                 metric: self.is_metric(),
                 up: self.up(),
                 mapping,
+                progress: WriteProgress::new(&told),
                 ..WriteOptions::new(format)
             };
             export::write(path, &self.stored_splats(), &options)
-        });
-        match written {
-            Ok(summary) => {
-                let megabytes = summary.bytes as f64 * 1e-6;
-                let text = format!(
-                    "Wrote {} splats ({megabytes:.1} MB) to {}",
-                    summary.n_written,
-                    path.display()
-                );
-                self.end_write(number, text);
-            }
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
-        }
+        })
     }
 
     /// Until it is known better, and for ever after a panic on the way, the file is not written.

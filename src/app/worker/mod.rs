@@ -1,12 +1,16 @@
 //! The thread that owns the trainer. It takes orders between frames, publishes snapshots and
 //! changed splats, and never waits for the window.
 
+mod autosave;
 mod calibrate;
 mod crash;
 mod dirty;
+mod file_progress;
 mod files;
 mod order;
+mod poses;
 mod publishing;
+mod run_autosave;
 mod shared;
 mod subject;
 mod thread;
@@ -93,6 +97,16 @@ impl Worker {
     /// run are given the same.
     pub fn new_number(&self) -> u64 {
         self.shared.new_number()
+    }
+
+    /// The share of the file being exported that is written; `None` while none is.
+    pub fn file_progress(&self) -> Option<f32> {
+        self.shared.file.share()
+    }
+
+    /// Gives up the file being exported; an older one of its name stays.
+    pub fn cancel_file(&self) {
+        self.shared.file.cancel();
     }
 
     /// The thread's latest panic and what became of the scene.

@@ -32,6 +32,10 @@ pub enum WorkerOrder {
     Export(u64, PathBuf, Mapping),
     /// Save what no checkpoint holds yet and tell where: the window has crashed.
     Rescue(SyncSender<Rescue>),
+    /// Go on with the run that an earlier window left behind, as the snapshot offers.
+    GoOn,
+    /// Remove that run.
+    GiveUp,
     /// Show something that happened elsewhere in the window.
     Report(NoticeKind, String),
     /// Deliver what is known of components with their splats, from now on; `None` ends that.

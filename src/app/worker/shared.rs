@@ -1,5 +1,6 @@
 //! What the training thread and the window share.
 
+use super::file_progress::FileProgress;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
 use crate::app::state::Snapshot;
@@ -20,6 +21,8 @@ pub struct Shared {
     /// Least time between two snapshots, microseconds.
     interval_us: AtomicU64,
     crash: Mutex<Option<Crash>>,
+    /// How far the file being exported is.
+    pub file: FileProgress,
     /// Files that were given a number.
     n_numbered: AtomicU64,
 }

@@ -22,20 +22,28 @@ impl WorkerThread {
                 self.next_serial += 1;
                 (self.subject, self.calibration) = (Some(subject), calibration);
                 self.begin(opened);
+                let dataset = self.snapshot.opened.as_ref().and_then(|o| o.dataset.clone());
+                if let Some(path) = dataset.as_ref().and_then(|dataset| dataset.path.as_deref()) {
+                    self.look_for_abandoned(Some(path));
+                }
             }
             Err(error) => {
-                // What was open stays open.
-                self.snapshot.state = match before {
-                    RunState::Training => RunState::Paused,
-                    RunState::Loading => RunState::Empty,
-                    other => other,
-                };
+                self.restore_state(before);
                 self.notify(NoticeKind::Error, error.to_string());
             }
         }
     }
 
-    fn begin(&mut self, opened: opening::OpenedSubject) {
+    /// After something could not be opened: what was open stays open, at rest.
+    pub(super) fn restore_state(&mut self, before: RunState) {
+        self.snapshot.state = match before {
+            RunState::Training => RunState::Paused,
+            RunState::Loading => RunState::Empty,
+            other => other,
+        };
+    }
+
+    pub(super) fn begin(&mut self, opened: opening::OpenedSubject) {
         self.recent.clear();
         self.ends.clear();
         self.dirty = Dirty::default();
@@ -45,9 +53,11 @@ impl WorkerThread {
             notices,
             // The window may still have to read that its file was written just before.
             latest_write: self.snapshot.latest_write,
+            abandoned: self.snapshot.abandoned.take(),
             ..Snapshot::default()
         };
         (self.frames_since_checkpoint, self.rescued) = (0, None);
+        self.forget_autosave();
         // The number would name another component.
         self.inspecting = None;
         // Also drops what still waits there, which is of the scene before.
@@ -74,6 +84,7 @@ impl WorkerThread {
             }
         }
         self.content = Some(opened.content);
+        self.check_poses();
         // The splats above went without what is known of them; it follows if
         // the viewport asks for it.
         self.watch(self.watched);

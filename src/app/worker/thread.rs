@@ -4,6 +4,7 @@
 
 use super::dirty::Dirty;
 use super::order::WorkerOrder;
+use super::run_autosave::RunAutosave;
 use super::shared::{Shared, Waker};
 use crate::app::opening::Content;
 use crate::app::panic_report::PanicReport;
@@ -11,6 +12,7 @@ use crate::app::rescue::Rescue;
 use crate::app::state::{Notice, NoticeKind, RunState, Snapshot, Subject};
 use crate::app::training::TrainSettings;
 use crate::dataset::calibration::Calibration;
+use crate::dataset::pose_check::PoseCheck;
 use crate::eval::report::FrameReport;
 use crate::render::attributes::Attribute;
 use std::collections::VecDeque;
@@ -18,6 +20,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::thread::JoinHandle;
 use std::time::Instant;
 
 /// The thread's own state.
@@ -49,6 +52,10 @@ pub struct WorkerThread {
     pub(super) rescue_folders: Vec<PathBuf>,
     /// What became of the newest state after a panic.
     pub(super) rescued: Option<Rescue>,
+    /// Checks the poses of what is open, until that is known.
+    pub(super) pose_check: Option<JoinHandle<Option<PoseCheck>>>,
+    /// How what is open is saved on its way.
+    pub(super) saver: RunAutosave,
 }
 
 /// Most notices kept.
@@ -85,11 +92,14 @@ impl WorkerThread {
             frames_since_checkpoint: 0,
             rescue_folders,
             rescued: None,
+            pose_check: None,
+            saver: RunAutosave::Off,
         }
     }
 
     /// Takes orders and trains until the handle is dropped.
     pub fn run(mut self) {
+        self.look_for_abandoned(None);
         while let Ok(order) = self.next_order() {
             // Around each turn and not around the loop, so that a panic costs
             // one order or one frame.
@@ -101,6 +111,7 @@ impl WorkerThread {
                 return;
             }
         }
+        self.end_autosave();
     }
 
     /// The next order; waits for it unless there is something to train.
@@ -129,6 +140,8 @@ impl WorkerThread {
             None if self.snapshot.state == RunState::Training => self.step(),
             None => {}
         }
+        self.autosave();
+        self.take_poses();
         // The first frame is shown as soon as it is there.
         let is_first = self.snapshot.frames_done == 1 && self.changed;
         self.publish(acted || is_first);
@@ -165,6 +178,8 @@ impl WorkerThread {
                 // Nobody listens any more if the window has given up waiting.
                 let _ = answer.send(self.rescue());
             }
+            WorkerOrder::GoOn => self.go_on(),
+            WorkerOrder::GiveUp => self.give_up(),
             // The window's own notices are kept here too, so that they outlive it.
             WorkerOrder::Report(kind, message) => self.notify(kind, message),
             WorkerOrder::Watch(attribute) => self.watch(attribute),

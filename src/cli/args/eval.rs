@@ -6,6 +6,7 @@ use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use vbgs_studio::eval::choices::{PartialCoverage, ViewPoses};
+use vbgs_studio::eval::scale::EvalScale;
 use vbgs_studio::render::Exposing;
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -37,6 +38,10 @@ pub struct ComparisonArgs {
     /// from around them, where their poses were corrected
     #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "recorded")]
     pub eval_poses: ViewPoses,
+    /// Compare at this fraction of the photographs' width and height, photographs averaged over the
+    /// area of each pixel (above 0, at most 1)
+    #[arg(long, value_name = "F", default_value = "1", allow_negative_numbers = true)]
+    pub eval_scale: EvalScale,
 }
 
 #[derive(Args)]

@@ -3,6 +3,7 @@
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use std::str::FromStr;
+use std::time::Duration;
 
 /// Parses a setting of the library by the names it has in files.
 pub fn choice<T>() -> impl TypedValueParser<Value = T>
@@ -25,6 +26,12 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
 pub fn parse_positive(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|n: &f64| n.is_finite() && *n > 0.0);
     number.ok_or_else(|| "expected a number above 0".to_owned())
+}
+
+/// A time in seconds, above 0.
+pub fn parse_seconds(text: &str) -> Result<Duration, String> {
+    let time = parse_positive(text).ok().and_then(|s| Duration::try_from_secs_f64(s).ok());
+    time.ok_or_else(|| "expected a number of seconds above 0".to_owned())
 }
 
 /// Two opposite corners of a box.

@@ -3,11 +3,12 @@
 use super::depth::DepthArgs;
 use super::eval::ComparisonArgs;
 use super::mapping::MappingArgs;
-use super::parse::{choice, parse_count};
+use super::parse::{choice, parse_count, parse_seconds};
 use super::renderer::RendererArgs;
 use super::settings::SettingsArgs;
 use clap::Args;
 use std::path::PathBuf;
+use std::time::Duration;
 use vbgs_studio::pipeline::plan::{Order, Shard};
 use vbgs_studio::train::setting::Preset;
 
@@ -34,9 +35,13 @@ pub struct TrainArgs {
     /// Go on even if the dataset is not the one the checkpoint was trained on
     #[arg(long, requires = "resume")]
     pub force: bool,
-    /// Save the checkpoint every N frames too, keeping the one before as checkpoint.vbgs.bak
+    /// Save the checkpoint every N frames too, beside training, keeping the one before as
+    /// checkpoint.vbgs.bak
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub autosave_frames: Option<usize>,
+    /// Save the checkpoint every S seconds too, beside training and likewise keeping the one before
+    #[arg(long, value_name = "S", value_parser = parse_seconds, allow_negative_numbers = true)]
+    pub autosave_seconds: Option<Duration>,
     /// Set of defaults [default: scene]
     #[arg(long, value_parser = choice::<Preset>())]
     pub preset: Option<Preset>,

@@ -93,6 +93,7 @@ pub use crate::model::stored::StoredModel;
 pub use content::{Checkpoint, Cursor, Loaded};
 pub use error::{CheckpointError, Defect};
 pub use read::{is_checkpoint, parse, read};
+pub use sections::MAX_JSON_BYTES;
 pub use version::VERSION;
 pub use write::{to_bytes, write, write_keeping_old};
 

@@ -6,8 +6,8 @@ use super::element::{ElementType, Stored};
 use super::error::{Defect, tag_text};
 use crate::export::DEFAULT_MAX_SPLATS;
 
-/// Most bytes of a JSON section.
-const MAX_JSON_BYTES: usize = 64 << 20;
+/// Most bytes of a JSON section: what is larger is refused when it is read.
+pub const MAX_JSON_BYTES: usize = 64 << 20;
 
 /// The sections of a file whose frame is sound.
 pub(super) struct Sections<'a>(pub &'a Container<'a>);

@@ -4,6 +4,7 @@ use crate::math::cholesky::Cholesky;
 use crate::math::lane_cholesky::at;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
+use rayon::prelude::*;
 
 /// Parameters of position and form: mean (world units), logarithms of the scales, turns about the
 /// splat's own axes (radians), logarithm of the opacity.
@@ -123,8 +124,10 @@ fn deviations<const N: usize>(triangle: &[f32]) -> Option<[f64; N]> {
 }
 
 /// Rows that are not there yet are `none`.
-fn listed_rows<T: Copy>(rows: &[T], list: &[u32], none: T) -> Vec<T> {
-    list.iter().map(|&i| rows.get(i as usize).copied().unwrap_or(none)).collect()
+fn listed_rows<T: Copy + Send + Sync>(rows: &[T], list: &[u32], none: T) -> Vec<T> {
+    // On all threads: these are most bytes of a scene, and training waits while they are copied.
+    let row = |&i: &u32| rows.get(i as usize).copied().unwrap_or(none);
+    list.par_iter().with_min_len(4096).map(row).collect()
 }
 
 #[cfg(test)]

@@ -7,8 +7,10 @@ mod merge;
 mod resume;
 mod save;
 mod saved;
+mod snapshot;
 
 pub use asked::ResumeRequest;
 pub use error::RunError;
 pub use merge::merge;
 pub use saved::{Meta, SavedRun};
+pub use snapshot::SessionSnapshot;

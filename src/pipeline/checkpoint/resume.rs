@@ -3,8 +3,8 @@
 use super::asked::ResumeRequest;
 use super::error::RunError;
 use super::json::parse;
-use super::save::History;
 use super::saved::SavedRun;
+use super::snapshot::History;
 use crate::dataset::Dataset;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::export::checkpoint::Checkpoint;

@@ -1,24 +1,11 @@
-//! From a session to a checkpoint.
+//! From a session to a file, while whoever asked waits. [`Autosave`](crate::pipeline::autosave::Autosave)
+//! does so without waiting.
 
 use super::error::RunError;
-use super::json::canonical;
-use super::saved::Meta;
-use crate::dataset::fingerprint::Fingerprint;
-use crate::eval::machine;
-use crate::eval::report::{FrameReport, SkippedFrame};
-use crate::export::checkpoint::{self, Checkpoint, Cursor};
+use crate::export::checkpoint::{self, Checkpoint};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::session::Session;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Content of the `HIST` section.
-#[derive(Serialize, Deserialize)]
-pub(super) struct History {
-    pub frames: Vec<FrameReport>,
-    pub skipped: Vec<SkippedFrame>,
-}
 
 impl Session {
     /// Writes a checkpoint, whole or not at all; returns its size.
@@ -33,35 +20,6 @@ impl Session {
 
     /// Everything a later session needs to go on as if this one had not stopped. Copies the model.
     pub fn checkpoint(&self) -> Result<Checkpoint, SessionError> {
-        let (past, plan) = (self.past(), self.plan());
-        let meta = Meta {
-            program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
-            saved_unix_s: now_unix_s(),
-            dataset: self.dataset().path.as_ref().map(|path| {
-                // A path that cannot be made absolute still says more than none.
-                std::path::absolute(path).unwrap_or_else(|_| path.clone())
-            }),
-            fingerprint: Fingerprint::of(self.dataset(), plan.split),
-            up: self.up().to_array(),
-            planned_frames: plan.frames.len(),
-            wall_s: past.wall_s,
-        };
-        let history = History { frames: past.frames.clone(), skipped: past.skipped.clone() };
-        Ok(Checkpoint {
-            config: canonical(self.config())?,
-            meta: canonical(&meta)?,
-            numerics: machine::numerics(),
-            history: Some(canonical(&history)?),
-            cursor: Cursor {
-                frames: self.learner().frames(),
-                points: past.points,
-                visited: plan.frames[..past.visited].iter().map(|&frame| frame as u32).collect(),
-            },
-            model: self.learner().stored(),
-        })
+        self.snapshot().into_checkpoint()
     }
-}
-
-pub(super) fn now_unix_s() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
 }

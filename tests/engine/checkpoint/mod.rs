@@ -1,5 +1,6 @@
 //! Runs that stop, go on and are merged are the runs that never stopped, bit for bit.
 
+mod autosave;
 mod merge;
 mod refusals;
 mod resume;

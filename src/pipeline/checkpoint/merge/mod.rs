@@ -5,8 +5,8 @@ mod start;
 
 use super::error::RunError;
 use super::json::canonical;
-use super::save::now_unix_s;
 use super::saved::{Meta, SavedRun};
+use super::snapshot::now_unix_s;
 use crate::export::checkpoint::{Checkpoint, Cursor, StoredModel};
 use crate::model::paper::merging;
 use crate::model::paper::merging::AddError;

@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+"""Trains one scene on many machines: shards of the frames, then a tree of merges.
+
+Every task is one call of `vbgs-studio`; this script only says which, on which machine, and carries
+checkpoints between them. With Ray (`pip install ray`) tasks run wherever the cluster has cores;
+`--local` runs them on this machine by Python's own means and needs nothing installed.
+
+    distribute.py room --out run --shards 16 --local
+    distribute.py /shared/city --out run --shards 512 --threads 8      # on a Ray cluster
+
+The dataset must be readable under the same path on every machine. Checkpoints travel through Ray's
+object store, so that no machine writes to a shared folder.
+"""
+
+import argparse
+import concurrent.futures
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+
+# Components on a lattice do not depend on the order of frames, so the sum of shards is the scene of
+# one run, bit for bit. They learn from points alone.
+EXACT = ["--births", "lattice"]
+
+
+def run_program(program, arguments):
+    """Runs one command; its message is the error if it fails."""
+    done = subprocess.run([program, *arguments], capture_output=True, text=True)
+    if done.returncode != 0:
+        command = " ".join([program, *arguments])
+        said = done.stderr.strip().splitlines() or ["it says nothing"]
+        raise RuntimeError(f"{command}: exit status {done.returncode}: {said[-1]}")
+
+
+def train_shard(program, dataset, shard, threads, options):
+    """Task: trains every N-th frame; the checkpoint's bytes, and the seconds it took."""
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = ["train", dataset, "--out", folder, "--shard", shard, *options]
+        if threads:
+            arguments += ["--threads", str(threads)]
+        run_program(program, arguments)
+        content = pathlib.Path(folder, "checkpoint.vbgs").read_bytes()
+    return content, time.monotonic() - started
+
+
+def merge(program, *parts):
+    """Task: the sum of checkpoints; its bytes, and the seconds it took."""
+    started = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        names = []
+        for i, (content, _) in enumerate(parts):
+            names.append(os.path.join(folder, f"{i}.vbgs"))
+            pathlib.Path(names[-1]).write_bytes(content)
+        out = os.path.join(folder, "merged.vbgs")
+        run_program(program, ["merge", *names, "-o", out])
+        content = pathlib.Path(out).read_bytes()
+    return content, time.monotonic() - started
+
+
+class Local:
+    """Tasks on this machine, `workers` at a time."""
+
+    def __init__(self, workers):
+        # Threads: each only waits for a process.
+        self.pool = concurrent.futures.ThreadPoolExecutor(workers)
+
+    def submit(self, task, *arguments):
+        return self.pool.submit(task, *arguments)
+
+    def submit_merge(self, program, parts):
+        return self.pool.submit(merge, program, *[part.result() for part in parts])
+
+    def result(self, handle):
+        return handle.result()
+
+
+class Cluster:
+    """Tasks wherever a Ray cluster has so many cores free. Ray runs a task again if its machine is
+    lost: a shard has no effect but its checkpoint."""
+
+    def __init__(self, threads):
+        try:
+            import ray
+        except ImportError:
+            sys.exit("error: Ray is not installed: `pip install ray`, or use --local")
+        ray.init()
+        self.ray = ray
+        self.cores = max(threads, 1)
+
+    def submit(self, task, *arguments):
+        return self.ray.remote(task).options(num_cpus=self.cores, max_retries=3).remote(*arguments)
+
+    def submit_merge(self, program, parts):
+        # Handles, not bytes: Ray brings them to the machine that merges.
+        return self.ray.remote(merge).options(num_cpus=1, max_retries=3).remote(program, *parts)
+
+    def result(self, handle):
+        return self.ray.get(handle)
+
+
+def merge_tree(executor, program, parts, fan_in):
+    """Merges `fan_in` at a time, level by level; the last handle and the depth of the tree."""
+    depth = 0
+    while len(parts) > 1:
+        groups = [parts[i : i + fan_in] for i in range(0, len(parts), fan_in)]
+        # A group of one has nothing to be added to on this level.
+        parts = [g[0] if len(g) == 1 else executor.submit_merge(program, g) for g in groups]
+        depth += 1
+    return parts[0], depth
+
+
+def parse():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("dataset", help="as `vbgs-studio train` takes it")
+    parser.add_argument("--out", required=True, help="folder for checkpoint.vbgs and scene.ply")
+    parser.add_argument("--shards", type=int, required=True, help="tasks that share the frames")
+    parser.add_argument("--fan-in", type=int, default=8, help="checkpoints that one merge adds [8]")
+    parser.add_argument("--threads", type=int, default=0, help="threads of a shard [one per core]")
+    parser.add_argument("--local", action="store_true", help="on this machine, without Ray")
+    parser.add_argument("--workers", type=int, default=1, help="shards at a time with --local [1]")
+    parser.add_argument("--program", default="vbgs-studio", help="the program [vbgs-studio]")
+    parser.epilog = "What follows `--` are options of `vbgs-studio train`, for every shard."
+    given = sys.argv[1:]
+    end = given.index("--") if "--" in given else len(given)
+    arguments = parser.parse_args(given[:end])
+    arguments.train_options = given[end + 1 :]
+    if arguments.shards < 1 or arguments.fan_in < 2 or arguments.workers < 1:
+        parser.error("expected --shards and --workers of 1 or more and --fan-in of 2 or more")
+    return arguments
+
+
+def main():
+    asked = parse()
+    out = pathlib.Path(asked.out)
+    out.mkdir(parents=True, exist_ok=True)
+    executor = Local(asked.workers) if asked.local else Cluster(asked.threads)
+    dataset = os.path.abspath(asked.dataset)
+    options = asked.train_options
+    if "--births" not in options:
+        options = [*EXACT, *options]
+    n = asked.shards
+    started = time.monotonic()
+    shards = [
+        executor.submit(train_shard, asked.program, dataset, f"{k}/{n}", asked.threads, options)
+        for k in range(1, n + 1)
+    ]
+    last, depth = merge_tree(executor, asked.program, shards, asked.fan_in)
+    content, merge_s = executor.result(last)
+    checkpoint = out / "checkpoint.vbgs"
+    # Under another name first: whoever looks meanwhile sees a whole file.
+    partial = checkpoint.with_suffix(".partial")
+    partial.write_bytes(content)
+    os.replace(partial, checkpoint)
+    run_program(asked.program, ["export", str(checkpoint), "-o", str(out / "scene.ply")])
+    seconds, megabytes = time.monotonic() - started, len(content) * 1e-6
+    print(
+        f"{n} shards, {depth} levels of merges by {asked.fan_in}, the last took {merge_s:.2f} s; "
+        f"in {seconds:.1f} s: {checkpoint} ({megabytes:.1f} MB) and {out / 'scene.ply'}"
+    )
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except RuntimeError as error:
+        sys.exit(f"error: {error}")

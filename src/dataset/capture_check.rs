@@ -1,0 +1,225 @@
+//! What a recording's pictures and times say of how it was taken: frames much blurrier than their
+//! neighbours, jumps of brightness, gaps in time.
+//!
+//! Every frame is judged by its neighbours alone: what is usual differs from camera to camera and
+//! from room to room. Of long recordings runs of consecutive frames are looked at, evenly spaced;
+//! times, which cost nothing, are looked at in all of them.
+
+use super::entry::{DatasetSplit, FrameEntry};
+use super::sharpness::PictureMeasure;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::ops::Range;
+
+/// Most frames whose pictures are looked at: two or three seconds of a phone's, on two cores.
+const MAX_FRAMES: usize = 160;
+/// Consecutive frames of a run.
+const RUN: usize = 8;
+/// Neighbours before and behind that a frame's sharpness is compared with, and the fewest in all.
+const REACH: usize = 3;
+const MIN_NEIGHBOURS: usize = 3;
+/// Sharpness below this share of the neighbours' median is blur. Of the 400 pictures of Lego, a chair
+/// and two Kinects' offices one lies below it, and that one is shaken.
+const BLURRED: f64 = 0.5;
+/// A step of brightness is a jump from this factor on, and if it is so many times the usual step.
+const JUMP: f64 = 1.15;
+const TIMES_USUAL: f64 = 5.0;
+/// A gap is so many usual distances in time: two frames or more are missing.
+const GAP: f64 = 2.5;
+
+/// What was found in a split.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CaptureCheck {
+    /// Frames whose pictures were looked at.
+    pub looked_at: usize,
+    /// Frames of the split.
+    pub frames: usize,
+    /// Frames much blurrier than their neighbours.
+    pub blurred: Vec<BlurredFrame>,
+    /// Frames much brighter or darker than the one before.
+    pub brightness_jumps: Vec<BrightnessJump>,
+    /// Median time between frames, seconds, where the recording tells times.
+    pub usual_step_s: Option<f64>,
+    /// Frames that come much later than the one before.
+    pub gaps: Vec<TimeGap>,
+}
+
+/// A frame much blurrier than its neighbours.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BlurredFrame {
+    /// Name within the split.
+    pub frame: String,
+    /// Its sharpness as a share of its neighbours' median.
+    pub share: f64,
+}
+
+/// A frame much brighter or darker than the one before.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BrightnessJump {
+    /// Name within the split.
+    pub frame: String,
+    /// Its brightness over that of the frame before.
+    pub factor: f64,
+}
+
+/// A frame much later than the one before, or earlier.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TimeGap {
+    /// Name within the split.
+    pub frame: String,
+    /// Seconds since the frame before; negative where times go back.
+    pub seconds: f64,
+}
+
+impl CaptureCheck {
+    /// Whether anything was found.
+    pub fn is_clean(&self) -> bool {
+        self.blurred.is_empty() && self.brightness_jumps.is_empty() && self.gaps.is_empty()
+    }
+}
+
+/// Looks at a split. Frames that cannot be read are passed over: they are defects told elsewhere.
+///
+/// ```
+/// use vbgs_studio::dataset::capture_check;
+///
+/// let room = vbgs_studio::dataset::synthetic::demo()?;
+/// let check = capture_check::check(&room.splits[0]);
+/// assert!(check.is_clean() && check.looked_at == room.splits[0].frames.len(), "{check:?}");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn check(split: &DatasetSplit) -> CaptureCheck {
+    let frames = &split.frames;
+    let runs: Vec<Vec<Look>> =
+        runs(frames.len()).into_iter().map(|run| look(frames, run)).collect();
+    let jumps = jumps(&runs);
+    let (usual_step_s, gaps) = gaps(frames);
+    CaptureCheck {
+        looked_at: runs.iter().map(Vec::len).sum(),
+        frames: frames.len(),
+        blurred: runs.iter().flat_map(|run| blurred(run)).collect(),
+        brightness_jumps: jumps,
+        usual_step_s,
+        gaps,
+    }
+}
+
+/// A frame that was looked at.
+struct Look<'a> {
+    index: usize,
+    name: &'a str,
+    measure: PictureMeasure,
+}
+
+/// All frames, or runs of them evenly spaced.
+fn runs(n: usize) -> Vec<Range<usize>> {
+    if n <= MAX_FRAMES {
+        return std::iter::once(0..n).collect();
+    }
+    let n_runs = MAX_FRAMES / RUN;
+    (0..n_runs).map(|i| i * (n - RUN) / (n_runs - 1)).map(|first| first..first + RUN).collect()
+}
+
+fn look(frames: &[FrameEntry], run: Range<usize>) -> Vec<Look<'_>> {
+    let one = |index: usize| {
+        let measure = PictureMeasure::of(&frames[index].load_color().ok()?);
+        Some(Look { index, name: &frames[index].name, measure })
+    };
+    run.into_par_iter().filter_map(one).collect()
+}
+
+fn blurred(run: &[Look]) -> Vec<BlurredFrame> {
+    let one = |i: usize| {
+        let sharpness = run[i].measure.sharpness?;
+        let near = i.saturating_sub(REACH)..(i + REACH + 1).min(run.len());
+        let others = near.filter(|&j| j != i).filter_map(|j| run[j].measure.sharpness);
+        let others: Vec<f64> = others.collect();
+        let is_enough = others.len() >= MIN_NEIGHBOURS;
+        let share = sharpness / median(others).filter(|_| is_enough)?;
+        (share < BLURRED).then(|| BlurredFrame { frame: run[i].name.to_owned(), share })
+    };
+    (0..run.len()).filter_map(one).collect()
+}
+
+fn jumps(runs: &[Vec<Look>]) -> Vec<BrightnessJump> {
+    let steps = runs.iter().flat_map(|run| run.windows(2)).filter_map(|pair| match pair {
+        // A frame between them may not have been readable.
+        [before, here] if here.index == before.index + 1 => {
+            // Black frames have no factor; half a code of 255 keeps them finite.
+            let lifted = |look: &Look| look.measure.brightness + 0.5 / 255.0;
+            Some((here.name, lifted(here) / lifted(before)))
+        }
+        _ => None,
+    });
+    let steps: Vec<(&str, f64)> = steps.collect();
+    let usual = median(steps.iter().map(|(_, factor)| factor.ln().abs()).collect());
+    let limit = JUMP.ln().max(TIMES_USUAL * usual.unwrap_or(0.0));
+    let far = steps.into_iter().filter(|(_, factor)| factor.ln().abs() > limit);
+    far.map(|(frame, factor)| BrightnessJump { frame: frame.to_owned(), factor }).collect()
+}
+
+/// The usual distance in time, and the distances that are not.
+fn gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
+    let steps: Vec<(&str, f64)> = frames
+        .windows(2)
+        .filter_map(|pair| Some((pair[1].name.as_str(), pair[1].time? - pair[0].time?)))
+        .collect();
+    let usual = median(steps.iter().map(|(_, seconds)| *seconds).collect());
+    let Some(usual) = usual.filter(|usual| *usual > 0.0) else { return (None, Vec::new()) };
+    let odd = steps.into_iter().filter(|(_, seconds)| *seconds < 0.0 || *seconds > GAP * usual);
+    let gaps = odd.map(|(frame, seconds)| TimeGap { frame: frame.to_owned(), seconds });
+    (Some(usual), gaps.collect())
+}
+
+/// The middle value; `None` of none.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run_of(measures: &[(f64, f64)]) -> Vec<Look<'static>> {
+        let names = ["0", "1", "2", "3", "4", "5", "6", "7"];
+        let look = |(index, &(sharpness, brightness)): (usize, &(f64, f64))| Look {
+            index,
+            name: names[index],
+            measure: PictureMeasure { sharpness: Some(sharpness), brightness },
+        };
+        measures.iter().enumerate().map(look).collect()
+    }
+
+    #[test]
+    fn long_recordings_are_sampled_from_end_to_end() {
+        assert_eq!(runs(5), [0..5]);
+        assert_eq!(runs(MAX_FRAMES), [0..MAX_FRAMES]);
+        let many = runs(10_000);
+        assert_eq!((many.len(), many[0].clone()), (20, 0..8));
+        assert_eq!(many[19], 9_992..10_000);
+        assert!(runs(MAX_FRAMES + 1).iter().all(|run| run.len() == RUN && run.end <= 161));
+    }
+
+    #[test]
+    fn frames_are_judged_by_their_neighbours() {
+        let falling = [1.0, 0.95, 0.9, 0.8, 0.45, 0.7, 0.65, 0.6].map(|s| (s, 0.5));
+        assert_eq!(blurred(&run_of(&falling)), [], "more than half of 0.8");
+        let shaken = [1.0, 1.0, 0.2, 0.3, 1.0, 1.0, 1.0, 1.0].map(|s| (s, 0.5));
+        let found: Vec<String> = blurred(&run_of(&shaken)).into_iter().map(|b| b.frame).collect();
+        assert_eq!(found, ["2", "3"], "two in a row as well");
+        assert_eq!(blurred(&run_of(&[(1.0, 0.5), (0.1, 0.5)])), [], "too few to compare with");
+    }
+
+    #[test]
+    fn jumps_stand_out_from_what_is_usual() {
+        let calm = [0.5, 0.51, 0.5, 0.75, 0.76, 0.75, 0.74, 0.75].map(|b| (1.0, b));
+        let found = jumps(&[run_of(&calm)]);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].frame == "3" && (found[0].factor - 1.5).abs() < 0.01, "{found:?}");
+        let wild = [0.3, 0.6, 0.25, 0.7, 0.3, 0.5, 0.2, 0.6].map(|b| (1.0, b));
+        assert_eq!(jumps(&[run_of(&wild)]), [], "views all around have no neighbours");
+        let apart = vec![run_of(&[(1.0, 0.2)]), run_of(&[(1.0, 0.8)])];
+        assert_eq!(jumps(&apart), [], "runs are far from each other");
+    }
+}

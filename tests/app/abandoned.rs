@@ -1,0 +1,167 @@
+//! Runs that a window left behind when it was killed: offered by the next one, gone on with or
+//! forgotten, never lost unasked.
+
+use super::harness::{PATIENCE, Window, click, dataset, is, wait};
+use crate::common::adapter::{turn, vulkan};
+use eframe::egui::{Key, Vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::Queryable;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::training::TrainSettings;
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+use vbgs_studio::app::{Exit, Painting, Studio};
+use vbgs_studio::dataset::LoadOptions;
+use vbgs_studio::pipeline::checkpoint::SavedRun;
+use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+
+const FRAMES: usize = 4;
+
+/// A worker that saves whenever it may into a folder of its own.
+fn worker(state: &Path) -> Arc<Worker> {
+    let worker = Worker::start_with(Arc::new(|| {}), vec![state.to_owned()]).unwrap();
+    worker.send(always_saving());
+    Arc::new(worker)
+}
+
+fn always_saving() -> WorkerOrder {
+    let settings = TrainSettings { autosave_s: Some(0), ..TrainSettings::default() };
+    WorkerOrder::TrainBy(Box::new(settings))
+}
+
+fn until(what: &str, condition: impl Fn() -> bool) {
+    let started = Instant::now();
+    while !condition() {
+        assert!(started.elapsed() < PATIENCE, "waited for {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Checkpoints in the folder of saves.
+fn saved(state: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(state.join("autosave")) else { return Vec::new() };
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let mut saved: Vec<PathBuf> =
+        paths.filter(|path| path.extension().is_some_and(|e| e == "vbgs")).collect();
+    saved.sort();
+    saved
+}
+
+/// What a window that was killed after two frames leaves. Only the process's locks would go with it,
+/// so the files are kept aside while this window, which cannot be killed, removes them.
+fn killed(room: &Path, state: &Path) {
+    let worker = worker(state);
+    worker.send(WorkerOrder::Open(Subject::Path(room.to_owned())));
+    for frames in 1..=2 {
+        worker.send(WorkerOrder::Step);
+        until("a frame", || worker.snapshot().frames_done == frames);
+    }
+    let has = |n: u64| {
+        let files = saved(state);
+        let run = files.first().and_then(|file| SavedRun::read(file).ok());
+        run.is_some_and(|run| run.content.cursor.frames == n)
+    };
+    until("both frames to be saved", || has(2));
+    let file = saved(state).remove(0);
+    let content = std::fs::read(&file).unwrap();
+    drop(worker);
+    assert!(saved(state).is_empty(), "closed in order, nothing is left");
+    std::fs::write(file, content).unwrap();
+}
+
+/// The next window on the same dataset; `None` without a Vulkan adapter.
+fn next_window(room: &Path, state: &Path) -> Option<(Window, Arc<Worker>)> {
+    vulkan()?;
+    let worker = worker(state);
+    let (own, room) = (worker.clone(), room.to_owned());
+    let window = Harness::builder()
+        .with_size(Vec2::new(1000.0, 640.0))
+        .with_max_steps(8)
+        .wgpu()
+        .build_eframe(move |cc| {
+            let first = vec![WorkerOrder::Open(Subject::Path(room))];
+            Studio::attach(cc, own, first, Exit::default(), Painting::Auto, Instant::now()).unwrap()
+        });
+    // The window has said by its own settings how often.
+    worker.send(always_saving());
+    Some((window, worker))
+}
+
+#[test]
+fn a_killed_run_is_offered_and_goes_on_to_the_same_scene() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
+    killed(&room, &state);
+    let Some((mut window, worker)) = next_window(&room, &state) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.run_steps(2);
+    window.get_by_label_contains("of room: 2 of 4 frames were trained");
+    click(&mut window, "Continue");
+    wait(&mut window, "the run", |s| s.snapshot().frames_done == 2);
+    assert_eq!(window.state().snapshot().state, RunState::Paused);
+    assert_eq!(window.state().snapshot().unsaved_frames, 2, "in no file of the user's");
+    assert!(window.query_by_label("Continue").is_none());
+
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+    let file = folder.path().join("run.vbgs");
+    worker.send(WorkerOrder::Save(1, file.clone()));
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let opened = vbgs_studio::dataset::open(&room, &LoadOptions::default()).unwrap();
+    let whole = SceneOverrides::default();
+    let mut whole = Session::new(Arc::new(opened), whole, Selection::everything()).unwrap();
+    while !matches!(whole.step().unwrap(), Step::Finished) {}
+    let content = SavedRun::read(&file).unwrap().content;
+    assert!(content.model == whole.checkpoint().unwrap().model, "another scene");
+    assert!(saved(&state).is_empty(), "saved where the user said");
+}
+
+#[test]
+fn what_is_offered_survives_other_training_until_it_is_forgotten() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
+    killed(&room, &state);
+    let left = saved(&state);
+    let content = std::fs::read(&left[0]).unwrap();
+    let Some((mut window, worker)) = next_window(&room, &state) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Not now");
+    assert!(window.query_by_label("Continue").is_none());
+    click(&mut window, "Step");
+    wait(&mut window, "a save", |_| saved(&state).len() == 2);
+    assert!(std::fs::read(&left[0]).unwrap() == content, "trained over");
+    drop(window);
+    drop(worker);
+    assert_eq!(saved(&state), left, "the new run was closed in order");
+
+    let Some((mut window, _worker)) = next_window(&room, &state) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Forget it");
+    wait(&mut window, "the file to go", |_| saved(&state).is_empty());
+    window.run_steps(2);
+    assert!(window.query_by_label("Continue").is_none());
+}
+
+#[test]
+fn a_damaged_save_is_passed_over_for_the_one_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
+    killed(&room, &state);
+    let file = saved(&state).remove(0);
+    std::fs::copy(&file, file.with_added_extension("bak")).unwrap();
+    std::fs::write(&file, "cut short").unwrap();
+    let next = worker(&state);
+    next.send(WorkerOrder::Open(Subject::Path(room.clone())));
+    until("the dataset", || next.snapshot().state == RunState::Ready);
+    let offered = next.snapshot().abandoned.clone().expect("an offer");
+    assert_eq!(offered.frames, 2);
+    assert_eq!((&offered.slot, &offered.file), (&file, &file.with_added_extension("bak")));
+    next.send(WorkerOrder::GoOn);
+    until("the run", || next.snapshot().frames_done == 2);
+}

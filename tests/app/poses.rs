@@ -1,0 +1,42 @@
+//! Poses that mean something else than their layout says are told in the window too.
+
+use super::harness::{click, dataset, is, wait, window};
+use crate::common::adapter::turn;
+use crate::common::scratch::edit_json;
+use egui_kittest::kittest::Queryable;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{NoticeKind, Subject};
+
+#[test]
+fn poses_are_checked_beside_training_and_doubts_are_told() {
+    let _turn = turn();
+    for is_wrong in [false, true] {
+        let folder = tempfile::tempdir().unwrap();
+        let room = dataset(folder.path(), 8);
+        if is_wrong {
+            // Camera axes y down and z forward, where the layout has y up and z back.
+            edit_json(&room.join("transforms_train.json"), |json| {
+                for frame in json["frames"].as_array_mut().unwrap() {
+                    for row in frame["transform_matrix"].as_array_mut().unwrap() {
+                        for column in [1, 2] {
+                            row[column] = (-row[column].as_f64().unwrap()).into();
+                        }
+                    }
+                }
+            });
+        }
+        let Some(mut window) = window(Some(Subject::Path(room)), Painting::Auto) else { return };
+        wait(&mut window, "ready", is(vbgs_studio::app::state::RunState::Ready));
+        wait(&mut window, "the check", |s| s.snapshot().poses.is_some());
+        click(&mut window, "Scene");
+        window.get_by_label_contains("of depth agrees with neighbouring frames (opengl)");
+        let snapshot = window.state().snapshot();
+        let told = snapshot.notices.iter().filter(|n| n.kind == NoticeKind::Warning);
+        let told: Vec<&str> = told.map(|n| n.text.as_str()).collect();
+        let doubted = told.iter().any(|text| text.contains("poses look opencv, not opengl"));
+        assert_eq!(doubted, is_wrong, "{told:?}");
+        // In the panel, and over the viewport until it is dismissed.
+        let shown = window.query_all_by_label_contains("poses look opencv, not opengl").count();
+        assert_eq!(shown, if is_wrong { 2 } else { 0 });
+    }
+}
