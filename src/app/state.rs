@@ -23,6 +23,8 @@ pub enum RunState {
     Empty,
     /// A dataset or model is being opened.
     Loading,
+    /// A recording is followed that holds no whole frame yet.
+    Waiting,
     /// Opened, nothing trained yet.
     Ready,
     /// Frames are being trained.
@@ -37,9 +39,10 @@ pub enum RunState {
 
 impl RunState {
     /// Every state.
-    pub const ALL: [RunState; 7] = [
+    pub const ALL: [RunState; 8] = [
         RunState::Empty,
         RunState::Loading,
+        RunState::Waiting,
         RunState::Ready,
         RunState::Training,
         RunState::Paused,
@@ -52,6 +55,7 @@ impl RunState {
         match self {
             RunState::Empty => "Empty",
             RunState::Loading => "Loading",
+            RunState::Waiting => "Waiting",
             RunState::Ready => "Ready",
             RunState::Training => "Training",
             RunState::Paused => "Paused",
@@ -209,6 +213,21 @@ pub struct Snapshot {
     pub inspected: Option<Arc<Inspected>>,
     /// What the user should read, newest last.
     pub notices: Arc<Vec<Notice>>,
+    /// Whether recordings are followed: the one that is open and what is opened next.
+    pub follows: bool,
+    /// The recording that is followed now, if one is.
+    pub followed: Option<Followed>,
+}
+
+/// How a recording is followed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Followed {
+    /// Its folder.
+    pub path: PathBuf,
+    /// Whether all frames that are whole were trained.
+    pub is_waiting: bool,
+    /// Why nothing comes, where that is not for lack of new files.
+    pub problem: Option<String>,
 }
 
 impl Snapshot {

@@ -9,6 +9,7 @@ mod demo;
 mod eval;
 mod export;
 mod failure;
+mod follow;
 mod info;
 mod interrupt;
 mod merge;

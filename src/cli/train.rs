@@ -2,18 +2,20 @@
 
 use super::args::TrainArgs;
 use super::failure::Failure;
+use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
 use super::{output, pose_check, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
-use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
+use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
@@ -24,19 +26,9 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
-    let load = match &start {
-        Start::New(_) => args.depth.load_options(),
-        Start::Saved(run, _) => run.config.load,
-    };
-    let dataset = Arc::new(dataset::open(&args.dataset, &load)?);
-    if let Some(split) = &args.eval {
-        dataset.split_named(split)?;
-    }
-    announce(&dataset);
-    doubt_poses(&dataset);
-    let mut session = match start {
-        Start::New(config) => Session::new(dataset, *config, selection(args))?,
-        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
+    let mut session = match args.follow {
+        true => followed(args, &start, &interrupt)?,
+        false => opened(args, start)?,
     };
     output::create_folder(&args.out)?;
     note(&session);
@@ -44,6 +36,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     // Measured after the run, whose times they must not change.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let end = train(&mut session, &interrupt, |session, bar| {
+        if args.follow && learnt(session) == DOUBT_AFTER {
+            let dataset = session.dataset().clone();
+            // Beside the training: frames keep coming.
+            rayon::spawn(move || doubt_poses(&dataset));
+        }
         if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
             early.push((session.visited(), session.stored_splats()));
         }
@@ -77,6 +74,39 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
+}
+
+/// A session on what the folder holds.
+fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
+    let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
+    if let Some(split) = &args.eval {
+        dataset.split_named(split)?;
+    }
+    announce(&dataset);
+    doubt_poses(&dataset);
+    Ok(match start {
+        Start::New(config) => Session::new(dataset, *config, selection(args))?,
+        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
+    })
+}
+
+/// A session on the first frames of a recording that is under way.
+fn followed(args: &TrainArgs, start: &Start, interrupt: &Interrupt) -> Result<Session, Failure> {
+    let load = start.load_options(args);
+    let selection = match start {
+        Start::New(_) => selection(args),
+        Start::Saved(run, _) => run.config.selection.clone(),
+    };
+    let follow = Follow::new(&args.dataset, &load, &selection)?;
+    let session = follow::begin(follow, interrupt, |dataset| match start {
+        Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
+        Start::Saved(run, asked) => run.clone().resume(dataset, asked, args.force),
+    })?;
+    announce(session.dataset());
+    if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {
+        eprintln!("note: there is no split {split} to measure yet");
+    }
+    Ok(session)
 }
 
 /// A new run, or the one in a checkpoint if it was begun as asked.
@@ -119,6 +149,18 @@ enum Start {
     Saved(Box<SavedRun>, Box<ResumeRequest>),
 }
 
+impl Start {
+    fn load_options(&self, args: &TrainArgs) -> LoadOptions {
+        match self {
+            Self::New(_) => args.depth.load_options(),
+            Self::Saved(run, _) => run.config.load,
+        }
+    }
+}
+
+/// Frames of a recording that is followed after which its poses are checked: fewer hardly moved.
+const DOUBT_AFTER: usize = 33;
+
 /// Whether a run can go on as asked, with what there is to say about it.
 fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     run.check(asked)?;
@@ -142,6 +184,7 @@ pub fn train(
     let bar = progress::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
     bar.reset_eta();
+    let mut told = ToldProblem::default();
     loop {
         if interrupt.is_asked() {
             bar.abandon();
@@ -149,6 +192,7 @@ pub fn train(
         }
         match session.step()? {
             Step::Trained(frame) => {
+                bar.set_length(session.plan().frames.len() as u64);
                 bar.set_position(frame.index as u64 + 1);
                 bar.set_message(format!(
                     "{:.1} ms/frame, {} of {} components used,",
@@ -160,6 +204,12 @@ pub fn train(
                 after(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
+            Step::Waiting => {
+                bar.set_message("waiting for the next frame,");
+                if let Some(follow) = session.followed() {
+                    told.wait(follow);
+                }
+            }
             Step::Finished => break,
         }
     }

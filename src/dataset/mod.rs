@@ -13,6 +13,7 @@
 //! | which frames train, which measure? | [`splits`] |
 //! | what corrects the cameras? | [`calibration`] |
 //! | do poses mean what the layout says? | [`pose_check`] |
+//! | how are frames taken while they are recorded? | [`growing`] |
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
 #![doc = include_str!("dataset.md")]
@@ -36,6 +37,7 @@ mod distortion;
 mod edges;
 mod entry;
 mod folder;
+pub mod growing;
 mod intrinsics;
 mod lengths;
 mod matrix;
@@ -45,6 +47,7 @@ mod pose_convention;
 mod position_range;
 mod source;
 mod video;
+mod whole;
 
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;

@@ -6,6 +6,7 @@ pub mod any_preset;
 pub mod checkpoint;
 pub mod demo;
 pub mod error;
+pub mod follow;
 mod frame_loop;
 mod inspection;
 pub mod memory;

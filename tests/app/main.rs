@@ -7,6 +7,7 @@ mod camera;
 mod common;
 mod crash;
 mod files;
+mod following;
 mod harness;
 mod inspect;
 mod opening;

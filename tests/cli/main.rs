@@ -10,6 +10,7 @@ mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod determinism;
+mod follow;
 mod headless;
 mod images;
 #[cfg(unix)]

@@ -5,6 +5,7 @@ mod calibrate;
 mod crash;
 mod dirty;
 mod files;
+mod following;
 mod order;
 mod publishing;
 mod shared;
