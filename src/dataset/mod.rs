@@ -43,6 +43,7 @@ mod lengths;
 mod matrix;
 mod opened;
 mod options;
+pub mod pace;
 mod pose_convention;
 mod position_range;
 mod source;

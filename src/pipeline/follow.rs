@@ -1,30 +1,18 @@
 //! When to look for the frames of a recording that is under way, and what to do about what is found.
 //!
-//! Looks are made between frames, by whoever trains: a look takes a twentieth of the time at most, and
-//! a rest is a few calls of the system (`dataset/growing.rs`), so that no thread has to be woken.
+//! Looks are made between frames, by whoever trains: so there is no thread that watches.
 
 use super::error::SessionError;
 use super::plan::{Order, Plan, Selection};
 use super::settings::scene::SceneError;
 use crate::dataset::error::DatasetError;
 use crate::dataset::growing::GrowingRecording;
+use crate::dataset::pace::LookPace;
 use crate::dataset::splits::HELD_OUT;
 use crate::dataset::{Dataset, FrameEntry, LoadOptions};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-
-/// Least time between two looks: less than a frame of a camera.
-const TICK: Duration = Duration::from_millis(20);
-/// Time between two looks for what no folder or list tells of, such as a file that was half there.
-const RETRY: Duration = Duration::from_millis(50);
-/// After so long without a frame nothing is in a hurry.
-const QUIET: Duration = Duration::from_secs(10);
-/// Time between two looks then, and between two for what no folder or list tells of.
-const QUIET_TICK: Duration = Duration::from_millis(100);
-const QUIET_RETRY: Duration = Duration::from_secs(1);
-/// A look may take so small a part of the time.
-const SHARE: u32 = 20;
 
 /// A recording that is followed while it grows.
 pub struct Follow {
@@ -33,13 +21,7 @@ pub struct Follow {
     /// Found before a session has begun.
     dataset: Option<Arc<Dataset>>,
     started: Instant,
-    /// When it was asked last whether a look is worth it.
-    ticked: Option<Instant>,
-    /// When the last look ended, and how long it took.
-    read: Option<Instant>,
-    cost: Duration,
-    /// When frames were found last.
-    grown: Instant,
+    pace: LookPace,
     problem: Option<String>,
     is_over: bool,
 }
@@ -82,16 +64,12 @@ impl Follow {
     }
 
     fn with(recording: GrowingRecording, selection: &Selection) -> Self {
-        let now = Instant::now();
         Self {
             recording,
             selection: Selection { follow: true, ..selection.clone() },
             dataset: None,
-            started: now,
-            ticked: None,
-            read: None,
-            cost: Duration::ZERO,
-            grown: now,
+            started: Instant::now(),
+            pace: LookPace::default(),
             problem: None,
             is_over: false,
         }
@@ -137,11 +115,7 @@ impl Follow {
 
     /// Time until a look may find something.
     pub fn rest(&self) -> Duration {
-        let tick = if self.is_quiet() { QUIET_TICK } else { TICK };
-        let left = |least: Duration, since: Option<Instant>| {
-            since.map_or(Duration::ZERO, |since| least.saturating_sub(since.elapsed()))
-        };
-        left(tick, self.ticked).max(left(SHARE * self.cost, self.read))
+        self.pace.rest(self.started.elapsed())
     }
 
     /// Why the last look found nothing, where that is not for lack of new files.
@@ -167,48 +141,38 @@ impl Follow {
         if self.is_over {
             return Ok(Found::End(None));
         }
-        if !self.rest().is_zero() {
+        let now = self.started.elapsed();
+        if !self.pace.rest(now).is_zero() {
             return Ok(Found::Nothing);
         }
-        self.ticked = Some(Instant::now());
+        self.pace.ask(now);
+        let recording = &mut self.recording;
         // Asked first: what is there when the recorder has ended is all.
-        let has_ended = self.recording.has_ended();
-        if !has_ended && !self.is_due() {
+        let has_ended = recording.has_ended();
+        let retries = recording.is_unresolved() && self.pace.retries(now);
+        if !(has_ended || retries || recording.has_changed()) {
             return Ok(Found::Nothing);
         }
-        let begun = Instant::now();
-        let found = self.recording.look(!has_ended, self.started.elapsed().as_secs_f64());
-        (self.read, self.cost) = (Some(Instant::now()), begun.elapsed());
+        let found = recording.look(!has_ended, now.as_secs_f64());
         if has_ended {
             self.is_over = true;
             return found.map(|found| Found::End(Some(found)));
         }
-        let found = found.and_then(|found| match self.recording.take(&found) {
-            0 if !self.recording.has_begun() => Err(self.recording.why_empty(found)),
+        let found = found.and_then(|found| match recording.take(&found) {
+            0 if !recording.has_begun() => Err(recording.why_empty(found)),
             0 => Ok(Found::Nothing),
             _ => Ok(Found::Frames(found)),
         });
         self.problem = found.as_ref().err().map(ToString::to_string);
         let found = found.unwrap_or(Found::Nothing);
-        if let Found::Frames(_) = found {
-            self.grown = Instant::now();
-        }
+        let has_grown = matches!(found, Found::Frames(_));
+        self.pace.looked(now, self.started.elapsed(), has_grown);
         Ok(found)
     }
 
     /// Lets a frame that could not be read be found again when its files change.
     pub(super) fn give_back(&mut self, frame: &FrameEntry) {
         self.recording.give_back(frame);
-    }
-
-    fn is_due(&self) -> bool {
-        let retry = if self.is_quiet() { QUIET_RETRY } else { RETRY };
-        let waited = self.read.is_none_or(|read| read.elapsed() >= retry);
-        self.recording.has_changed() || self.recording.is_unresolved() && waited
-    }
-
-    fn is_quiet(&self) -> bool {
-        self.grown.elapsed() > QUIET
     }
 }
 
