@@ -1,6 +1,7 @@
 //! How often a recording that grows is looked at. Times are those since any beginning: whoever looks
 //! has the clock.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 /// Least time between two questions whether a look is worth it: less than a frame of a camera.
@@ -11,6 +12,8 @@ const RETRY: Duration = Duration::from_millis(50);
 const QUIET: Duration = Duration::from_secs(10);
 const QUIET_TICK: Duration = Duration::from_millis(100);
 const QUIET_RETRY: Duration = Duration::from_secs(1);
+/// Looks that tell what the next one takes.
+const LATEST: usize = 8;
 /// A look may take so small a part of the time.
 const SHARE: u32 = 20;
 
@@ -19,7 +22,8 @@ const SHARE: u32 = 20;
 pub struct LookPace {
     asked: Option<Duration>,
     looked: Option<Duration>,
-    cost: Duration,
+    /// Of the latest looks, as far as there were so many.
+    costs: VecDeque<Duration>,
     grown: Duration,
 }
 
@@ -30,7 +34,9 @@ impl LookPace {
         let left = |least: Duration, since: Option<Duration>| {
             since.map_or(Duration::ZERO, |since| (since + least).saturating_sub(now))
         };
-        left(tick, self.asked).max(left(SHARE * self.cost, self.looked))
+        // Of the quickest: the others were interrupted by whatever else the machine does.
+        let cost = self.costs.iter().min().copied().unwrap_or_default();
+        left(tick, self.asked).max(left(SHARE * cost, self.looked))
     }
 
     /// The question is asked.
@@ -46,7 +52,11 @@ impl LookPace {
 
     /// A look was made, and whether it found frames.
     pub fn looked(&mut self, begun: Duration, now: Duration, has_grown: bool) {
-        (self.looked, self.cost) = (Some(now), now.saturating_sub(begun));
+        self.looked = Some(now);
+        if self.costs.len() == LATEST {
+            self.costs.pop_front();
+        }
+        self.costs.push_back(now.saturating_sub(begun));
         if has_grown {
             self.grown = now;
         }
@@ -70,8 +80,12 @@ mod tests {
         assert!(pace.retries(ms(0)));
         pace.looked(ms(0), ms(1), true);
         assert_eq!(pace.rest(ms(1)), ms(20), "a quick one: the next tick");
-        pace.looked(ms(100), ms(110), true);
-        assert_eq!(pace.rest(ms(110)), ms(200));
+        pace.looked(ms(60), ms(110), true);
+        assert_eq!(pace.rest(ms(110)), ms(20), "it was interrupted");
+        for _ in 0..LATEST {
+            pace.looked(ms(100), ms(110), true);
+        }
+        assert_eq!(pace.rest(ms(110)), ms(200), "looks have become slow");
         assert!(!pace.retries(ms(159)) && pace.retries(ms(160)));
         // Nothing came for long.
         pace.ask(ms(20_000));

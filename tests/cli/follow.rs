@@ -68,8 +68,13 @@ fn a_recording_is_learnt_while_it_is_written() {
     let report = scratch.json("out/report.json");
     assert_eq!(report["config"]["follow"], true);
     assert_eq!(report["skipped"], serde_json::json!([]));
-    assert_eq!((&report["dataset"]["frames"], &report["eval"][0]["views"]), (&17.into(), &3.into()));
-    assert!(report["frames"].as_array().unwrap().iter().all(|f| f["behind_ms"].as_f64() > Some(0.0)));
+    assert_eq!(
+        (&report["dataset"]["frames"], &report["eval"][0]["views"]),
+        (&17.into(), &3.into())
+    );
+    assert!(
+        report["frames"].as_array().unwrap().iter().all(|f| f["behind_ms"].as_f64() > Some(0.0))
+    );
     // As if it had been opened at the end; only a look at more frames places the model otherwise.
     scratch.run(&TRAIN.replace("out out", "out after")).succeeds();
     let after = scratch.json("after/report.json");
@@ -240,7 +245,10 @@ fn multiply(few: &Path, out: &Path, layout: &str, n_few: usize, n: usize) {
             let mut lists = ["rgb", "depth", "groundtruth"].map(|_| String::new());
             for (i, few) in sources() {
                 for (list, folder) in lists.iter_mut().zip(["rgb", "depth"]) {
-                    link(format!("{folder}/{}.png", time(few)), format!("{folder}/{}.png", time(i)));
+                    link(
+                        format!("{folder}/{}.png", time(few)),
+                        format!("{folder}/{}.png", time(i)),
+                    );
                     *list += &format!("{0} {folder}/{0}.png\n", time(i));
                 }
                 let pose = poses[1 + few].split_once(' ').unwrap().1;
@@ -315,7 +323,7 @@ fn multiply(few: &Path, out: &Path, layout: &str, n_few: usize, n: usize) {
             let few_frames = list["frames"].as_array().unwrap().clone();
             let mut frames = Vec::new();
             for (i, few) in sources() {
-                for end in ["", "_depth_0000"] {
+                for end in ["", "_depth_0001"] {
                     let file = |i: usize| format!("train/r_{i}{end}.png");
                     link(file(few), file(i));
                 }

@@ -339,3 +339,34 @@ fn what_is_no_folder_is_refused_and_what_is_empty_is_waited_for() {
     let error = recording.look(true, 0.0).err().unwrap().to_string();
     assert!(error.contains("an empty folder"), "{error}");
 }
+
+/// `cargo test --release --test dataset long_recording -- --ignored --nocapture`
+#[test]
+#[ignore = "times looks at 3,000 frames of each layout"]
+fn a_look_at_a_long_recording_is_quick() {
+    let n = 3000;
+    for layout in LIVE {
+        let folder = tempfile::tempdir().unwrap();
+        let room = SyntheticParams { width: 8, height: 8, n_train: n, ..ROOM };
+        let path = folder.path().join("room");
+        let mut recording = follow(&path);
+        let (mut last, mut found) = (Vec::new(), 0);
+        write_live(&room, &path, layout, &mut |due, _| {
+            if due % 500 == 0 || due > n - 10 {
+                let begun = std::time::Instant::now();
+                found += taken(&mut recording, true, due as f64).len();
+                last.push(begun.elapsed().as_secs_f64() * 1e3);
+            }
+        })
+        .unwrap();
+        let begun = std::time::Instant::now();
+        assert!(!recording.has_changed() || recording.has_ended());
+        let idle = begun.elapsed().as_secs_f64() * 1e3;
+        found += taken(&mut recording, false, LATER).len();
+        assert_eq!(found, n);
+        let quickest = last[last.len() - 9..].iter().copied().fold(f64::INFINITY, f64::min);
+        println!(
+            "{layout:?}: a look that finds one of {n} frames {quickest:.1} ms, a question {idle:.3} ms"
+        );
+    }
+}

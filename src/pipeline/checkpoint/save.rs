@@ -20,6 +20,16 @@ pub(super) struct History {
     pub skipped: Vec<SkippedFrame>,
 }
 
+impl History {
+    /// As [`canonical`] writes it, a frame at a time: all of a long run at once are ten times as large
+    /// while they are sorted.
+    fn canonical(&self) -> Result<String, serde_json::Error> {
+        let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
+        let skipped = canonical(&self.skipped)?;
+        Ok(format!("{{\"frames\":[{}],\"skipped\":{skipped}}}", frames?.join(",")))
+    }
+}
+
 impl Session {
     /// Writes a checkpoint, whole or not at all; returns its size.
     pub fn save(&self, path: &Path) -> Result<u64, RunError> {
@@ -51,7 +61,7 @@ impl Session {
             config: canonical(self.config())?,
             meta: canonical(&meta)?,
             numerics: machine::numerics(),
-            history: Some(canonical(&history)?),
+            history: Some(history.canonical()?),
             cursor: Cursor {
                 frames: self.learner().frames(),
                 points: past.points,
