@@ -181,7 +181,7 @@ fn what_cannot_be_followed_is_refused() {
 #[test]
 #[ignore = "takes half a minute and a machine with nothing else to do"]
 fn thirty_frames_a_second_are_learnt_as_they_come() {
-    let n = 600;
+    let n = 600_usize;
     for layout in ["tum", "seven-scenes", "scannet"] {
         let scratch = Scratch::empty();
         let train = start(&scratch, "train room --out out --follow --threads 2");
