@@ -17,6 +17,8 @@ pub enum UiCommand {
     Pause,
     /// Train one frame.
     Step,
+    /// Take frames while they are recorded, or no longer.
+    Follow,
     /// Start over with the same dataset.
     Reset,
     /// Write the run to a file it can go on from.
@@ -43,12 +45,13 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 16] = [
+    pub const ALL: [UiCommand; 17] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
         UiCommand::Pause,
         UiCommand::Step,
+        UiCommand::Follow,
         UiCommand::Reset,
         UiCommand::Save,
         UiCommand::Export,
@@ -70,6 +73,7 @@ impl UiCommand {
             UiCommand::Train => "Train",
             UiCommand::Pause => "Pause",
             UiCommand::Step => "Step",
+            UiCommand::Follow => "Follow",
             UiCommand::Reset => "Reset",
             UiCommand::Save => "Save…",
             UiCommand::Export => "Export…",
@@ -92,6 +96,9 @@ impl UiCommand {
             UiCommand::Train => "Train frame by frame until the frames end",
             UiCommand::Pause => "Stop after the current frame",
             UiCommand::Step => "Train exactly one frame",
+            UiCommand::Follow => {
+                "Take frames while they are recorded, of what is open and opened next"
+            }
             UiCommand::Reset => "Forget the scene and start over with what was opened",
             UiCommand::Save => "Write a checkpoint that training can go on from",
             UiCommand::Export => "Write the scene as a file of splats",
@@ -116,7 +123,7 @@ impl UiCommand {
         }
         match self {
             UiCommand::Open => const { &[control(Key::O)] },
-            UiCommand::OpenDemo => &[],
+            UiCommand::OpenDemo | UiCommand::Follow => &[],
             // One key toggles the two, of which one is legal at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
             UiCommand::Step => const { &[plain(Key::Period)] },
@@ -159,10 +166,10 @@ impl UiCommand {
 
     /// Whether the command makes sense now: the one table of states and commands.
     pub fn is_legal(self, state: RunState, source: Source) -> bool {
-        use RunState::{Empty, Failed, Finished, Loading, Paused, Ready, Training};
+        use RunState::{Empty, Failed, Finished, Loading, Paused, Ready, Training, Waiting};
         let dataset = source == Source::Dataset;
         match self {
-            UiCommand::Open | UiCommand::OpenDemo => state != Loading,
+            UiCommand::Open | UiCommand::OpenDemo | UiCommand::Follow => state != Loading,
             UiCommand::Train => dataset && matches!(state, Ready | Paused),
             UiCommand::Pause => state == Training,
             UiCommand::Step => dataset && matches!(state, Ready | Paused),
@@ -170,7 +177,9 @@ impl UiCommand {
             UiCommand::Reset | UiCommand::Save => {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
-            UiCommand::Export => source != Source::Nothing && !matches!(state, Empty | Loading),
+            UiCommand::Export => {
+                source != Source::Nothing && !matches!(state, Empty | Loading | Waiting)
+            }
             UiCommand::FrameScene
             | UiCommand::Home
             | UiCommand::ToggleRenderer

@@ -83,7 +83,7 @@ pub fn open(
 }
 
 /// A session of the demo, or of what lies at a path.
-fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
+pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubject {
     let dataset = session.dataset();
     let notes = dataset.notes.iter().map(|note| (NoticeKind::Info, note.clone()));
     let warnings = match dataset.warnings.len() {

@@ -25,6 +25,8 @@ pub enum RunState {
     Empty,
     /// A dataset or model is being opened.
     Loading,
+    /// A recording is followed that holds no whole frame yet.
+    Waiting,
     /// Opened, nothing trained yet.
     Ready,
     /// Frames are being trained.
@@ -39,9 +41,10 @@ pub enum RunState {
 
 impl RunState {
     /// Every state.
-    pub const ALL: [RunState; 7] = [
+    pub const ALL: [RunState; 8] = [
         RunState::Empty,
         RunState::Loading,
+        RunState::Waiting,
         RunState::Ready,
         RunState::Training,
         RunState::Paused,
@@ -54,6 +57,7 @@ impl RunState {
         match self {
             RunState::Empty => "Empty",
             RunState::Loading => "Loading",
+            RunState::Waiting => "Waiting",
             RunState::Ready => "Ready",
             RunState::Training => "Training",
             RunState::Paused => "Paused",
@@ -215,6 +219,21 @@ pub struct Snapshot {
     pub abandoned: Option<Arc<AbandonedRun>>,
     /// What the user should read, newest last.
     pub notices: Arc<Vec<Notice>>,
+    /// Whether recordings are followed: the one that is open and what is opened next.
+    pub follows: bool,
+    /// The recording that is followed now, if one is.
+    pub followed: Option<Followed>,
+}
+
+/// How a recording is followed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Followed {
+    /// Its folder.
+    pub path: PathBuf,
+    /// Whether all frames that are whole were trained.
+    pub is_waiting: bool,
+    /// Why nothing comes, where that is not for lack of new files.
+    pub problem: Option<String>,
 }
 
 impl Snapshot {

@@ -29,6 +29,8 @@ impl Unattended {
     /// Returns what the user should read of it, errors of the training meanwhile included.
     pub fn finish(self, folder: &Path) -> Vec<(NoticeKind, String)> {
         let before = self.0.snapshot().notices.last().map_or(0, |notice| notice.serial);
+        // Nobody is left to end a recording that has no end.
+        self.0.send(WorkerOrder::Follow(false));
         // Polled, since the waker belongs to windows and there is none.
         while self.0.is_alive() && self.0.snapshot().state == RunState::Training {
             std::thread::sleep(LOOK);

@@ -136,7 +136,10 @@ impl Host {
     }
 
     fn is_at_work(&self) -> bool {
-        !matches!(self.worker.snapshot().state, RunState::Empty | RunState::Loading)
+        !matches!(
+            self.worker.snapshot().state,
+            RunState::Empty | RunState::Loading | RunState::Waiting
+        )
     }
 
     /// Runs one window to its end; the `first` one takes the orders that the run begins with.

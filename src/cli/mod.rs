@@ -10,6 +10,7 @@ mod demo;
 mod eval;
 mod export;
 mod failure;
+mod follow;
 mod info;
 mod interrupt;
 mod merge;

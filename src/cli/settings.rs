@@ -21,6 +21,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
         stride: args.stride.unwrap_or(everything.stride),
         shard: args.shard,
         max_frames: args.max_frames,
+        follow: args.follow,
     }
 }
 
@@ -35,6 +36,7 @@ pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure>
         shard: args.shard,
         load: args.depth.load_options(),
         max_frames: args.max_frames,
+        follow: args.follow,
     })
 }
 

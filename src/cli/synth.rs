@@ -5,8 +5,10 @@ use super::failure::Failure;
 use super::{output, progress};
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 use vbgs_studio::dataset::synthetic::SyntheticParams;
-use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write, write_live};
 
 /// Writes as asked.
 pub fn run(args: &SynthArgs) -> Result<(), Failure> {
@@ -22,6 +24,21 @@ pub fn run(args: &SynthArgs) -> Result<(), Failure> {
     // Nothing is checked yet: `write` refuses absurd numbers, whose sum must not overflow first.
     let n_frames = args.frames.saturating_add(args.eval_frames);
     let bar = progress::bar(n_frames, "frame");
+    if let Some(fps) = args.live {
+        bar.set_message("rendering all of them first,");
+        let mut start = None;
+        write_live(&params, &args.out, layout, &mut |frame, _| {
+            bar.set_message("");
+            bar.set_position(frame as u64);
+            let start = *start.get_or_insert_with(Instant::now);
+            // From the start and not from the frame before: delays must not add up.
+            let due = start + Duration::from_secs_f64((frame + 1) as f64 / fps);
+            sleep(due.saturating_duration_since(Instant::now()));
+        })?;
+        bar.finish_and_clear();
+        output::line(format!("recorded {n_frames} frames in {}", args.out.display()));
+        return Ok(());
+    }
     write(&params, &args.out, layout, &mut |done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     output::line(format!("wrote {n_frames} frames to {}", args.out.display()));

@@ -2,19 +2,22 @@
 
 use super::args::TrainArgs;
 use super::failure::Failure;
+use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
 use super::{output, pose_check, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
-use vbgs_studio::dataset::{self, Dataset};
+use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
+use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::autosave::{Autosave, AutosaveInterval};
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
+use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
@@ -25,19 +28,9 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
     let interrupt = Interrupt::listen()?;
-    let load = match &start {
-        Start::New(_) => args.depth.load_options(),
-        Start::Saved(run, _) => run.config.load,
-    };
-    let dataset = Arc::new(dataset::open(&args.dataset, &load)?);
-    if let Some(split) = &args.eval {
-        dataset.split_named(split)?;
-    }
-    announce(&dataset);
-    doubt_poses(&dataset);
-    let mut session = match start {
-        Start::New(config) => Session::new(dataset, *config, selection(args))?,
-        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
+    let mut session = match args.follow {
+        true => followed(args, &start, &interrupt)?,
+        false => opened(args, start)?,
     };
     output::create_folder(&args.out)?;
     note(&session);
@@ -45,6 +38,11 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
     let end = train(&mut session, &interrupt, |session, bar| {
+        if args.follow && learnt(session) == ENOUGH_FRAMES {
+            let dataset = session.dataset().clone();
+            // Beside the training: frames keep coming.
+            rayon::spawn(move || doubt_poses(&dataset));
+        }
         if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
             early.push((session.visited(), session.stored_splats()));
         }
@@ -83,6 +81,39 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
 /// How often the run is saved on its way.
 fn interval(args: &TrainArgs) -> AutosaveInterval {
     AutosaveInterval { frames: args.autosave_frames, time: args.autosave_seconds }
+}
+
+/// A session on what the folder holds.
+fn opened(args: &TrainArgs, start: Start) -> Result<Session, Failure> {
+    let dataset = Arc::new(dataset::open(&args.dataset, &start.load_options(args))?);
+    if let Some(split) = &args.eval {
+        dataset.split_named(split)?;
+    }
+    announce(&dataset);
+    doubt_poses(&dataset);
+    Ok(match start {
+        Start::New(config) => Session::new(dataset, *config, selection(args))?,
+        Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
+    })
+}
+
+/// A session on the first frames of a recording that is under way.
+fn followed(args: &TrainArgs, start: &Start, interrupt: &Interrupt) -> Result<Session, Failure> {
+    let load = start.load_options(args);
+    let selection = match start {
+        Start::New(_) => selection(args),
+        Start::Saved(run, _) => run.config.selection.clone(),
+    };
+    let follow = Follow::new(&args.dataset, &load, &selection)?;
+    let session = follow::begin(follow, interrupt, |dataset| match start {
+        Start::New(config) => Ok(Session::new(dataset, (**config).clone(), selection.clone())?),
+        Start::Saved(run, asked) => run.clone().resume(dataset, asked, args.force),
+    })?;
+    announce(session.dataset());
+    if let Some(split) = args.eval.as_ref().filter(|s| session.dataset().split_named(s).is_err()) {
+        eprintln!("note: there is no split {split} to measure yet");
+    }
+    Ok(session)
 }
 
 /// A new run, or the one in a checkpoint if it was begun as asked.
@@ -125,6 +156,15 @@ enum Start {
     Saved(Box<SavedRun>, Box<ResumeRequest>),
 }
 
+impl Start {
+    fn load_options(&self, args: &TrainArgs) -> LoadOptions {
+        match self {
+            Self::New(_) => args.depth.load_options(),
+            Self::Saved(run, _) => run.config.load,
+        }
+    }
+}
+
 /// Whether a run can go on as asked, with what there is to say about it.
 fn check(run: &SavedRun, asked: &ResumeRequest) -> Result<(), Failure> {
     run.check(asked)?;
@@ -148,6 +188,7 @@ pub fn train(
     let bar = progress::bar(session.plan().frames.len(), "frame");
     bar.set_position(session.visited() as u64);
     bar.reset_eta();
+    let mut told = ToldProblem::default();
     loop {
         if interrupt.is_asked() {
             bar.abandon();
@@ -155,6 +196,7 @@ pub fn train(
         }
         match session.step()? {
             Step::Trained(frame) => {
+                bar.set_length(session.plan().frames.len() as u64);
                 bar.set_position(frame.index as u64 + 1);
                 bar.set_message(format!(
                     "{:.1} ms/frame, {} of {} components used,",
@@ -166,6 +208,12 @@ pub fn train(
                 after(session, &bar);
             }
             Step::Skipped(skipped) => progress::warn(&bar, &skipped.message),
+            Step::Waiting => {
+                bar.set_message("waiting for the next frame,");
+                if let Some(follow) = session.followed() {
+                    told.wait(follow);
+                }
+            }
             Step::Finished => break,
         }
     }

@@ -186,7 +186,7 @@ fn guarded<T>(read: impl FnOnce() -> Result<T, FrameProblem>) -> Result<T, Frame
 
 /// Whether a JPEG's end-of-image marker follows its first scan. Inside a scan every 0xFF byte is
 /// stuffed, so `FF D9` there cannot be data; thumbnails lie in segments before it.
-fn jpeg_ends(bytes: &[u8]) -> bool {
+pub(super) fn jpeg_ends(bytes: &[u8]) -> bool {
     const START_OF_SCAN: u8 = 0xDA;
     // Behind the start-of-image marker, which carries no length.
     let mut at = 2;

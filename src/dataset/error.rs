@@ -97,6 +97,14 @@ pub enum DatasetError {
         /// The first refusal.
         first: Box<FrameError>,
     },
+    /// Frames of a recording that is under way.
+    #[error("{}: expected a whole frame, found {frames} that are still written", path.display())]
+    Unfinished {
+        /// Folder of the recording.
+        path: PathBuf,
+        /// How many are listed with pose and depth.
+        frames: usize,
+    },
     /// Training needs depth.
     #[error(
         "{}: expected a split with depth images to train on, found only colour (splits: {splits}); add the depth images to one split", path.display()
@@ -168,6 +176,9 @@ pub enum FrameProblem {
         "expected a depth image {0}, found none; the frame is skipped: restore its depth or remove the frame"
     )]
     MissingDepth(String),
+    /// No map of confidence yet, although the recording has them.
+    #[error("expected a map of confidence {0}, found none yet; record it with the frame's depth")]
+    MissingConfidence(String),
     /// A frame without a pose file.
     #[error("expected a pose file {0}, found none; restore it or remove the frame")]
     MissingPose(String),

@@ -33,10 +33,16 @@ struct FrameMark {
 impl Fingerprint {
     /// Of a split, which has at least one frame.
     pub fn of(dataset: &Dataset, split: usize) -> Self {
+        Self::of_first(dataset, split, usize::MAX)
+    }
+
+    /// Of a split as it was when it had `n` frames, if frames were only ever appended.
+    pub fn of_first(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];
-        let (first, last) = (&split.frames[0], &split.frames[split.frames.len() - 1]);
+        let frames = &split.frames[..n.clamp(1, split.frames.len())];
+        let (first, last) = (&frames[0], &frames[frames.len() - 1]);
         let mut poses = crc32fast::Hasher::new();
-        for frame in &split.frames {
+        for frame in frames {
             let k = &frame.camera.intrinsics;
             poses.update(frame.name.as_bytes());
             for number in [k.fx, k.fy, k.cx, k.cy] {
@@ -52,12 +58,17 @@ impl Fingerprint {
         Self {
             layout: dataset.layout.name().to_owned(),
             split: split.name.clone(),
-            frames: split.frames.len(),
+            frames: frames.len(),
             size: [first.camera.intrinsics.width, first.camera.intrinsics.height],
             poses: poses.finalize(),
             first: FrameMark::of(first),
             last: FrameMark::of(last),
         }
+    }
+
+    /// Frames of the split.
+    pub fn frames(&self) -> usize {
+        self.frames
     }
 
     /// What differs first from the dataset `found`, in words.

@@ -3,12 +3,18 @@
 //! A dataset may come from anywhere, and its frame lists name files. What they name is read only
 //! if it lies inside the folder: parents and absolute paths are refused by their text, links by
 //! where they lead. A folder is listed once and then asked by name.
+//!
+//! A recording may still grow. Then a line counts once it is ended, and frames that were taken
+//! before are passed over, so that a look at a long recording costs little more than its listing.
 
 use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
-use std::collections::BTreeMap;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
+use std::rc::Rc;
+use std::sync::Arc;
 
 /// No pose, split or intrinsics file is longer; the rest of a longer one is not read.
 const SMALL_TEXT_LIMIT: u64 = 1 << 16;
@@ -24,6 +30,18 @@ pub(super) struct Folder {
     /// What the root holds.
     pub listing: FolderListing,
     only_file: Option<String>,
+    recorded: Recorded,
+    listed: RefCell<HashMap<PathBuf, Rc<FolderListing>>>,
+    texts: RefCell<BTreeSet<PathBuf>>,
+}
+
+/// How far a recording has come.
+#[derive(Clone, Default)]
+pub(super) struct Recorded {
+    /// Whether files may still grow.
+    pub is_growing: bool,
+    /// Names of frames that were taken before and are not asked for again.
+    pub taken: Arc<HashSet<String>>,
 }
 
 /// What one folder holds, by name.
@@ -42,8 +60,8 @@ enum EntryKind {
 }
 
 impl Folder {
-    /// Opens and lists the root.
-    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+    /// Opens and lists the root of a recording that has come so far.
+    pub fn open(path: &Path, recorded: Recorded) -> Result<Self, DatasetError> {
         let read = |source| DatasetError::Read { path: path.to_owned(), source };
         // Resolved once: where links lead is compared with where the folder really is.
         let canonical = match path.canonicalize() {
@@ -60,7 +78,9 @@ impl Folder {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;
-        Ok(Self { path: path.to_owned(), canonical, listing, only_file: None })
+        let path = path.to_owned();
+        let (listed, texts) = (RefCell::default(), RefCell::default());
+        Ok(Self { path, canonical, listing, only_file: None, recorded, listed, texts })
     }
 
     /// The folder of an archive, as if it held nothing else.
@@ -74,7 +94,33 @@ impl Folder {
             canonical: parent.to_owned(),
             listing: FolderListing { entries },
             only_file: Some(name.to_owned()),
+            recorded: Recorded::default(),
+            listed: RefCell::default(),
+            texts: RefCell::default(),
         })
+    }
+
+    /// Whether files may still grow: what is not there yet may come.
+    pub fn is_growing(&self) -> bool {
+        self.recorded.is_growing
+    }
+
+    /// Whether a frame was taken before.
+    pub fn has_taken(&self, frame: &str) -> bool {
+        self.recorded.taken.contains(frame)
+    }
+
+    /// Whether any frame was taken before.
+    pub fn has_taken_any(&self) -> bool {
+        !self.recorded.taken.is_empty()
+    }
+
+    /// Folders that were listed and texts that were read, as far as their frames go beyond one.
+    pub fn asked(&self) -> Vec<PathBuf> {
+        let folders =
+            self.listed.borrow().keys().map(|relative| self.path.join(relative)).collect();
+        let texts = self.texts.borrow().iter().cloned().collect();
+        [vec![self.path.clone()], folders, texts].concat()
     }
 
     /// The archive that was opened in place of a folder.
@@ -82,9 +128,14 @@ impl Folder {
         self.only_file.as_deref()
     }
 
-    /// Lists a folder below the root.
-    pub fn list(&self, relative: &Path) -> Result<FolderListing, FrameProblem> {
-        Ok(FolderListing::read(&self.inside(relative)?)?)
+    /// What a folder below the root holds; it is listed when it is first asked for.
+    pub fn list(&self, relative: &Path) -> Result<Rc<FolderListing>, FrameProblem> {
+        if let Some(listing) = self.listed.borrow().get(relative) {
+            return Ok(Rc::clone(listing));
+        }
+        let listing = Rc::new(FolderListing::read(&self.inside(relative)?)?);
+        self.listed.borrow_mut().insert(relative.to_owned(), Rc::clone(&listing));
+        Ok(listing)
     }
 
     /// The path of a listed file, checked if it is a link.
@@ -103,9 +154,20 @@ impl Folder {
         Ok(self.path.join(relative))
     }
 
+    /// The lines of a list below the root; of one that may still grow those that are ended: the
+    /// last number of a line that is not could lack digits.
+    pub fn lines(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
+        let (file, mut text) = self.text(name)?;
+        if self.is_growing() {
+            text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
+        }
+        Ok((file, text))
+    }
+
     /// The text of a metadata file below the root, whole.
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let file = self.path.join(name);
+        self.texts.borrow_mut().insert(file.clone());
         let checked = self.inside(Path::new(name)).map_err(|problem| match problem {
             FrameProblem::Read(source) => DatasetError::Read { path: file.clone(), source },
             other => DatasetError::Metadata {
@@ -127,7 +189,14 @@ impl Folder {
     /// A path that leads out of the folder, or to nothing: [`FrameProblem::Read`].
     pub fn named(&self, text: &str) -> Result<PathBuf, FrameProblem> {
         let relative = relative_path(text)?;
-        self.inside(&relative)?;
+        // As for listed files: only a link needs a look at where it leads. What is not listed by this
+        // very name may be all the same, where systems do not tell large letters from small ones.
+        let parent = relative.parent().and_then(|parent| self.list(parent).ok());
+        let name = relative.file_name().and_then(|name| name.to_str());
+        let kind = parent.zip(name).and_then(|(listing, name)| listing.entries.get(name).copied());
+        if !matches!(kind, Some(EntryKind::File | EntryKind::Folder)) {
+            self.inside(&relative)?;
+        }
         Ok(self.path.join(relative))
     }
 

@@ -14,6 +14,7 @@
 //! | what corrects the cameras? | [`calibration`] |
 //! | do poses mean what the layout says? | [`pose_check`] |
 //! | was it shaken, did exposure jump, are frames missing? | [`capture_check`] |
+//! | how are frames taken while they are recorded? | [`growing`] |
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
 #![doc = include_str!("dataset.md")]
@@ -38,16 +39,19 @@ mod distortion;
 mod edges;
 mod entry;
 mod folder;
+pub mod growing;
 mod intrinsics;
 mod lengths;
 mod matrix;
 mod opened;
 mod options;
+pub mod pace;
 mod pose_convention;
 mod position_range;
 mod sharpness;
 mod source;
 mod video;
+mod whole;
 
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;

@@ -2,9 +2,9 @@
 
 use super::archive::Archive;
 use super::calibration::Calibration;
-use super::entry::DatasetSplit;
+use super::entry::{DatasetSplit, HELD_OUT, HOLD_OUT_EVERY};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
-use super::folder::Folder;
+use super::folder::{Folder, Recorded};
 use super::formats::{self, Layout};
 use super::frame::Frame;
 use super::options::LoadOptions;
@@ -64,14 +64,26 @@ pub struct Dataset {
 pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError> {
     // Before any file is touched: a wrong option is wrong usage, whatever the folder holds.
     options.check()?;
-    let folder = Folder::open(path)?;
-    let (layout, recognised_by, mut parsed) = formats::parse(&folder, options)?;
+    let dataset = read(&Folder::open(path, Recorded::default())?, path, options)?;
+    match dataset.splits.is_empty() {
+        true => Err(no_usable_frame(path, dataset.warnings)),
+        false => Ok(dataset),
+    }
+}
+
+/// What a folder holds, which may be no frame.
+pub(super) fn read(
+    folder: &Folder,
+    path: &Path,
+    options: &LoadOptions,
+) -> Result<Dataset, DatasetError> {
+    let (layout, recognised_by, mut parsed) = formats::parse(folder, options)?;
     if let Some(asked) = options.poses {
         reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
     }
     // Of the resolved path: `.` has no last part of its own.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
-    let dataset = Dataset {
+    Ok(Dataset {
         name: name.unwrap_or_else(|| "dataset".to_owned()),
         path: Some(path.to_owned()),
         layout,
@@ -82,11 +94,7 @@ pub fn open(path: &Path, options: &LoadOptions) -> Result<Dataset, DatasetError>
         notes: parsed.notes,
         known_range: parsed.known_range,
         options: *options,
-    };
-    if dataset.splits.is_empty() {
-        return Err(no_usable_frame(path, dataset.warnings));
-    }
-    Ok(dataset)
+    })
 }
 
 /// Whether a file is an archive that [`open`] takes in place of a folder, told by its content.
@@ -104,7 +112,8 @@ fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseC
     }
 }
 
-fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
+/// Every frame was refused, or none is listed.
+pub(super) fn no_usable_frame(path: &Path, warnings: Vec<Warning>) -> DatasetError {
     let skipped = warnings.len();
     // Nobody else holds the warnings yet, so that the first error can be taken out of its `Arc`.
     match warnings.into_iter().next().and_then(|w| Arc::into_inner(w.error)) {
@@ -133,6 +142,36 @@ impl Dataset {
                 problem: FrameProblem::NoSuchFrame { available: frames.len(), asked: index },
             }),
         }
+    }
+
+    /// Takes up what a look at the growing recording found: the frames of `split` are appended, other
+    /// splits replaced.
+    pub fn grow(&mut self, split: usize, found: Self) {
+        for mut new in found.splits.into_iter().filter(|new| !new.frames.is_empty()) {
+            // Counted below: a look sees new frames alone.
+            if new.name == HELD_OUT {
+                new.frames.clear();
+            }
+            match self.splits.iter().position(|old| old.name == new.name) {
+                Some(old) if old == split => self.splits[old].frames.extend(new.frames),
+                Some(_) if new.name == HELD_OUT => {}
+                Some(old) => self.splits[old] = new,
+                None => self.splits.push(new),
+            }
+        }
+        self.warnings.extend(found.warnings);
+        self.hold_out(split);
+    }
+
+    /// Brings the split of the views that training on `split` leaves out, if there is one, up to its
+    /// frames.
+    pub(super) fn hold_out(&mut self, split: usize) {
+        let held_out = self.splits.iter().position(|split| split.name == HELD_OUT);
+        let Some(at) = held_out.filter(|at| *at != split) else { return };
+        let known = self.splits[at].frames.len();
+        let frames = self.splits[split].frames.iter().step_by(HOLD_OUT_EVERY);
+        let more: Vec<_> = frames.skip(known).cloned().collect();
+        self.splits[at].frames.extend(more);
     }
 
     /// What its layout knows of the cameras without a calibration: the colour camera of a Kinect

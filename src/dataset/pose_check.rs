@@ -23,6 +23,8 @@ const GAPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
 /// Movement of a pair that is enough: of the camera, as a share of the depth it sees, and its turn in
 /// radians.
 const MOVED: [f64; 2] = [0.05, 0.1];
+/// Frames of a recording that grows after which its poses can be checked: fewer hardly moved.
+pub const ENOUGH_FRAMES: usize = 33;
 /// Samples along a row or column of depth.
 const SAMPLES: usize = 36;
 /// Depths agree if they differ by at most this share.

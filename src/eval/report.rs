@@ -114,6 +114,10 @@ pub struct FrameReport {
     /// How its photograph compared with the scene before, where photographs are learnt.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photograph: Option<PhotographOutcome>,
+    /// Milliseconds from the last change of its files to its being learnt, where it was taken while
+    /// it was recorded; by the file system's clock.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub behind_ms: Option<f64>,
     /// Where the time went.
     pub ms: FrameMs,
 }

@@ -1,6 +1,6 @@
 //! The heart of the training loop: prepared frames in, a learner that has learnt them out.
 
-use super::prefetch::{Prefetch, Prepared, PreparedFrame};
+use super::prefetch::{PlannedFrame, Prefetch, Prepared, PreparedFrame};
 use super::prepare::Prepare;
 use crate::train::candidates::IndexError;
 use crate::train::learner::{Learner, Learns};
@@ -10,6 +10,9 @@ use crate::train::outcome::FrameOutcome;
 pub(super) trait FrameLoop: Send {
     /// Learns from the next frame, waiting for it to be decoded; `None` after the last.
     fn step(&mut self) -> Option<SteppedFrame>;
+
+    /// Frames that come behind all others.
+    fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
 
     /// The learner.
     fn learner(&self) -> &dyn Learner;
@@ -65,6 +68,10 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
             }
         };
         Some(SteppedFrame { position, name, status })
+    }
+
+    fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>) {
+        self.prefetch.append(frames);
     }
 
     fn learner(&self) -> &dyn Learner {

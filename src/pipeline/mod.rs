@@ -7,6 +7,7 @@ pub mod autosave;
 pub mod checkpoint;
 pub mod demo;
 pub mod error;
+pub mod follow;
 mod frame_loop;
 mod inspection;
 pub mod memory;

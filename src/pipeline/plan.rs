@@ -2,6 +2,7 @@
 
 use crate::dataset::Dataset;
 use crate::dataset::error::DatasetError;
+use crate::dataset::splits::HOLD_OUT_EVERY;
 use crate::math::rng::{Purpose, Rng};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -68,17 +69,36 @@ pub struct Selection {
     pub shard: Option<Shard>,
     /// Frames at most.
     pub max_frames: Option<usize>,
+    /// Whether frames were taken while they were recorded.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub follow: bool,
 }
 
 impl Selection {
     /// All frames of the training split, in their order.
     pub fn everything() -> Self {
-        Self { split: None, order: Order::Sequential, stride: 1, shard: None, max_frames: None }
+        let (split, shard, max_frames) = (None, None, None);
+        Self { split, order: Order::Sequential, stride: 1, shard, max_frames, follow: false }
     }
 
     /// The frames of all shards, without a limit: what runs that share them have in common.
     pub fn whole(&self) -> Self {
         Self { shard: None, max_frames: None, ..self.clone() }
+    }
+
+    /// Positions of the frames that are taken of a split, in order of training.
+    fn of(&self, n_frames: usize, hold_out: bool, seed: u64) -> Vec<usize> {
+        let trains = |i: &usize| !hold_out || !i.is_multiple_of(HOLD_OUT_EVERY);
+        let frames = (0..n_frames).filter(trains).step_by(self.stride.max(1));
+        let mut frames: Vec<usize> = frames.collect();
+        if self.order == Order::Shuffled {
+            Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
+        }
+        if let Some(Shard { index, of }) = self.shard {
+            frames = frames.into_iter().skip(index - 1).step_by(of).collect();
+        }
+        frames.truncate(self.max_frames.unwrap_or(usize::MAX));
+        frames
     }
 }
 
@@ -114,18 +134,18 @@ impl Plan {
         };
         let evaluation = dataset.evaluation(split);
         let hold_out = evaluation.held_out && selection.split.is_none();
-        let n_frames = dataset.splits[split].frames.len();
-        let mut frames: Vec<usize> =
-            (0..n_frames).filter(|i| !hold_out || !evaluation.frames.contains(i)).collect();
-        frames = frames.into_iter().step_by(selection.stride.max(1)).collect();
-        if selection.order == Order::Shuffled {
-            Rng::new(seed, Purpose::Order, 0).shuffle(&mut frames);
-        }
-        if let Some(Shard { index, of }) = selection.shard {
-            frames = frames.into_iter().skip(index - 1).step_by(of).collect();
-        }
-        frames.truncate(selection.max_frames.unwrap_or(usize::MAX));
+        let frames = selection.of(dataset.splits[split].frames.len(), hold_out, seed);
         Ok(Self { split, frames, held_out: hold_out.then_some(evaluation.why) })
+    }
+
+    /// Appends what a selection takes of the frames of a split that has grown from `known` to
+    /// `n_frames`. Only in the order of the dataset do old frames stay where they are.
+    pub fn extend(&mut self, selection: &Selection, known: usize, n_frames: usize) {
+        let most = selection.max_frames.unwrap_or(usize::MAX).max(self.frames.len());
+        let all = Selection { max_frames: None, ..selection.clone() };
+        let selected = all.of(n_frames, self.held_out.is_some(), 0).into_iter();
+        self.frames.extend(selected.filter(|&frame| frame >= known));
+        self.frames.truncate(most);
     }
 
     /// Pixels of the largest of the frames.

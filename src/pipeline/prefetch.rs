@@ -5,8 +5,8 @@
 
 use super::plan::Plan;
 use super::prepare::Prepare;
-use crate::dataset::Dataset;
 use crate::dataset::error::FrameError;
+use crate::dataset::{Dataset, FrameEntry};
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -41,18 +41,40 @@ pub struct PreparedFrame<O> {
     pub prepare_ms: f64,
 }
 
+/// A frame of a run.
+pub struct PlannedFrame {
+    /// Position in the plan.
+    pub position: usize,
+    /// The frame.
+    pub entry: FrameEntry,
+}
+
+impl PlannedFrame {
+    /// The frames of a plan from position `first` on.
+    pub fn of(dataset: &Dataset, plan: &Plan, first: usize) -> impl Iterator<Item = Self> {
+        let frames = &dataset.splits[plan.split].frames;
+        let planned = plan.frames.iter().enumerate().skip(first);
+        planned.map(|(position, &i)| Self { position, entry: frames[i].clone() })
+    }
+}
+
 /// The frames to come. Dropping it ends its thread, if it has one.
-pub struct Prefetch<P: Prepare>(Source<P>);
+pub struct Prefetch<P: Prepare> {
+    upcoming: VecDeque<PlannedFrame>,
+    source: Source<P>,
+}
 
 enum Source<P: Prepare> {
     /// A thread that runs ahead.
-    Ahead { frames: Receiver<Prepared<P::Observation>>, recycle: SyncSender<P::Observation> },
-    /// Threads of the trainer, while it waits.
-    Between {
-        frames: Frames<P>,
-        workers: Vec<Worker<P>>,
-        ready: VecDeque<Prepared<P::Observation>>,
+    Ahead {
+        asked: SyncSender<PlannedFrame>,
+        /// Frames asked for that did not come yet.
+        n_asked: usize,
+        frames: Receiver<Prepared<P::Observation>>,
+        recycle: SyncSender<P::Observation>,
     },
+    /// Threads of the trainer, while it waits.
+    Between { preparation: P, workers: Vec<Worker<P>>, ready: VecDeque<Prepared<P::Observation>> },
 }
 
 /// Prepares frames one after the other; keeps memory between them.
@@ -84,38 +106,50 @@ impl<P: Prepare> Prefetch<P> {
     ) -> Result<Self, SpawnError> {
         let threads = rayon::current_num_threads();
         let cores = thread::available_parallelism().map_or(1, usize::from);
-        let frames = Frames { dataset, plan: plan.clone(), next: first, preparation };
-        if threads < cores { Self::ahead(frames) } else { Ok(Self::between(frames, threads)) }
+        let source = match threads < cores {
+            true => Source::ahead(preparation)?,
+            false => Source::between(preparation, threads),
+        };
+        let upcoming = PlannedFrame::of(&dataset, plan, first).collect();
+        let mut prefetch = Self { upcoming, source };
+        prefetch.ask();
+        Ok(prefetch)
     }
 
-    fn ahead(mut frames: Frames<P>) -> Result<Self, SpawnError> {
-        let (sender, receiver) = sync_channel(QUEUE_LENGTH - 1);
-        // No more goes back than there are frames in the making, ready and in training.
-        let (recycle, recycled) = sync_channel(QUEUE_LENGTH + 1);
-        thread::Builder::new()
-            .name("prefetch".into())
-            .spawn(move || run_ahead(&mut frames, &sender, &recycled))?;
-        Ok(Self(Source::Ahead { frames: receiver, recycle }))
+    /// Frames that come behind all others.
+    pub fn append(&mut self, frames: impl Iterator<Item = PlannedFrame>) {
+        self.upcoming.extend(frames);
+        self.ask();
     }
 
-    fn between(frames: Frames<P>, threads: usize) -> Self {
-        let mut workers = Vec::new();
-        workers.resize_with(threads.clamp(1, MAX_AT_ONCE), Worker::default);
-        Self(Source::Between { frames, workers, ready: VecDeque::new() })
+    /// Keeps the thread busy.
+    fn ask(&mut self) {
+        let Source::Ahead { asked, n_asked, .. } = &mut self.source else { return };
+        while *n_asked <= QUEUE_LENGTH
+            && let Some(frame) = self.upcoming.pop_front()
+        {
+            // Only a panic ends the thread before the handle is dropped; no frame comes then.
+            drop(asked.send(frame));
+            *n_asked += 1;
+        }
     }
 
     /// The next frame, waiting for it; `None` after the last.
     pub fn next_frame(&mut self) -> Option<Prepared<P::Observation>> {
-        match &mut self.0 {
-            Source::Ahead { frames, .. } => frames.recv().ok(),
-            Source::Between { frames, workers, ready } => {
+        self.ask();
+        match &mut self.source {
+            Source::Ahead { n_asked, frames, .. } => {
+                *n_asked = n_asked.checked_sub(1)?;
+                frames.recv().ok()
+            }
+            Source::Between { preparation, workers, ready } => {
                 if ready.is_empty() {
-                    let first = frames.next;
-                    frames.next = frames.plan.frames.len().min(first + workers.len());
-                    let positions = (first..frames.next).into_par_iter();
-                    let frames = &*frames;
-                    let prepared =
-                        positions.zip(&mut *workers).map(|(at, worker)| frames.prepare(at, worker));
+                    let n = self.upcoming.len().min(workers.len());
+                    let frames: Vec<PlannedFrame> = self.upcoming.drain(..n).collect();
+                    let prepared = frames
+                        .into_par_iter()
+                        .zip(&mut *workers)
+                        .map(|(frame, worker)| worker.prepare(preparation, &frame));
                     ready.extend(prepared.collect::<Vec<_>>());
                 }
                 ready.pop_front()
@@ -125,7 +159,7 @@ impl<P: Prepare> Prefetch<P> {
 
     /// Gives a frame's memory back for another frame.
     pub fn recycle(&mut self, observation: P::Observation) {
-        match &mut self.0 {
+        match &mut self.source {
             // The thread may have ended, or have memory enough: then this one is simply freed.
             Source::Ahead { recycle, .. } => drop(recycle.try_send(observation)),
             Source::Between { workers, .. } => {
@@ -137,51 +171,53 @@ impl<P: Prepare> Prefetch<P> {
     }
 }
 
-fn run_ahead<P: Prepare>(
-    frames: &mut Frames<P>,
-    sender: &SyncSender<Prepared<P::Observation>>,
-    recycled: &Receiver<P::Observation>,
-) {
-    let mut worker = Worker::default();
-    for position in frames.next..frames.plan.frames.len() {
-        worker.recycled = recycled.try_recv().ok();
-        if sender.send(frames.prepare(position, &mut worker)).is_err() {
-            return; // the handle was dropped
-        }
+impl<P: Prepare> Source<P> {
+    fn ahead(preparation: P) -> Result<Self, SpawnError> {
+        // No more is asked for than there are frames in training, ready and in the making.
+        let (asked, inbox) = sync_channel(QUEUE_LENGTH + 1);
+        let (sender, frames) = sync_channel(QUEUE_LENGTH - 1);
+        let (recycle, recycled) = sync_channel(QUEUE_LENGTH + 1);
+        thread::Builder::new().name("prefetch".into()).spawn(move || {
+            let mut worker = Worker::<P>::default();
+            for frame in inbox {
+                worker.recycled = recycled.try_recv().ok();
+                if sender.send(worker.prepare(&preparation, &frame)).is_err() {
+                    return; // the handle was dropped
+                }
+            }
+        })?;
+        Ok(Self::Ahead { asked, n_asked: 0, frames, recycle })
+    }
+
+    fn between(preparation: P, threads: usize) -> Self {
+        let mut workers = Vec::new();
+        workers.resize_with(threads.clamp(1, MAX_AT_ONCE), Worker::default);
+        Self::Between { preparation, workers, ready: VecDeque::new() }
     }
 }
 
-/// What is to be prepared.
-struct Frames<P> {
-    dataset: Arc<Dataset>,
-    plan: Plan,
-    /// Position in the plan.
-    next: usize,
-    preparation: P,
-}
-
-impl<P: Prepare> Frames<P> {
-    fn prepare(&self, position: usize, worker: &mut Worker<P>) -> Prepared<P::Observation> {
-        let index = self.plan.frames[position];
-        let name = self.dataset.splits[self.plan.split].frames[index].name.clone();
-        let result = self.frame(index, worker);
-        Prepared { position, name, result }
+impl<P: Prepare> Worker<P> {
+    fn prepare(
+        &mut self,
+        preparation: &P,
+        PlannedFrame { position, entry }: &PlannedFrame,
+    ) -> Prepared<P::Observation> {
+        let result = self.frame(preparation, entry);
+        Prepared { position: *position, name: entry.name.clone(), result }
     }
 
     fn frame(
-        &self,
-        index: usize,
-        worker: &mut Worker<P>,
+        &mut self,
+        preparation: &P,
+        entry: &FrameEntry,
     ) -> Result<PreparedFrame<P::Observation>, String> {
         let message = |e: FrameError| e.to_string();
         let mut clock = Stopwatch::start();
-        let frame = self.dataset.load(self.plan.split, index).map_err(message)?;
+        let frame = entry.load().map_err(message)?;
         let load_ms = clock.lap_ms();
-        let mut observation = worker.recycled.take().unwrap_or_else(P::empty);
-        let counts = self
-            .preparation
-            .prepare(&frame, &mut worker.memory, &mut observation)
-            .map_err(message)?;
+        let mut observation = self.recycled.take().unwrap_or_else(P::empty);
+        let counts =
+            preparation.prepare(&frame, &mut self.memory, &mut observation).map_err(message)?;
         let prepare_ms = clock.lap_ms();
         if P::n_points(&observation) == 0 {
             return Err(format!(

@@ -1,9 +1,11 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
 use super::error::SessionError;
+use super::follow::{Follow, Found};
 use super::frame_loop::{FrameLoop, FrameStatus, SteppedFrame};
 use super::past::Past;
 use super::plan::{Plan, Selection};
+use super::prefetch::PlannedFrame;
 use super::run::RunConfig;
 use super::settings::method::MethodRequest;
 use super::start::{Origin, frame_loop};
@@ -21,7 +23,7 @@ use crate::train::memory::MemoryEstimate;
 use crate::train::outcome::FrameOutcome;
 use glam::DVec3;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 /// What one step did.
 #[derive(Clone, Debug)]
@@ -30,6 +32,9 @@ pub enum Step {
     Trained(FrameReport),
     /// A frame was unusable and left out.
     Skipped(SkippedFrame),
+    /// All frames that are whole so far were gone through; [`Follow::rest`] says how
+    /// long it is until there may be more. Only of recordings that are followed.
+    Waiting,
     /// There are no more frames.
     Finished,
 }
@@ -58,6 +63,10 @@ pub struct Session {
     plan: Plan,
     normalization: Normalization,
     frames: Box<dyn FrameLoop>,
+    /// Where more frames come from.
+    follow: Option<Follow>,
+    /// Whether frames came from there.
+    is_followed: bool,
     births: BirthLog,
     /// Everything up to the last step.
     past: Past,
@@ -102,10 +111,77 @@ impl Session {
             normalization,
             births: BirthLog::new(frames.learner()),
             frames,
+            follow: None,
+            is_followed: false,
             past,
             started,
             wall_before_s,
         })
+    }
+
+    /// Takes frames while they are recorded; `follow` knows those there are, or is `None` for a
+    /// recording that was opened as it stood. Whether there is one to follow.
+    pub fn follow(&mut self, follow: Option<Follow>) -> bool {
+        let (split, selection) = (self.plan.split, &self.config.selection);
+        let follow = follow.or_else(|| Follow::of(&self.dataset, split, selection));
+        self.follow = follow.map(Follow::hand_over);
+        self.is_followed |= self.follow.is_some();
+        self.config.selection.follow |= self.is_followed;
+        self.follow.is_some()
+    }
+
+    /// Takes no more frames than there are.
+    pub fn stop_following(&mut self) {
+        self.follow = None;
+    }
+
+    /// What is followed, if anything is.
+    pub fn followed(&self) -> Option<&Follow> {
+        self.follow.as_ref()
+    }
+
+    /// Whether all frames that there are were gone through; of a recording that is followed, more may
+    /// come.
+    pub fn is_caught_up(&self) -> bool {
+        self.past.visited >= self.plan.frames.len()
+    }
+
+    /// Whether there is a frame to learn, or none will come any more.
+    fn catch_up(&mut self) -> Result<bool, SessionError> {
+        let n_planned = self.plan.frames.len();
+        if !self.is_caught_up() {
+            return Ok(true);
+        }
+        let Some(follow) = &mut self.follow else { return Ok(true) };
+        if self.config.selection.max_frames.is_some_and(|most| most <= n_planned) {
+            self.follow = None;
+            return Ok(true);
+        }
+        let (found, is_end) = match follow.look()? {
+            Found::Nothing => return Ok(false),
+            Found::Frames(found) => (Some(found), false),
+            Found::End(found) => (found, true),
+        };
+        if is_end {
+            self.follow = None;
+        }
+        if let Some(found) = found {
+            self.grow(found);
+        }
+        Ok(is_end || !self.is_caught_up())
+    }
+
+    fn grow(&mut self, found: Dataset) {
+        let (split, n_planned) = (self.plan.split, self.plan.frames.len());
+        let name = &self.dataset.splits[split].name;
+        let refused = found.warnings.iter().filter(|warning| warning.split == *name);
+        self.past.skipped.extend(refused.map(|warning| SkippedFrame::from(&*warning.error)));
+        let dataset = Arc::make_mut(&mut self.dataset);
+        let known = dataset.splits[split].frames.len();
+        dataset.grow(split, found);
+        let n_frames = dataset.splits[split].frames.len();
+        self.plan.extend(&self.config.selection, known, n_frames);
+        self.frames.append(&mut PlannedFrame::of(&self.dataset, &self.plan, n_planned));
     }
 
     /// Trains on the next frame, waiting for it to be decoded.
@@ -114,6 +190,9 @@ impl Session {
     /// [`SessionError::Index`] as [`Learns::learn`](crate::train::learner::Learns::learn) says, and
     /// [`SessionError::NoUsableFrame`] at the end.
     pub fn step(&mut self) -> Result<Step, SessionError> {
+        if !self.catch_up()? {
+            return Ok(Step::Waiting);
+        }
         let Some(SteppedFrame { position, name, status }) = self.frames.step() else {
             return self.finish();
         };
@@ -125,6 +204,11 @@ impl Session {
                 Step::Trained(self.learnt(position, name, &outcome, dropped, ms))
             }
             FrameStatus::Skipped(message) => {
+                if let Some(follow) = &mut self.follow {
+                    let frames = &self.dataset.splits[self.plan.split].frames;
+                    follow.give_back(&frames[self.plan.frames[position]]);
+                }
+                self.forgive(&name);
                 let skipped = SkippedFrame { frame: name, message };
                 self.past.skipped.push(skipped.clone());
                 Step::Skipped(skipped)
@@ -158,6 +242,8 @@ impl Session {
         points_dropped: usize,
         ms: FrameMs,
     ) -> FrameReport {
+        let behind_ms = self.is_followed.then(|| self.behind_ms(position)).flatten();
+        self.forgive(&frame);
         let learner = self.frames.learner();
         self.births.record(learner.changed(), learner.components(), position);
         let report = FrameReport {
@@ -172,11 +258,27 @@ impl Session {
             merged: outcome.merged,
             elbo_mean: outcome.elbo_mean,
             photograph: outcome.photograph,
+            behind_ms,
             ms,
         };
         self.past.points += outcome.points as u64;
         self.past.frames.push(report.clone());
         report
+    }
+
+    /// Forgets that a frame could not be read, which was half written then.
+    fn forgive(&mut self, frame: &str) {
+        if self.is_followed {
+            self.past.skipped.retain(|skipped| skipped.frame != frame);
+        }
+    }
+
+    /// Milliseconds since the last of a frame's files was changed.
+    fn behind_ms(&self, position: usize) -> Option<f64> {
+        let frames = &self.dataset.splits[self.plan.split].frames;
+        let completed = frames[self.plan.frames[position]].completed()?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).ok()?;
+        Some(1e3 * now.checked_sub(completed)?.as_secs_f64())
     }
 
     /// The dataset.

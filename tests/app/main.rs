@@ -8,6 +8,7 @@ mod camera;
 mod common;
 mod crash;
 mod files;
+mod following;
 mod harness;
 mod inspect;
 mod opening;

@@ -13,6 +13,7 @@ mod common;
 mod determinism;
 mod distributed;
 mod eval_scale;
+mod follow;
 mod headless;
 mod images;
 #[cfg(unix)]

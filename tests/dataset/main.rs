@@ -7,6 +7,7 @@ mod bad_input;
 mod common;
 mod fuzz;
 mod golden;
+mod growing;
 mod layout_bad_input;
 mod layouts;
 mod memory;

@@ -207,6 +207,7 @@ mod tests {
         let mut stages = StageMs::new(&PAPER_STAGES);
         stages.add(0, 1.0);
         let frame = FrameReport {
+            behind_ms: None,
             index: 3,
             frame: "r_3".into(),
             points: 10,

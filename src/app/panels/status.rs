@@ -1,6 +1,6 @@
 //! The line at the bottom: state, speed, components, memory, adapter.
 
-use crate::app::state::{RunState, Snapshot};
+use crate::app::state::{Followed, RunState, Snapshot};
 use crate::eval::machine;
 use crate::eval::report::quantile;
 use crate::pipeline::any_preset::ComponentLimit;
@@ -21,6 +21,12 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> boo
     let line = ui.horizontal(|ui| {
         ui.label(RichText::new(snapshot.state.label()).strong().color(color(snapshot.state)));
         let is_cancelled = surroundings.file_progress.is_some_and(|share| file(share, ui));
+        if let Some(followed) = &snapshot.followed {
+            ui.separator();
+            let said = ui.label(following(snapshot.frames_done, followed));
+            let path = followed.path.display();
+            said.on_hover_text(followed.problem.clone().unwrap_or_else(|| path.to_string()));
+        }
         if snapshot.frames_per_s > 0.0 {
             ui.separator();
             ui.label(format!("{:.1} frames/s", snapshot.frames_per_s));
@@ -70,6 +76,12 @@ fn file(share: f32, ui: &mut Ui) -> bool {
     ui.button("Cancel export").on_hover_text("An older file of this name stays").clicked()
 }
 
+/// How a recording is followed, in words.
+fn following(n_frames: usize, followed: &Followed) -> String {
+    let waiting = if followed.is_waiting { ", waiting" } else { "" };
+    format!("following, {n_frames} frames{waiting}")
+}
+
 /// Only the paper's preset has components that nothing uses.
 fn components(snapshot: &Snapshot) -> String {
     let Snapshot { components, used, opened, .. } = snapshot;
@@ -85,7 +97,7 @@ fn components(snapshot: &Snapshot) -> String {
 fn color(state: RunState) -> Color32 {
     match state {
         RunState::Empty | RunState::Loading => Color32::GRAY,
-        RunState::Ready | RunState::Paused => Color32::from_rgb(230, 180, 80),
+        RunState::Ready | RunState::Paused | RunState::Waiting => Color32::from_rgb(230, 180, 80),
         RunState::Training => Color32::from_rgb(110, 200, 120),
         RunState::Finished => Color32::from_rgb(110, 170, 240),
         RunState::Failed => Color32::from_rgb(240, 100, 90),

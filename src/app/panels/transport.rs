@@ -7,7 +7,7 @@ use eframe::egui::{Button, ProgressBar, RichText, Ui};
 /// Buttons in the order they stand.
 const BUTTONS: [&[UiCommand]; 3] = [
     &[UiCommand::Open, UiCommand::OpenDemo, UiCommand::Save, UiCommand::Export],
-    &[UiCommand::Train, UiCommand::Step, UiCommand::Reset],
+    &[UiCommand::Train, UiCommand::Step, UiCommand::Follow, UiCommand::Reset],
     &[UiCommand::FrameScene, UiCommand::Home, UiCommand::Help],
 ];
 
@@ -39,7 +39,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
             let text = format!("{} / {}", snapshot.frames_done, snapshot.n_frames);
             ui.add(ProgressBar::new(share).desired_width(160.0).text(text));
         }
-        if snapshot.state == RunState::Loading {
+        if matches!(snapshot.state, RunState::Loading | RunState::Waiting) {
             ui.spinner();
         }
     });
@@ -48,6 +48,7 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
 
 fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
     let legal = command.is_legal(snapshot.state, snapshot.source);
-    let response = ui.add_enabled(legal, Button::new(command.label()));
+    let is_on = command == UiCommand::Follow && snapshot.follows;
+    let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
     response.on_hover_text(command.hint(ui.ctx())).clicked()
 }

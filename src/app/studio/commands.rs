@@ -19,6 +19,7 @@ impl Studio {
             UiCommand::Train => self.worker.send(WorkerOrder::Train),
             UiCommand::Pause => self.worker.send(WorkerOrder::Pause),
             UiCommand::Step => self.worker.send(WorkerOrder::Step),
+            UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.follows)),
             UiCommand::Reset => self.discard_then(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.save_dialog.show(),
             UiCommand::Export => self.export_dialog.show(),

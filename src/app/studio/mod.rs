@@ -261,6 +261,13 @@ impl Studio {
     fn empty_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         ui.vertical_centered(|ui| {
             ui.add_space(ui.available_height() * 0.35);
+            if let Some(followed) = &snapshot.followed {
+                let path = followed.path.display();
+                let waits = format!("Waiting for the first frame of {path}");
+                ui.label(RichText::new(waits).size(22.0));
+                ui.label(followed.problem.as_deref().unwrap_or_default());
+                return;
+            }
             ui.label(RichText::new("Drop a dataset folder here").size(22.0));
             let endings = listed(&READ_ENDINGS);
             ui.label(format!("a checkpoint to go on with, or splats to look at ({endings})"));

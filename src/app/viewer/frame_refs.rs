@@ -42,6 +42,17 @@ impl FrameRef {
         Some(Self { dataset: dataset.clone(), split, index: 0 })
     }
 
+    /// The same frame of the dataset as it is now, if that has grown since.
+    pub fn of_now(&self, dataset: Option<&Arc<Dataset>>) -> Self {
+        let (split, index) = self.position();
+        let is_there = |dataset: &&Arc<Dataset>| {
+            dataset.path == self.dataset.path
+                && dataset.splits.get(split).is_some_and(|split| index < split.frames.len())
+        };
+        let dataset = dataset.filter(is_there).unwrap_or(&self.dataset).clone();
+        Self { dataset, split, index }
+    }
+
     /// The neighbouring frame; splits follow each other, the last frame is followed by the first.
     pub fn stepped(&self, direction: Direction) -> Self {
         let n = self.n_frames();

@@ -238,7 +238,7 @@ impl SceneView {
         let frame = match (&self.latest_frame, direction) {
             // The first step after steering leads back to where one stood, not past it.
             (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
-            (Some(frame), _) => Some(frame.stepped(direction)),
+            (Some(frame), _) => Some(frame.of_now(opened.dataset.as_ref()).stepped(direction)),
             (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
             (None, Direction::Back) => {
                 let first = opened.dataset.as_ref().and_then(FrameRef::first);

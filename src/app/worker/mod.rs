@@ -7,6 +7,7 @@ mod crash;
 mod dirty;
 mod file_progress;
 mod files;
+mod following;
 mod order;
 mod poses;
 mod publishing;

@@ -23,6 +23,8 @@ pub enum WorkerOrder {
     Pause,
     /// Train one frame.
     Step,
+    /// Take frames while they are recorded, of what is open and of what is opened next; or no longer.
+    Follow(bool),
     /// Start over with the same subject.
     Reset,
     /// Write a checkpoint of the newest state; the snapshot tells the outcome by this number.

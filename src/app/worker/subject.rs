@@ -1,15 +1,23 @@
 //! Opening what is trained or looked at.
 
 use super::dirty::Dirty;
+use super::following::is_folder;
 use super::thread::WorkerThread;
 use crate::app::opening::{self, Content};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{HISTORY, NoticeKind, RunState, Snapshot, Source, Subject};
 use crate::dataset::calibration::Calibration;
+use crate::eval::report::FrameReport;
 use std::sync::Arc;
 
 impl WorkerThread {
     pub(super) fn open_with(&mut self, calibration: Option<Calibration>, subject: Subject) {
+        if self.snapshot.follows
+            && let Subject::Path(path) = subject.clone()
+            && is_folder(&subject)
+        {
+            return self.await_recording(&path, calibration, subject);
+        }
         let mut training = self.training.clone();
         // Into the copy: settings outlive the dataset that the calibration belongs to.
         training.scene.calibration = calibration.clone();
@@ -25,6 +33,9 @@ impl WorkerThread {
                 let dataset = self.snapshot.opened.as_ref().and_then(|o| o.dataset.clone());
                 if let Some(path) = dataset.as_ref().and_then(|dataset| dataset.path.as_deref()) {
                     self.look_for_abandoned(Some(path));
+                }
+                if self.snapshot.follows {
+                    self.set_follows(true);
                 }
             }
             Err(error) => {
@@ -54,9 +65,11 @@ impl WorkerThread {
             // The window may still have to read that its file was written just before.
             latest_write: self.snapshot.latest_write,
             abandoned: self.snapshot.abandoned.take(),
+            follows: self.snapshot.follows,
             ..Snapshot::default()
         };
         (self.frames_since_checkpoint, self.rescued) = (0, None);
+        (self.awaited, self.waiting_since) = (None, None);
         self.forget_autosave();
         // The number would name another component.
         self.inspecting = None;
@@ -73,6 +86,8 @@ impl WorkerThread {
                     n if n < self.snapshot.n_frames => RunState::Paused,
                     _ => RunState::Finished,
                 };
+                let doubted = session.frames().iter().filter_map(FrameReport::doubt);
+                self.snapshot.doubts = Arc::new(doubted.collect());
                 let recent = session.frames().len().saturating_sub(HISTORY);
                 self.recent.extend(session.frames()[recent..].iter().cloned());
             }

@@ -14,6 +14,7 @@ use crate::app::training::TrainSettings;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::pose_check::PoseCheck;
 use crate::eval::report::FrameReport;
+use crate::pipeline::follow::Follow;
 use crate::render::attributes::Attribute;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -56,6 +57,12 @@ pub struct WorkerThread {
     pub(super) pose_check: Option<JoinHandle<Option<PoseCheck>>>,
     /// How what is open is saved on its way.
     pub(super) saver: RunAutosave,
+    /// A recording that no session was begun on yet.
+    pub(super) awaited: Option<Follow>,
+    /// When the trainer ran out of frames of a recording, until it is at rest.
+    pub(super) waiting_since: Option<Instant>,
+    /// When the window was told last of the cameras of a recording that grows.
+    pub(super) cameras_told: Instant,
 }
 
 /// Most notices kept.
@@ -94,6 +101,9 @@ impl WorkerThread {
             rescued: None,
             pose_check: None,
             saver: RunAutosave::Off,
+            awaited: None,
+            waiting_since: None,
+            cameras_told: Instant::now(),
         }
     }
 
@@ -116,7 +126,8 @@ impl WorkerThread {
 
     /// The next order; waits for it unless there is something to train.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
-        if self.snapshot.state == RunState::Training {
+        let rest = self.rest_between_looks();
+        if self.snapshot.state == RunState::Training && rest.is_none() {
             return match self.inbox.try_recv() {
                 Ok(order) => Ok(Some(order)),
                 Err(TryRecvError::Empty) => Ok(None),
@@ -124,7 +135,7 @@ impl WorkerThread {
             };
         }
         // Splats that could not be delivered yet are tried again while idle.
-        match self.inbox.recv_timeout(self.shared.interval()) {
+        match self.inbox.recv_timeout(rest.unwrap_or(self.shared.interval())) {
             Ok(order) => Ok(Some(order)),
             Err(RecvTimeoutError::Timeout) => Ok(None),
             Err(RecvTimeoutError::Disconnected) => Err(Dismissed),
@@ -134,10 +145,11 @@ impl WorkerThread {
     /// Follows an order, or trains a frame where there is none, and tells the window.
     fn turn(&mut self, order: Option<WorkerOrder>) {
         let acted = order.is_some();
-        self.changed |= acted || self.snapshot.state == RunState::Training;
+        self.changed |= acted;
         match order {
             Some(order) => self.apply(order),
             None if self.snapshot.state == RunState::Training => self.step(),
+            None if self.snapshot.state == RunState::Waiting => self.look_for_the_first(),
             None => {}
         }
         self.autosave();
@@ -165,6 +177,7 @@ impl WorkerThread {
                 self.mark_visibility();
             }
             WorkerOrder::Step => {}
+            WorkerOrder::Follow(follows) => self.set_follows(follows),
             WorkerOrder::Reset => {
                 // With its own calibration, but with the settings of now: this is
                 // how they come to hold.
@@ -201,7 +214,7 @@ impl WorkerThread {
     }
 
     /// Frames are counted anew from here on.
-    fn rest(&mut self) {
+    pub(super) fn rest(&mut self) {
         self.ends.clear();
         self.snapshot.frames_per_s = 0.0;
     }

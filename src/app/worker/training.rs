@@ -19,7 +19,9 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &mut self.content else { return };
         // What the frame before told of them is over, whether or not the next one touches them.
         self.dirty.mark(session.learner().component_elbo().components());
-        match session.step() {
+        let step = session.step();
+        self.changed |= !matches!(step, Ok(Step::Waiting));
+        match step {
             Ok(Step::Trained(frame)) => {
                 let learner = session.learner();
                 match learner.changed() {
@@ -34,19 +36,29 @@ impl WorkerThread {
                 tracing::warn!("{}", skipped.message);
                 self.refresh_session_info();
             }
+            Ok(Step::Waiting) => {}
             Ok(Step::Finished) => self.finish(),
             // Nothing was trained that could be exported.
             Err(error @ SessionError::NoUsableFrame { .. }) => self.fail(error.to_string()),
             Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
         }
+        self.tell_of_recording();
     }
 
     fn learned(&mut self, frame: FrameReport) {
         if self.recent.len() == HISTORY {
             self.recent.pop_front();
         }
+        if let Some(doubt) = frame.doubt() {
+            // A new list, since snapshots that were published share the old one.
+            let doubts = self.snapshot.doubts.iter().cloned().chain([doubt]);
+            self.snapshot.doubts = Arc::new(doubts.collect());
+        }
         self.recent.push_back(frame);
         self.snapshot.frames_done += 1;
+        if self.snapshot.followed.is_some() && self.snapshot.frames_done == ENOUGH_FRAMES {
+            self.check_poses();
+        }
         self.snapshot.unsaved_frames += 1;
         self.frames_since_checkpoint += 1;
         // What was saved after an earlier crash lacks this frame.
@@ -90,16 +102,13 @@ impl WorkerThread {
 
     pub(super) fn refresh_session_info(&mut self) {
         let Some(Content::Session(session)) = &self.content else { return };
+        self.snapshot.n_frames = session.plan().frames.len();
         self.snapshot.components = session.learner().components();
         self.snapshot.used = session.learner().used();
         self.snapshot.model_bytes = session.learner().model_bytes();
         // Frames are only ever added to the list; snapshots share it until then.
         if self.snapshot.skipped.len() != session.skipped().len() {
             self.snapshot.skipped = Arc::new(session.skipped().to_vec());
-        }
-        let doubted = session.frames().iter().filter_map(FrameReport::doubt);
-        if self.snapshot.doubts.len() != doubted.clone().count() {
-            self.snapshot.doubts = Arc::new(doubted.collect());
         }
     }
 }

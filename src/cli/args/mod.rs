@@ -28,7 +28,7 @@ pub use train::TrainArgs;
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
-use parse::{parse_count, parse_size};
+use parse::{parse_count, parse_positive, parse_size};
 use std::path::PathBuf;
 
 /// Turns posed RGB-D frames into a Gaussian-splat scene while you watch.
@@ -153,6 +153,9 @@ pub struct SynthArgs {
     /// Depth noise in units of a depth camera's
     #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
     pub depth_noise: f64,
+    /// Write it as it is recorded, so many frames a second, for `train --follow`
+    #[arg(long, value_name = "FPS", value_parser = parse_positive, allow_negative_numbers = true)]
+    pub live: Option<f64>,
 }
 
 #[derive(Args)]

@@ -19,6 +19,10 @@ pub struct TrainArgs {
     /// Folder for scene.ply, checkpoint.vbgs and report.json
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Take the frames while they are recorded, until the file recording.done is in the folder, which
+    /// may come later too, or until Ctrl-C
+    #[arg(long)]
+    pub follow: bool,
     /// Split to train on [default: the one with depth]
     #[arg(long)]
     pub split: Option<String>,

@@ -69,7 +69,7 @@ fn first_of<'a>(json: &'a Value, keys: &[&str]) -> Option<&'a Value> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let (file, text) = folder.text(frame_lines(folder).unwrap_or("frames.jsonl"))?;
+    let (file, text) = folder.lines(frame_lines(folder).unwrap_or("frames.jsonl"))?;
     let encoding = recording.encoding(CodeKind::BareFloats, Sensor::Lidar, TRUSTED_DEPTH);
     let (mut seen, mut times) = (BTreeSet::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -85,6 +85,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         };
         let line = FrameLine { json: &json, file: &file };
         let name = line.text(&COLOR_KEYS).map_or_else(|| format!("line {}", i + 1), str::to_owned);
+        if folder.has_taken(&name) {
+            continue;
+        }
         if !seen.insert(name.clone()) {
             let problem = FrameProblem::Doubled(format!("another line of `{name}`"));
             recording.skip(&name, file.clone(), problem);

@@ -30,6 +30,7 @@ use crate::math::pose::Pose;
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "NeRF-synthetic: a JSON file with `camera_angle_x` and `frames`",
@@ -172,6 +173,9 @@ impl FrameList {
         for (i, frame) in self.frames()?.iter().enumerate() {
             let named = frame.get("file_path").and_then(Value::as_str);
             let name = named.map_or_else(|| format!("{i}"), |n| n.trim_start_matches("./").into());
+            if folder.has_taken(&name) {
+                continue;
+            }
             match listed_frame(frame, &name, &mut images) {
                 Ok(frame) => frames.push(frame),
                 Err(problem) => parsed.skip(&self.split, &name, self.file.clone(), problem),
@@ -281,7 +285,7 @@ fn listed_frame(
 /// Image folders, each listed once however many frames lie in it.
 struct ImageFolders<'a> {
     folder: &'a Folder,
-    listed: BTreeMap<PathBuf, (FolderListing, HashMap<String, String>)>,
+    listed: BTreeMap<PathBuf, (Rc<FolderListing>, HashMap<String, String>)>,
 }
 
 impl ImageFolders<'_> {

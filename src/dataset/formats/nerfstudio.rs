@@ -75,6 +75,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for (i, frame) in frames.iter().enumerate() {
         let name = frame.get("file_path").and_then(Value::as_str);
         let name = name.map_or_else(|| i.to_string(), |n| n.trim_start_matches("./").to_owned());
+        if folder.has_taken(&name) {
+            continue;
+        }
         if !seen.insert(name.clone()) {
             let problem = FrameProblem::Doubled(format!("another entry `{name}`"));
             recording.skip(&name, file.clone(), problem);

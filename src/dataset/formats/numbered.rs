@@ -5,6 +5,7 @@ use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::source::ByteSource;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 /// Photographs, by what their names end with.
 pub(super) const PHOTOGRAPHS: [&str; 3] = ["jpg", "jpeg", "png"];
@@ -12,7 +13,7 @@ pub(super) const PHOTOGRAPHS: [&str; 3] = ["jpg", "jpeg", "png"];
 /// The files of a folder by the number in their names.
 pub(super) struct NumberedFiles {
     relative: PathBuf,
-    listing: FolderListing,
+    listing: Rc<FolderListing>,
     by_number: BTreeMap<u64, String>,
     /// Names of further files of a number that has one.
     pub doubled: Vec<(u64, String)>,
@@ -68,8 +69,8 @@ impl NumberedFiles {
     }
 
     /// Every file that can be had, by number.
-    pub fn sources(&self, folder: &Folder) -> Vec<ByteSource> {
-        self.numbers().filter_map(|n| self.file(folder, n)?.ok()).map(Into::into).collect()
+    pub fn sources(&self, folder: &Folder) -> impl Iterator<Item = ByteSource> {
+        self.numbers().filter_map(|n| self.file(folder, n)?.ok()).map(Into::into)
     }
 
     /// The file of a number; `None` if there is none.

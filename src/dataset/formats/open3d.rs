@@ -94,10 +94,17 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let is_complete = numbers.len() == blocks.len();
     for (index, pose) in blocks {
         // Blocks count images. Where some are missing, numbers tell which.
-        let number = match is_complete {
-            true => usize::try_from(index).ok().and_then(|i| numbers.get(i).copied()),
-            false => numbers.first().and_then(|first| first.checked_add(index)),
+        let in_place = usize::try_from(index).ok().and_then(|i| numbers.get(i).copied());
+        let counted = numbers.first().and_then(|first| first.checked_add(index));
+        let number = match folder.is_growing() {
+            // Some may be missing yet: both have to agree.
+            true => counted.filter(|_| counted == in_place),
+            false if is_complete => in_place,
+            false => counted,
         };
+        if number.and_then(|n| pairs.get(&n)).is_some_and(|pair| folder.has_taken(&pair.name)) {
+            continue;
+        }
         let pair = number.and_then(|number| pairs.get(&number));
         let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
             let problem = FrameProblem::MissingColor(format!("number {index} of {color_name}/"));
@@ -141,7 +148,7 @@ fn pairs(
 ) -> BTreeMap<u64, Pair> {
     let folder = recording.folder;
     let same = colors.numbers().eq(depths.numbers());
-    let by_order = !same && colors.len() == depths.len();
+    let by_order = !same && colors.len() == depths.len() && !folder.is_growing();
     if by_order {
         recording.note("colour and depth are numbered differently: paired by their order");
     }
@@ -204,7 +211,7 @@ type Block = (u64, Result<Pose, FrameProblem>);
 /// Number of the image and pose of every block.
 fn blocks(recording: &mut Recording) -> Result<(PathBuf, Vec<Block>), DatasetError> {
     let name = trajectory_log(recording.folder).unwrap_or("trajectory.log").to_owned();
-    let (file, text) = recording.folder.text(&name)?;
+    let (file, text) = recording.folder.lines(&name)?;
     let mut found: Vec<Block> = Vec::new();
     let mut seen = BTreeSet::new();
     let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());

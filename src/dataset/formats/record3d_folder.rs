@@ -66,7 +66,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut frames = BTreeMap::new();
     let lists: Vec<&NumberedFiles> =
         [Some(&colors), depths.as_ref()].into_iter().flatten().collect();
-    for number in NumberedFiles::union(&lists) {
+    let taken = |number: &u64| folder.has_taken(&number.to_string());
+    for number in NumberedFiles::union(&lists).into_iter().filter(|number| !taken(number)) {
         match sources(folder, [Some(&colors), depths.as_ref(), confidences.as_ref()], number) {
             Ok(sources) => drop(frames.insert(number, sources)),
             Err(problem) => {
@@ -92,9 +93,13 @@ fn sources(
     let missing = || {
         FrameProblem::MissingColor(Path::new(COLORS).join(number.to_string()).display().to_string())
     };
+    let confidence = file(confidences)?;
+    if folder.is_growing() && confidences.is_some() && confidence.is_none() {
+        return Err(FrameProblem::MissingConfidence(number.to_string()));
+    }
     Ok(FrameSources {
         color: file(colors)?.ok_or_else(missing)?.into(),
         depth: file(depths)?.map(Into::into),
-        confidence: file(confidences)?.map(Into::into),
+        confidence: confidence.map(Into::into),
     })
 }

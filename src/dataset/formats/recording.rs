@@ -22,6 +22,7 @@ use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
+use std::borrow::Borrow;
 use std::path::{Path, PathBuf};
 
 /// Name of the split that holds the whole recording.
@@ -73,10 +74,10 @@ impl<'a> Recording<'a> {
 
     /// Sizes of photographs and of depth, by the first of each that can be read; `None` if there are
     /// none, which is noted where a file is to blame.
-    pub fn sizes<'s>(
+    pub fn sizes(
         &mut self,
-        colors: impl IntoIterator<Item = &'s ByteSource>,
-        depths: impl IntoIterator<Item = &'s ByteSource>,
+        colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
+        depths: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     ) -> Option<((u32, u32), (u32, u32))> {
         let sizes = first_size(colors).and_then(|color| Ok(color.zip(first_depth_size(depths)?)));
         sizes.unwrap_or_else(|(file, problem)| {
@@ -113,7 +114,7 @@ impl<'a> Recording<'a> {
         }
         // The same frames that training leaves out, under a name that one can ask for.
         let held_out: Vec<_> = self.frames.iter().step_by(HOLD_OUT_EVERY).cloned().collect();
-        let is_enough = self.frames.len() > 1;
+        let is_enough = self.frames.len() > 1 || self.folder.has_taken_any();
         let split = |name: &str, frames| DatasetSplit { name: name.to_owned(), frames, has_depth };
         self.parsed.splits.push(split(SPLIT, self.frames));
         if is_enough {
@@ -203,26 +204,27 @@ pub(super) fn same_size(
 }
 
 /// Size of the first photograph whose header can be read, with the first problem if none can.
-pub(super) fn first_size<'a>(
-    sources: impl IntoIterator<Item = &'a ByteSource>,
+pub(super) fn first_size(
+    sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     first(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
 /// Size of the first depth file whose header can be read, with the first problem if none can.
-pub(super) fn first_depth_size<'a>(
-    sources: impl IntoIterator<Item = &'a ByteSource>,
+pub(super) fn first_depth_size(
+    sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     first(sources, decode::depth_size)
 }
 
 /// Not that of the first file: one damaged image must not cost the whole recording.
-fn first<'a>(
-    sources: impl IntoIterator<Item = &'a ByteSource>,
+fn first(
+    sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     size: impl Fn(&ByteSource) -> Result<(u32, u32), FrameProblem>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
     let mut problem = None;
     for source in sources {
+        let source = source.borrow();
         match size(source) {
             Ok(size) => return Ok(Some(size)),
             Err(found) => drop(problem.get_or_insert((source.path().to_owned(), found))),

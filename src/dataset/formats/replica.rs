@@ -62,16 +62,19 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let depths = list("depth", &["png"])?;
     recording.skip_doubled(&colors, IMAGES);
     recording.skip_doubled(&depths, IMAGES);
-    let sizes = recording.sizes(&colors.sources(folder), &depths.sources(folder));
+    let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((size, depth_size)) = sizes else { return Ok(recording.finish()) };
     let (file, k, per_metre) = camera(&mut recording, size)?;
     let cameras = recording.one_lens(&k, size, depth_size, &file)?;
     let unit = CodeKind::Linear16(1.0 / per_metre);
     let encoding = recording.encoding(unit, Sensor::Exact { noise: 0.0 }, [0.0, f64::INFINITY]);
-    let (traj, text) = folder.text(POSES)?;
+    let (traj, text) = folder.lines(POSES)?;
     let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     for number in NumberedFiles::union(&[&colors, &depths]) {
         let name = format!("frame{number:06}");
+        if folder.has_taken(&name) {
+            continue;
+        }
         let line = usize::try_from(number).ok().and_then(|i| lines.get(i));
         let found = line
             .ok_or_else(|| FrameProblem::MissingPose(format!("line {} of {POSES}", number + 1)))

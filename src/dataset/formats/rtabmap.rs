@@ -24,6 +24,7 @@ use crate::math::pose::Pose;
 use glam::DMat4;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "RTAB-Map: `rgb/`, `depth/`, a calibration `*.yaml` and poses `*.txt`",
@@ -118,8 +119,8 @@ fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let images = Images::list(folder)?;
-    let (colors, depths) = (images.sources(&images.colors), images.sources(&images.depths));
-    let Some((size, depth_size)) = recording.sizes(&colors, &depths) else {
+    let (colors, depths) = (images.sources(0), images.sources(1));
+    let Some((size, depth_size)) = recording.sizes(colors, depths) else {
         return Ok(recording.finish());
     };
     let (calibration_file, stated) = read_calibration(folder)?;
@@ -128,20 +129,24 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     // A phone's lidar is coarser than its photographs; depth cameras are not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
-    let (file, text) = folder.text(pose_file(folder).unwrap_or("poses.txt"))?;
+    let (file, text) = folder.lines(pose_file(folder).unwrap_or("poses.txt"))?;
     let total = lines(&text).count();
     let mut seen = BTreeSet::new();
     for (i, (line, content)) in lines(&text).enumerate() {
         let found = pose(content).and_then(|p| {
             let stem = images.stem(&p, i, total)?;
-            Ok((Pose::from_opencv(p.matrix)?, p.time, images.pair(&stem)?, stem))
+            if folder.has_taken(&stem) {
+                return Ok(None);
+            }
+            Ok(Some((Pose::from_opencv(p.matrix)?, p.time, images.pair(&stem)?, stem)))
         });
         match found {
-            Ok((_, _, _, stem)) if seen.contains(&stem) => {
+            Ok(None) => {}
+            Ok(Some((_, _, _, stem))) if seen.contains(&stem) => {
                 let problem = FrameProblem::Doubled(format!("another pose in line {line}"));
                 recording.skip(&stem, file.clone(), problem);
             }
-            Ok((pose, time, [color, depth], stem)) => {
+            Ok(Some((pose, time, [color, depth], stem))) => {
                 seen.insert(stem.clone());
                 recording.push(RecordedFrame {
                     name: stem,
@@ -163,7 +168,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
 struct Images<'a> {
     folder: &'a Folder,
     names: [String; 2],
-    listings: [FolderListing; 2],
+    listings: [Rc<FolderListing>; 2],
     colors: Vec<(String, String)>,
     depths: Vec<(String, String)>,
 }
@@ -188,9 +193,10 @@ impl<'a> Images<'a> {
         Ok(Self { folder, names, listings, colors, depths })
     }
 
-    fn sources(&self, images: &[(String, String)]) -> Vec<ByteSource> {
-        let which = usize::from(std::ptr::eq(images, &self.depths[..]));
-        images.iter().filter_map(|(_, name)| self.path(which, name).ok()).collect()
+    /// Files of the first or of the second folder.
+    fn sources(&self, which: usize) -> impl Iterator<Item = ByteSource> {
+        let images = [&self.colors, &self.depths][which].iter();
+        images.filter_map(move |(_, name)| self.path(which, name).ok())
     }
 
     fn path(&self, which: usize, name: &str) -> Result<ByteSource, FrameProblem> {
@@ -211,7 +217,9 @@ impl<'a> Images<'a> {
             return Ok(stem.clone());
         }
         // A number that no image has belongs to an image that is gone, not to that in its place.
-        let is_counted = pose.number.is_none() && total == self.colors.len();
+        // Nor is there a place before all are there.
+        let is_counted =
+            pose.number.is_none() && total == self.colors.len() && !self.folder.is_growing();
         let by_place = self.colors.get(place).filter(|_| is_counted);
         by_place.map(|(stem, _)| stem.clone()).ok_or_else(|| {
             let images = self.colors.len();

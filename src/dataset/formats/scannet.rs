@@ -58,12 +58,15 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let colors = list(COLORS, &PHOTOGRAPHS)?;
     let depths = list(DEPTHS, &["png"])?;
     let poses = list(POSES, &["txt"])?;
-    let sizes = recording.sizes(&colors.sources(folder), &depths.sources(folder));
+    let sizes = recording.sizes(colors.sources(folder), depths.sources(folder));
     let Some((color, depth)) = sizes else { return Ok(recording.finish()) };
     let cameras = cameras(&recording, color, depth)?;
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
     for number in NumberedFiles::union(&[&colors, &depths, &poses]) {
+        if folder.has_taken(&number.to_string()) {
+            continue;
+        }
         let file = folder.path.join(POSES).join(format!("{number}.txt"));
         let found = read_pose(folder, &poses, number)
             .and_then(|pose| Ok((pose, paths(folder, &colors, &depths, number)?)));

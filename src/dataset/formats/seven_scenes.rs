@@ -175,6 +175,9 @@ fn collect(folder: &Folder, frames_in: &str, listed: &mut ListedSplit, parsed: &
     };
     for color in listing.files() {
         let Some(stem) = color_stem(color) else { continue };
+        if folder.has_taken(&frame_name(relative, stem)) {
+            continue;
+        }
         match listed_frame(folder, relative, &listing, color, stem) {
             Ok(frame) => frames.push(frame),
             Err((file, problem)) => parsed.skip(split, stem, file, problem),
@@ -199,9 +202,12 @@ fn listed_frame(
         true => checked(&depth_name),
         false => Err(FrameProblem::MissingDepth(depth_name)),
     };
-    // With its folder: every sequence counts its frames from 0.
-    let name = relative.join(stem).display().to_string();
-    Ok(ListedFrame { name, pose, color, depth })
+    Ok(ListedFrame { name: frame_name(relative, stem), pose, color, depth })
+}
+
+/// With its folder: every sequence counts its frames from 0.
+fn frame_name(relative: &Path, stem: &str) -> String {
+    relative.join(stem).display().to_string()
 }
 
 fn read_pose(

@@ -82,6 +82,11 @@ pub(super) fn in_text_file(
         return Ok(None);
     };
     let (file, text) = folder.text(name)?;
+    // Of four numbers the last could lack digits; a matrix ends with a 1.
+    if folder.is_growing() && !text.ends_with('\n') && matrix::numbers::<4>(&text).is_ok() {
+        let found = "a line that may still grow".to_owned();
+        return Err(wrong(&file, "fx fy cx cy and the end of the line", found, "end the line"));
+    }
     let k = from_text(&text, size, &file)?;
     Ok(Some((file, k)))
 }

@@ -92,12 +92,7 @@ impl Files {
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let files = files(&mut recording)?;
-    let depths: Vec<ByteSource> = files
-        .depths
-        .numbers()
-        .filter_map(|n| Some(files.depths.file(folder, n)?.ok()?.into()))
-        .collect();
-    let depth_size = match first_depth_size(&depths) {
+    let depth_size = match first_depth_size(files.depths.sources(folder)) {
         Ok(Some(size)) => size,
         Ok(None) => return Ok(recording.finish()),
         Err((file, problem)) => {
@@ -116,6 +111,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let least = recording.least_confidence();
     for line in odometry(&mut recording)? {
         let name = format!("{:06}", line.frame);
+        if folder.has_taken(&name) {
+            continue;
+        }
         let depth = FrameSet { files: &files, frame: line.frame };
         let found =
             Pose::from_opencv(line.pose.matrix()).map_err(FrameProblem::from).and_then(|pose| {
@@ -160,8 +158,14 @@ impl FrameSet<'_> {
     }
 
     fn map(&self, folder: &Folder) -> Result<Option<ByteSource>, FrameProblem> {
-        let map = self.files.confidences.as_ref().and_then(|maps| maps.file(folder, self.frame));
-        Ok(map.transpose()?.map(Into::into))
+        let Some(maps) = &self.files.confidences else { return Ok(None) };
+        let map = maps.file(folder, self.frame).transpose()?;
+        match map {
+            None if folder.is_growing() => {
+                Err(FrameProblem::MissingConfidence(format!("{CONFIDENCES}/{:06}.png", self.frame)))
+            }
+            map => Ok(map.map(Into::into)),
+        }
     }
 }
 
@@ -211,9 +215,8 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
         Some(colors) => colors.numbers().collect(),
         None => vec![0],
     };
-    let sources: Vec<ByteSource> =
-        numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok()).collect();
-    match first_size(&sources) {
+    let sources = numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok());
+    match first_size(sources) {
         Ok(size) => size,
         Err((file, problem)) => {
             recording.skip("all", file, problem);
@@ -254,7 +257,7 @@ struct OdometryLine {
 }
 
 fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError> {
-    let (file, text) = recording.folder.text(POSES)?;
+    let (file, text) = recording.folder.lines(POSES)?;
     let mut lines = text.lines().enumerate();
     let places = lines.next().and_then(|(_, head)| columns(head)).unwrap_or_default();
     let mut found: Vec<OdometryLine> = Vec::new();

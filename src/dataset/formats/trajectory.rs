@@ -52,6 +52,11 @@ impl Trajectory {
         (Self { poses }, unordered, doubled)
     }
 
+    /// The time of the last pose.
+    pub fn end(&self) -> Option<f64> {
+        self.poses.last().map(|pose| pose.time)
+    }
+
     /// The pose at a time, between the two nearest where there are two.
     ///
     /// # Errors

@@ -73,7 +73,14 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     };
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
-    for depth in &depths {
+    let is_growing = folder.is_growing();
+    for depth in depths.iter().filter(|depth| !folder.has_taken(frame_name(&depth.name))) {
+        // Poses and photographs come in the order of time: the one behind may be the nearer.
+        let is_passed = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
+        if is_growing && !(is_passed(trajectory.end()) && is_passed(colors.last().map(|c| c.time)))
+        {
+            continue;
+        }
         match frame(depth, &colors, &trajectory, cameras, encoding) {
             Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
@@ -92,7 +99,7 @@ struct TimedImage {
 /// The images of a list in the order of their times.
 fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, DatasetError> {
     let folder = recording.folder;
-    let (file, text) = folder.text(list)?;
+    let (file, text) = folder.lines(list)?;
     let mut found: Vec<TimedImage> = Vec::new();
     for (line, content) in lines(&text) {
         let Some((time, name)) = image(content) else {
@@ -143,7 +150,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
         let hint = "put the recording's trajectory there, times on the images' clock";
         return Err(wrong(&file, expected, "no such file".to_owned(), hint));
     }
-    let (file, text) = recording.folder.text(POSES)?;
+    let (file, text) = recording.folder.lines(POSES)?;
     let mut poses = Vec::new();
     for (line, content) in lines(&text) {
         match crate::dataset::matrix::numbers::<8>(content).map(TimedPose::new) {
@@ -172,10 +179,8 @@ fn cameras(
     colors: &[TimedImage],
     depths: &[TimedImage],
 ) -> Result<Option<Cameras>, DatasetError> {
-    let sources = |images: &[TimedImage]| -> Vec<ByteSource> {
-        images.iter().map(|image| ByteSource::File(image.path.clone())).collect()
-    };
-    let sizes = recording.sizes(&sources(colors), &sources(depths));
+    let source = |image: &TimedImage| ByteSource::File(image.path.clone());
+    let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
@@ -206,7 +211,7 @@ fn frame(
     let color = nearest(colors, depth.time)?;
     let file = ByteSource::File(depth.path.clone());
     Ok(RecordedFrame {
-        name: depth.name.rsplit('/').next().unwrap_or(&depth.name).trim_end_matches(".png").into(),
+        name: frame_name(&depth.name).into(),
         time: Some(depth.time),
         pose,
         cameras,
@@ -214,6 +219,11 @@ fn frame(
         depth: Some(DepthSource { file, encoding, confidence: None }),
         lens: Distortion::default(),
     })
+}
+
+/// Of the depth image that it is of, without its folder.
+fn frame_name(depth: &str) -> &str {
+    depth.rsplit('/').next().unwrap_or(depth).trim_end_matches(".png")
 }
 
 fn nearest(colors: &[TimedImage], time: f64) -> Result<&TimedImage, FrameProblem> {

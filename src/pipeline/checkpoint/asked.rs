@@ -34,6 +34,8 @@ pub struct ResumeRequest {
     pub load: LoadOptions,
     /// Frames at most, those gone through included: the one setting that may change.
     pub max_frames: Option<usize>,
+    /// Whether to take frames while they are recorded.
+    pub follow: bool,
 }
 
 impl SavedRun {
@@ -59,9 +61,19 @@ impl SavedRun {
 
 /// Which frames, and in which order.
 fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
-    // Taken apart whole, so that a new field asks to be compared; a limit of frames may change.
-    let ResumeRequest { preset: _, model: _, split, order, stride, shard, load: _, max_frames: _ } =
-        asked;
+    // Taken apart whole, so that a new field asks to be compared; a limit of frames and who waits for
+    // them may change.
+    let ResumeRequest {
+        preset: _,
+        model: _,
+        split,
+        order,
+        stride,
+        shard,
+        load: _,
+        max_frames: _,
+        follow: _,
+    } = asked;
     differs("--split", split.as_ref(), stored.split.as_ref())
         .or_else(|| differs("--order", order.as_ref(), Some(&stored.order)))
         .or_else(|| differs("--stride", stride.as_ref(), Some(&stored.stride)))

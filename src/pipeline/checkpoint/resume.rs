@@ -32,7 +32,11 @@ impl SavedRun {
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
         let plan =
             Plan::after(&dataset, &config.selection, config.method.any().seed(), &cursor.visited)?;
-        let found = Fingerprint::of(&dataset, plan.split);
+        // A recording that was followed may have grown since.
+        let found = match asked.follow || config.selection.follow {
+            true => Fingerprint::of_first(&dataset, plan.split, meta.fingerprint.frames()),
+            false => Fingerprint::of(&dataset, plan.split),
+        };
         if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
             return Err(RunError::OtherDataset { path, difference });
         }

@@ -27,6 +27,16 @@ pub(super) struct History {
     pub skipped: Vec<SkippedFrame>,
 }
 
+impl History {
+    /// As [`canonical`] writes it, a frame at a time: all of a long run at once are ten times as large
+    /// while they are sorted.
+    fn canonical(&self) -> Result<String, serde_json::Error> {
+        let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
+        let skipped = canonical(&self.skipped)?;
+        Ok(format!("{{\"frames\":[{}],\"skipped\":{skipped}}}", frames?.join(",")))
+    }
+}
+
 /// Everything a later session needs to go on as if this one had not stopped, copied at a frame
 /// boundary.
 pub struct SessionSnapshot {
@@ -89,7 +99,7 @@ impl SessionSnapshot {
             config: canonical(&config)?,
             meta: canonical(&meta)?,
             numerics: machine::numerics(),
-            history: readable(canonical(&history)?),
+            history: readable(history.canonical()?),
             cursor,
             model,
         })

@@ -21,6 +21,16 @@ pub enum WriteError {
         "{}: expected a new or empty folder, found one with files; choose another", .0.display()
     )]
     NotEmpty(PathBuf),
+    /// A layout that cannot be written frame by frame.
+    #[error(
+        "layout {layout}: expected one that can be recorded frame by frame ({expected}), found one whose frames are in one file that is written at the end; choose another layout"
+    )]
+    NotLive {
+        /// The layout.
+        layout: String,
+        /// Layouts that can.
+        expected: &'static str,
+    },
     /// A folder or file that cannot be written.
     #[error("{}: expected to write here, found: {source}; check free space and permissions", path.display())]
     Io {
@@ -41,6 +51,16 @@ pub enum WriteError {
 
 pub(super) fn create_folder(path: &Path) -> Result<(), WriteError> {
     std::fs::create_dir_all(path).map_err(|source| WriteError::Io { path: path.to_owned(), source })
+}
+
+/// Creates a folder, which must hold nothing if it is there.
+pub(super) fn create_empty_folder(path: &Path) -> Result<(), WriteError> {
+    create_folder(path)?;
+    let io = |source| WriteError::Io { path: path.to_owned(), source };
+    match std::fs::read_dir(path).map_err(io)?.next() {
+        Some(_) => Err(WriteError::NotEmpty(path.to_owned())),
+        None => Ok(()),
+    }
 }
 
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), WriteError> {

@@ -3,6 +3,8 @@
 mod arkit;
 mod blender;
 mod files;
+mod layout;
+mod live;
 mod nerfstudio;
 mod open3d;
 mod record3d;
@@ -16,41 +18,13 @@ mod tum;
 
 pub use blender::DepthBits;
 pub use files::WriteError;
+pub use layout::SyntheticLayout;
 
 use super::params::SyntheticParams;
 use super::plan::ViewPlan;
-use files::create_folder;
+use files::create_empty_folder;
+use live::FramePlaces;
 use std::path::Path;
-
-/// Folder layout to write. Layouts that know no splits hold the evaluation frames behind the training
-/// frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SyntheticLayout {
-    /// NeRF-synthetic, with depth along the ray.
-    Blender(DepthBits),
-    /// 7-Scenes: millimetres along the optical axis.
-    SevenScenes,
-    /// TUM RGB-D: lists by time, 1/5000 m.
-    Tum,
-    /// Open3D: `trajectory.log`, millimetres.
-    Open3d,
-    /// Replica as NICE-SLAM rendered it: JPEG, 1/6553.5 m.
-    Replica,
-    /// ScanNet's export: JPEG, depth by a camera of half the size, millimetres.
-    Scannet,
-    /// nerfstudio with depth, millimetres.
-    Nerfstudio,
-    /// Record3D's exported folder: JPEG, EXR of half floats of a quarter of the size, metres.
-    Record3d,
-    /// Record3D's archive: JPEG, packed floats of a quarter of the size, metres.
-    Record3dArchive,
-    /// Stray Scanner with unpacked images: depth of a quarter of the size, millimetres.
-    StrayScanner,
-    /// An ARKit package: bare floats of a quarter of the size, metres.
-    Arkit,
-    /// RTAB-Map's export, millimetres.
-    RtabMap,
-}
 
 /// Renders all frames of `params` into the new or empty folder `out`, with depth and poses in every
 /// split. `on_frame` hears how many frames of how many are written.
@@ -61,13 +35,8 @@ pub fn write(
     on_frame: &mut dyn FnMut(usize, usize),
 ) -> Result<(), WriteError> {
     let plan = ViewPlan::new(params)?;
-    create_folder(out)?;
     // Before anything is rendered, so that no recording is mixed with another.
-    let mut entries =
-        std::fs::read_dir(out).map_err(|source| WriteError::Io { path: out.to_owned(), source })?;
-    if entries.next().is_some() {
-        return Err(WriteError::NotEmpty(out.to_owned()));
-    }
+    create_empty_folder(out)?;
     let total = plan.splits.iter().map(|split| split.poses.len()).sum();
     let mut done = 0;
     let mut count = || {
@@ -88,4 +57,27 @@ pub fn write(
         SyntheticLayout::Arkit => arkit::write(&plan, out, &mut count),
         SyntheticLayout::RtabMap => rtabmap::write(&plan, out, &mut count),
     }
+}
+
+/// Writes what [`write`] does as a recording that grows, images in two parts, lines behind their images
+/// and the marker of the end last: `due` is called before each frame, with its number from 0 and that
+/// of all, and returns when it is time. Rendering is slower than a camera, so that everything is
+/// written to a folder beside first.
+///
+/// # Errors
+/// A layout that has its frames in one file; otherwise as [`write`].
+pub fn write_live(
+    params: &SyntheticParams,
+    out: &Path,
+    layout: SyntheticLayout,
+    due: &mut dyn FnMut(usize, usize),
+) -> Result<(), WriteError> {
+    let places = FramePlaces::of(layout)?;
+    create_empty_folder(out)?;
+    let io = |source| WriteError::Io { path: out.to_owned(), source };
+    let beside = std::path::absolute(out).map_err(io)?;
+    let beside = beside.parent().unwrap_or(&beside);
+    let finished = tempfile::Builder::new().prefix(".live").tempdir_in(beside).map_err(io)?;
+    write(params, finished.path(), layout, &mut |_, _| ())?;
+    places.play(finished.path(), out, due)
 }

@@ -1,0 +1,204 @@
+//! Frames that are taken while they are recorded.
+
+use super::dirty::Dirty;
+use super::thread::WorkerThread;
+use crate::app::opening::{self, Content};
+use crate::app::session_info::session_info;
+use crate::app::splat_updates::SplatChange;
+use crate::app::state::{Followed, NoticeKind, Opened, RunState, Snapshot, Subject};
+use crate::dataset::LoadOptions;
+use crate::dataset::calibration::Calibration;
+use crate::export::checkpoint::is_checkpoint;
+use crate::model::splat::appearance::SplatSet;
+use crate::pipeline::follow::Follow;
+use crate::pipeline::plan::Selection;
+use crate::pipeline::session::Session;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// After so long without a frame the trainer is at rest, and the window is shown what waited for that.
+const AT_REST: Duration = Duration::from_millis(500);
+/// How often the window is told of the cameras of a recording that grows, whose list is copied.
+const CAMERAS: Duration = Duration::from_secs(2);
+
+impl WorkerThread {
+    /// Time until the next look for frames, while there is none to train.
+    pub(super) fn rest_between_looks(&self) -> Option<Duration> {
+        let follow = match (self.snapshot.state, &self.content) {
+            (RunState::Waiting, _) => self.awaited.as_ref(),
+            (RunState::Training, Some(Content::Session(session))) if session.is_caught_up() => {
+                session.followed()
+            }
+            _ => None,
+        };
+        // Never without a rest, however late it is.
+        Some(follow?.rest().max(Duration::from_millis(1)))
+    }
+
+    pub(super) fn set_follows(&mut self, follows: bool) {
+        self.snapshot.follows = follows;
+        if !follows {
+            return self.stop_following();
+        }
+        let is_untrained = self.snapshot.state == RunState::Ready;
+        match (&mut self.content, self.subject.clone()) {
+            // From the first frame on: the last ones may have been opened half written.
+            (Some(Content::Session(_)), Some(subject)) if is_untrained && is_folder(&subject) => {
+                self.open_with(self.calibration.clone(), subject);
+            }
+            (Some(Content::Session(session)), _) => {
+                if session.follow(None) && self.snapshot.state == RunState::Finished {
+                    self.snapshot.state = RunState::Training;
+                }
+                self.tell_of_recording();
+            }
+            _ => {}
+        }
+    }
+
+    fn stop_following(&mut self) {
+        self.snapshot.followed = None;
+        self.awaited = None;
+        if self.snapshot.state == RunState::Waiting {
+            self.snapshot.state = RunState::Empty;
+        }
+        if let Some(Content::Session(session)) = &mut self.content {
+            session.stop_following();
+        }
+    }
+
+    /// Opens a folder when it holds a frame, which may be much later; nothing else is open until then.
+    pub(super) fn await_recording(
+        &mut self,
+        path: &Path,
+        calibration: Option<Calibration>,
+        subject: Subject,
+    ) {
+        let selection = Selection { follow: true, ..Selection::everything() };
+        match Follow::new(path, &LoadOptions::default(), &selection) {
+            Ok(follow) => {
+                self.awaited = Some(follow);
+                (self.subject, self.calibration) = (Some(subject), calibration);
+                (self.content, self.dirty) = (None, Dirty::default());
+                self.forget_autosave();
+                self.pose_check = None;
+                self.shared.updates.push(SplatChange::All(SplatSet::default()).into());
+                self.snapshot = Snapshot {
+                    state: RunState::Waiting,
+                    notices: self.snapshot.notices.clone(),
+                    latest_write: self.snapshot.latest_write,
+                    abandoned: self.snapshot.abandoned.take(),
+                    follows: true,
+                    ..Snapshot::default()
+                };
+                self.tell_of_recording();
+            }
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+        }
+    }
+
+    /// Begins a session on the first frames of what is awaited, if they are there.
+    pub(super) fn look_for_the_first(&mut self) {
+        let Some(follow) = &mut self.awaited else { return };
+        let mut training = self.training.clone();
+        training.scene.calibration = self.calibration.clone();
+        let begun = match follow.more() {
+            Ok(None) => Ok(None),
+            Ok(Some(dataset)) => {
+                match Session::new(dataset, training.request(), follow.selection().clone()) {
+                    Ok(session) => Ok(Some(session)),
+                    Err(error) if follow.forgives(&error) => Ok(None),
+                    Err(error) => Err(error.to_string()),
+                }
+            }
+            Err(error) => Err(error.to_string()),
+        };
+        match begun {
+            Ok(None) => {}
+            Ok(Some(mut session)) => {
+                let path = follow.path().to_owned();
+                session.follow(self.awaited.take());
+                let opened = opening::session(session, self.next_serial, Some(&path));
+                self.next_serial += 1;
+                self.begin(opened);
+                // A recording does not wait for anybody.
+                self.snapshot.state = RunState::Training;
+                self.changed = true;
+            }
+            Err(error) => {
+                self.stop_following();
+                self.notify(NoticeKind::Error, error);
+                self.changed = true;
+            }
+        }
+        self.tell_of_recording();
+    }
+
+    /// Tells the window how far the recording is, where that has changed.
+    pub(super) fn tell_of_recording(&mut self) {
+        let session = match &self.content {
+            Some(Content::Session(session)) => Some(&**session),
+            _ => None,
+        };
+        let is_waiting = session.is_none_or(Session::is_caught_up);
+        let follow = self.awaited.as_ref().or_else(|| session.and_then(Session::followed));
+        let followed = follow.map(|follow| Followed {
+            path: follow.path().to_owned(),
+            is_waiting,
+            problem: follow.problem().map(str::to_owned),
+        });
+        let has_ended = followed.is_none() && self.snapshot.followed.is_some();
+        self.changed |= self.snapshot.followed != followed;
+        self.snapshot.followed = followed;
+        if has_ended && self.snapshot.follows {
+            self.snapshot.follows = false;
+            let n = self.snapshot.n_frames;
+            self.notify(
+                NoticeKind::Info,
+                format!("The recording has ended, with {n} frames to train"),
+            );
+        }
+        if has_ended || self.cameras_told.elapsed() > CAMERAS {
+            self.tell_of_cameras();
+        }
+        self.come_to_rest(is_waiting && self.snapshot.followed.is_some());
+    }
+
+    /// The list that photographs are chosen from.
+    fn tell_of_cameras(&mut self) {
+        let (Some(Content::Session(session)), Some(opened)) =
+            (&self.content, &self.snapshot.opened)
+        else {
+            return;
+        };
+        let is_told =
+            opened.dataset.as_ref().is_some_and(|told| Arc::ptr_eq(told, session.dataset()));
+        if !is_told {
+            let (dataset, info) = (Some(session.dataset().clone()), session_info(session));
+            let opened = Opened { dataset, info, ..Opened::clone(opened) };
+            self.snapshot.opened = Some(Arc::new(opened));
+            self.changed = true;
+        }
+        self.cameras_told = Instant::now();
+    }
+
+    /// What the window is told when training rests (see `mark_visibility`), once for every rest.
+    fn come_to_rest(&mut self, is_waiting: bool) {
+        match self.waiting_since {
+            _ if !is_waiting => self.waiting_since = Some(Instant::now()),
+            Some(since) if since.elapsed() > AT_REST => {
+                self.waiting_since = None;
+                self.rest();
+                self.mark_visibility();
+                self.changed = true;
+            }
+            Some(_) | None => {}
+        }
+    }
+}
+
+/// Whether a subject is a folder, there already or not, and no file that is opened as it is.
+pub(super) fn is_folder(subject: &Subject) -> bool {
+    matches!(subject, Subject::Path(path) if !path.is_file() && !is_checkpoint(path))
+}

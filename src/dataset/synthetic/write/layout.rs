@@ -1,0 +1,33 @@
+//! The layouts that the synthetic scene is written in.
+
+use super::blender::DepthBits;
+
+/// Folder layout to write. Layouts that know no splits hold the evaluation frames behind the training
+/// frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SyntheticLayout {
+    /// NeRF-synthetic, with depth along the ray.
+    Blender(DepthBits),
+    /// 7-Scenes: millimetres along the optical axis.
+    SevenScenes,
+    /// TUM RGB-D: lists by time, 1/5000 m.
+    Tum,
+    /// Open3D: `trajectory.log`, millimetres.
+    Open3d,
+    /// Replica as NICE-SLAM rendered it: JPEG, 1/6553.5 m.
+    Replica,
+    /// ScanNet's export: JPEG, depth by a camera of half the size, millimetres.
+    Scannet,
+    /// nerfstudio with depth, millimetres.
+    Nerfstudio,
+    /// Record3D's exported folder: JPEG, EXR of half floats of a quarter of the size, metres.
+    Record3d,
+    /// Record3D's archive: JPEG, packed floats of a quarter of the size, metres.
+    Record3dArchive,
+    /// Stray Scanner with unpacked images: depth of a quarter of the size, millimetres.
+    StrayScanner,
+    /// An ARKit package: bare floats of a quarter of the size, metres.
+    Arkit,
+    /// RTAB-Map's export, millimetres.
+    RtabMap,
+}

@@ -1,0 +1,168 @@
+//! Whether the files of a frame are whole, while they may still be written.
+//!
+//! A photograph is judged by its end and not decoded: it will be, once, when it is learnt. PNG ends
+//! with a chunk of its own; of a JPEG everything behind the first scan is looked through for the end
+//! marker, because phones write more behind it. Depth of other kinds says how long it must be, and is
+//! small.
+
+use super::decode::{self, CodeKind};
+use super::entry::{FrameEntry, FrameSource};
+use super::error::FrameProblem;
+use super::source::ByteSource;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+use std::time::{Duration, UNIX_EPOCH};
+
+const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
+/// Length 0, name and checksum of the last chunk.
+const PNG_END: [u8; 12] = *b"\0\0\0\0IEND\xaeB`\x82";
+const JPEG: [u8; 2] = [0xFF, 0xD8];
+
+impl FrameEntry {
+    /// Whether all of its files are whole, and there.
+    pub(super) fn is_whole(&self) -> bool {
+        let FrameSource::Files(files) = &self.source else { return true };
+        let Some(depth) = files.depth.as_ref().filter(|_| is_whole(&files.color)) else {
+            return is_whole(&files.color);
+        };
+        // Bare values may begin with any bytes, those of an image among them.
+        let is_bare = depth.encoding.codes == CodeKind::BareFloats;
+        let depth_ends = if is_bare { None } else { image_ends(depth.file.path()) };
+        let map_ends = depth.confidence.as_ref().map(|(map, _)| image_ends(map.path()));
+        match (depth_ends, map_ends) {
+            (Some(false), _) | (_, Some(Some(false))) => false,
+            (Some(true), None | Some(Some(true))) => true,
+            // Bare values and arrays have a length and no end. What is wrong otherwise no patience
+            // mends.
+            _ => !self.load_depth().is_err_and(|error| may_still_grow(&error.problem)),
+        }
+    }
+
+    /// The last change and the length of each of its files that is there.
+    pub(super) fn marks(&self) -> Vec<FileMark> {
+        let FrameSource::Files(files) = &self.source else { return Vec::new() };
+        let depth = files.depth.iter().flat_map(|depth| {
+            std::iter::once(&depth.file).chain(depth.confidence.iter().map(|(map, _)| map))
+        });
+        let sources = std::iter::once(&files.color).chain(depth);
+        sources.filter_map(|source| FileMark::of(source.path())).collect()
+    }
+
+    /// When the last of its files was last changed, since the beginning of 1970 by the file system's
+    /// clock; `None` where that does not tell.
+    pub fn completed(&self) -> Option<Duration> {
+        self.marks().into_iter().filter_map(|mark| mark.changed).max()
+    }
+}
+
+/// What tells that a file or folder changed.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct FileMark {
+    bytes: u64,
+    /// Since the beginning of 1970.
+    changed: Option<Duration>,
+}
+
+impl FileMark {
+    /// `None` where there is nothing.
+    pub fn of(path: &Path) -> Option<Self> {
+        let metadata = path.metadata().ok()?;
+        let changed = metadata.modified().ok().and_then(|at| at.duration_since(UNIX_EPOCH).ok());
+        Some(Self { bytes: metadata.len(), changed })
+    }
+}
+
+fn is_whole(color: &ByteSource) -> bool {
+    match color {
+        ByteSource::File(path) => image_ends(path).unwrap_or(false),
+        // What stands for no photograph needs no file.
+        ByteSource::Grey(_) => true,
+        // Videos and archives can be read when all of them is there.
+        ByteSource::VideoFrame { .. } | ByteSource::Member { .. } => false,
+    }
+}
+
+/// Whether a PNG or JPEG has its end; `None` for files of other kinds.
+fn image_ends(path: &Path) -> Option<bool> {
+    let Ok(mut file) = File::open(path) else { return Some(false) };
+    let mut head = Vec::new();
+    if file.by_ref().take(PNG.len() as u64).read_to_end(&mut head).is_err() || head.is_empty() {
+        return Some(false);
+    }
+    if head == PNG {
+        let mut end = [0; PNG_END.len()];
+        let read = file
+            .seek(SeekFrom::End(-(PNG_END.len() as i64)))
+            .and_then(|_| file.read_exact(&mut end));
+        return Some(read.is_ok() && end == PNG_END);
+    }
+    if head.starts_with(&JPEG) {
+        let ends = file.read_to_end(&mut head).is_ok() && decode::jpeg_ends(&head);
+        return Some(ends);
+    }
+    // The first bytes of either are no other kind.
+    let is_begun = PNG.starts_with(&head) || JPEG.starts_with(&head);
+    (is_begun).then_some(false)
+}
+
+/// Whether a file with such a defect may be one that is still written.
+fn may_still_grow(problem: &FrameProblem) -> bool {
+    matches!(
+        problem,
+        FrameProblem::Read(_)
+            | FrameProblem::Decode(_)
+            | FrameProblem::DepthFile { .. }
+            | FrameProblem::TruncatedJpeg
+            | FrameProblem::DecoderCrash
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use image::codecs::jpeg::JpegEncoder;
+    use image::codecs::png::PngEncoder;
+    use image::{ExtendedColorType, ImageEncoder};
+
+    /// Noise, so that every byte value and many lengths of chunks occur.
+    fn pixels() -> Vec<u8> {
+        (0..40 * 30 * 3u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()
+    }
+
+    #[test]
+    fn no_prefix_of_an_image_is_whole() {
+        let (mut png, mut jpeg) = (Vec::new(), Vec::new());
+        PngEncoder::new(&mut png).write_image(&pixels(), 40, 30, ExtendedColorType::Rgb8).unwrap();
+        JpegEncoder::new(&mut jpeg)
+            .write_image(&pixels(), 40, 30, ExtendedColorType::Rgb8)
+            .unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("image");
+        for image in [png, jpeg] {
+            for length in 0..image.len() {
+                std::fs::write(&path, &image[..length]).unwrap();
+                assert_eq!(image_ends(&path), Some(false), "{length} of {} bytes", image.len());
+            }
+            std::fs::write(&path, &image).unwrap();
+            assert_eq!(image_ends(&path), Some(true));
+        }
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(image_ends(&path), Some(false), "nothing is no image");
+        std::fs::write(&path, [0.5f32.to_le_bytes(); 8].as_flattened()).unwrap();
+        assert_eq!(image_ends(&path), None, "bare floats have no end");
+    }
+
+    #[test]
+    fn more_may_follow_the_end_of_a_jpeg() {
+        let mut jpeg = Vec::new();
+        JpegEncoder::new(&mut jpeg)
+            .write_image(&pixels(), 40, 30, ExtendedColorType::Rgb8)
+            .unwrap();
+        jpeg.extend(b"SEFT: what a phone adds");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("image.jpg");
+        std::fs::write(&path, jpeg).unwrap();
+        assert_eq!(image_ends(&path), Some(true));
+    }
+}

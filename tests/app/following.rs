@@ -1,0 +1,120 @@
+//! The window follows a recording while it is written.
+
+use super::harness::{Window, click, drop_on, is, train, wait, wait_for_label, window};
+use crate::common::adapter::turn;
+use egui_kittest::kittest::Queryable;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use vbgs_studio::app::state::RunState;
+use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::dataset::growing::END_MARKER;
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write, write_live};
+
+const ROOM: SyntheticParams =
+    SyntheticParams { width: 64, height: 48, n_train: 10, n_eval: 0, seed: 1, depth_noise: 0.0 };
+
+fn has_trained(window: &mut Window, n: usize) {
+    wait(window, "frames", |studio| studio.snapshot().frames_done >= n);
+}
+
+#[test]
+fn a_recording_is_trained_from_before_its_first_frame_to_its_end() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room");
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    click(&mut window, "Follow");
+    wait(&mut window, "the switch", |studio| studio.snapshot().follows);
+    drop_on(&mut window, &path);
+    wait(&mut window, "waiting", is(RunState::Waiting));
+    wait_for_label(&mut window, "Waiting");
+    wait_for_label(&mut window, &format!("Waiting for the first frame of {}", path.display()));
+
+    let recorder = std::thread::spawn(move || {
+        let mut due = |_, _| std::thread::sleep(Duration::from_millis(50));
+        write_live(&ROOM, &path, SyntheticLayout::Tum, &mut due).unwrap();
+    });
+    wait(&mut window, "the end", is(RunState::Finished));
+    recorder.join().unwrap();
+    let snapshot = window.state().snapshot();
+    // Of ten frames the first and the ninth are held out.
+    assert_eq!((snapshot.frames_done, snapshot.n_frames), (8, 8));
+    assert!(snapshot.skipped.is_empty(), "{:?}", snapshot.skipped);
+    assert!(!snapshot.follows && snapshot.followed.is_none(), "the switch is off again");
+    assert!(snapshot.notices.iter().any(|n| n.text.contains("The recording has ended")));
+    let opened = snapshot.opened.as_ref().unwrap();
+    let cameras = opened.dataset.as_ref().unwrap().splits[0].frames.len();
+    assert_eq!(cameras, 10, "the last photograph can be looked at");
+    wait(&mut window, "splats", |studio| studio.n_drawn() > 100);
+}
+
+#[test]
+fn the_switch_follows_what_is_open_and_ends_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room");
+    write(&ROOM, &path, SyntheticLayout::SevenScenes, &mut |_, _| ()).unwrap();
+    let later = folder.path().join("later");
+    std::fs::create_dir(&later).unwrap();
+    move_last_frames(&path.join("train"), &later);
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    drop_on(&mut window, &path);
+    train(&mut window);
+    assert_eq!(window.state().snapshot().frames_done, 5);
+
+    click(&mut window, "Follow");
+    wait_for_label(&mut window, "following, 5 frames, waiting");
+    assert_eq!(window.state().snapshot().state, RunState::Training);
+    move_last_frames(&later, &path.join("train"));
+    has_trained(&mut window, 8);
+    wait_for_label(&mut window, "following, 8 frames, waiting");
+    click(&mut window, "Follow");
+    wait(&mut window, "the end", is(RunState::Finished));
+    assert!(window.query_by_label("following, 8 frames, waiting").is_none());
+    assert_eq!(window.state().snapshot().frames_done, 8);
+
+    // From the beginning, since nothing is trained of what is opened next.
+    click(&mut window, "Follow");
+    wait_for_label(&mut window, "following, 8 frames, waiting");
+    click(&mut window, "Pause");
+    wait(&mut window, "pause", is(RunState::Paused));
+    std::fs::write(path.join(END_MARKER), "").unwrap();
+    click(&mut window, "Train");
+    wait(&mut window, "the end", is(RunState::Finished));
+}
+
+#[test]
+fn waiting_costs_nothing() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    click(&mut window, "Follow");
+    wait(&mut window, "the switch", |studio| studio.snapshot().follows);
+    drop_on(&mut window, folder.path());
+    wait(&mut window, "waiting", is(RunState::Waiting));
+    let told = |studio: &Studio| {
+        let snapshot = studio.snapshot();
+        snapshot.followed.as_ref().is_some_and(|followed| {
+            followed.problem.as_deref().is_some_and(|text| text.contains("an empty folder"))
+        })
+    };
+    wait(&mut window, "the reason", told);
+    // What is published wakes the window, which would draw itself for ever.
+    let before = window.state().snapshot();
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(Arc::ptr_eq(&before, &window.state().snapshot()), "nothing new is told");
+    click(&mut window, "Follow");
+    wait(&mut window, "nothing", is(RunState::Empty));
+}
+
+/// Those from the sixth on.
+fn move_last_frames(from: &Path, to: &Path) {
+    for entry in std::fs::read_dir(from).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        if name["frame-".len()..][..6].parse::<usize>().unwrap() >= 6 {
+            std::fs::rename(from.join(&name), to.join(&name)).unwrap();
+        }
+    }
+}
