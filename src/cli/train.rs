@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
-use super::{output, pose_check, progress, quality, wording};
+use super::{output, photometric_device, pose_check, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::{self, Dataset};
@@ -38,6 +38,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         Start::New(config) => Session::new(dataset, *config, selection(args))?,
         Start::Saved(run, asked) => run.resume(dataset, &asked, args.force)?,
     };
+    photometric_device::attach(&mut session, args.photometric_device)?;
     output::create_folder(&args.out)?;
     note(&session);
     let checkpoint = args.out.join(CHECKPOINT);
@@ -211,6 +212,9 @@ fn save_report(
         summary.components,
         summary.drawn
     ));
+    if let Some(used) = &report.comparer {
+        output::line(used.line());
+    }
     report.seen.iter().for_each(|s| output::line(output::seen_early(s)));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
     output::line(format!("wrote {models}report.json to {}", args.out.display()));

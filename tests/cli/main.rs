@@ -15,6 +15,7 @@ mod images;
 #[cfg(unix)]
 mod interrupt;
 mod models;
+mod photometric_device;
 mod real;
 mod report;
 mod runner;

@@ -2,9 +2,11 @@
 //! precision per splat that accumulates.
 #![doc = include_str!("photometric.md")]
 
+mod comparers;
 mod noise;
 pub mod rule;
 mod step;
+mod trial;
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
@@ -12,8 +14,13 @@ use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat};
+use crate::render::cpu::photometric::{
+    Compared, PhotometricComparer, PixelRule, RowChoice, SeenSplat,
+};
+use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
 use crate::train::outcome::PhotographOutcome;
+use crate::train::timing::Stopwatch;
+use comparers::Comparers;
 use rayon::prelude::*;
 use rule::PhotometricRule;
 use step::{LearnRun, SplatRun};
@@ -27,7 +34,7 @@ const MIN_TASK: usize = 512;
 #[derive(Default)]
 pub struct PhotometricLearner {
     state: PhotometricState,
-    walk: PhotometricWalk,
+    comparers: Comparers,
     repaired: u64,
 }
 
@@ -40,6 +47,16 @@ impl PhotometricLearner {
     /// Precisions that had to be taken back to the prior's, since training began or went on.
     pub fn repaired(&self) -> u64 {
         self.repaired
+    }
+
+    /// Compares photographs on a device too from now on.
+    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+        self.comparers.add(comparer, policy);
+    }
+
+    /// What photographs were compared on.
+    pub fn comparer_use(&self) -> ComparerUse {
+        self.comparers.used()
     }
 
     /// What it has learnt.
@@ -93,8 +110,9 @@ impl PhotometricLearner {
         let pixels = PixelRule { full_coverage, tau, coverage };
         let rows = RowChoice::new(rule.rows_of(photograph.data.len()), self.state.noise[1] as u64);
         let every = rows.every();
-        let mut walk = std::mem::take(&mut self.walk);
-        let compared = walk.compare(view, camera, photograph, pixels, rows);
+        let mut comparers = std::mem::take(&mut self.comparers);
+        let compared = comparers.compare(view, camera, photograph, pixels, rows);
+        let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome = noise::judge(noise, compared.squared_error, compared.pixels);
         let deviation = rule.noise * noise::usual(noise);
@@ -105,7 +123,8 @@ impl PhotometricLearner {
         // A row stands for those that are left out.
         let variance = deviation * deviation / f64::from(every);
         self.repaired += self.step(&compared, &seen, variance, rule);
-        self.walk = walk;
+        comparers.stepped(clock.elapsed_ms());
+        self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
 
