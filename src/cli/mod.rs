@@ -16,6 +16,7 @@ mod interrupt;
 mod merge;
 mod model;
 mod output;
+mod photometric_device;
 mod pose_check;
 #[cfg(feature = "bench")]
 mod precision_search;

@@ -6,7 +6,7 @@ use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
-use super::{output, pose_check, progress, quality, wording};
+use super::{output, photometric_device, pose_check, progress, quality, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
@@ -32,6 +32,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         true => followed(args, &start, &interrupt)?,
         false => opened(args, start)?,
     };
+    photometric_device::attach(&mut session, args.photometric_device)?;
     output::create_folder(&args.out)?;
     note(&session);
     // Measured after the run, whose times they must not change.
@@ -270,6 +271,9 @@ fn save_report(
         summary.components,
         summary.drawn
     ));
+    if let Some(used) = &report.comparer {
+        output::line(used.line());
+    }
     report.seen.iter().for_each(|s| output::line(output::seen_early(s)));
     report.eval.iter().for_each(|e| output::line(output::quality(e)));
     output::line(format!("wrote {models}report.json to {}", args.out.display()));

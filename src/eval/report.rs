@@ -12,6 +12,7 @@ use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
 use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
+use crate::train::comparer_use::ComparerUse;
 use crate::train::outcome::{Contradiction, PhotographOutcome};
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
@@ -42,6 +43,9 @@ pub struct Report<C> {
     /// What the model shows of the frames it has learnt, early in the run; where quality was asked
     /// for.
     pub seen: Vec<SeenReport>,
+    /// What photographs were compared on; `None` where they teach nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub comparer: Option<ComparerUse>,
 }
 
 /// Quality on the pixels that the frames learnt so far saw.

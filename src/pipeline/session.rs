@@ -17,7 +17,9 @@ use crate::eval::report::{
 };
 use crate::math::normalization::Normalization;
 use crate::model::splat::appearance::SplatSet;
+use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::birth_log::BirthLog;
+use crate::train::comparer_use::ComparerPolicy;
 use crate::train::learner::Learner;
 use crate::train::memory::MemoryEstimate;
 use crate::train::outcome::FrameOutcome;
@@ -301,6 +303,11 @@ impl Session {
         self.frames.learner()
     }
 
+    /// Compares photographs on a device beside the processor from now on, where they are learnt from.
+    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+        self.frames.learner_mut().compare_on(comparer, policy);
+    }
+
     /// Sums the ELBO of the frames to come by component, for [`Self::attributes_of`].
     pub fn start_component_elbo(&mut self) {
         self.frames.learner_mut().component_elbo_mut().start();
@@ -410,6 +417,7 @@ impl Session {
             },
             eval,
             seen: Vec::new(),
+            comparer: self.learner().comparer_use(),
         }
     }
 }

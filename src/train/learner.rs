@@ -6,6 +6,7 @@
 //! preset's does not compile.
 
 use super::candidates::IndexError;
+use super::comparer_use::{ComparerPolicy, ComparerUse};
 use super::component_elbo::ComponentElbo;
 use super::outcome::FrameOutcome;
 use super::stages::TrainStage;
@@ -15,6 +16,7 @@ use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
+use crate::render::cpu::photometric::PhotometricComparer;
 use glam::DVec3;
 
 /// A model that learns. Components are numbered from 0; a number never changes its component.
@@ -47,6 +49,14 @@ pub trait Learner: Send + Sync {
 
     /// What photographs leave uncertain of a component's splat; `None` where they teach nothing.
     fn photographed(&self, _component: usize) -> Option<PhotometricDeviations> {
+        None
+    }
+
+    /// Compares photographs on a device too from now on; nothing where they teach nothing.
+    fn compare_on(&mut self, _comparer: Box<dyn PhotometricComparer>, _policy: ComparerPolicy) {}
+
+    /// What photographs were compared on; `None` where they teach nothing.
+    fn comparer_use(&self) -> Option<ComparerUse> {
         None
     }
 

@@ -4,6 +4,7 @@
 
 pub mod birth_log;
 pub mod candidates;
+pub mod comparer_use;
 pub mod component_elbo;
 pub mod estep;
 pub mod learner;

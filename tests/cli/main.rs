@@ -20,6 +20,7 @@ mod images;
 mod interrupt;
 mod killed;
 mod models;
+mod photometric_device;
 mod real;
 mod report;
 mod runner;

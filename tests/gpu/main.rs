@@ -16,6 +16,8 @@ mod hostile;
 mod images;
 mod lego;
 mod options;
+mod photometric;
+mod photometric_training;
 mod shaders;
 mod streaming;
 mod targets;

@@ -9,6 +9,7 @@ use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
     Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
 };
+use vbgs_studio::render::gpu::photometric::shader as photometric;
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
 use vbgs_studio::render::{
@@ -221,10 +222,36 @@ fn every_file_of_the_tile_path_is_valid_and_used() {
         (&modules[1], "PackedGradient", 48),
         (&modules[1], "Footprint", 16),
     ] {
-        let mut layouter = Layouter::default();
-        layouter.update(module.to_ctx()).unwrap();
-        let of_name = |kind: &wgpu::naga::Type| kind.name.as_deref() == Some(name);
-        let (handle, _) = module.types.iter().find(|(_, kind)| of_name(kind)).unwrap();
-        assert_eq!(layouter[handle].to_stride(), size, "{name}");
+        assert_eq!(stride(module, name), size, "{name}");
     }
+}
+
+/// Bytes from one struct of an array to the next.
+fn stride(module: &Module, name: &str) -> u32 {
+    let mut layouter = Layouter::default();
+    layouter.update(module.to_ctx()).unwrap();
+    let of_name = |kind: &wgpu::naga::Type| kind.name.as_deref() == Some(name);
+    let (handle, _) = module.types.iter().find(|(_, kind)| of_name(kind)).unwrap();
+    layouter[handle].to_stride()
+}
+
+#[test]
+fn every_file_of_the_comparison_is_valid_and_used() {
+    let used = [photometric::DRAW, photometric::WALK, photometric::ADD];
+    let modules = used.map(|whole| validated("photometric", whole));
+    assert!(modules.iter().all(|module| module.entry_points.len() == 1));
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("shaders/photometric");
+    let mut n_files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let text = read(&format!("photometric/{name}"));
+        assert!(used.iter().any(|whole| whole.contains(&text)), "{name}");
+        n_files += 1;
+    }
+    assert_eq!(n_files, 5);
+    // What `photometric/layout.rs` holds and allots.
+    for (name, size) in [("Frame", 40), ("Splat", 64), ("Pixel", 48)] {
+        assert_eq!(stride(&modules[0], name), size, "{name}");
+    }
+    assert_eq!(stride(&modules[1], "Place"), 12);
 }

@@ -15,7 +15,7 @@ use vbgs_studio::model::scene::photometric::{
 use vbgs_studio::model::splat::appearance::{Appearance, SplatView};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::cpu::photometric::{
-    Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat,
+    Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat, ViewBuffers,
 };
 use vbgs_studio::render::{RenderMethod, RenderOptions};
 use vbgs_studio::train::scene::photometric::rule::PhotometricRule;
@@ -163,8 +163,9 @@ fn rule(full: f64) -> PixelRule {
 
 fn found(splats: &[Splat], appearance: &[Appearance], full: f64) -> Vec<(u32, Said)> {
     let view = SplatView::new(splats, appearance).unwrap();
-    let mut walk = PhotometricWalk::default();
-    let compared = walk.compare(view, &camera(), &photograph(), rule(full), RowChoice::ALL);
+    let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
+    let view = buffers.prepare(view, &camera(), SIZE as usize);
+    let compared = walk.walk(&view, &photograph(), rule(full), RowChoice::ALL);
     let lift = |seen: SeenSplat| {
         let id = seen.id as usize;
         (seen.id, Isa::best().run(Lift(&compared, seen, splats[id], appearance[id])))
@@ -227,9 +228,10 @@ fn colours_that_vary_change_little() {
 fn rows_add_up_to_the_whole() {
     let (splats, appearance) = scene(true);
     let view = SplatView::new(&splats, &appearance).unwrap();
-    let mut walk = PhotometricWalk::default();
+    let (mut buffers, mut walk) = (ViewBuffers::default(), PhotometricWalk::default());
+    let view = buffers.prepare(view, &camera(), SIZE as usize);
     let mut compared = |rows: RowChoice| {
-        let found = walk.compare(view, &camera(), &photograph(), rule(0.6), rows);
+        let found = walk.walk(&view, &photograph(), rule(0.6), rows);
         (found.squared_error, found.pixels, found.seen(0.0).len())
     };
     let (error, pixels, n_seen) = compared(RowChoice::ALL);

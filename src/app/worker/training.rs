@@ -4,6 +4,7 @@ use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::state::{HISTORY, NoticeKind, RunState};
 use crate::app::wording;
+use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::{FrameReport, Summary};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::session::Step;

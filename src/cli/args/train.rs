@@ -6,11 +6,22 @@ use super::mapping::MappingArgs;
 use super::parse::{choice, parse_count, parse_seconds};
 use super::renderer::RendererArgs;
 use super::settings::SettingsArgs;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
 use vbgs_studio::pipeline::plan::{Order, Shard};
 use vbgs_studio::train::setting::Preset;
+
+/// What compares photographs.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PhotometricDevice {
+    /// The faster one; never a software adapter
+    Auto,
+    /// The processor, whose results have the same bits on every run
+    Cpu,
+    /// The most capable GPU; a software adapter if there is no other
+    Gpu,
+}
 
 #[derive(Args)]
 pub struct TrainArgs {
@@ -61,6 +72,10 @@ pub struct TrainArgs {
     /// Every N-th of these frames from the K-th on, for a model to be merged with the other shards'
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
+    /// What compares photographs with the scene: the processor, a GPU, or whichever is faster by
+    /// measurement; a GPU that fails is given up for the processor
+    #[arg(long, value_enum, default_value = "auto", value_name = "DEVICE")]
+    pub photometric_device: PhotometricDevice,
     /// Print the report as JSON on stdout
     #[arg(long)]
     pub json: bool,

@@ -40,6 +40,12 @@ impl Buckets {
         }
     }
 
+    /// Where each bucket's list ends, among the lists laid end to end, and these.
+    #[cfg(feature = "gui")]
+    pub(super) fn lists(&self) -> (&[usize], &[u32]) {
+        (&self.ends, &self.records)
+    }
+
     /// Records of one bucket.
     pub(super) fn get(&self, bucket: usize) -> &[u32] {
         let start = if bucket == 0 { 0 } else { self.ends[bucket - 1] };

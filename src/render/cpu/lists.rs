@@ -7,6 +7,8 @@ use super::sort::{DepthSorter, Keyed};
 use super::view::CpuView;
 use crate::model::splat::appearance::SplatView;
 use crate::render::constants::TILE;
+#[cfg(feature = "gui")]
+use std::ops::Range;
 
 /// The records of a view and their order. Keeps its buffers between views.
 #[derive(Default)]
@@ -41,9 +43,21 @@ impl ViewLists {
         self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
     }
 
+    /// Number of visible records.
+    pub(super) fn n_visible(&self) -> usize {
+        self.visible.len()
+    }
+
     /// The visible records in the order of their splats.
     pub(super) fn in_order(&self) -> impl Iterator<Item = u32> {
         in_order(&self.counts)
+    }
+
+    /// The same as runs of records: one for each [`prepare::CHUNK`] of splats, which begins there.
+    #[cfg(feature = "gui")]
+    pub(super) fn runs(&self) -> impl Iterator<Item = Range<usize>> {
+        let firsts = (0..).step_by(prepare::CHUNK);
+        self.counts.iter().zip(firsts).map(|(count, first)| first..first + count.n_visible)
     }
 }
 

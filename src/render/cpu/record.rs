@@ -70,8 +70,19 @@ pub(super) struct Rect {
 impl Rect {
     /// Columns of tiles it touches.
     pub(super) fn tile_columns(&self) -> Range<usize> {
-        self.x0 as usize / TILE..(self.x1 as usize).div_ceil(TILE)
+        tiles(self.x0, self.x1)
     }
+
+    /// Rows of tiles it touches.
+    #[cfg(feature = "gui")]
+    pub(super) fn tile_rows(&self) -> Range<usize> {
+        tiles(self.y0, self.y1)
+    }
+}
+
+/// Tiles that pixels `lo..hi` lie in.
+fn tiles(lo: u16, hi: u16) -> Range<usize> {
+    lo as usize / TILE..(hi as usize).div_ceil(TILE)
 }
 
 /// What sorting and listing by row need of a record, by itself.
@@ -95,7 +106,7 @@ impl DepthEntry {
 
     /// Rows of tiles that the record touches.
     pub(super) fn tile_rows(&self) -> Range<usize> {
-        self.y0 as usize / TILE..(self.y1 as usize).div_ceil(TILE)
+        tiles(self.y0, self.y1)
     }
 }
 

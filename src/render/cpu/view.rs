@@ -11,6 +11,7 @@ use crate::render::options::{
 use glam::{DMat3, DVec2, DVec3};
 
 /// A view, ready for splats.
+#[derive(Clone)]
 pub(super) struct CpuView {
     pub width: usize,
     pub height: usize,

@@ -111,14 +111,16 @@ pub fn list() -> Vec<AdapterFacts> {
 
 /// The adapters that [`list`] describes, in its order.
 pub(super) fn enumerate() -> Vec<wgpu::Adapter> {
-    let instance =
-        wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-    ready(instance.enumerate_adapters(backends())).unwrap_or_default()
+    // What windows are drawn with: everything first-class, and OpenGL.
+    enumerate_in(wgpu::Backends::PRIMARY | wgpu::Backends::GL)
 }
 
-/// What windows are drawn with: everything first-class, and OpenGL.
-fn backends() -> wgpu::Backends {
-    wgpu::Backends::from_env().unwrap_or(wgpu::Backends::PRIMARY | wgpu::Backends::GL)
+/// The adapters of these backends, or of those that the environment names.
+pub(super) fn enumerate_in(backends: wgpu::Backends) -> Vec<wgpu::Adapter> {
+    let backends = wgpu::Backends::from_env().unwrap_or(backends);
+    let environment = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor { backends, ..environment });
+    ready(instance.enumerate_adapters(backends)).unwrap_or_default()
 }
 
 /// Position of the adapter that is asked for; `None` if that is left to wgpu.

@@ -4,6 +4,7 @@
 
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::compare::OUTSIDE;
+use crate::render::cpu::photometric::{MIN_WEIGHT, N_IMAGE_SUMS, SEEN};
 use crate::render::paint::RAMP;
 use crate::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, REFERENCE_VARIANCE,
@@ -40,6 +41,9 @@ pub(super) const SCATTER_GROUP: u32 = 64;
 /// Workgroups of the passes of the radix sort over all keys.
 pub(super) const N_STRIPS: u32 = 1024;
 
+/// A splat's sums of [`super::photometric`] in one tile, by fours.
+pub(super) const N_QUARTERS: u32 = (N_IMAGE_SUMS as u32).div_ceil(4);
+
 /// Slots of the buffer of counts of [`super::tiles`], which never leave the GPU within a frame.
 pub(super) mod slot {
     /// Splats in the scene.
@@ -53,7 +57,7 @@ pub(super) mod slot {
 }
 
 /// Whole numbers by their names in WGSL.
-const WORDS: [(&str, u32); 22] = [
+const WORDS: [(&str, u32); 24] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -76,10 +80,12 @@ const WORDS: [(&str, u32); 22] = [
     ("N_VISIBLE", slot::N_VISIBLE),
     ("N_ENTRIES", slot::N_ENTRIES),
     ("N_NEEDED", slot::N_NEEDED),
+    ("N_IMAGE_SUMS", N_IMAGE_SUMS as u32),
+    ("N_QUARTERS", N_QUARTERS),
 ];
 
 /// Other numbers by their names in WGSL.
-const NUMBERS: [(&str, f32); 9] = [
+const NUMBERS: [(&str, f32); 11] = [
     ("ALPHA_CAP", ALPHA_CAP as f32),
     ("ALPHA_CUT", ALPHA_CUT as f32),
     ("TRANSMITTANCE_STOP", TRANSMITTANCE_STOP as f32),
@@ -89,6 +95,8 @@ const NUMBERS: [(&str, f32); 9] = [
     ("SCALE_FLOOR", SCALE_FLOOR as f32),
     ("GRADIENT_LIMIT", GRADIENT_LIMIT as f32),
     ("OUTSIDE", OUTSIDE),
+    ("SEEN", SEEN),
+    ("MIN_WEIGHT", MIN_WEIGHT),
 ];
 
 /// A shader behind the declarations of all shared constants.

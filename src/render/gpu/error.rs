@@ -37,6 +37,32 @@ pub enum GpuError {
         /// Size of all buffers asked for, MiB.
         mib: u64,
     },
+    /// Comparing a photograph needs a larger buffer than this adapter has.
+    #[error(
+        "comparing a photograph needs a buffer of {needed_mib} MiB, this adapter binds at most {limit_mib} MiB; the processor compares instead"
+    )]
+    ComparisonTooLarge {
+        /// Size of the buffer, MiB.
+        needed_mib: u64,
+        /// Largest buffer that a shader of this adapter sees whole, MiB.
+        limit_mib: u64,
+    },
+    /// The driver refused a buffer for comparing a photograph.
+    #[error(
+        "the GPU is out of memory for comparing a photograph ({mib} MiB asked for); the processor compares instead, close other GPU programs to change that"
+    )]
+    NoMemoryToCompare {
+        /// Size of the buffer asked for, MiB.
+        mib: u64,
+    },
+    /// What a photograph says did not come back.
+    #[error(
+        "the GPU did not say what a photograph teaches: {reason}; the processor compares instead"
+    )]
+    NoComparison {
+        /// What wgpu or the driver said.
+        reason: String,
+    },
     /// An image needs more pairs of splat and tile than the GPU has room for.
     #[error(
         "{needed} pairs of splat and tile, this GPU has room for {capacity}: the farthest splats are left out; make the window smaller or come no closer"

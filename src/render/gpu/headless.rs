@@ -4,6 +4,7 @@ use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
 use super::error::GpuError;
 use super::faults::GpuFaults;
+use super::photometric::GpuComparer;
 use super::poll::ready;
 use std::time::Duration;
 
@@ -75,6 +76,11 @@ impl HeadlessGpu {
         Ok(Self { device, queue, caps, faults })
     }
 
+    /// What compares photographs on it.
+    pub fn comparer(self) -> GpuComparer {
+        GpuComparer::new(self.device, self.queue, self.faults, &self.caps)
+    }
+
     /// Waits until everything submitted is done. An error if it was not done well.
     pub fn wait(&self) -> Result<(), HeadlessError> {
         let failed =
@@ -90,7 +96,11 @@ impl HeadlessGpu {
 }
 
 fn choose(choice: &AdapterChoice) -> Result<wgpu::Adapter, HeadlessError> {
-    let mut adapters = adapters::enumerate();
+    let mut adapters = match choice {
+        // OpenGL is never taken unasked, and its drivers are the slowest to start.
+        AdapterChoice::Auto => adapters::enumerate_in(wgpu::Backends::PRIMARY),
+        _ => adapters::enumerate(),
+    };
     let facts: Vec<AdapterFacts> = adapters.iter().map(AdapterFacts::new).collect();
     let position = match adapters::choose(choice, &facts)? {
         Some(position) => position,

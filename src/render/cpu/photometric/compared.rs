@@ -1,24 +1,31 @@
 //! A photograph that was compared with a picture, and what that says of each splat.
 
-use super::super::lists::ViewLists;
-use super::super::view::CpuView;
 use super::blocks::ParameterSums;
 use super::lift::{N_LINEAR, linearize};
 use super::sums::{ImageSums, N_IMAGE_SUMS, WEIGHT};
+use super::view::PreparedView;
 use crate::math::simd::{LANES, Vector};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 
 /// What a photograph says of the splats of a view.
 pub struct Compared<'a> {
-    pub(super) view: CpuView,
-    pub(super) lists: &'a ViewLists,
-    /// By record.
-    pub(super) totals: &'a [ImageSums],
+    pub(super) view: PreparedView<'a>,
+    pub(super) sums: &'a [ImageSums],
+    pub(super) order: SumOrder,
     /// Sum of squared differences between photograph and picture, over the channels of covered pixels.
     pub squared_error: f64,
     /// Covered pixels that count.
     pub pixels: f64,
+}
+
+/// Where the sums of a splat lie.
+#[derive(Clone, Copy)]
+pub(super) enum SumOrder {
+    /// At the place of its record.
+    ByRecord,
+    /// In the order of splats, of those alone that the view shows.
+    BySplat,
 }
 
 /// A splat that pixels show.
@@ -27,15 +34,34 @@ pub struct SeenSplat {
     /// Its number among the splats.
     pub id: u32,
     record: u32,
+    /// Where its sums lie.
+    place: u32,
 }
 
-impl Compared<'_> {
+impl<'a> Compared<'a> {
+    /// What another device found: sums in the order of splats, as many as [`PreparedView::n_drawn`].
+    pub fn by_splat(
+        view: PreparedView<'a>,
+        sums: &'a [ImageSums],
+        squared_error: f64,
+        pixels: f64,
+    ) -> Self {
+        Self { view, sums, order: SumOrder::BySplat, squared_error, pixels }
+    }
+
     /// Splats whose blending weights add to more than `weight` over the pixels (px), by number.
     pub fn seen(&self, weight: f32) -> Vec<SeenSplat> {
-        let ids = &self.lists.records.ids;
-        let seen = |&record: &u32| self.totals[record as usize][WEIGHT] > weight;
-        let record = self.lists.in_order().filter(seen);
-        record.map(|record| SeenSplat { id: ids[record as usize], record }).collect()
+        let lists = self.view.lists;
+        let seen = |(rank, record): (u32, u32)| {
+            let place = match self.order {
+                SumOrder::ByRecord => record,
+                SumOrder::BySplat => rank,
+            };
+            let id = lists.records.ids[record as usize];
+            let is_seen = self.sums[place as usize][WEIGHT] > weight;
+            is_seen.then_some(SeenSplat { id, record, place })
+        };
+        (0..).zip(lists.in_order()).filter_map(seen).collect()
     }
 
     /// The sums by parameters of up to eight splats, one in each lane and as they were drawn; lanes
@@ -45,14 +71,14 @@ impl Compared<'_> {
         let mut linear = [[0.0; LANES]; N_LINEAR];
         let mut sums = [[0.0; LANES]; N_IMAGE_SUMS];
         for (lane, (seen, splat, appearance)) in splats.iter().take(LANES).enumerate() {
-            let gradients = &self.lists.records.gradients;
+            let gradients = &self.view.lists.records.gradients;
             let gradient = gradients.get(seen.record as usize).copied().unwrap_or_default();
-            let of_splat = linearize(&self.view, splat, appearance, &gradient);
+            let of_splat = linearize(&self.view.view, splat, appearance, &gradient);
             let of_splat = of_splat.unwrap_or([0.0; N_LINEAR]);
             for (lanes, value) in linear.iter_mut().zip(of_splat) {
                 lanes[lane] = value;
             }
-            for (lanes, value) in sums.iter_mut().zip(self.totals[seen.record as usize]) {
+            for (lanes, value) in sums.iter_mut().zip(self.sums[seen.place as usize]) {
                 lanes[lane] = value;
             }
         }

@@ -8,67 +8,88 @@
 
 mod blocks;
 mod compared;
+mod comparer;
 mod lift;
+#[cfg(feature = "gui")]
+mod packed;
 mod row;
 mod sums;
+mod view;
 mod walk;
 
 pub use blocks::ParameterSums;
 pub use compared::{Compared, SeenSplat};
+pub use comparer::{ComparerError, PhotometricComparer};
+#[cfg(feature = "gui")]
+pub(in crate::render) use packed::{PackedPlace, PackedSplat, PackedView};
 pub use row::RowChoice;
+pub use sums::{ImageSums, N_IMAGE_SUMS};
+pub use view::{PreparedView, ViewBuffers};
 pub use walk::PixelRule;
+#[cfg(feature = "gui")]
+pub(in crate::render) use walk::{MIN_WEIGHT, SEEN};
 
 use super::lists::ViewLists;
-use super::view::CpuView;
-use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::math::simd::Isa;
-use crate::model::splat::appearance::SplatView;
 use crate::render::constants::TILE;
-use crate::render::options::{RenderMethod, RenderOptions};
+use compared::SumOrder;
 use rayon::prelude::*;
 use row::{WalkCanvas, WalkRow};
-use sums::{ImageSums, N_IMAGE_SUMS};
 
 /// Least records per parallel task of adding rows up.
 const MIN_TASK: usize = 2048;
 
-/// Compares photographs with splats; keeps its buffers between views.
+/// Compares photographs with splats on the processor; keeps its buffers between views.
 #[derive(Default)]
 pub struct PhotometricWalk {
-    lists: ViewLists,
     canvases: Vec<WalkCanvas>,
     totals: Vec<ImageSums>,
 }
 
-impl PhotometricWalk {
-    /// Compares the chosen rows of a photograph with the picture of `splats` from where it was taken.
-    /// Its pixels are sRGB-encoded red, green and blue over black, and how much of them surfaces
-    /// cover: NaN where that is not known and what is mostly covered counts as covered.
-    pub fn compare(
-        &mut self,
-        splats: SplatView<'_>,
-        camera: &Camera,
+impl PhotometricComparer for PhotometricWalk {
+    fn name(&self) -> String {
+        "processor".to_owned()
+    }
+
+    fn compare<'a>(
+        &'a mut self,
+        view: &PreparedView<'a>,
         photograph: &Image<[f32; 4]>,
         rule: PixelRule,
         rows: RowChoice,
-    ) -> Compared<'_> {
-        let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        let view = CpuView::new(camera, &options);
-        self.lists.prepare(splats, &view);
-        self.lists.sort();
-        self.lists.bin(photograph.height);
-        self.walk(photograph, rule, rows);
-        self.add_rows();
+    ) -> Result<Compared<'a>, ComparerError> {
+        Ok(self.walk(view, photograph, rule, rows))
+    }
+}
+
+impl PhotometricWalk {
+    /// [`PhotometricComparer::compare`], which cannot fail here.
+    pub fn walk<'a>(
+        &'a mut self,
+        view: &PreparedView<'a>,
+        photograph: &Image<[f32; 4]>,
+        rule: PixelRule,
+        rows: RowChoice,
+    ) -> Compared<'a> {
+        self.walk_rows(view.lists, photograph, rule, rows);
+        self.add_rows(view.lists);
         let (squared_error, pixels) = self
             .canvases
             .iter()
             .fold((0.0, 0.0), |(error, n), row| (error + row.squared_error, n + row.pixels));
-        Compared { view, lists: &self.lists, totals: &self.totals, squared_error, pixels }
+        let (view, sums, order) = (view.clone(), &self.totals[..], SumOrder::ByRecord);
+        Compared { view, sums, order, squared_error, pixels }
     }
 
-    fn walk(&mut self, photograph: &Image<[f32; 4]>, rule: PixelRule, rows: RowChoice) {
-        let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), &self.lists);
+    fn walk_rows(
+        &mut self,
+        lists: &ViewLists,
+        photograph: &Image<[f32; 4]>,
+        rule: PixelRule,
+        rows: RowChoice,
+    ) {
+        let (isa, ViewLists { records, rows: lists, .. }) = (Isa::best(), lists);
         let n_rows = if photograph.width > 0 { photograph.height.div_ceil(TILE) } else { 0 };
         self.canvases.resize_with(n_rows, WalkCanvas::default);
         // One row a task: rows differ much in how many splats they hold.
@@ -81,16 +102,16 @@ impl PhotometricWalk {
 
     /// Row after row: the order of additions is part of the result. Every task goes through all rows
     /// and keeps its own records, as listing by row does, so there are no more tasks than threads.
-    fn add_rows(&mut self) {
-        let (canvases, lists) = (&self.canvases, &self.lists.rows);
-        let n_records = self.lists.records.records.len();
+    fn add_rows(&mut self, lists: &ViewLists) {
+        let (canvases, rows_of) = (&self.canvases, &lists.rows);
+        let n_records = lists.records.records.len();
         let of_task = n_records.div_ceil(rayon::current_num_threads()).max(MIN_TASK);
         self.totals.resize(n_records, [0.0; N_IMAGE_SUMS]);
         self.totals.par_chunks_mut(of_task).enumerate().for_each(|(task, totals)| {
             totals.fill([0.0; N_IMAGE_SUMS]);
             let first = (task * of_task) as u32;
             let rows = canvases.iter().enumerate();
-            for (&record, sums) in rows.flat_map(|(i, row)| lists.get(i).iter().zip(&row.sums)) {
+            for (&record, sums) in rows.flat_map(|(i, row)| rows_of.get(i).iter().zip(&row.sums)) {
                 // Records before the first wrap around and lie behind the last.
                 if let Some(total) = totals.get_mut(record.wrapping_sub(first) as usize) {
                     total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);

@@ -34,6 +34,11 @@ impl RowChoice {
         self.every
     }
 
+    /// The first row that is compared.
+    pub fn first(self) -> u32 {
+        self.first
+    }
+
     /// Rows of a tile, a bit each.
     fn mask(self) -> u32 {
         (self.first..Self::MOST).step_by(self.every as usize).fold(0, |mask, row| mask | 1 << row)

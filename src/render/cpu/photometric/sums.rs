@@ -19,10 +19,11 @@ pub(super) const COLOR: usize = CURVATURE + N_QUARTIC;
 pub(super) const COLOR_CURVATURE: usize = COLOR + 9;
 pub(super) const WEIGHT: usize = COLOR_CURVATURE + N_QUADRATIC;
 /// Sums of a splat.
-pub(super) const N_IMAGE_SUMS: usize = WEIGHT + 1;
+pub const N_IMAGE_SUMS: usize = WEIGHT + 1;
 
-/// Sums of one splat in one view, in the order of the constants above.
-pub(super) type ImageSums = [f32; N_IMAGE_SUMS];
+/// Sums of one splat in one view: of the slope, of the curvature, of the colours, of their curvature,
+/// and the weight.
+pub type ImageSums = [f32; N_IMAGE_SUMS];
 
 /// Index of the moment `pⁱqʲ` among [`N_QUARTIC`].
 pub(super) const fn moment(i: usize, j: usize) -> usize {

@@ -23,10 +23,10 @@ use crate::math::simd::{LANES, Vector};
 use crate::render::constants::TILE;
 
 /// Least weight that a pixel's share is divided by.
-const MIN_WEIGHT: f32 = 1e-8;
+pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;
 
 /// Coverage from which on a pixel's difference is counted as noise.
-const SEEN: f32 = 0.5;
+pub(in crate::render) const SEEN: f32 = 0.5;
 
 /// How pixels count.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! What the tile path keeps on the GPU between its stages.
 
 use super::constants::TILE_PIXELS;
-use super::kernel::storage;
 use crate::render::gpu::allocation::Allocation;
 use crate::render::gpu::constants::GROUP;
 use crate::render::gpu::context::max_buffer_bytes;
 use crate::render::gpu::error::GpuError;
+use crate::render::gpu::kernel::storage;
 
 const WORD: u64 = size_of::<u32>() as u64;
 /// Sizes of the structs of `packed.wgsl` and `footprint.wgsl`.

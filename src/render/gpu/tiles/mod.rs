@@ -12,7 +12,6 @@
 mod buffers;
 mod capacity;
 mod constants;
-mod kernel;
 mod plan;
 mod renderer;
 pub mod shader;

@@ -5,10 +5,10 @@
 //! the number of passes and is bound here.
 
 use super::buffers::{EntryBuffers, SplatBuffers, starts, tile_grid};
-use super::kernel::{Bound, ComputeKernel, Grid};
 use super::shader;
 use super::sort::{Keys, RadixSort, SortBuffers, SortPlan};
 use crate::render::gpu::constants::{module, slot};
+use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid};
 use crate::render::gpu::scene::GpuScene;
 use crate::render::gpu::target::SplatTarget;
 use crate::render::gpu::timer::GpuStage;

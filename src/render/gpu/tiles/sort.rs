@@ -5,9 +5,9 @@
 //! optional, and sorting is a small part of a frame. The published crate took 70 to 87 ms on
 //! llvmpipe (`rendering.md`, Tried and dropped).
 
-use super::kernel::{Bound, ComputeKernel, Grid, storage};
 use super::shader;
 use crate::render::gpu::constants::{N_STRIPS, module};
+use crate::render::gpu::kernel::{Bound, ComputeKernel, Grid, storage};
 
 /// Most bits of one digit: a lane of a workgroup for each value.
 const DIGIT_BITS: u32 = 8;

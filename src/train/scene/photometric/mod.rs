@@ -3,10 +3,12 @@
 #![doc = include_str!("photometric.md")]
 
 pub mod agreement;
+mod comparers;
 mod noise;
 mod pose;
 pub mod rule;
 mod step;
+mod trial;
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
@@ -14,10 +16,15 @@ use crate::math::simd::Isa;
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::splat::appearance::{Appearance, SplatView};
 use crate::model::splat::splats::Splat;
-use crate::render::cpu::photometric::{Compared, PhotometricWalk, PixelRule, RowChoice, SeenSplat};
+use crate::render::cpu::photometric::{
+    Compared, PhotometricComparer, PixelRule, RowChoice, SeenSplat,
+};
+use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
 use crate::train::outcome::PhotographOutcome;
 use crate::train::scene::pose_equations::PoseEquations;
+use crate::train::timing::Stopwatch;
 use agreement::Agreement;
+use comparers::Comparers;
 use glam::DVec3;
 use rayon::prelude::*;
 use rule::PhotometricRule;
@@ -36,7 +43,7 @@ const MIN_TASK: usize = 512;
 #[derive(Default)]
 pub struct PhotometricLearner {
     state: PhotometricState,
-    walk: PhotometricWalk,
+    comparers: Comparers,
     repaired: u64,
 }
 
@@ -49,6 +56,16 @@ impl PhotometricLearner {
     /// Precisions that had to be taken back to the prior's, since training began or went on.
     pub fn repaired(&self) -> u64 {
         self.repaired
+    }
+
+    /// Compares photographs on a device too from now on.
+    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+        self.comparers.add(comparer, policy);
+    }
+
+    /// What photographs were compared on.
+    pub fn comparer_use(&self) -> ComparerUse {
+        self.comparers.used()
     }
 
     /// What it has learnt.
@@ -105,20 +122,20 @@ impl PhotometricLearner {
     ) -> Option<PoseEquations> {
         let every = POSE_ROWS.max(rule.rows_of(photograph.data.len()));
         let rows = RowChoice::new(every, self.state.noise[1] as u64);
-        let mut walk = std::mem::take(&mut self.walk);
-        let compared = self.compare(&mut walk, camera, photograph, full_coverage, rule, rows)?;
+        let mut comparers = std::mem::take(&mut self.comparers);
+        let compared = self.compare(&mut comparers, camera, photograph, full_coverage, rule, rows)?;
         let seen = compared.seen(MIN_SEEN / every as f32);
         let deviation = rule.noise * noise::usual(&self.state.noise);
         let variance = deviation * deviation / f64::from(every);
         let found = (seen.len() >= MIN_POSE_SPLATS)
             .then(|| pose::equations(&compared, &seen, &self.state, centre, variance));
-        self.walk = walk;
+        self.comparers = comparers;
         found
     }
 
     fn compare<'a>(
         &self,
-        walk: &'a mut PhotometricWalk,
+        comparers: &'a mut Comparers,
         camera: &Camera,
         photograph: &Image<[f32; 4]>,
         full_coverage: f32,
@@ -128,7 +145,7 @@ impl PhotometricLearner {
         let view = SplatView::new(&self.state.splats, &self.state.appearance)?;
         let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
         let pixels = PixelRule { full_coverage, tau, coverage };
-        Some(walk.compare(view, camera, photograph, pixels, rows))
+        Some(comparers.compare(view, camera, photograph, pixels, rows))
     }
 
     /// Learns from a photograph taken by `camera`, unless that contradicts the scene. Gives which splats
@@ -142,9 +159,10 @@ impl PhotometricLearner {
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
         let rows = RowChoice::new(rule.rows_of(photograph.data.len()), self.state.noise[1] as u64);
         let every = rows.every();
-        let mut walk = std::mem::take(&mut self.walk);
-        let compared = self.compare(&mut walk, camera, photograph, full_coverage, rule, rows);
+        let mut comparers = std::mem::take(&mut self.comparers);
+        let compared = self.compare(&mut comparers, camera, photograph, full_coverage, rule, rows);
         let Some(compared) = compared else { return (Vec::new(), None) };
+        let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome = noise::judge(noise, compared.squared_error, compared.pixels);
         let deviation = rule.noise * noise::usual(noise);
@@ -155,7 +173,8 @@ impl PhotometricLearner {
         // A row stands for those that are left out.
         let variance = deviation * deviation / f64::from(every);
         self.repaired += self.step(&compared, &seen, variance, rule);
-        self.walk = walk;
+        comparers.stepped(clock.elapsed_ms());
+        self.comparers = comparers;
         (seen.into_iter().map(|seen| seen.id).collect(), outcome)
     }
 

@@ -8,7 +8,9 @@ use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
 use crate::model::stored::StoredModel;
 use crate::observation::surface::Observation;
+use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::candidates::IndexError;
+use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
 use crate::train::component_elbo::ComponentElbo;
 use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::FrameOutcome;
@@ -76,6 +78,14 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
 
     fn photographed(&self, id: usize) -> Option<PhotometricDeviations> {
         PhotometricDeviations::of(self.photometric.state(), id)
+    }
+
+    fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+        self.photometric.compare_on(comparer, policy);
+    }
+
+    fn comparer_use(&self) -> Option<ComparerUse> {
+        self.config.photometric.is_some().then(|| self.photometric.comparer_use())
     }
 
     fn normal(&self, id: usize) -> Option<DVec3> {

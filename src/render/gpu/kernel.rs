@@ -1,6 +1,6 @@
 //! Small words for compute pipelines: build, bind, dispatch.
 
-use crate::render::gpu::constants::GROUP;
+use super::constants::GROUP;
 
 /// A compute pipeline; its bindings are laid out as its shader names them.
 #[derive(Debug)]

@@ -1,0 +1,125 @@
+// The first walk: one workgroup a tile, one lane a chosen pixel. Draws the tile's splats front to back
+// and compares the pixel with the photograph.
+
+// Chosen rows alone: bits of colour over black, and of coverage.
+@group(0) @binding(4) var<storage, read> photograph: array<vec4<u32>>;
+@group(0) @binding(5) var<storage, read_write> pixels: array<Pixel>;
+// By tile: squared differences of covered pixels, and how many these are.
+@group(0) @binding(6) var<storage, read_write> errors: array<vec2<f32>>;
+
+// 1.0 as bits.
+const ONE_BITS: u32 = 0x3f800000u;
+// Splats brought to the workgroup at a time.
+const BATCH: u32 = 128u;
+
+var<workgroup> staged: array<Splat, BATCH>;
+var<workgroup> sums: array<vec2<f32>, GROUP>;
+// The last batch at whose end some pixel was unfinished.
+var<workgroup> last_live: atomic<u32>;
+
+struct Drawn {
+    color: vec3<f32>,
+    // Negative once the pixel is finished, and where there is none.
+    transmittance: f32,
+}
+
+@compute @workgroup_size(LANES)
+fn draw(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let tile = group.xy;
+    let range = entries_of(tile);
+    let step = min(LANES, BATCH);
+    var drawn = Drawn(vec3<f32>(0.0), select(-1.0, 1.0, is_inside(tile, lane)));
+    if lane == 0u {
+        atomicStore(&last_live, 0u);
+    }
+    var batch = 0u;
+    for (var start = range.x; start < range.y; start += step) {
+        if workgroupUniformLoad(&last_live) < batch {
+            break;
+        }
+        if lane < step && start + lane < range.y {
+            staged[lane] = splats[entries[start + lane]];
+        }
+        workgroupBarrier();
+        if drawn.transmittance > 0.0 {
+            blend(&drawn, tile, lane, min(step, range.y - start));
+        }
+        batch++;
+        if drawn.transmittance > 0.0 {
+            atomicStore(&last_live, batch);
+        }
+        // Lanes that are done must not bring the next splats over those still being read.
+        workgroupBarrier();
+    }
+    var error = vec2<f32>(0.0);
+    if range.x < range.y && is_inside(tile, lane) {
+        error = compare(drawn, tile, lane);
+    }
+    add_up(tile, lane, error);
+}
+
+fn blend(drawn: ptr<function, Drawn>, tile: vec2<u32>, lane: u32, n: u32) {
+    for (var i = 0u; i < n; i++) {
+        let splat = staged[i];
+        let offset = offset_of(splat, tile, lane);
+        let seen = response(splat, offset);
+        if seen.exponent < splat.cut {
+            continue;
+        }
+        let alpha = min(splat.opacity * exp2(seen.exponent), ALPHA_CAP);
+        let weight = alpha * (*drawn).transmittance;
+        let left = (*drawn).transmittance - weight;
+        if left < TRANSMITTANCE_STOP {
+            // The size stays: coverage still needs it.
+            (*drawn).transmittance = -(*drawn).transmittance;
+            return;
+        }
+        (*drawn).color += weight * color_of(splat, offset);
+        (*drawn).transmittance = left;
+    }
+}
+
+// Sets what the second walk needs of a pixel; its squared difference and 1, if it counts.
+fn compare(drawn: Drawn, tile: vec2<u32>, lane: u32) -> vec2<f32> {
+    let row = (tile.y * TILE + row_of(lane) - frame.first) / frame.every;
+    let bits = photograph[row * frame.size.x + tile.x * TILE + lane % TILE];
+    let left = abs(drawn.transmittance);
+    let covered = 1.0 - left;
+    let fill = 1.0 / max(covered, frame.full_coverage);
+    // The derivative of `1/A` where the pixel is filled, times what is left to the background.
+    let filled = select(0.0, left / max(covered * covered, 1e-12), covered > frame.full_coverage);
+    let residual = bitcast<vec3<f32>>(bits.xyz) - drawn.color * fill;
+    let squared = dot(residual, residual);
+    let rho = 1.0 / (1.0 + squared * frame.per_tau);
+    var pixel: Pixel;
+    pixel.behind = drawn.color * (fill + filled);
+    pixel.fill = fill;
+    pixel.residual = rho * residual;
+    pixel.share = rho * sqrt(covered) * sqrt(sqrt(covered));
+    // Not a number, told by its bits: shaders may take numbers for granted.
+    let is_unknown = (bits.w & 0x7fffffffu) > 0x7f800000u;
+    // What is mostly covered lies inside a surface, as far as nobody knows better.
+    if !is_unknown || covered >= SEEN {
+        let wanted = select(bits.w, ONE_BITS, is_unknown);
+        pixel.end = left;
+        pixel.lacking = rho * frame.coverage * (bitcast<f32>(wanted) - covered);
+    }
+    pixels[(tile.y * frame.columns + tile.x) * LANES + lane] = pixel;
+    // Where nothing is drawn yet the difference says nothing of noise.
+    return select(vec2<f32>(0.0), vec2<f32>(squared, 1.0), covered >= SEEN);
+}
+
+// In the same order whenever it runs. Every lane must call it.
+fn add_up(tile: vec2<u32>, lane: u32, error: vec2<f32>) {
+    sums[lane] = error;
+    workgroupBarrier();
+    for (var half = LANES / 2u; half > 0u; half /= 2u) {
+        if lane < half {
+            sums[lane] += sums[lane + half];
+        }
+        workgroupBarrier();
+    }
+    if lane == 0u {
+        errors[tile.y * frame.columns + tile.x] = sums[0];
+    }
+}

@@ -1,0 +1,44 @@
+//! What a view shows of splats, ready to be compared with its photograph by any device.
+
+use super::super::lists::ViewLists;
+use super::super::view::CpuView;
+use crate::math::camera::Camera;
+use crate::model::splat::appearance::SplatView;
+use crate::render::options::{RenderMethod, RenderOptions};
+
+/// Buffers of prepared views, kept between them.
+#[derive(Default)]
+pub struct ViewBuffers(ViewLists);
+
+/// Splats of a view, projected, sorted by depth and listed by row of tiles.
+#[derive(Clone)]
+pub struct PreparedView<'a> {
+    pub(super) view: CpuView,
+    pub(super) lists: &'a ViewLists,
+}
+
+impl ViewBuffers {
+    /// Prepares the splats that a photograph `height` pixels high shows, as the projected renderer
+    /// draws them: it is what evaluation and other programs draw with.
+    pub fn prepare(
+        &mut self,
+        splats: SplatView<'_>,
+        camera: &Camera,
+        height: usize,
+    ) -> PreparedView<'_> {
+        let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        let view = CpuView::new(camera, &options);
+        let Self(lists) = self;
+        lists.prepare(splats, &view);
+        lists.sort();
+        lists.bin(height);
+        PreparedView { view, lists }
+    }
+}
+
+impl PreparedView<'_> {
+    /// Splats that some pixel may show.
+    pub fn n_drawn(&self) -> usize {
+        self.lists.n_visible()
+    }
+}

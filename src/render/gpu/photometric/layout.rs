@@ -1,0 +1,53 @@
+//! What the CPU and `photometric/*.wgsl` share byte for byte.
+
+use crate::math::image::Image;
+use crate::render::TILE;
+use crate::render::cpu::photometric::{ImageSums, PackedPlace, PackedSplat, PixelRule, RowChoice};
+use bytemuck::{Pod, Zeroable};
+
+/// Bytes of a splat.
+pub(super) const SPLAT_BYTES: usize = size_of::<PackedSplat>();
+/// Bytes of a place.
+pub(super) const PLACE_BYTES: usize = size_of::<PackedPlace>();
+/// Bytes of a splat's sums.
+pub(super) const SUM_BYTES: usize = size_of::<ImageSums>();
+/// Bytes of a pixel of the photograph.
+pub(super) const COLOR_BYTES: usize = size_of::<[f32; 4]>();
+/// Bytes of a pixel between the walks.
+pub(super) const PIXEL_BYTES: usize = 48;
+
+/// `Frame` of `pixel.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Frame {
+    size: [u32; 2],
+    columns: u32,
+    n_splats: u32,
+    every: u32,
+    first: u32,
+    full_coverage: f32,
+    per_tau: f32,
+    coverage: f32,
+    padding: u32,
+}
+
+impl Frame {
+    pub(super) fn new(
+        photograph: &Image<[f32; 4]>,
+        n_splats: usize,
+        rule: PixelRule,
+        rows: RowChoice,
+    ) -> Self {
+        Self {
+            size: [photograph.width as u32, photograph.height as u32],
+            columns: photograph.width.div_ceil(TILE) as u32,
+            n_splats: n_splats as u32,
+            every: rows.every(),
+            first: rows.first(),
+            full_coverage: rule.full_coverage,
+            per_tau: 1.0 / (rule.tau * rule.tau),
+            coverage: rule.coverage,
+            padding: 0,
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Photographs compared with splats on a GPU (`photometric.md`, On a GPU).
+//!
+//! Splats are projected, sorted and listed by tile on the CPU, by the same code as for the CPU's own
+//! walk; what costs, the walks over pixels, is done here:
+//!
+//! 1. Draw: one workgroup a tile, one lane a pixel; at its end the pixel is compared.
+//! 2. Walk: one workgroup a tile, one lane a splat, past which the pixels go; sums of each splat in
+//!    each tile.
+//! 3. Add: sums of each splat, tile by tile.
+//!
+//! Everything is added in an order that does not depend on timing. The device belongs to whoever learns:
+//! the window draws on another, and neither waits for the other.
+
+mod kernels;
+mod layout;
+mod memory;
+pub mod shader;
+mod upload;
+
+use super::context::GpuCaps;
+use super::error::GpuError;
+use super::faults::GpuFaults;
+use crate::math::image::Image;
+use crate::render::cpu::photometric::{
+    Compared, ComparerError, PackedView, PhotometricComparer, PixelRule, PreparedView, RowChoice,
+};
+use kernels::Kernels;
+use layout::SUM_BYTES;
+use memory::{Memory, Part};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+use upload::{Comparison, tile_grid};
+
+/// A GPU that takes longer than this for one photograph is not coming back.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// Compares photographs on a device of its own.
+pub struct GpuComparer {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    faults: GpuFaults,
+    name: String,
+    kernels: Kernels,
+    memory: Memory,
+    packed: PackedView,
+    /// What came back last, mapped while it is read.
+    answer: Option<wgpu::BufferView>,
+}
+
+impl GpuComparer {
+    /// On a device whose faults are watched.
+    pub fn new(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        faults: GpuFaults,
+        caps: &GpuCaps,
+    ) -> Self {
+        Self {
+            kernels: Kernels::new(&device),
+            memory: Memory::new(&device),
+            device,
+            queue,
+            faults,
+            name: caps.to_string(),
+            packed: PackedView::default(),
+            answer: None,
+        }
+    }
+
+    /// Compares; what comes back stays mapped. Squared difference and pixels.
+    fn run(&mut self, comparison: Comparison<'_>) -> Result<(f64, f64), GpuError> {
+        let Self { device, queue, kernels, memory, .. } = self;
+        let started = Instant::now();
+        let load = comparison.load();
+        memory.make_room(device, &load)?;
+        let upload = memory.buffer(Part::Upload);
+        let mut mapped = upload.get_mapped_range_mut(..load.bytes(Part::Upload)).map_err(failed)?;
+        comparison.write(mapped.slice(..), &load);
+        drop(mapped);
+        upload.unmap();
+        let grid = tile_grid(comparison.photograph);
+        let commands = kernels.bind(device, memory, load, grid);
+        let mut encoder = device.create_command_encoder(&Default::default());
+        commands.record(&mut encoder, memory);
+        let submission = queue.submit([encoder.finish()]);
+        let submitted = started.elapsed();
+        let errors = load.bytes(Part::Errors) as usize;
+        let answer = self.wait(submission, load.bytes(Part::Readback))?;
+        let tiles: &[[f32; 2]] = bytemuck::cast_slice(&answer[..errors]);
+        let sum = |k: usize| -> f64 { tiles.iter().map(|tile| f64::from(tile[k])).sum() };
+        let found = (sum(0), sum(1));
+        self.answer = Some(answer);
+        let answered = started.elapsed() - submitted;
+        tracing::trace!(?load, ?submitted, ?answered, "photograph compared");
+        Ok(found)
+    }
+
+    /// Waits for a submission; then so many bytes of the answer are mapped, and the memory of the next
+    /// upload is.
+    fn wait(
+        &self,
+        submission: wgpu::SubmissionIndex,
+        bytes: u64,
+    ) -> Result<wgpu::BufferView, GpuError> {
+        let (sender, receiver) = mpsc::sync_channel(2);
+        let told = |sender: mpsc::SyncSender<_>| {
+            move |result: Result<(), wgpu::BufferAsyncError>| {
+                // The receiver is gone only when the wait below has already failed.
+                let _ = sender.send(result);
+            }
+        };
+        let readback = self.memory.buffer(Part::Readback);
+        let upload = self.memory.buffer(Part::Upload);
+        readback.map_async(wgpu::MapMode::Read, ..bytes, told(sender.clone()));
+        upload.map_async(wgpu::MapMode::Write, .., told(sender));
+        let patiently =
+            wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
+        self.device.poll(patiently).map_err(failed)?;
+        // The wait above has run both callbacks, or it never will.
+        for result in receiver.try_iter() {
+            result.map_err(failed)?;
+        }
+        if let Some(fault) = self.faults.take().into_iter().next() {
+            return Err(failed(fault.message));
+        }
+        readback.get_mapped_range(..bytes).map_err(failed)
+    }
+
+    /// Lets go of what came back last.
+    fn forget_answer(&mut self) {
+        // The view first: a buffer that is still looked at cannot be unmapped.
+        if self.answer.take().is_some() {
+            self.memory.buffer(Part::Readback).unmap();
+        }
+    }
+}
+
+fn failed(reason: impl ToString) -> GpuError {
+    GpuError::NoComparison { reason: reason.to_string() }
+}
+
+impl PhotometricComparer for GpuComparer {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn compare<'a>(
+        &'a mut self,
+        view: &PreparedView<'a>,
+        photograph: &Image<[f32; 4]>,
+        rule: PixelRule,
+        rows: RowChoice,
+    ) -> Result<Compared<'a>, ComparerError> {
+        self.forget_answer();
+        let mut packed = std::mem::take(&mut self.packed);
+        packed.fill(view, tile_grid(photograph));
+        let comparison = Comparison { packed: &packed, photograph, rule, rows };
+        // Buffers of nothing cannot be bound.
+        let is_empty = packed.entries.is_empty();
+        let found = if is_empty { Ok((0.0, 0.0)) } else { self.run(comparison) };
+        self.packed = packed;
+        let (squared_error, pixels) = found.map_err(|error| ComparerError {
+            device: self.name.clone(),
+            reason: error.to_string(),
+        })?;
+        let answer = self.answer.as_deref().unwrap_or_default();
+        // Differences of tiles come first.
+        let sums = &answer[answer.len() - view.n_drawn() * SUM_BYTES..];
+        let sums: &[f32] = bytemuck::cast_slice(sums);
+        let (sums, _) = sums.as_chunks();
+        Ok(Compared::by_splat(view.clone(), sums, squared_error, pixels))
+    }
+}

@@ -1,0 +1,94 @@
+//! What a comparison reads, written straight into mapped memory.
+
+use super::layout::{COLOR_BYTES, Frame};
+use super::memory::{Load, Part, UPLOADED};
+use crate::math::image::Image;
+use crate::render::TILE;
+use crate::render::cpu::photometric::{PackedView, PixelRule, RowChoice};
+use bytemuck::cast_slice;
+use rayon::prelude::*;
+use wgpu::WriteOnly;
+
+/// Bytes that a task copies at a time.
+const COPIED: usize = 1 << 14;
+
+/// A view and its photograph.
+#[derive(Clone, Copy)]
+pub(super) struct Comparison<'a> {
+    pub(super) packed: &'a PackedView,
+    pub(super) photograph: &'a Image<[f32; 4]>,
+    pub(super) rule: PixelRule,
+    pub(super) rows: RowChoice,
+}
+
+/// Columns and rows of tiles of a photograph.
+pub(super) fn tile_grid(photograph: &Image<[f32; 4]>) -> (usize, usize) {
+    (photograph.width.div_ceil(TILE), photograph.height.div_ceil(TILE))
+}
+
+impl Comparison<'_> {
+    /// How much it holds.
+    pub(super) fn load(&self) -> Load {
+        let Self { packed, photograph, rows, .. } = *self;
+        let (columns, tile_rows) = tile_grid(photograph);
+        Load {
+            splats: packed.splats.len() as u64,
+            tiles: (columns * tile_rows) as u64,
+            entries: packed.entries.len() as u64,
+            pixels: (self.chosen_rows().count() * photograph.width) as u64,
+            lanes: (TILE * TILE / rows.every() as usize) as u64,
+        }
+    }
+
+    fn chosen_rows(&self) -> impl Iterator<Item = usize> {
+        let rows = self.rows;
+        (rows.first() as usize..self.photograph.height).step_by(rows.every() as usize)
+    }
+
+    /// Fills the memory of [`Part::Upload`].
+    pub(super) fn write(&self, memory: WriteOnly<'_, [u8]>, load: &Load) {
+        let Self { packed, photograph, rule, rows } = *self;
+        let frame = Frame::new(photograph, packed.splats.len(), rule, rows);
+        let mut rest = memory;
+        for part in UPLOADED {
+            // The buffer holds the parts by their sizes.
+            let to = rest.split_off(..load.bytes(part) as usize).unwrap_or_default();
+            match part {
+                Part::Frame => copy(to, bytemuck::bytes_of(&frame)),
+                Part::Splats => copy(to, cast_slice(&packed.splats)),
+                Part::Places => copy(to, cast_slice(&packed.places)),
+                Part::Starts => copy(to, cast_slice(&packed.starts)),
+                Part::Entries => copy(to, cast_slice(&packed.entries)),
+                _ => self.write_photograph(to),
+            }
+        }
+    }
+
+    fn write_photograph(&self, to: WriteOnly<'_, [u8]>) {
+        let Self { photograph, rows, .. } = *self;
+        if rows == RowChoice::ALL {
+            return copy(to, cast_slice(&photograph.data));
+        }
+        let mut rest = to;
+        for row in self.chosen_rows() {
+            let pixels = &photograph.data[row * photograph.width..][..photograph.width];
+            let line = rest.split_off(..photograph.width * COLOR_BYTES);
+            line.unwrap_or_default().copy_from_slice(cast_slice(pixels));
+        }
+    }
+}
+
+/// Bytes of the part of a buffer of [`Part::Upload`] before another.
+pub(super) fn offset(part: Part, load: &Load) -> u64 {
+    UPLOADED.iter().take_while(|&&before| before != part).map(|&part| load.bytes(part)).sum()
+}
+
+/// Copies on all threads: one alone fills memory that a device reads too slowly.
+fn copy(to: WriteOnly<'_, [u8]>, from: &[u8]) {
+    let (pieces, mut rest) = to.into_chunks::<COPIED>();
+    let (from, left) = from.as_chunks::<COPIED>();
+    // Pieces of a fixed size, since only these may be sent to other threads.
+    let pieces: Vec<WriteOnly<'_, [u8; COPIED]>> = pieces.into_iter().collect();
+    pieces.into_par_iter().zip(from).for_each(|(to, from)| to.write(*from));
+    rest.copy_from_slice(left);
+}
