@@ -32,9 +32,8 @@ fn the_papers_protocol_goes_on_where_it_stopped() {
     assert!(run.stdout.contains("left out: scenes/nothing"), "{}", run.stdout);
     let json = scratch.json("found/paper.json");
     let rows = json["rows"].as_array().unwrap();
-    let named = |row: &serde_json::Value| {
-        format!("{} {}", row["preset"], row["renderer"]).replace('"', "")
-    };
+    let named =
+        |row: &serde_json::Value| format!("{} {}", row["preset"], row["renderer"]).replace('"', "");
     let names: Vec<String> = rows.iter().map(named).collect();
     assert_eq!(names, ["paper projected", "paper exact", "scene projected", "scene exact"]);
     assert!(rows.iter().all(|row| row["frames"] == 2 && row["psnr"].as_f64().unwrap() > 5.0));

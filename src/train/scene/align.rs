@@ -13,9 +13,9 @@
 
 use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
-use super::pose_equations::PoseEquations;
 use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
+use crate::math::cholesky::Cholesky;
 use crate::math::pose::Pose;
 use crate::model::scene::sums::{SceneSums, outer};
 use crate::observation::surface::{Observation, SurfacePoint};
@@ -40,7 +40,9 @@ const ALIKE: f64 = 100.0;
 const COLOR_VARIANCE: f64 = 0.01;
 /// Squared residual, in its variances, at which Cauchy's weight is a half.
 const ROBUST: f64 = 4.0;
-/// Number of Gauss–Newton steps on planes and colours.
+/// Standard deviation of a recorded orientation, radians.
+const TURN_DEVIATION: f64 = 0.01;
+/// Number of Gauss–Newton steps.
 const ROUNDS: usize = 3;
 
 /// Scene and frame as they are before the frame is learnt.
@@ -89,34 +91,22 @@ struct Match {
 }
 
 impl<W: SumScalar> PoseAlignment<'_, W> {
-    /// The frame's motion; `None` where too little of the scene is known. After planes and colours have
-    /// brought it close, `of_picture` says what the photograph asks of the next step after a motion, as
-    /// long as it says anything.
-    pub fn motion(
-        &self,
-        mut of_picture: impl FnMut(&Motion) -> Option<PoseEquations>,
-    ) -> Option<Motion> {
+    /// The frame's motion; `None` where too little of the scene is known.
+    pub fn motion(&self) -> Option<Motion> {
         let matches = self.matches();
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let shift_deviation = f64::from(self.frame.tolerance.refinement);
-        let step = |motion: &Motion, picture: Option<PoseEquations>| {
-            // About the recorded pose in every round: about the last one, rounds could wander off.
-            let mut equations = PoseEquations::prior(motion, shift_deviation);
-            matches.iter().for_each(|matched| matched.add_to(&mut equations, centre, motion));
-            picture.iter().for_each(|picture| equations.add(picture));
-            let [turn, shift] = equations.solution()?;
-            let turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
-            Some(Motion { turn, shift: motion.shift + shift })
-        };
         let mut motion = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
         for _ in 0..ROUNDS {
-            motion = step(&motion, None)?;
-        }
-        while let Some(picture) = of_picture(&motion) {
-            motion = step(&motion, Some(picture))?;
+            // About the recorded pose in every round: about the last one, rounds could wander off.
+            let mut normal = Normal::prior(&motion, shift_deviation);
+            matches.iter().for_each(|matched| normal.add_match(matched, centre, &motion));
+            let [turn, shift] = normal.solution()?;
+            motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
+            motion.shift += shift;
         }
         Some(motion)
     }
@@ -175,24 +165,67 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
     }
 }
 
-impl Match {
-    /// Adds what it says of the next step after `motion`.
-    fn add_to(&self, equations: &mut PoseEquations, centre: DVec3, motion: &Motion) {
-        // About the camera's centre, so that a turn leaves the camera where it is.
-        let arm = motion.turn * (self.seen - centre);
-        let offset = centre + arm + motion.shift - self.mean;
-        let distance = self.normal.dot(offset);
-        let weight = self.weight / (ALIKE * self.variance);
-        // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
-        let trust = 1.0 / (1.0 + distance * distance / (self.variance * ROBUST));
-        equations.add_residual(distance, self.normal, arm, weight * trust);
-        let color = self.seen_color - self.color - self.gradient * offset;
-        let weight = self.weight / (ALIKE * COLOR_VARIANCE);
-        let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
-        let rows = self.gradient.transpose();
-        for channel in 0..3 {
-            equations.add_residual(color[channel], -rows.col(channel), arm, weight * trust);
+/// Normal equations of turn and shift.
+struct Normal {
+    /// Row by row; the lower triangle.
+    matrix: [f64; 36],
+    right: [f64; 6],
+}
+
+impl Normal {
+    /// What the recorded pose says.
+    fn prior(motion: &Motion, shift_deviation: f64) -> Self {
+        let mut normal = Self { matrix: [0.0; 36], right: [0.0; 6] };
+        let turn = motion.turn.to_scaled_axis();
+        for axis in 0..3 {
+            for (i, value, deviation) in [
+                (axis, turn[axis], TURN_DEVIATION),
+                (axis + 3, motion.shift[axis], shift_deviation),
+            ] {
+                normal.matrix[7 * i] = deviation.powi(-2);
+                normal.right[i] = -value * deviation.powi(-2);
+            }
         }
+        normal
+    }
+
+    fn add_match(&mut self, matched: &Match, centre: DVec3, motion: &Motion) {
+        // About the camera's centre, so that a turn leaves the camera where it is.
+        let arm = motion.turn * (matched.seen - centre);
+        let offset = centre + arm + motion.shift - matched.mean;
+        let distance = matched.normal.dot(offset);
+        let weight = matched.weight / (ALIKE * matched.variance);
+        // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
+        let trust = 1.0 / (1.0 + distance * distance / (matched.variance * ROBUST));
+        self.add(distance, matched.normal, arm, weight * trust);
+        let color = matched.seen_color - matched.color - matched.gradient * offset;
+        let weight = matched.weight / (ALIKE * COLOR_VARIANCE);
+        let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
+        let rows = matched.gradient.transpose();
+        for channel in 0..3 {
+            self.add(color[channel], -rows.col(channel), arm, weight * trust);
+        }
+    }
+
+    /// Adds a residual that changes by `slope` with the position of what lies at `arm` from the
+    /// camera.
+    fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
+        let turn = arm.cross(slope);
+        let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z];
+        for i in 0..6 {
+            self.right[i] -= weight * residual * row[i];
+            for j in 0..=i {
+                self.matrix[6 * i + j] += weight * row[i] * row[j];
+            }
+        }
+    }
+
+    /// Turn (axis times angle) and shift; `None` unless all numbers are finite.
+    fn solution(&self) -> Option<[DVec3; 2]> {
+        let x = Cholesky::new(6, &self.matrix)?.solve(&self.right);
+        let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
+        // The factor says nothing of the right side: a colour that is no number shows only here.
+        (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
     }
 }
 
@@ -212,8 +245,7 @@ impl Motion {
         Camera { intrinsics, pose: self.of_pose(&pose) }
     }
 
-    /// A pose of the frame's camera, moved likewise.
-    pub fn of_pose(&self, pose: &Pose) -> Pose {
+    fn of_pose(&self, pose: &Pose) -> Pose {
         let world_from_camera = DQuat::from_mat3(&pose.rotation());
         let turn = world_from_camera.inverse() * self.turn * world_from_camera;
         pose.attached(world_from_camera.inverse() * self.shift, turn)

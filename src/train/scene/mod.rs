@@ -13,7 +13,6 @@ pub mod learner;
 pub mod memory;
 pub mod partition;
 pub mod photometric;
-mod pose_equations;
 pub mod sum_form;
 pub mod trainer;
 pub mod units;

@@ -76,6 +76,8 @@ impl<W: SumScalar> Comparison<'_, W> {
                 }
             }
         }
+        let none = self.owners.iter().filter(|&&o| o == NONE).count();
+        eprintln!("AGREE {found:?} rms {:.4} through {:.3} none {:.3}", (found.squared_error / 3.0 / found.points).sqrt(), found.seen_through / found.in_view, none as f64 / self.owners.len() as f64);
         if found.points < MIN_MATCHES {
             (found.squared_error, found.points) = (0.0, 0.0);
         }

@@ -5,7 +5,6 @@
 pub mod agreement;
 mod comparers;
 mod noise;
-mod pose;
 pub mod rule;
 mod step;
 mod trial;
@@ -21,21 +20,15 @@ use crate::render::cpu::photometric::{
 };
 use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
 use crate::train::outcome::PhotographOutcome;
-use crate::train::scene::pose_equations::PoseEquations;
 use crate::train::timing::Stopwatch;
 use agreement::Agreement;
 use comparers::Comparers;
-use glam::DVec3;
 use rayon::prelude::*;
 use rule::PhotometricRule;
 use step::{LearnRun, SplatRun};
 
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
 const MIN_SEEN: f32 = 0.5;
-/// Every how many rows of a photograph are asked for its pose, at least.
-const POSE_ROWS: u32 = 4;
-/// Fewest splats that determine a pose.
-const MIN_POSE_SPLATS: usize = 500;
 /// Components per parallel task.
 const MIN_TASK: usize = 512;
 
@@ -110,44 +103,6 @@ impl PhotometricLearner {
         noise::judge_points(&mut self.state, agreement)
     }
 
-    /// What a photograph taken by `camera` says of the motion of the frame's camera at `centre` (world
-    /// units), which it moves with; `None` where it shows too little.
-    pub fn pose_equations(
-        &mut self,
-        camera: &Camera,
-        centre: DVec3,
-        photograph: &Image<[f32; 4]>,
-        full_coverage: f32,
-        rule: &PhotometricRule,
-    ) -> Option<PoseEquations> {
-        let every = POSE_ROWS.max(rule.rows_of(photograph.data.len()));
-        let rows = RowChoice::new(every, self.state.noise[1] as u64);
-        let mut comparers = std::mem::take(&mut self.comparers);
-        let compared = self.compare(&mut comparers, camera, photograph, full_coverage, rule, rows)?;
-        let seen = compared.seen(MIN_SEEN / every as f32);
-        let deviation = rule.noise * noise::usual(&self.state.noise);
-        let variance = deviation * deviation / f64::from(every);
-        let found = (seen.len() >= MIN_POSE_SPLATS)
-            .then(|| pose::equations(&compared, &seen, &self.state, centre, variance));
-        self.comparers = comparers;
-        found
-    }
-
-    fn compare<'a>(
-        &self,
-        comparers: &'a mut Comparers,
-        camera: &Camera,
-        photograph: &Image<[f32; 4]>,
-        full_coverage: f32,
-        rule: &PhotometricRule,
-        rows: RowChoice,
-    ) -> Option<Compared<'a>> {
-        let view = SplatView::new(&self.state.splats, &self.state.appearance)?;
-        let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
-        let pixels = PixelRule { full_coverage, tau, coverage };
-        Some(comparers.compare(view, camera, photograph, pixels, rows))
-    }
-
     /// Learns from a photograph taken by `camera`, unless that contradicts the scene. Gives which splats
     /// it changed, and how it compared.
     pub fn learn(
@@ -157,11 +112,14 @@ impl PhotometricLearner {
         full_coverage: f32,
         rule: &PhotometricRule,
     ) -> (Vec<u32>, Option<PhotographOutcome>) {
+        let PhotometricState { splats, appearance, .. } = &self.state;
+        let Some(view) = SplatView::new(splats, appearance) else { return (Vec::new(), None) };
+        let (tau, coverage) = (rule.tau as f32, rule.coverage as f32);
+        let pixels = PixelRule { full_coverage, tau, coverage };
         let rows = RowChoice::new(rule.rows_of(photograph.data.len()), self.state.noise[1] as u64);
         let every = rows.every();
         let mut comparers = std::mem::take(&mut self.comparers);
-        let compared = self.compare(&mut comparers, camera, photograph, full_coverage, rule, rows);
-        let Some(compared) = compared else { return (Vec::new(), None) };
+        let compared = comparers.compare(view, camera, photograph, pixels, rows);
         let clock = Stopwatch::start();
         let noise = &mut self.state.noise;
         let outcome = noise::judge(noise, compared.squared_error, compared.pixels);

@@ -256,8 +256,6 @@ impl<W: SumScalar> SceneTrainer<W> {
     pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
         let points: Vec<SurfacePoint> = frame.points.iter().step_by(EVERY).copied().collect();
         self.assign(&points);
-        let mut photometric = std::mem::take(&mut self.photometric);
-        let gain = self.gain(&points);
         let alignment = PoseAlignment {
             component_sums: &self.component_sums,
             seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
@@ -266,13 +264,9 @@ impl<W: SumScalar> SceneTrainer<W> {
             frame,
             points: &points,
             owners: &self.owners,
-            gain,
+            gain: self.gain(&points),
         };
-        let mut of_picture = self.pose_of_picture(frame, gain, &mut photometric);
-        let motion = alignment.motion(&mut of_picture);
-        drop(of_picture);
-        self.photometric = photometric;
-        motion
+        alignment.motion()
     }
 
     /// Gives points without a component one of their own, as far as the budget allows: a frame may

@@ -5,40 +5,11 @@ use super::{EVERYTHING_EVERY, SceneTrainer};
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::outcome::PhotographOutcome;
-use crate::train::scene::align::Motion;
 use crate::train::scene::component_sums::SumScalar;
-use crate::train::scene::photometric::PhotometricLearner;
 use crate::train::scene::photometric::agreement::Comparison;
-use crate::train::scene::pose_equations::PoseEquations;
 use crate::train::scene::seed_positions::SeedPositions;
 
-/// Steps that photographs ask of a pose.
-const POSE_ROUNDS: usize = 2;
-
 impl<W: SumScalar> SceneTrainer<W> {
-    /// What the frame's photograph, whose colours `gain` brings to the scene's exposure, asks of its
-    /// pose: [`POSE_ROUNDS`] times, nothing where photographs are not learnt.
-    pub(super) fn pose_of_picture<'a>(
-        &'a self,
-        frame: &'a Observation,
-        gain: [f32; 3],
-        photometric: &'a mut PhotometricLearner,
-    ) -> impl FnMut(&Motion) -> Option<PoseEquations> + 'a {
-        let photograph = frame.photograph.as_ref();
-        let exposed = photograph.and_then(|photograph| photograph.exposed(gain));
-        let full_coverage = self.config.splat_rule.full_coverage as f32;
-        let mut rounds =
-            0..std::env::var("POSE_ROUNDS").map_or(POSE_ROUNDS, |n| n.parse().unwrap_or(2));
-        move |motion| {
-            let (rule, photograph) = (self.config.photometric?, photograph?);
-            rounds.next()?;
-            let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
-            let pose = motion.of_pose(&frame.camera.pose);
-            let camera = photograph.camera(&pose);
-            photometric.pose_equations(&camera, pose.centre(), pixels, full_coverage, &rule)
-        }
-    }
-
     /// Whether a frame's points contradict the scene, asked only where photographs are learnt: without
     /// them scenes keep the bits that they had before frames were judged.
     pub(super) fn contradiction(
