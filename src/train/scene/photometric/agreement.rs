@@ -10,12 +10,14 @@ use crate::train::scene::observe::is_seen_through;
 use crate::train::scene::seed_positions::SeedPositions;
 use glam::DVec3;
 
-/// Every so-many-th point and component is looked at: neighbours say the same.
+/// Every so-many-th point is looked at: neighbours say the same.
 const EVERY: usize = 8;
+/// Components looked at, about: of more every so-many-th.
+const MAX_COMPONENTS: usize = 4096;
 /// Fewest points of a component that is trusted.
 const MIN_POINTS: f64 = 20.0;
 /// Fewest points, or components in view, that say anything of a frame.
-const MIN_MATCHES: f64 = 200.0;
+const MIN_MATCHES: f64 = 100.0;
 
 /// How a frame's points agree with the components as they are before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -65,7 +67,8 @@ impl<W: SumScalar> Comparison<'_, W> {
                 found.points += 1.0;
             }
         }
-        for id in (0..self.component_sums.len()).step_by(EVERY) {
+        let n_components = self.component_sums.len();
+        for id in (0..n_components).step_by(n_components.div_ceil(MAX_COMPONENTS).max(1)) {
             let sums = SceneSums::new(&self.component_sums.sums(id), self.h);
             if sums.count >= MIN_POINTS {
                 let seed = DVec3::from_array(self.seed_positions.of(id).map(f64::from));
@@ -76,8 +79,6 @@ impl<W: SumScalar> Comparison<'_, W> {
                 }
             }
         }
-        let none = self.owners.iter().filter(|&&o| o == NONE).count();
-        eprintln!("AGREE {found:?} rms {:.4} through {:.3} none {:.3}", (found.squared_error / 3.0 / found.points).sqrt(), found.seen_through / found.in_view, none as f64 / self.owners.len() as f64);
         if found.points < MIN_MATCHES {
             (found.squared_error, found.points) = (0.0, 0.0);
         }
