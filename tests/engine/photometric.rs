@@ -54,7 +54,10 @@ fn photographs_improve_views_that_were_never_seen() {
     assert!(light > off + 0.4 && full > light, "{said}");
 }
 
-/// The scene after all frames, every tenth of which `damage` changed, and those that were doubted.
+/// A tenth of the frames, behind the first ones, by which is known what is usual.
+const DAMAGED: [usize; 4] = [12, 20, 28, 36];
+
+/// The scene after all frames, a tenth of which `damage` changed, and those that were doubted.
 fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     let room = room();
     let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
@@ -65,7 +68,7 @@ fn trained_on(damage: impl Fn(&mut Frame)) -> (SplatSet, Vec<usize>) {
     let mut doubted = Vec::new();
     for i in 0..room.splits[0].frames.len() {
         let mut frame = room.load(0, i).unwrap();
-        if i % 10 == 9 {
+        if DAMAGED.contains(&i) {
             damage(&mut frame);
         }
         preparer.prepare(&frame, &surface, &mut seen).unwrap();
@@ -99,7 +102,7 @@ fn frames_that_contradict_the_scene_are_named_and_left_out() {
         let (harmed, doubted) = trained_on(damage);
         let harmed = psnr(&harmed);
         println!("{name}: {harmed:.2} dB, clean {clean:.2} dB, doubted {doubted:?}");
-        assert_eq!(doubted, [9, 19, 29, 39], "{name}");
+        assert_eq!(doubted, DAMAGED, "{name}");
         assert!(harmed > clean - 0.3, "{name}: clean {clean:.2} dB, harmed {harmed:.2} dB");
     }
 }

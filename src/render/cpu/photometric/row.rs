@@ -89,7 +89,11 @@ impl Kernel for WalkRow<'_> {
             batch.fill(records, list, canvas.tiles.len());
             for (index, tile) in canvas.tiles.iter_mut().enumerate() {
                 let (list, records) = (batch.by_tile.get(index), &batch.records);
-                tile.blend_all::<V, { Form::PROJECTED }, true>(list, records, 1.0);
+                if records.gradients.is_empty() {
+                    tile.blend_all::<V, { Form::PROJECTED }, false>(list, records, 1.0);
+                } else {
+                    tile.blend_all::<V, { Form::PROJECTED }, true>(list, records, 1.0);
+                }
             }
         }
         for (index, tile) in canvas.tiles.iter().enumerate() {
