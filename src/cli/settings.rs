@@ -21,6 +21,7 @@ pub fn selection(args: &TrainArgs) -> Selection {
         stride: args.stride.unwrap_or(everything.stride),
         shard: args.shard,
         max_frames: args.max_frames,
+        passes: args.passes.unwrap_or(everything.passes),
         follow: args.follow,
     }
 }
@@ -36,6 +37,7 @@ pub fn asked(args: &TrainArgs, preset: Preset) -> Result<ResumeRequest, Failure>
         shard: args.shard,
         load: args.depth.load_options(),
         max_frames: args.max_frames,
+        passes: args.passes,
         follow: args.follow,
     })
 }

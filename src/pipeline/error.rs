@@ -29,6 +29,11 @@ pub enum SessionError {
     /// The candidate index could not be built.
     #[error("{0}")]
     Index(#[from] IndexError),
+    /// Frames are to be gone through again, and would teach nothing.
+    #[error(
+        "passes: expected 1 where photographs are not learnt, found {0}: points count once; learn photographs, or go through the frames once"
+    )]
+    Passes(usize),
     /// A stored model is not one of the settings stored beside it.
     #[error("{0}")]
     Stored(Mismatch),

@@ -50,6 +50,9 @@ impl Follow {
         if selection.order != Order::Sequential {
             return Err(not_followed("order", "sequential beside follow", "shuffled"));
         }
+        if selection.passes > 1 {
+            return Err(not_followed("passes", "1 beside follow", &selection.passes.to_string()));
+        }
         if selection.split.as_deref() == Some(HELD_OUT) {
             let expected = "the split that is recorded, beside follow";
             return Err(not_followed("split", expected, HELD_OUT));

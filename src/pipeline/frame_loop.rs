@@ -55,11 +55,14 @@ pub(super) struct PresetLoop<P: Prepare> {
 
 impl<P: Prepare> FrameLoop for PresetLoop<P> {
     fn step(&mut self) -> Option<SteppedFrame> {
-        let Prepared { position, name, result } = self.prefetch.next_frame()?;
+        let Prepared { position, is_repeat, name, result } = self.prefetch.next_frame()?;
         let status = match result {
             Err(message) => FrameStatus::Skipped(message),
             Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
-                let learnt = self.learner.learn(&observation);
+                let learnt = match is_repeat {
+                    false => self.learner.learn(&observation),
+                    true => Ok(self.learner.look_again(&observation)),
+                };
                 self.prefetch.recycle(observation);
                 match learnt {
                     Ok(outcome) => FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms },

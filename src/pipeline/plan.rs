@@ -9,6 +9,9 @@ use std::collections::BTreeSet;
 use std::str::FromStr;
 use strum::{EnumString, VariantNames};
 
+/// Passes at most: photographs teach little after a few.
+pub const MAX_PASSES: usize = 100;
+
 /// Order of the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
 #[serde(rename_all = "kebab-case")]
@@ -69,16 +72,40 @@ pub struct Selection {
     pub shard: Option<Shard>,
     /// Frames at most.
     pub max_frames: Option<usize>,
+    /// How often these frames are gone through, at least 1: once they are learnt whole, then only their
+    /// photographs teach.
+    #[serde(default = "once", skip_serializing_if = "is_once")]
+    pub passes: usize,
     /// Whether frames were taken while they were recorded.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub follow: bool,
+}
+
+/// Runs that were saved before there was a choice.
+fn once() -> usize {
+    1
+}
+
+fn is_once(passes: &usize) -> bool {
+    *passes == 1
 }
 
 impl Selection {
     /// All frames of the training split, in their order.
     pub fn everything() -> Self {
         let (split, shard, max_frames) = (None, None, None);
-        Self { split, order: Order::Sequential, stride: 1, shard, max_frames, follow: false }
+        let (order, stride, passes, follow) = (Order::Sequential, 1, 1, false);
+        Self { split, order, stride, shard, max_frames, passes, follow }
+    }
+
+    /// Frames in the order of a further pass, from 1 on: shuffled anew where they are shuffled.
+    fn again(&self, frames: &[usize], seed: u64, pass: usize) -> Vec<usize> {
+        let mut frames = frames.to_vec();
+        if self.order == Order::Shuffled {
+            frames.sort_unstable();
+            Rng::new(seed, Purpose::Order, pass as u64).shuffle(&mut frames);
+        }
+        frames
     }
 
     /// The frames of all shards, without a limit: what runs that share them have in common.
@@ -118,7 +145,7 @@ impl Selection {
 pub struct Plan {
     /// Position of the split in the dataset.
     pub split: usize,
-    /// Positions of the frames in the split, in order of training.
+    /// Positions of the frames in the split, in order of training; of a further pass again.
     pub frames: Vec<usize>,
     /// Why frames are left out for evaluation, where the dataset has no evaluation split.
     pub held_out: Option<String>,
@@ -135,7 +162,22 @@ impl Plan {
         let evaluation = dataset.evaluation(split);
         let hold_out = evaluation.held_out && selection.split.is_none();
         let frames = selection.of(dataset.splits[split].frames.len(), hold_out, seed);
-        Ok(Self { split, frames, held_out: hold_out.then_some(evaluation.why) })
+        let mut plan = Self { split, frames, held_out: hold_out.then_some(evaluation.why) };
+        plan.repeat(selection, seed);
+        Ok(plan)
+    }
+
+    /// Appends the further passes to the first.
+    fn repeat(&mut self, selection: &Selection, seed: u64) {
+        let first = self.frames.clone();
+        let further = (1..selection.passes).flat_map(|pass| selection.again(&first, seed, pass));
+        self.frames.extend(further);
+    }
+
+    /// Whether each position's frame was there at one before it.
+    pub fn repeats(&self) -> Vec<bool> {
+        let mut known = BTreeSet::new();
+        self.frames.iter().map(|&frame| !known.insert(frame)).collect()
     }
 
     /// Appends what a selection takes of the frames of a split that has grown from `known` to
@@ -156,20 +198,79 @@ impl Plan {
     }
 
     /// The frames of a selection when `visited` were gone through already, in that order: these
-    /// first, then the others in theirs. `max_frames` counts both.
+    /// first, then the others in theirs. `max_frames` counts both, each frame once.
     pub fn after(
         dataset: &Dataset,
         selection: &Selection,
         seed: u64,
         visited: &[u32],
     ) -> Result<Self, DatasetError> {
-        let all = Selection { max_frames: None, ..selection.clone() };
+        let all = Selection { max_frames: None, passes: 1, ..selection.clone() };
         let mut plan = Self::new(dataset, &all, seed)?;
         let visited: Vec<usize> = visited.iter().map(|&frame| frame as usize).collect();
-        let known: BTreeSet<usize> = visited.iter().copied().collect();
+        // Frames of the first pass, then those of all passes that are left.
+        let mut known = BTreeSet::new();
+        let first: Vec<usize> =
+            visited.iter().copied().filter(|&frame| known.insert(frame)).collect();
         plan.frames.retain(|frame| !known.contains(frame));
-        plan.frames.splice(0..0, visited.iter().copied());
-        plan.frames.truncate(selection.max_frames.unwrap_or(usize::MAX).max(visited.len()));
+        plan.frames.splice(0..0, first);
+        plan.frames.truncate(selection.max_frames.unwrap_or(usize::MAX).max(known.len()));
+        plan.repeat(selection, seed);
+        let mut left = plan.frames;
+        for frame in &visited {
+            // Every visited frame is of the first pass, so each is found as often as passes were begun.
+            if let Some(at) = left.iter().position(|planned| planned == frame) {
+                left.remove(at);
+            }
+        }
+        plan.frames = [visited, left].concat();
         Ok(plan)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::synthetic::{self, SyntheticParams};
+
+    fn plan(selection: &Selection, visited: &[u32]) -> Vec<usize> {
+        let params = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: 6,
+            n_eval: 1,
+            ..SyntheticParams::demo()
+        };
+        let room = synthetic::dataset(&params).unwrap();
+        Plan::after(&room, selection, 5, visited).unwrap().frames
+    }
+
+    #[test]
+    fn a_run_that_goes_on_has_the_plan_it_had() {
+        for (passes, order) in
+            [(1, Order::Sequential), (2, Order::Sequential), (3, Order::Shuffled)]
+        {
+            let selection = Selection { passes, order, ..Selection::everything() };
+            let whole = plan(&selection, &[]);
+            assert_eq!(whole.len(), 6 * passes);
+            assert!(whole.chunks(6).all(|pass| pass.iter().collect::<BTreeSet<_>>().len() == 6));
+            for n in 0..=whole.len() {
+                let visited: Vec<u32> = whole[..n].iter().map(|&frame| frame as u32).collect();
+                assert_eq!(plan(&selection, &visited), whole, "{passes} passes, {n} visited");
+            }
+        }
+        let shuffled = Selection { passes: 2, order: Order::Shuffled, ..Selection::everything() };
+        let whole = plan(&shuffled, &[]);
+        assert_ne!(whole[..6], whole[6..], "each pass has an order of its own");
+    }
+
+    #[test]
+    fn more_frames_and_passes_come_behind_those_visited() {
+        let few = Selection { passes: 2, max_frames: Some(2), ..Selection::everything() };
+        assert_eq!(plan(&few, &[]), [0, 1, 0, 1]);
+        let more = Selection { max_frames: Some(3), ..few.clone() };
+        assert_eq!(plan(&more, &[0, 1, 0]), [0, 1, 0, 2, 1, 2]);
+        let oftener = Selection { passes: 3, ..few };
+        assert_eq!(plan(&oftener, &[0, 1, 0, 1]), [0, 1, 0, 1, 0, 1]);
     }
 }

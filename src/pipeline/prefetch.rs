@@ -23,6 +23,8 @@ const MAX_AT_ONCE: usize = 4;
 pub struct Prepared<O> {
     /// Position in the plan.
     pub position: usize,
+    /// Whether it was there before in the plan.
+    pub is_repeat: bool,
     /// Name within the split.
     pub name: String,
     /// What it holds, or why it is skipped.
@@ -45,6 +47,8 @@ pub struct PreparedFrame<O> {
 pub struct PlannedFrame {
     /// Position in the plan.
     pub position: usize,
+    /// Whether it was there before in the plan.
+    pub is_repeat: bool,
     /// The frame.
     pub entry: FrameEntry,
 }
@@ -53,8 +57,12 @@ impl PlannedFrame {
     /// The frames of a plan from position `first` on.
     pub fn of(dataset: &Dataset, plan: &Plan, first: usize) -> impl Iterator<Item = Self> {
         let frames = &dataset.splits[plan.split].frames;
-        let planned = plan.frames.iter().enumerate().skip(first);
-        planned.map(|(position, &i)| Self { position, entry: frames[i].clone() })
+        let planned = plan.frames.iter().zip(plan.repeats()).enumerate().skip(first);
+        planned.map(|(position, (&i, is_repeat))| Self {
+            position,
+            is_repeat,
+            entry: frames[i].clone(),
+        })
     }
 }
 
@@ -200,10 +208,11 @@ impl<P: Prepare> Worker<P> {
     fn prepare(
         &mut self,
         preparation: &P,
-        PlannedFrame { position, entry }: &PlannedFrame,
+        PlannedFrame { position, is_repeat, entry }: &PlannedFrame,
     ) -> Prepared<P::Observation> {
         let result = self.frame(preparation, entry);
-        Prepared { position: *position, name: entry.name.clone(), result }
+        let name = entry.name.clone();
+        Prepared { position: *position, is_repeat: *is_repeat, name, result }
     }
 
     fn frame(

@@ -105,6 +105,10 @@ impl Session {
         past: Past,
     ) -> Result<Self, SessionError> {
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
+        let passes = config.selection.passes;
+        if passes > 1 && frames.learner().comparer_use().is_none() {
+            return Err(SessionError::Passes(passes));
+        }
         let (started, wall_before_s) = (Instant::now(), past.wall_s);
         Ok(Self {
             dataset,

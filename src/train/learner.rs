@@ -106,6 +106,12 @@ pub trait Learns<Input>: Learner {
     /// at all; where only the reassignment after the fit fails, the frame is learnt and no component
     /// has moved.
     fn learn(&mut self, observation: &Input) -> Result<FrameOutcome, IndexError>;
+
+    /// Looks at a frame again that it has learnt: its points are known, only what its photograph differs
+    /// by can still teach. Nothing where photographs teach nothing.
+    fn look_again(&mut self, _observation: &Input) -> FrameOutcome {
+        FrameOutcome::default()
+    }
 }
 
 /// Components that a frame changed.

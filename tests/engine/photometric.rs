@@ -10,6 +10,7 @@ use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::views::{EvalOptions, evaluate};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
 use vbgs_studio::pipeline::plan::{Plan, Selection};
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::{SceneOverrides, SceneRun};
@@ -52,6 +53,50 @@ fn photographs_improve_views_that_were_never_seen() {
     let said = format!("points alone {off:.2} dB, light {light:.2} dB, full {full:.2} dB");
     println!("{said}");
     assert!(light > off + 0.4 && full > light, "{said}");
+}
+
+/// A session that is to go through the frames so often, after its first steps.
+fn repeated(passes: usize, steps: usize) -> Session {
+    let asked =
+        SceneOverrides { photometric: Some(PhotometricMode::Light), ..SceneOverrides::default() };
+    let selection = Selection { passes, ..Selection::everything() };
+    let mut session = Session::new(room(), asked, selection).unwrap();
+    (0..steps).for_each(|_| drop(session.step().unwrap()));
+    session
+}
+
+#[test]
+fn photographs_looked_at_again_teach_more_and_points_count_once() {
+    let [once, mut twice] = [repeated(1, 40), repeated(2, 80)];
+    assert!(matches!(twice.step().unwrap(), Step::Finished));
+    let [first, second] = [&once, &twice].map(|session| psnr(&session.stored_splats()));
+    println!("once {first:.2} dB, twice {second:.2} dB");
+    assert!(second > first + 0.2, "once {first:.2} dB, twice {second:.2} dB");
+    assert_eq!((once.frames().len(), twice.frames().len()), (40, 80));
+    let points = |session: &Session| session.frames().iter().map(|f| f.points).sum::<usize>();
+    assert_eq!(points(&once), points(&twice));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.vbgs");
+    repeated(2, 55).save(&path).unwrap();
+    let saved = SavedRun::read(&path).unwrap();
+    let mut resumed = saved.resume(room(), &ResumeRequest::default(), false).unwrap();
+    while !matches!(resumed.step().unwrap(), Step::Finished) {}
+    assert!(resumed.checkpoint().unwrap().model == twice.checkpoint().unwrap().model);
+    // A finished run may look again: the same as one that was to do so from the start.
+    once.save(&path).unwrap();
+    let asked = ResumeRequest { passes: Some(2), ..ResumeRequest::default() };
+    let mut resumed = SavedRun::read(&path).unwrap().resume(room(), &asked, false).unwrap();
+    while !matches!(resumed.step().unwrap(), Step::Finished) {}
+    assert!(resumed.checkpoint().unwrap().model == twice.checkpoint().unwrap().model);
+}
+
+#[test]
+fn points_alone_are_not_gone_through_twice() {
+    let asked =
+        SceneOverrides { photometric: Some(PhotometricMode::Off), ..SceneOverrides::default() };
+    let selection = Selection { passes: 2, ..Selection::everything() };
+    let error = Session::new(room(), asked, selection).err().unwrap().to_string();
+    assert!(error.contains("passes: expected 1") && error.contains("found 2"), "{error}");
 }
 
 /// A tenth of the frames, behind the first ones, by which is known what is usual.

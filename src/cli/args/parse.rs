@@ -4,6 +4,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use std::str::FromStr;
 use std::time::Duration;
+use vbgs_studio::pipeline::plan::MAX_PASSES;
 
 /// Parses a setting of the library by the names it has in files.
 pub fn choice<T>() -> impl TypedValueParser<Value = T>
@@ -20,6 +21,12 @@ pub fn parse_count(text: &str) -> Result<usize, String> {
     // know, and nobody would say what is expected.
     let count = text.parse().ok().filter(|&n| n > 0);
     count.ok_or_else(|| "expected a whole number, 1 or more".to_owned())
+}
+
+/// How often frames are gone through.
+pub fn parse_passes(text: &str) -> Result<usize, String> {
+    let passes = text.parse().ok().filter(|n| (1..=MAX_PASSES).contains(n));
+    passes.ok_or_else(|| format!("expected a whole number from 1 to {MAX_PASSES}"))
 }
 
 /// A number above 0.

@@ -3,7 +3,7 @@
 use super::depth::DepthArgs;
 use super::eval::ComparisonArgs;
 use super::mapping::MappingArgs;
-use super::parse::{choice, parse_count, parse_seconds};
+use super::parse::{choice, parse_count, parse_passes, parse_seconds};
 use super::renderer::RendererArgs;
 use super::settings::SettingsArgs;
 use clap::{Args, ValueEnum};
@@ -63,6 +63,10 @@ pub struct TrainArgs {
     /// Frames at most; with --resume those already trained count
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
+    /// Go through the frames N times, for those who have them all: from the second time on only
+    /// their photographs teach. With --resume those before count [default: 1]
+    #[arg(long, value_name = "N", value_parser = parse_passes, allow_negative_numbers = true)]
+    pub passes: Option<usize>,
     /// Every N-th frame [default: 1]
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub stride: Option<usize>,

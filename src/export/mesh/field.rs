@@ -101,7 +101,7 @@ type Place = [i32; 3];
 /// Blocks and the surfels that reach them, in order.
 fn reached(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
     let mut reached = Vec::new();
-    let min_share = std::env::var("MESH_SHARE").map_or(MIN_SHARE, |v| v.parse().unwrap());
+    let min_share = std::env::var("MESH_SHARE").map_or(MIN_SHARE, |v| v.parse().unwrap_or(0.0));
     let least = min_share * median_evidence(surfels);
     for (i, surfel) in surfels.iter().enumerate().filter(|(_, s)| s.evidence >= least) {
         let (lo, hi) = corners(surfel, cell);
@@ -175,7 +175,7 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
             }
         }
     }
-    let min_weight = std::env::var("MESH_WEIGHT").map_or(MIN_WEIGHT, |v| v.parse().unwrap());
+    let min_weight = std::env::var("MESH_WEIGHT").map_or(MIN_WEIGHT, |v| v.parse().unwrap_or(0.0));
     let sample = |(weight, distance, color): (f64, f64, DVec3)| {
         let known = weight >= min_weight;
         known.then(|| Sample { distance: distance / weight, color: color / weight })

@@ -32,8 +32,10 @@ pub struct ResumeRequest {
     pub shard: Option<Shard>,
     /// How depth files are read.
     pub load: LoadOptions,
-    /// Frames at most, those gone through included: the one setting that may change.
+    /// Frames at most, those gone through included: this may change.
     pub max_frames: Option<usize>,
+    /// How often frames are gone through, those before included: this may change too.
+    pub passes: Option<usize>,
     /// Whether to take frames while they are recorded.
     pub follow: bool,
 }
@@ -61,8 +63,8 @@ impl SavedRun {
 
 /// Which frames, and in which order.
 fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
-    // Taken apart whole, so that a new field asks to be compared; a limit of frames and who waits for
-    // them may change.
+    // Taken apart whole, so that a new field asks to be compared; how many frames, how often and who
+    // waits for them may change.
     let ResumeRequest {
         preset: _,
         model: _,
@@ -72,6 +74,7 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
         shard,
         load: _,
         max_frames: _,
+        passes: _,
         follow: _,
     } = asked;
     differs("--split", split.as_ref(), stored.split.as_ref())

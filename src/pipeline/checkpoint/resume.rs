@@ -27,9 +27,11 @@ impl SavedRun {
         force: bool,
     ) -> Result<Session, RunError> {
         self.check(asked)?;
+        let most_visits = self.most_visits().1;
         let Self { path, mut config, meta, content, .. } = self;
         let Checkpoint { history, cursor, model, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
+        config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
         let plan =
             Plan::after(&dataset, &config.selection, config.method.any().seed(), &cursor.visited)?;
         // A recording that was followed may have grown since.

@@ -8,6 +8,7 @@ use crate::export::checkpoint::{self, Checkpoint, Loaded};
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::any_preset::Revived;
 use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -57,7 +58,35 @@ impl SavedRun {
         let meta = parse(path, "META", &content.meta)?;
         let run = Self { path: path.to_owned(), version, bytes, config, meta, content };
         run.config.method.any().check(&run.content.model).map_err(|why| run.mismatch(why))?;
+        run.check_visits()?;
         Ok(run)
+    }
+
+    /// How often the frame was gone through that was so most often.
+    pub(super) fn most_visits(&self) -> (u32, usize) {
+        let mut visited = self.content.cursor.visited.clone();
+        visited.sort_unstable();
+        let runs = visited.chunk_by(|a, b| a == b).map(|run| (run[0], run.len()));
+        runs.max_by_key(|run| run.1).unwrap_or_default()
+    }
+
+    /// No frame may have been learnt oftener than its run has passes, nor a run go on for ever.
+    fn check_visits(&self) -> Result<(), RunError> {
+        let passes = self.config.selection.passes;
+        let refuse =
+            |section, problem| Err(RunError::Json { path: self.path.clone(), section, problem });
+        if !(1..=MAX_PASSES).contains(&passes) {
+            return refuse("CONF", format!("expected 1 to {MAX_PASSES} passes, found {passes}"));
+        }
+        match self.most_visits() {
+            (frame, n) if n > passes => refuse(
+                "CURS",
+                format!(
+                    "expected every frame {passes} times at most, found frame {frame} {n} times"
+                ),
+            ),
+            _ => Ok(()),
+        }
     }
 
     /// Splats as the session's files hold them.

@@ -4,12 +4,37 @@
 use super::{EVERYTHING_EVERY, SceneTrainer};
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::outcome::PhotographOutcome;
+use crate::train::outcome::{FrameOutcome, PhotographOutcome};
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::photometric::agreement::Comparison;
 use crate::train::scene::seed_positions::SeedPositions;
+use crate::train::stages::{SCENE_STAGES, SceneStage};
+use crate::train::timing::{StageMs, Stopwatch};
 
 impl<W: SumScalar> SceneTrainer<W> {
+    /// Learns from the photograph of a frame whose points are known, unless it contradicts the scene.
+    pub fn train_on_photograph(&mut self, frame: &Observation) -> FrameOutcome {
+        let wall = Stopwatch::start();
+        let mut ms = StageMs::new(&SCENE_STAGES);
+        let mut clock = Stopwatch::start();
+        let (moved, camera) = self.moved(frame);
+        let points = moved.as_deref().unwrap_or(&frame.points);
+        ms.add(SceneStage::Pose as usize, clock.lap_ms());
+        self.assign(points);
+        let gain = self.gain(points);
+        let contradiction = self.contradiction(frame, &camera, points);
+        ms.add(SceneStage::Assign as usize, clock.lap_ms());
+        self.pass_over();
+        let photograph = match contradiction {
+            None => self.learn_photograph(frame, &camera, gain),
+            contradiction => contradiction,
+        };
+        ms.add(SceneStage::Photometric as usize, clock.lap_ms());
+        self.moved = moved.unwrap_or_default();
+        ms.train = wall.elapsed_ms();
+        FrameOutcome { photograph, ms, ..FrameOutcome::default() }
+    }
+
     /// Whether a frame's points contradict the scene, asked only where photographs are learnt: without
     /// them scenes keep the bits that they had before frames were judged.
     pub(super) fn contradiction(
@@ -33,7 +58,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.photometric.judge(&agreement)
     }
 
-    /// Counts a frame of which nothing is learnt.
+    /// Counts a frame of whose points nothing is learnt.
     pub(super) fn pass_over(&mut self) {
         self.frames += 1;
         self.touched.clear();

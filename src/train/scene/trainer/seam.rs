@@ -25,6 +25,10 @@ impl<W: SumScalar> Learns<Observation> for SceneTrainer<W> {
     fn learn(&mut self, frame: &Observation) -> Result<FrameOutcome, IndexError> {
         Ok(self.train(frame))
     }
+
+    fn look_again(&mut self, frame: &Observation) -> FrameOutcome {
+        self.train_on_photograph(frame)
+    }
 }
 
 impl<W: SumScalar> SceneLearner for SceneTrainer<W> {
