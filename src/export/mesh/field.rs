@@ -45,7 +45,7 @@ const SPREAD: f64 = 0.5;
 const MIN_WEIGHT: f64 = 1.0;
 /// Components with less than this share of the median's points say nothing: they stand at the rims of
 /// what was seen, where pixels mix what is near and what is far.
-const MIN_SHARE: f64 = 0.2;
+const MIN_SHARE: f64 = 0.3;
 /// More points than this make a component no more certain: a wall seen in every frame must not
 /// outweigh the edge of what stands before it.
 const MAX_EVIDENCE: f64 = 64.0;
@@ -101,8 +101,7 @@ type Place = [i32; 3];
 /// Blocks and the surfels that reach them, in order.
 fn reached(surfels: &[Surfel], cell: f64) -> Result<Vec<(Place, u32)>, Fault> {
     let mut reached = Vec::new();
-    let min_share = std::env::var("MESH_SHARE").map_or(MIN_SHARE, |v| v.parse().unwrap_or(0.0));
-    let least = min_share * median_evidence(surfels);
+    let least = MIN_SHARE * median_evidence(surfels);
     for (i, surfel) in surfels.iter().enumerate().filter(|(_, s)| s.evidence >= least) {
         let (lo, hi) = corners(surfel, cell);
         let [lo, hi] = [lo, hi].map(|corner| corner.div_euclid(IVec3::splat(BLOCK)));
@@ -175,9 +174,8 @@ fn block<'a>(place: IVec3, surfels: impl Iterator<Item = &'a Surfel>, cell: f64)
             }
         }
     }
-    let min_weight = std::env::var("MESH_WEIGHT").map_or(MIN_WEIGHT, |v| v.parse().unwrap_or(0.0));
     let sample = |(weight, distance, color): (f64, f64, DVec3)| {
-        let known = weight >= min_weight;
+        let known = weight >= MIN_WEIGHT;
         known.then(|| Sample { distance: distance / weight, color: color / weight })
     };
     sums.into_iter().map(sample).collect()
