@@ -19,11 +19,11 @@ fn psnr_at_half(scratch: &Scratch) -> f64 {
     let mut sum = 0.0;
     for (i, pixel) in drawn.data.iter().enumerate() {
         let (x, y) = (2 * (i % 32), 2 * (i / 32));
-        for channel in 0..3 {
+        for (channel, drawn) in pixel.iter().take(3).enumerate() {
             let block = [(0, 0), (1, 0), (0, 1), (1, 1)];
             let bytes = block.map(|(dx, dy)| f64::from(frame.color.at(x + dx, y + dy)[channel]));
             let truth = bytes.iter().sum::<f64>() / 4.0 / 255.0;
-            sum += (f64::from(pixel[channel].clamp(0.0, 1.0)) - truth).powi(2);
+            sum += (f64::from(drawn.clamp(0.0, 1.0)) - truth).powi(2);
         }
     }
     -10.0 * (sum / (3 * drawn.data.len()) as f64).log10()

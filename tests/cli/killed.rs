@@ -66,9 +66,8 @@ fn kill(n: u32) {
             files.filter(|f| is_temporary(f.as_ref().unwrap().file_name().to_str().unwrap()));
         n_cut_short += usize::from(left.count() > 0);
     }
-    println!("frames in the newest file: {seen:?}; {n_cut_short} of {n} were killed in a save");
     assert!(seen.iter().all(|frames| (1..400).contains(frames)), "{seen:?}");
-    assert!(n_cut_short > 0, "no moment was in a save");
+    assert!(n_cut_short > 0, "no moment was in a save: {seen:?}");
 
     let last = format!("out{}", n - 1);
     let resume = format!("train room --out {last} --resume {last}/checkpoint.vbgs");

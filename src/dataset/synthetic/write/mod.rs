@@ -59,13 +59,13 @@ pub fn write(
     }
 }
 
-/// Writes what [`write`] does as a recording that grows, images in two parts, lines behind their images
+/// Writes what [`write()`] does as a recording that grows, images in two parts, lines behind their images
 /// and the marker of the end last: `due` is called before each frame, with its number from 0 and that
 /// of all, and returns when it is time. Rendering is slower than a camera, so that everything is
 /// written to a folder beside first.
 ///
 /// # Errors
-/// A layout that has its frames in one file; otherwise as [`write`].
+/// A layout that has its frames in one file; otherwise as [`write()`].
 pub fn write_live(
     params: &SyntheticParams,
     out: &Path,

@@ -21,7 +21,7 @@ const MIN_MATCHES: f64 = 100.0;
 
 /// How a frame's points agree with the components as they are before it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Agreement {
+pub struct FrameAgreement {
     /// Sum over points and channels of the squared difference from the mean colour of their component.
     pub squared_error: f64,
     /// Points it is over.
@@ -33,7 +33,7 @@ pub struct Agreement {
 }
 
 /// A frame beside the scene as it is before the frame is learnt.
-pub struct Comparison<'a, W> {
+pub struct FrameBesideScene<'a, W> {
     /// Sums of the components.
     pub component_sums: &'a ComponentSums<W>,
     /// Where they stand.
@@ -52,10 +52,10 @@ pub struct Comparison<'a, W> {
     pub gain: [f32; 3],
 }
 
-impl<W: SumScalar> Comparison<'_, W> {
+impl<W: SumScalar> FrameBesideScene<'_, W> {
     /// What points and components say; nothing where too few of either are known.
-    pub fn agreement(&self) -> Agreement {
-        let mut found = Agreement::default();
+    pub fn agreement(&self) -> FrameAgreement {
+        let mut found = FrameAgreement::default();
         for (point, &owner) in self.points.iter().zip(self.owners).step_by(EVERY) {
             if owner == NONE || owner as usize >= self.component_sums.len() {
                 continue;

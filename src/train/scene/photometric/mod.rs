@@ -21,7 +21,7 @@ use crate::render::cpu::photometric::{
 use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
 use crate::train::outcome::PhotographOutcome;
 use crate::train::timing::Stopwatch;
-use agreement::Agreement;
+use agreement::FrameAgreement;
 use comparers::Comparers;
 use rayon::prelude::*;
 use rule::PhotometricRule;
@@ -99,7 +99,7 @@ impl PhotometricLearner {
 
     /// Judges a frame by its points before anything of it is learnt; `None` unless it contradicts the
     /// scene.
-    pub fn judge(&mut self, agreement: &Agreement) -> Option<PhotographOutcome> {
+    pub fn judge(&mut self, agreement: &FrameAgreement) -> Option<PhotographOutcome> {
         noise::judge_points(&mut self.state, agreement)
     }
 

@@ -1,7 +1,7 @@
 //! How far photographs differ from the pictures drawn before they are learnt: what a pixel's noise is
 //! taken from, and the test that a photograph belongs to the scene (`photometric.md`, Noise).
 
-use super::agreement::Agreement;
+use super::agreement::FrameAgreement;
 use crate::model::scene::photometric::PhotometricState;
 use crate::train::outcome::{Contradiction, PhotographOutcome};
 
@@ -35,9 +35,9 @@ pub fn judge(noise: &mut [f64; 2], squared_error: f64, pixels: f64) -> Option<Ph
 /// contradict it.
 pub fn judge_points(
     state: &mut PhotometricState,
-    agreement: &Agreement,
+    agreement: &FrameAgreement,
 ) -> Option<PhotographOutcome> {
-    let Agreement { squared_error, points, in_view, seen_through } = *agreement;
+    let FrameAgreement { squared_error, points, in_view, seen_through } = *agreement;
     let colors = judge(&mut state.points, squared_error, points)
         .filter(|outcome| outcome.contradiction.is_some())
         .map(|outcome| PhotographOutcome { contradiction: Some(Contradiction::Colors), ..outcome });

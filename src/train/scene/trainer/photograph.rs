@@ -6,7 +6,7 @@ use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::outcome::{FrameOutcome, PhotographOutcome};
 use crate::train::scene::component_sums::SumScalar;
-use crate::train::scene::photometric::agreement::Comparison;
+use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
@@ -44,7 +44,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         points: &[SurfacePoint],
     ) -> Option<PhotographOutcome> {
         self.config.photometric?;
-        let comparison = Comparison {
+        let comparison = FrameBesideScene {
             component_sums: &self.component_sums,
             seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
             h: self.config.h,
