@@ -82,6 +82,7 @@ fn accuracy_is_taken_apart() {
         "+ plane fit and its filter",
         "no colour gradient",
         "body-centred, h =",
+        "seeds, points alone, h =",
         "frames learnt: 1;",
     ] {
         assert!(run.stdout.contains(part), "{part}: {}", run.stdout);
@@ -103,7 +104,7 @@ fn accuracy_is_taken_apart() {
     // Exact depth, registered colour, one exposure: nothing to calibrate, tighten or fit.
     let names: Vec<&str> = rows.iter().map(|row| row["configuration"].as_str().unwrap()).collect();
     assert!(!names.iter().any(|name| name.contains("calibration") || name.contains("gain")));
-    assert_eq!((steps.len(), scales.len()), (9, 6), "{names:?}");
+    assert_eq!((steps.len(), scales.len()), (9, 8), "{names:?}");
     for row in scales {
         let range = row["psnr_high"].as_f64().unwrap() - row["psnr_low"].as_f64().unwrap();
         assert!(range == 0.0 || row["births"] == "seeds", "lattices know no order: {row}");

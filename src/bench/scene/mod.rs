@@ -33,7 +33,7 @@ use crate::render::{RenderMethod, RenderOptions};
 use row::Measured;
 use std::sync::Arc;
 use training::{Trained, n_sweeps, train};
-use variants::{budgets, parts, scales};
+use variants::{budgets, constants, parts, scales};
 
 /// How much of the tables is run.
 #[derive(Clone, Debug)]
@@ -88,6 +88,9 @@ pub fn run(
 ) -> Result<Bench, BenchError> {
     let (stage, base) = AccuracyRuns::new(plan, dataset)?;
     let mut rows = parts(&base);
+    if !plan.options.quick {
+        rows.extend(constants(&base));
+    }
     let of_scale = scales(&stage.dataset, &stage.plan, &base, &plan.scales);
     rows.extend(of_scale.map_err(SessionError::from)?);
     // Budgets are shares of what is born without one, which only a run of its own tells.

@@ -6,12 +6,14 @@ use crate::bench::plot::axis::Axis;
 use crate::bench::plot::draw::{Mark, Panel, Series};
 use crate::eval::spread::Spread;
 use crate::eval::table;
+use crate::train::scene::photometric::rule::PhotometricMode;
 
 /// The tables, one below the other.
 pub fn text(rows: &[AccuracyRow]) -> String {
     let tables = [
         (Table::Cumulative, "Every row adds to the one above:"),
         (Table::LeaveOneOut, "One change each:"),
+        (Table::Constants, "One constant of learning from photographs each:"),
         (Table::Scale, "Structural scale:"),
         (Table::Budget, "Budget, the least useful components merged:"),
     ];
@@ -19,7 +21,9 @@ pub fn text(rows: &[AccuracyRow]) -> String {
         let rows: Vec<_> = rows.iter().filter(|r| r.table == which).map(cells).collect();
         format!("{title}\n{}", table::text(HEADER, &rows))
     };
-    tables.map(of_table).join("\n\n")
+    let is_there = |table: &(Table, &str)| rows.iter().any(|row| row.table == table.0);
+    let tables: Vec<String> = tables.into_iter().filter(is_there).map(of_table).collect();
+    tables.join("\n\n")
 }
 
 const HEADER: [&str; 11] = [
@@ -97,8 +101,8 @@ pub fn panels(rows: &[AccuracyRow], is_registered: bool) -> [Panel; 2] {
             Spread::exact(row.psnr_aligned_covered.unwrap_or(f64::NAN))
         })
     };
-    let is_curve = |row: &AccuracyRow| matches!(row.table, Table::Scale | Table::Budget);
-    let named: Vec<&AccuracyRow> = rows.iter().filter(|r| !is_curve(r)).collect();
+    let is_part = |row: &AccuracyRow| matches!(row.table, Table::Cumulative | Table::LeaveOneOut);
+    let named: Vec<&AccuracyRow> = rows.iter().filter(|r| is_part(r)).collect();
     let of_table = |which: Table, name: &str| {
         let rows = named.iter().enumerate().filter(|(_, row)| row.table == which);
         let mark = |(i, row): (usize, &&AccuracyRow)| Mark {
@@ -138,7 +142,15 @@ fn curves(rows: &[AccuracyRow], measure: fn(&AccuracyRow) -> Spread) -> Vec<Seri
             .collect(),
         connected: true,
     };
-    let by_rule = scales.chunk_by(|a, b| a.births == b.births);
-    let by_rule = by_rule.map(|rule| curve(rule[0].births.to_string(), rule));
+    let kind = |row: &AccuracyRow| (row.births, row.photographs);
+    let by_rule = scales.chunk_by(|a, b| kind(a) == kind(b));
+    let by_rule = by_rule.map(|rule| curve(curve_name(rule[0]), rule));
     by_rule.chain([curve("seeds, budgets".to_owned(), &budgets)]).collect()
+}
+
+fn curve_name(row: &AccuracyRow) -> String {
+    match row.photographs {
+        PhotometricMode::Off => format!("{}, points alone", row.births),
+        _ => row.births.to_string(),
+    }
 }

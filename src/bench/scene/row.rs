@@ -8,6 +8,7 @@ use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::spread::Spread;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::BirthRule;
+use crate::train::scene::photometric::rule::PhotometricMode;
 use serde::Serialize;
 
 /// One row of a table; qualities are means over views, then over the orders of frames.
@@ -19,6 +20,8 @@ pub struct AccuracyRow {
     pub configuration: String,
     /// Where components are born.
     pub births: BirthRule,
+    /// How much of photographs is learnt.
+    pub photographs: PhotometricMode,
     /// Structural scale, world units.
     pub h: f64,
     /// Components that are drawn.
@@ -102,6 +105,7 @@ impl AccuracyRow {
             table: variant.table,
             configuration: variant.name.clone(),
             births: variant.run.engine.births,
+            photographs: PhotometricMode::of(variant.run.engine.photometric),
             h: variant.run.engine.h,
             drawn: mean(&|m| m.trained.drawn() as f64),
             born: mean(&|m| m.trained.born as f64),

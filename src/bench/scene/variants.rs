@@ -13,7 +13,7 @@ use crate::model::scene::opacity::DensityOpacity;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
 use crate::train::scene::config::{BirthRule, VisibilityRule};
-use crate::train::scene::photometric::rule::PhotometricMode;
+use crate::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::units::StructuralScale;
 use serde::Serialize;
@@ -26,6 +26,8 @@ pub enum Table {
     Cumulative,
     /// Every row changes one thing of the preset.
     LeaveOneOut,
+    /// Every row changes one constant of learning from photographs.
+    Constants,
     /// Components against quality: the structural scale under one birth rule.
     Scale,
     /// Components against quality: the preset's scale, merged down to a budget.
@@ -162,6 +164,46 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
     rows
 }
 
+/// A constant of learning from photographs.
+type PhotometricConstant = (&'static str, fn(&mut PhotometricRule) -> &mut f64);
+
+const CONSTANTS: [PhotometricConstant; 14] = [
+    ("noise", |rule| &mut rule.noise),
+    ("kept curvature", |rule| &mut rule.kept),
+    ("forgotten precision", |rule| &mut rule.forgotten),
+    ("damping", |rule| &mut rule.damping),
+    ("tau", |rule| &mut rule.tau),
+    ("coverage", |rule| &mut rule.coverage),
+    ("trust", |rule| &mut rule.trust),
+    ("prior of means", |rule| &mut rule.prior.mean),
+    ("prior of scales", |rule| &mut rule.prior.scale),
+    ("prior of turns", |rule| &mut rule.prior.turn),
+    ("prior of opacity", |rule| &mut rule.prior.opacity),
+    ("prior of colour", |rule| &mut rule.prior.color),
+    ("prior of colour by direction", |rule| &mut rule.prior.directional),
+    ("prior of colour gradients", |rule| &mut rule.prior.gradient),
+];
+
+/// Every constant of learning from photographs halved and doubled; nothing where none are learnt.
+pub fn constants(base: &SceneRun) -> Vec<SceneVariant> {
+    let Some(rule) = base.engine.photometric else { return Vec::new() };
+    let row = |name: String, rule: PhotometricRule| {
+        let mut run = base.clone();
+        run.engine.photometric = Some(rule);
+        SceneVariant { table: Table::Constants, name, run }
+    };
+    let scaled = |(name, constant): PhotometricConstant| {
+        [0.5, 2.0].map(|factor| {
+            let mut rule = rule;
+            *constant(&mut rule) *= factor;
+            row(format!("{name} × {factor}"), rule)
+        })
+    };
+    let rows =
+        [1, 2, 8].map(|rows| row(format!("one of {rows} rows"), PhotometricRule { rows, ..rule }));
+    CONSTANTS.into_iter().flat_map(scaled).chain(rows).collect()
+}
+
 /// Budgets, as shares of the components born without one.
 const BUDGETS: [f64; 4] = [0.9, 0.7, 0.5, 0.3];
 
@@ -176,8 +218,8 @@ pub fn budgets(base: &SceneRun, born: usize) -> Vec<SceneVariant> {
     BUDGETS.map(of_share).to_vec()
 }
 
-/// The structural scale of `base` times each factor, under every birth rule; scales below what the
-/// depth resolves are left out.
+/// The structural scale of `base` times each factor, under every birth rule and for points alone;
+/// scales below what the depth resolves are left out.
 pub fn scales(
     dataset: &Dataset,
     plan: &Plan,
@@ -185,13 +227,21 @@ pub fn scales(
     factors: &[f64],
 ) -> Result<Vec<SceneVariant>, SceneError> {
     let mut rows = Vec::new();
-    for births in [BirthRule::Seeds, BirthRule::Lattice, BirthRule::BodyCentred] {
+    let points_alone = Some(PhotometricMode::Off);
+    for (births, photometric) in [
+        (BirthRule::Seeds, None),
+        (BirthRule::Seeds, points_alone),
+        (BirthRule::Lattice, None),
+        (BirthRule::BodyCentred, None),
+    ] {
         for factor in factors {
             let scale = Some(StructuralScale::World(base.engine.h * factor));
-            let overrides = SceneOverrides { scale, births: Some(births), ..Default::default() };
+            let overrides =
+                SceneOverrides { scale, births: Some(births), photometric, ..Default::default() };
             match SceneRun::new(dataset, plan, &overrides) {
                 Ok(run) => {
-                    let name = format!("{births}, h = {:.3}", run.engine.h);
+                    let of_points = photometric.map_or("", |_| ", points alone");
+                    let name = format!("{births}{of_points}, h = {:.3}", run.engine.h);
                     rows.push(SceneVariant { table: Table::Scale, name, run });
                 }
                 Err(SceneError::BelowNoise { .. }) => {}
