@@ -58,9 +58,9 @@ fn render_orbit(
     args: &RenderArgs,
 ) -> Result<(), Failure> {
     let intrinsics = intrinsics(args);
-    let options = |method| RenderOptions {
-        exposing: args.exposure,
-        ..RenderOptions::viewport(method, args.background, radius)
+    let options = |method| {
+        let plain = RenderOptions::viewport(method, args.background, radius);
+        RenderOptions { exposing: args.exposure.unwrap_or(plain.exposing), ..plain }
     };
     let mut draw = |orbit: Orbit, path: &Path| {
         painter.draw(&Camera { intrinsics, pose: orbit.pose() }, &options, path)
@@ -104,10 +104,10 @@ fn render_view(
             args.view
         )));
     };
-    let options = |method| RenderOptions {
-        exposing: args.exposure,
+    let options = |method| {
         // Not as the viewport draws: this is the picture that `eval` scores.
-        ..RenderOptions::evaluation(method, args.background)
+        let plain = RenderOptions::evaluation(method, args.background);
+        RenderOptions { exposing: args.exposure.unwrap_or(plain.exposing), ..plain }
     };
     let camera = entry.photo_camera(photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;

@@ -204,16 +204,19 @@ pub struct RenderOptions {
 }
 
 impl RenderOptions {
-    /// The settings of measured images: near plane 0.2, splats as they are.
+    /// The settings of measured images: near plane 0.2, splats as they are, as bright as the cameras
+    /// that measured.
     pub fn evaluation(method: RenderMethod, background: [f32; 3]) -> Self {
-        let exposing = Exposing::Neutral;
+        let exposing = Exposing::Recorded;
         Self { background, near: EVALUATION_NEAR, method, look: SplatStyle::PLAIN, exposing }
     }
 
-    /// The settings of a view people move in: the near plane shrinks with small scenes, whose
-    /// radius is in world units.
+    /// The settings of a view people move in: one exposure, and the near plane shrinks with small
+    /// scenes, whose radius is in world units.
     pub fn viewport(method: RenderMethod, background: [f32; 3], scene_radius: f64) -> Self {
         let near = EVALUATION_NEAR.min(VIEWPORT_NEAR_SHARE * scene_radius);
-        Self { near, ..Self::evaluation(method, background) }
+        // Where nobody took a photograph nothing says how bright: and it must not change on the way.
+        let exposing = Exposing::Neutral;
+        Self { near, exposing, ..Self::evaluation(method, background) }
     }
 }

@@ -32,7 +32,7 @@ pub struct ComparisonArgs {
     pub partial_coverage: PartialCoverage,
     /// How bright scenes are drawn whose cameras exposed by themselves: as the first frames were, or
     /// as those recorded around each view
-    #[arg(long, value_parser = choice::<Exposing>(), default_value = "neutral")]
+    #[arg(long, value_parser = choice::<Exposing>(), default_value = "recorded")]
     pub exposure: Exposing,
     /// Where views are drawn from: as recorded, or moved as the frames were that the scene was learnt
     /// from around them, where their poses were corrected

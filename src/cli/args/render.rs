@@ -47,9 +47,9 @@ pub struct RenderArgs {
     #[arg(long, default_value = "black", value_parser = parse_color)]
     pub background: [f32; 3],
     /// How bright a scene is drawn whose cameras exposed by themselves: as the first frames were, or
-    /// as those recorded around the view
-    #[arg(long, value_parser = choice::<Exposing>(), default_value = "neutral")]
-    pub exposure: Exposing,
+    /// as those recorded around the view [default: recorded for a view of --dataset, else neutral]
+    #[arg(long, value_parser = choice::<Exposing>())]
+    pub exposure: Option<Exposing>,
     #[command(flatten)]
     pub renderer: RendererArgs,
     /// What the splats' colours show
