@@ -174,6 +174,12 @@ impl Plan {
         self.frames.extend(further);
     }
 
+    /// The frames of the first pass.
+    pub fn first_pass(&self) -> Vec<usize> {
+        let repeats = self.repeats();
+        self.frames.iter().zip(repeats).filter(|(_, again)| !again).map(|(&i, _)| i).collect()
+    }
+
     /// Whether each position's frame was there at one before it.
     pub fn repeats(&self) -> Vec<bool> {
         let mut known = BTreeSet::new();

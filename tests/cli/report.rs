@@ -70,6 +70,7 @@ eval[].depth_mae_mean number
 eval[].exposure string
 eval[].ground_truth string
 eval[].partial_coverage string
+eval[].poses string
 eval[].psnr_aligned_covered_mean number
 eval[].psnr_aligned_mean number
 eval[].psnr_covered_mean number

@@ -33,8 +33,8 @@ fn saves_fall_due_by_frames_or_by_time() {
     autosave.set_interval(soon);
     std::thread::sleep(Duration::from_millis(2));
     assert!(autosave.between_frames(&session).is_none());
-    let bytes = std::fs::metadata(&path).unwrap().len();
     let Some(Ok(last)) = autosave.wait() else { panic!("the last two frames were not saved") };
+    let bytes = std::fs::metadata(&path).unwrap().len();
     assert_eq!(last, Autosaved { frames: 10, bytes });
     std::thread::sleep(Duration::from_millis(2));
     autosave.between_frames(&session);

@@ -32,7 +32,7 @@ impl SceneRun {
         let mut run = Self::defaults(dataset, plan, overrides);
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
-        let sample = FrameSample::of(dataset, plan.split, &plan.frames, &run.surface)?;
+        let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
         run.engine.h = in_world_units(run.scale, &sample)?;
         Ok(Self { engine: run.engine.check()?, ..run })
     }
