@@ -163,7 +163,10 @@ impl PhotometricComparer for GpuComparer {
             device: self.name.clone(),
             reason: error.to_string(),
         })?;
-        let answer = self.answer.as_deref().unwrap_or_default();
+        let Some(answer) = self.answer.as_deref() else {
+            // Nothing is in view, so nothing was asked.
+            return Ok(Compared::by_splat(view.clone(), &[], squared_error, pixels));
+        };
         // Differences of tiles come first.
         let sums = &answer[answer.len() - view.n_drawn() * SUM_BYTES..];
         let sums: &[f32] = bytemuck::cast_slice(sums);
