@@ -22,9 +22,11 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
 
 fn splats(args: &ExportArgs) -> Result<(), Failure> {
     let format = format(args)?;
-    let (model, training) = match (args.min_evidence, args.max_uncertainty) {
-        (None, None) => (model::load(&args.model)?, None),
-        _ => model::load_with_training(&args.model)?,
+    // Point clouds hold what is known of each point; other files only leave some out by it.
+    let is_asked = args.min_evidence.is_some() || args.max_uncertainty.is_some();
+    let (model, training) = match is_asked || format == ModelFormat::PointCloudPly {
+        true => model::load_with_training(&args.model)?,
+        false => (model::load(&args.model)?, None),
     };
     let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
     say_what_is_assumed(args, is_turned, &model);

@@ -51,7 +51,10 @@ pub struct Training {
 impl Training {
     fn of(revived: &Revived) -> Self {
         let (learner, normalization) = (&revived.learner, &revived.normalization);
-        let of = |i| ComponentAttributes::new(&learner.posterior(i), normalization, None, None);
+        let of = |i| {
+            ComponentAttributes::new(&learner.posterior(i), normalization, None, None)
+                .photographed(learner.photographed(i))
+        };
         let attributes: Vec<_> = (0..learner.components()).map(of).collect();
         let evidence = attributes.iter().map(|a| a.evidence.map_or(0.0, f64::from)).collect();
         let uncertainty = |a: &ComponentAttributes| a.uncertainty.map_or(f64::INFINITY, f64::from);

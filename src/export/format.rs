@@ -119,7 +119,7 @@ pub struct WriteSelection<'a> {
     pub min_evidence: Option<f64>,
     /// Largest standard deviation of a splat's position, world units; asks for `uncertainty`.
     pub max_uncertainty: Option<f64>,
-    /// Standard deviation of the position of every splat given, world units.
+    /// Standard deviation of the position of every splat given, world units; point clouds also hold it.
     pub uncertainty: Option<&'a [f64]>,
 }
 

@@ -1,6 +1,7 @@
 //! What is known of a component beside its splat.
 
 use super::conjugate::posterior::ComponentPosterior;
+use super::scene::photometric::PhotometricDeviations;
 use crate::math::normalization::Normalization;
 
 /// What is known of a component beside its splat.
@@ -8,8 +9,8 @@ use crate::math::normalization::Normalization;
 pub struct ComponentAttributes {
     /// Points it has received, `N_k`; `None` for splats that no training stands behind.
     pub evidence: Option<f32>,
-    /// Standard deviation of the mean's position, world units
-    /// ([`ComponentPosterior::mean_deviation`]).
+    /// Standard deviation of the position of what is drawn, world units: of the points' mean
+    /// ([`ComponentPosterior::mean_deviation`]), or what photographs leave uncertain of the splat.
     pub uncertainty: Option<f32>,
     /// Mean ELBO, nats, of the points of the last frame that it has the largest share in; `None` if
     /// it has none, or where nobody asked for the sum.
@@ -36,6 +37,12 @@ impl ComponentAttributes {
             elbo: elbo.map(|e| e as f32),
             birth,
         }
+    }
+
+    /// The same of a component whose splat photographs have moved: they alone, since it began.
+    pub fn photographed(self, found: Option<PhotometricDeviations>) -> Self {
+        let uncertainty = found.map(|found| found.position() as f32).or(self.uncertainty);
+        Self { uncertainty, ..self }
     }
 }
 

@@ -15,14 +15,8 @@ impl Session {
         let elbo = engine.component_elbo().of(component).map(|(mean, _)| mean);
         let posterior = engine.posterior(component);
         let birth = self.birth_of(component);
-        let of_points = ComponentAttributes::new(&posterior, self.normalization(), elbo, birth);
-        match engine.photographed(component) {
-            // Of what is drawn: photographs alone have moved it since it began.
-            Some(found) => {
-                ComponentAttributes { uncertainty: Some(found.position() as f32), ..of_points }
-            }
-            None => of_points,
-        }
+        ComponentAttributes::new(&posterior, self.normalization(), elbo, birth)
+            .photographed(engine.photographed(component))
     }
 
     /// Everything known of a component; `None` if there is none of that number.

@@ -90,6 +90,11 @@ fn exports_are_chosen_turned_scaled_and_meshed() {
     for name in ["sure.ply", "low.spz"] {
         assert!((1..count("all.ply")).contains(&count(name)), "{name}");
     }
+    export("--format point-cloud", "points.ply");
+    let header = String::from_utf8_lossy(&scratch.bytes("points.ply")).into_owned();
+    for known in ["confidence", "uncertainty"] {
+        assert!(header.contains(&format!("property float {known}\n")), "{known} is missing");
+    }
     let comments = scratch.run("info all.ply").succeeds().stdout;
     for said in
         ["vbgs made by vbgs-studio", "preset scene, from 8 frames", "vbgs antialias footprint"]

@@ -4,7 +4,7 @@ use super::{random_splats, read_bytes, written, written_as};
 use glam::DVec3;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
-use vbgs_studio::export::{Axes, ModelFormat, ModelKind, WriteOptions};
+use vbgs_studio::export::{Axes, ModelFormat, ModelKind, WriteOptions, WriteSelection};
 use vbgs_studio::math::image::unit_to_byte;
 use vbgs_studio::model::splat::splats::Splat;
 
@@ -80,7 +80,7 @@ fn headers_keep_what_the_pickiest_readers_ask_for() {
 }
 
 #[test]
-fn point_clouds_hold_colour_normals_and_confidence() {
+fn point_clouds_hold_colour_normals_and_what_is_known_of_each() {
     let flat = |mean: [f32; 3], thinnest: usize| {
         let mut scale = [0.2, 0.3, 0.25];
         scale[thinnest] = 0.01;
@@ -92,21 +92,25 @@ fn point_clouds_hold_colour_normals_and_confidence() {
     let options = WriteOptions {
         camera_centres: &centres,
         confidence: Some(&[1.5, 99.0, 2.5, 1e6]),
+        selection: WriteSelection {
+            uncertainty: Some(&[0.25, 9.0, 0.5, 1.0]),
+            ..Default::default()
+        },
         ..WriteOptions::new(ModelFormat::PointCloudPly)
     };
     let bytes = written(&splats, &options);
     let ply = parse(&bytes);
     let expected = [
-        ([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], 1.5),
-        ([10.0, 0.0, 0.0], [-1.0, 0.0, 0.0], 2.5),
-        ([10.0, 9.0, 0.0], [0.0, -1.0, 0.0], 1e6),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [1.5, 0.25]),
+        ([10.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [2.5, 0.5]),
+        ([10.0, 9.0, 0.0], [0.0, -1.0, 0.0], [1e6, 1.0]),
     ];
     assert_eq!(ply.payload["vertex"].len(), expected.len());
-    for (vertex, (mean, normal, confidence)) in ply.payload["vertex"].iter().zip(expected) {
+    for (vertex, (mean, normal, known)) in ply.payload["vertex"].iter().zip(expected) {
         assert_eq!(["x", "y", "z"].map(|n| float(vertex, n)), mean);
         assert_eq!(["nx", "ny", "nz"].map(|n| float(vertex, n)), normal);
         assert_eq!(["red", "green", "blue"].map(|n| byte(vertex, n)), [255, 128, 0]);
-        assert_eq!(float(vertex, "confidence"), confidence);
+        assert_eq!(["confidence", "uncertainty"].map(|n| float(vertex, n)), known);
     }
     let model = read_bytes(&bytes).unwrap();
     assert_eq!((model.kind, model.splats.len()), (ModelKind::PointCloud, 3));

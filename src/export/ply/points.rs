@@ -25,6 +25,9 @@ pub(in crate::export) fn header(n: usize, options: &WriteOptions) -> Result<Stri
     if options.confidence.is_some() {
         put("float", &["confidence"]);
     }
+    if options.selection.uncertainty.is_some() {
+        put("float", &["uncertainty"]);
+    }
     end_header(header)
 }
 
@@ -39,6 +42,7 @@ pub(in crate::export) fn points(
     out.write_all(header.as_bytes())?;
     // Cameras stand in the model's world, so normals and colours are found there.
     let (cameras, confidence) = (options.camera_centres, options.confidence);
+    let (uncertainty, unit) = (options.selection.uncertainty, options.unit_scale);
     write_rows(out, source.n_rows(), steps, |i, row| {
         let point = source.in_world(i);
         put_floats(row, &source.row(i).mean.to_array());
@@ -51,6 +55,9 @@ pub(in crate::export) fn points(
         row.extend_from_slice(&color.to_array().map(|c| unit_to_byte(c as f32)));
         if let Some(confidence) = confidence {
             put_floats(row, &[confidence[source.splat_of(i)]]);
+        }
+        if let Some(uncertainty) = uncertainty {
+            put_floats(row, &[uncertainty[source.splat_of(i)] * unit]);
         }
     })
 }
