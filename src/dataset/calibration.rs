@@ -11,6 +11,7 @@
 //! recording are those of the depth camera.
 
 use crate::math::camera::{Camera, Intrinsics};
+use crate::math::pose::Pose;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -201,6 +202,15 @@ impl ColorCamera {
             rotation: [0.0; 3],
             size: Some([width, height]),
         }
+    }
+
+    /// The same lens where the depth camera stood at `depth` and this one at `color`, as of a camera that
+    /// moved between the two images.
+    pub(super) fn standing(self, depth: &Pose, color: &Pose) -> Self {
+        let back = depth.rotation().transpose();
+        let offset = back * (color.centre() - depth.centre());
+        let turn = DQuat::from_mat3(&(back * color.rotation())).normalize();
+        Self { offset: offset.to_array(), rotation: turn.to_scaled_axis().to_array(), ..self }
     }
 
     /// World pose and intrinsics where the depth camera is `depth`.

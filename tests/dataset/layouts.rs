@@ -6,6 +6,7 @@ use std::path::Path;
 use vbgs_studio::dataset::frame::DepthCodes;
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
 use vbgs_studio::dataset::{Dataset, Layout, LoadOptions, open, range};
+use vbgs_studio::math::pose::Pose;
 
 fn shape(dataset: &Dataset) -> Vec<(&str, usize)> {
     dataset.splits.iter().map(|s| (s.name.as_str(), s.frames.len())).collect()
@@ -165,4 +166,33 @@ fn seven_scenes_estimates_its_range_from_depth() {
     let far = open(folder.path(), &options).unwrap();
     let error = range::estimate(&far, 0).unwrap_err().to_string();
     assert!(error.contains("widen the depth range"), "{error}");
+}
+
+#[test]
+fn a_photograph_was_taken_where_the_camera_was_at_its_own_time() {
+    let folder = tiny(SyntheticLayout::Tum);
+    let at_once = open_plain(folder.path()).unwrap();
+    let frames = |dataset: &Dataset| dataset.splits[0].frames.clone();
+    assert!(frames(&at_once).iter().all(|frame| frame.color_camera.is_none()));
+    // Frames are 33 ms apart: a photograph 10 ms late saw what .3 of the way shows.
+    let list = folder.path().join("rgb.txt");
+    let late = |line: &str| match line.split_once(' ') {
+        Some((time, file)) if !line.starts_with('#') => {
+            format!("{:.6} {file}", time.parse::<f64>().unwrap() + 0.01)
+        }
+        _ => line.to_owned(),
+    };
+    let lines: Vec<String> = fs::read_to_string(&list).unwrap().lines().map(late).collect();
+    fs::write(&list, lines.join("\n")).unwrap();
+    let dataset = open_plain(folder.path()).unwrap();
+    let (frame, next) = (&frames(&dataset)[0], &frames(&at_once)[1]);
+    let [depth, there] = [frame.camera.pose, next.camera.pose];
+    let photograph = frame.color_camera.unwrap().beside(&frame.camera);
+    assert_eq!(photograph.intrinsics, frame.camera.intrinsics);
+    let expected = depth.centre().lerp(there.centre(), 0.3);
+    assert!((photograph.pose.centre() - expected).length() < 1e-5);
+    let angle = |a: &Pose, b: &Pose| a.forward().angle_between(b.forward());
+    let (turned, all) = (angle(&depth, &photograph.pose), angle(&depth, &there));
+    assert!(all > 1e-3 && (turned / all - 0.3).abs() < 0.01, "{turned} of {all}");
+    assert_eq!(depth, frames(&at_once)[0].camera.pose, "depth stays where it was");
 }

@@ -5,7 +5,8 @@
 //! Nothing was taken at one time: a frame is a depth image, the photograph nearest to it and the pose
 //! at its time, interpolated between the two around it. A camera that turns by 100° a second turns by
 //! half a degree between two poses at 100 Hz, hence the pose is that of the depth image and not the
-//! nearest one.
+//! nearest one. Between depth image and photograph, 18 ms apart, it turns by two degrees, or 18 pixels: the
+//! photograph was taken by a camera that stood where the trajectory was at its own time.
 //!
 //! The recordings do not hold their intrinsics. The default of the makers projects their depth better
 //! than the calibration that is published for each colour camera.
@@ -14,6 +15,7 @@ use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{Cameras, RecordedFrame, Recording, wrong};
 use super::stated::{self, PRIMESENSE};
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
+use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
@@ -37,6 +39,8 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLOR_LIST: &str = "rgb.txt";
 const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
+/// Seconds between a depth image and a photograph that were taken at one time.
+const SIMULTANEOUS: f64 = 1e-3;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 /// Metres; as of 7-Scenes, whose sensor it is.
@@ -81,7 +85,8 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         {
             continue;
         }
-        match frame(depth, &colors, &trajectory, cameras, encoding) {
+        let poses = Poses { trajectory: &trajectory, convention: options.poses };
+        match frame(depth, &colors, poses, cameras, encoding) {
             Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
         }
@@ -200,15 +205,40 @@ fn cameras(
     recording.one_lens(&k, size, depth_size, &file).map(Some)
 }
 
+/// Where the camera was, and what the numbers mean.
+#[derive(Clone, Copy)]
+struct Poses<'a> {
+    trajectory: &'a Trajectory,
+    /// What the user says; `None` for the layout's own.
+    convention: Option<PoseConvention>,
+}
+
+impl Poses<'_> {
+    /// The colour camera beside the depth camera as it stood at another time; as it is where the
+    /// trajectory does not say.
+    fn apart(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
+        if (times[0] - times[1]).abs() < SIMULTANEOUS {
+            return cameras;
+        }
+        let convention = self.convention.unwrap_or(FORMAT.poses);
+        let pose = |time| self.trajectory.at(time).ok().and_then(|m| convention.pose(m).ok());
+        let (Some(depth), Some(color)) = (pose(times[0]), pose(times[1])) else { return cameras };
+        let lens = cameras.color.unwrap_or_else(|| ColorCamera::resampled(&cameras.depth, size));
+        Cameras { color: Some(lens.standing(&depth, &color)), ..cameras }
+    }
+}
+
 fn frame(
     depth: &TimedImage,
     colors: &[TimedImage],
-    trajectory: &Trajectory,
+    poses: Poses<'_>,
     cameras: Cameras,
     encoding: DepthEncoding,
 ) -> Result<RecordedFrame, FrameProblem> {
-    let pose = Pose::from_opencv(trajectory.at(depth.time)?)?;
+    let pose = Pose::from_opencv(poses.trajectory.at(depth.time)?)?;
     let color = nearest(colors, depth.time)?;
+    let size = [cameras.depth.width, cameras.depth.height];
+    let cameras = poses.apart(cameras, size, [depth.time, color.time]);
     let file = ByteSource::File(depth.path.clone());
     Ok(RecordedFrame {
         name: frame_name(&depth.name).into(),
