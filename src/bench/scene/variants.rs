@@ -167,10 +167,11 @@ pub fn parts(base: &SceneRun) -> Vec<SceneVariant> {
 /// A constant of learning from photographs.
 type PhotometricConstant = (&'static str, fn(&mut PhotometricRule) -> &mut f64);
 
-const CONSTANTS: [PhotometricConstant; 14] = [
+const CONSTANTS: [PhotometricConstant; 15] = [
     ("noise", |rule| &mut rule.noise),
     ("kept curvature", |rule| &mut rule.kept),
     ("forgotten precision", |rule| &mut rule.forgotten),
+    ("points of young components", |rule| &mut rule.young),
     ("damping", |rule| &mut rule.damping),
     ("tau", |rule| &mut rule.tau),
     ("coverage", |rule| &mut rule.coverage),

@@ -72,16 +72,19 @@ impl PhotometricLearner {
         has.then(|| (self.state.splats[component], self.state.appearance[component]))
     }
 
-    /// Gives components that have none the splats that points make, as far as these can be drawn.
+    /// Gives components that have none, or are young yet, the splats that points make, as far as these can
+    /// be drawn. `points` and `splat` are those of a component.
     pub fn begin(
         &mut self,
         n_components: usize,
         touched: &[u32],
         rule: &PhotometricRule,
+        points: impl Fn(usize) -> f64 + Sync,
         splat: impl Fn(usize) -> (Splat, Appearance) + Sync,
     ) {
         self.state.grow(n_components);
-        let new = touched.par_iter().filter(|&&id| !self.state.has(id as usize));
+        let begins = |id: usize| !self.state.has(id) || points(id) < rule.young;
+        let new = touched.par_iter().filter(|&&id| begins(id as usize));
         let new: Vec<(u32, (Splat, Appearance))> =
             new.map(|&id| (id, splat(id as usize))).filter(|(_, s)| s.0.is_drawable()).collect();
         let mut run = self.run();

@@ -33,6 +33,10 @@ pub struct PhotometricRule {
     /// frame.
     #[serde(default = "every_row")]
     pub rows: u32,
+    /// Points of a component up to which its splat begins anew with every frame: what few of them say of
+    /// a surface is no place to start from.
+    #[serde(default)]
+    pub young: f64,
     /// Standard deviations of the prior.
     pub prior: PriorDeviations,
 }
@@ -86,6 +90,7 @@ impl PhotometricRule {
         coverage: 1.0,
         trust: 0.2,
         rows: 1,
+        young: 40.0,
         prior: PriorDeviations {
             mean: 0.5,
             scale: 0.26,
