@@ -2,13 +2,15 @@
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::output;
+use super::{output, tracked};
 use serde::Serialize;
 use std::path::PathBuf;
 use vbgs_studio::dataset;
 use vbgs_studio::dataset::fingerprint::Fingerprint;
+use vbgs_studio::eval::trajectory_error::TrajectoryError;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::run::RunConfig;
+use vbgs_studio::pipeline::tracked::Trajectory;
 
 #[derive(Serialize)]
 struct CheckpointInfo {
@@ -32,8 +34,21 @@ struct CheckpointInfo {
     bytes: u64,
     bytes_per_component: f64,
     dataset: Option<PathBuf>,
+    /// Where its frames were found, if it was tracked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tracking: Option<TrackingInfo>,
     config: RunConfig,
     defects: Vec<String>,
+}
+
+/// Frames of a tracked run.
+#[derive(Serialize)]
+struct TrackingInfo {
+    trajectory: Trajectory,
+    /// From the recorded poses, where the dataset is there and has any.
+    error: Option<TrajectoryError>,
+    #[serde(skip)]
+    summary: String,
 }
 
 /// Reads all of it, and looks whether its dataset is still there.
@@ -43,6 +58,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
     let learner = run.revive()?.learner;
     let (used, components) = (learner.used(), learner.components());
     let drawn = learner.stored_splats().iter().filter(|splat| splat.is_drawable()).count();
+    let tracking = run.trajectory()?.map(|trajectory| tracking(trajectory, &run));
     let defects = dataset_defect(&run).into_iter().chain(run.numerics_differ()).collect();
     let SavedRun { version, bytes, config, meta, content, .. } = run;
     let cursor = &content.cursor;
@@ -61,10 +77,19 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
         bytes,
         bytes_per_component: bytes as f64 / components.max(1) as f64,
         dataset: meta.dataset,
+        tracking,
         config,
         defects,
     };
     if args.json { output::json(&info) } else { print(&info) }
+}
+
+fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
+    let path = run.meta.dataset.as_ref();
+    let dataset = path.and_then(|path| dataset::open(path, &run.config.load).ok());
+    let error = dataset.and_then(|dataset| trajectory.error(&dataset));
+    let summary = tracked::summary(&trajectory, error.as_ref());
+    TrackingInfo { trajectory, error, summary }
 }
 
 /// Why the run could not go on as it is.
@@ -106,6 +131,11 @@ fn print(info: &CheckpointInfo) -> Result<(), Failure> {
     ));
     let dataset = info.dataset.as_ref().map_or("built in".into(), |path| path.to_string_lossy());
     output::line(format!("  dataset: {dataset}"));
+    if let Some(TrackingInfo { summary, trajectory, .. }) = &info.tracking {
+        output::line(format!("  {summary}"));
+        let lost = trajectory.skipped();
+        (!lost.is_empty()).then(|| output::line(format!("    not placed: {}", lost.join(", "))));
+    }
     output::line(format!("  config: {}", serde_json::to_string(config)?));
     info.defects.iter().for_each(|defect| output::line(format!("  defect: {defect}")));
     output::line(format!("  {} defects found", info.defects.len()));

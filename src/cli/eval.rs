@@ -5,7 +5,7 @@ use super::failure::Failure;
 use super::model::Model;
 use super::quality::QualityRequest;
 use super::train::announce;
-use super::{model, output, quality};
+use super::{model, output, quality, tracked};
 use serde::Serialize;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::{self, Dataset};
@@ -23,9 +23,17 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     // Wrong usage first: models and datasets take seconds to read.
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let model = model::load(&args.model)?;
-    let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
+    let load = model.load_options(args.depth.load_options())?;
+    let dataset = dataset::open(&args.dataset, &load)?;
     announce(&dataset);
+    if let Some(found) = &model.trajectory {
+        eprintln!("note: {}", tracked::summary(found, found.error(&dataset).as_ref()));
+    }
     let (split, frames) = choose_views(&dataset, args)?;
+    let (dataset, frames) = match model.place(&dataset, (split, &frames))? {
+        Some(placed) => (placed.dataset, placed.frames),
+        None => (dataset, frames),
+    };
     let views = (split, &frames[..]);
     let color_camera = color_camera(args, &model, &dataset)?;
     let comparison = QualityRequest { args: &args.comparison, color_camera, methods: &methods };

@@ -117,15 +117,21 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
 
 fn poses_info(dataset: &Dataset) -> PosesInfo {
     let split = dataset.training_split().unwrap_or(0);
-    let check: Option<PoseCheck> = dataset::pose_check::check(dataset, split);
+    // Nothing was said of where the cameras stood, so nothing can be wrong.
+    let is_recorded = !dataset.options.track;
+    let check: Option<PoseCheck> =
+        is_recorded.then(|| dataset::pose_check::check(dataset, split)).flatten();
     let opened = check.as_ref().map(|check| check.opened);
     let stated = dataset.options.poses.unwrap_or(dataset.layout.pose_convention());
     PosesInfo {
-        convention: stated.name(),
+        convention: if is_recorded { stated.name() } else { "tracked" },
         agreement: opened.map(|trial| trial.agreement),
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
-        summary: check.as_ref().map(pose_check::summary),
+        summary: match is_recorded {
+            true => check.as_ref().map(pose_check::summary),
+            false => Some("left to tracking".to_owned()),
+        },
         warning: check.as_ref().and_then(pose_check::warning),
     }
 }

@@ -25,6 +25,7 @@ mod quality;
 mod render;
 mod settings;
 mod synth;
+mod tracked;
 mod train;
 #[cfg(feature = "gui")]
 mod window;

@@ -1,10 +1,12 @@
 //! Loading a MODEL argument.
 
 use super::failure::Failure;
+use super::tracked;
 use glam::DVec3;
 use std::path::Path;
-use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
+use vbgs_studio::dataset::{Dataset, LoadOptions};
+use vbgs_studio::eval::measure::Views;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::mesh::Surfel;
@@ -15,6 +17,7 @@ use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::settings::method::Method;
 use vbgs_studio::pipeline::surfels::surfels;
+use vbgs_studio::pipeline::tracked::{PlacedViews, Trajectory};
 
 /// What commands need of a model, whatever file it came from.
 pub struct Model {
@@ -23,11 +26,40 @@ pub struct Model {
     pub up: Option<DVec3>,
     /// How it was trained, where the file says so.
     pub method: Option<Method>,
+    /// Where the frames it was trained on were found, if poses were tracked and the file says so.
+    pub trajectory: Option<Trajectory>,
     /// What this program said about the conversion to splats.
     pub comments: Vec<String>,
 }
 
 impl Model {
+    /// How a dataset is opened to be looked at beside the model: one that was tracked has a world of
+    /// its own, in which recorded poses mean nothing.
+    ///
+    /// # Errors
+    /// Tracked poses are asked for and the model has none.
+    pub fn load_options(&self, asked: LoadOptions) -> Result<LoadOptions, Failure> {
+        match (&self.trajectory, asked.track) {
+            (None, true) => Err(Failure::Usage(
+                "--poses track: expected the checkpoint of a tracked run, found a model that does not say where its frames were taken; give its checkpoint.vbgs".to_owned(),
+            )),
+            (found, _) => Ok(LoadOptions { track: found.is_some(), ..asked }),
+        }
+    }
+
+    /// The views as the model places them, if it was tracked.
+    ///
+    /// # Errors
+    /// None of them could be placed.
+    pub fn place(
+        &self,
+        dataset: &Dataset,
+        views: Views<'_>,
+    ) -> Result<Option<PlacedViews>, Failure> {
+        let (Some(found), Some(method)) = (&self.trajectory, &self.method) else { return Ok(None) };
+        tracked::place(dataset, method, &self.splats, found, views)
+    }
+
     /// The camera that takes a dataset's photographs, if not the one that measures depth: what the
     /// model was trained with, else what is known of the layout.
     pub fn color_camera(&self, dataset: &Dataset) -> Option<ColorCamera> {
@@ -68,7 +100,7 @@ pub fn load(path: &Path) -> Result<Model, Failure> {
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
         let splats = run.splats()?;
-        return Ok(of_run(run, splats));
+        return of_run(run, splats);
     }
     of_file(path)
 }
@@ -79,15 +111,16 @@ pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Fail
     if is_checkpoint(path) {
         let run = SavedRun::read(path)?;
         let revived = run.revive()?;
-        let model = of_run(run, revived.learner.splats());
+        let model = of_run(run, revived.learner.splats())?;
         return Ok((model, Some(Training::of(&revived))));
     }
     Ok((of_file(path)?, None))
 }
 
-fn of_run(run: SavedRun, splats: SplatSet) -> Model {
+fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     let comments = file_comments(&run.config.method, run.content.cursor.frames);
-    Model { splats, up: Some(run.up()), method: Some(run.config.method), comments }
+    let (up, trajectory) = (Some(run.up()), run.trajectory()?);
+    Ok(Model { splats, up, method: Some(run.config.method), trajectory, comments })
 }
 
 fn of_file(path: &Path) -> Result<Model, Failure> {
@@ -105,5 +138,5 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats, up, method: None, comments })
+    Ok(Model { splats: model.splats, up, method: None, trajectory: None, comments })
 }

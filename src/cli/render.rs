@@ -89,13 +89,17 @@ fn render_view(
     path: &Path,
     args: &RenderArgs,
 ) -> Result<(), Failure> {
-    let dataset = dataset::open(path, &LoadOptions::default())?;
+    let dataset = dataset::open(path, &model.load_options(LoadOptions::default())?)?;
     let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,
         None => dataset.evaluation(dataset.training_split().unwrap_or(0)).split,
     };
-    let split = &dataset.splits[split];
+    let placed = match args.view < dataset.splits[split].frames.len() {
+        true => model.place(&dataset, (split, &[args.view]))?,
+        false => None,
+    };
+    let split = &placed.as_ref().map_or(&dataset, |placed| &placed.dataset).splits[split];
     let Some(entry) = split.frames.get(args.view) else {
         return Err(Failure::Usage(format!(
             "--view: expected 0 to {} for the split `{}`, found {}",

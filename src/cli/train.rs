@@ -6,7 +6,7 @@ use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
-use super::{output, photometric_device, pose_check, progress, quality, wording};
+use super::{output, photometric_device, pose_check, progress, quality, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
@@ -21,6 +21,7 @@ use vbgs_studio::pipeline::follow::Follow;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
+use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::Lens;
 
 /// Trains as asked; after Ctrl-C the files are written all the same.
@@ -222,6 +223,9 @@ pub fn train(
     Ok(true)
 }
 
+/// Name of the tracked poses in the output folder.
+const TRAJECTORY: &str = "trajectory.txt";
+
 /// Name of the checkpoint in the output folder.
 const CHECKPOINT: &str = "checkpoint.vbgs";
 
@@ -254,10 +258,19 @@ fn save_report(
     models: &str,
     Measured { eval, seen }: Measured,
 ) -> Result<(), Failure> {
-    let report = Report { seen, ..session.report(None, eval) };
+    let trajectory = trajectory(session);
+    let tracking = trajectory.as_ref().and_then(|found| found.error(session.dataset()));
+    let report = Report { seen, tracking, ..session.report(None, eval) };
     output::write_json(&args.out.join("report.json"), &report)?;
+    if let Some(found) = &trajectory {
+        let text = found.tum(session.dataset(), session.plan().split);
+        output::write_text(&args.out.join(TRAJECTORY), &text)?;
+    }
     if args.json {
         return output::json(&report);
+    }
+    if let Some(found) = &trajectory {
+        output::line(tracked::summary(found, report.tracking.as_ref()));
     }
     let summary = &report.summary;
     output::line(format!(
@@ -297,20 +310,39 @@ fn measure(
 ) -> Result<Measured, Failure> {
     let (dataset, plan) = (session.dataset(), session.plan());
     let mut seen = Vec::new();
-    for (visited, splats) in early {
+    // Where frames were found is only known by what has learnt them.
+    for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {
         let frames = (plan.split, &plan.frames[..*visited]);
         seen.extend(quality::seen(splats.into(), dataset, frames, comparison)?);
     }
     let split = dataset.split_named(split)?;
     let frames: Vec<usize> = (0..dataset.splits[split].frames.len()).collect();
-    let views = (split, &frames[..]);
     let splats = session.stored_splats();
+    let placed = trajectory(session)
+        .map(|found| {
+            tracked::place(dataset, &session.config().method, &splats, &found, (split, &frames))
+        })
+        .transpose()?
+        .flatten();
+    let (dataset, frames) = match &placed {
+        Some(placed) => (&placed.dataset, &placed.frames),
+        None => (&**dataset, &frames),
+    };
+    let views = (split, &frames[..]);
     let found = quality::measure((&splats).into(), dataset, views, comparison)?;
     Ok(Measured { eval: found.into_iter().map(|(report, _)| report).collect(), seen })
 }
 
+/// Where the frames of a tracked run were found.
+fn trajectory(session: &Session) -> Option<Trajectory> {
+    Trajectory::of(session.frames(), session.skipped())
+}
+
 /// Says if the poses mean something else than the layout says: hours of training would be lost.
 fn doubt_poses(dataset: &Dataset) {
+    if dataset.options.track {
+        return;
+    }
     let split = dataset.training_split().ok();
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
     if let Some(warning) = check.as_ref().and_then(pose_check::warning) {

@@ -5,13 +5,14 @@ use super::calibration::Calibration;
 use super::entry::{DatasetSplit, HELD_OUT, HOLD_OUT_EVERY};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::{Folder, Recorded};
-use super::formats::{self, Layout};
+use super::formats::{self, Layout, ParsedFolder};
 use super::frame::Frame;
 use super::options::LoadOptions;
 use super::pose_convention::PoseConvention;
 use super::position_range::PositionRange;
 use super::surface::sensor::Sensor;
 use crate::math::orbit::mean_up;
+use crate::math::pose::Pose;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -78,7 +79,9 @@ pub(super) fn read(
     options: &LoadOptions,
 ) -> Result<Dataset, DatasetError> {
     let (layout, recognised_by, mut parsed) = formats::parse(folder, options)?;
-    if let Some(asked) = options.poses {
+    if options.track {
+        forget_poses(&mut parsed);
+    } else if let Some(asked) = options.poses {
         reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
     }
     // Of the resolved path: `.` has no last part of its own.
@@ -110,6 +113,15 @@ fn reinterpret(splits: &mut [DatasetSplit], stated: PoseConvention, asked: PoseC
             frame.camera.pose = pose;
         }
     }
+}
+
+/// Leaves all cameras at the origin: where they stood is for tracking to find.
+fn forget_poses(parsed: &mut ParsedFolder) {
+    for frame in parsed.splits.iter_mut().flat_map(|split| &mut split.frames) {
+        frame.camera.pose = Pose::IDENTITY;
+    }
+    // What is known of where things are is known of the recorded poses' world.
+    parsed.known_range = None;
 }
 
 /// Every frame was refused, or none is listed.

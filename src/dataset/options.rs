@@ -23,6 +23,9 @@ pub struct LoadOptions {
     /// Whether recordings without readable photographs are to be opened all the same, in grey.
     #[serde(default, skip_serializing_if = "is_false")]
     pub geometry_only: bool,
+    /// Whether poses are left to tracking: recorded ones are ignored, and none are needed.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub track: bool,
 }
 
 fn is_false(value: &bool) -> bool {

@@ -15,6 +15,7 @@ pub mod spread;
 pub mod ssim;
 pub mod surfaces;
 pub mod table;
+pub mod trajectory_error;
 pub mod views;
 
 mod reproject;

@@ -8,8 +8,10 @@ use super::choices::{PartialCoverage, ViewPoses};
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
 use super::seen::Seen;
+use super::trajectory_error::TrajectoryError;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
+use crate::model::scene::trajectory::TrackedPose;
 use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::comparer_use::ComparerUse;
@@ -43,6 +45,9 @@ pub struct Report<C> {
     /// What the model shows of the frames it has learnt, early in the run; where quality was asked
     /// for.
     pub seen: Vec<SeenReport>,
+    /// How far tracked poses are from the recorded ones, where there are both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracking: Option<TrajectoryError>,
     /// What photographs were compared on; `None` where they teach nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub comparer: Option<ComparerUse>,
@@ -118,6 +123,9 @@ pub struct FrameReport {
     /// How its photograph compared with the scene before, where photographs are learnt.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photograph: Option<PhotographOutcome>,
+    /// Where its camera was found, where poses are tracked.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tracked: Option<TrackedPose>,
     /// Milliseconds from the last change of its files to its being learnt, where it was taken while
     /// it was recorded; by the file system's clock.
     #[serde(default, skip_serializing_if = "Option::is_none")]

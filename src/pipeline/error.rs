@@ -34,6 +34,14 @@ pub enum SessionError {
         "passes: expected 1 where photographs are not learnt, found {0}: points count once; learn photographs, or go through the frames once"
     )]
     Passes(usize),
+    /// Tracking cannot go with another setting.
+    #[error("--poses track: expected {expected}, found {found}")]
+    Tracking {
+        /// What tracking needs.
+        expected: &'static str,
+        /// The setting in its way.
+        found: String,
+    },
     /// A stored model is not one of the settings stored beside it.
     #[error("{0}")]
     Stored(Mismatch),

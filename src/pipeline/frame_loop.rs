@@ -4,7 +4,8 @@ use super::prefetch::{PlannedFrame, Prefetch, Prepared, PreparedFrame};
 use super::prepare::Prepare;
 use crate::train::candidates::IndexError;
 use crate::train::learner::{Learner, Learns};
-use crate::train::outcome::FrameOutcome;
+use crate::train::outcome::{FrameOutcome, FrameTracking};
+use crate::train::scene::track::TrackingLoss;
 
 /// Frames and the learner they are for, whichever preset ties them together.
 pub(super) trait FrameLoop: Send {
@@ -43,6 +44,8 @@ pub(super) enum FrameStatus {
     },
     /// It cannot be used, and why.
     Skipped(String),
+    /// Tracking could not place it, and why.
+    Lost(TrackingLoss),
     /// The learner cannot go on.
     Failed(IndexError),
 }
@@ -65,6 +68,9 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                 };
                 self.prefetch.recycle(observation);
                 match learnt {
+                    Ok(FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), .. }) => {
+                        FrameStatus::Lost(loss)
+                    }
                     Ok(outcome) => FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms },
                     Err(error) => FrameStatus::Failed(error),
                 }

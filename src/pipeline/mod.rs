@@ -24,3 +24,4 @@ pub mod session;
 pub mod settings;
 mod start;
 pub mod surfels;
+pub mod tracked;

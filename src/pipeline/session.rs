@@ -22,7 +22,7 @@ use crate::train::birth_log::BirthLog;
 use crate::train::comparer_use::ComparerPolicy;
 use crate::train::learner::Learner;
 use crate::train::memory::MemoryEstimate;
-use crate::train::outcome::FrameOutcome;
+use crate::train::outcome::{FrameOutcome, FrameTracking};
 use glam::DVec3;
 use std::sync::Arc;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -215,14 +215,22 @@ impl Session {
                     follow.give_back(&frames[self.plan.frames[position]]);
                 }
                 self.forgive(&name);
-                let skipped = SkippedFrame { frame: name, message };
-                self.past.skipped.push(skipped.clone());
-                Step::Skipped(skipped)
+                self.skipped_frame(name, message)
+            }
+            FrameStatus::Lost(loss) => {
+                let message = format!("{name}: not placed, and left out: {loss}");
+                self.skipped_frame(name, message)
             }
             FrameStatus::Failed(error) => return Err(error.into()),
         };
         self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
         Ok(step)
+    }
+
+    fn skipped_frame(&mut self, frame: String, message: String) -> Step {
+        let skipped = SkippedFrame { frame, message };
+        self.past.skipped.push(skipped.clone());
+        Step::Skipped(skipped)
     }
 
     fn finish(&self) -> Result<Step, SessionError> {
@@ -264,6 +272,10 @@ impl Session {
             merged: outcome.merged,
             elbo_mean: outcome.elbo_mean,
             photograph: outcome.photograph,
+            tracked: match outcome.tracking {
+                Some(FrameTracking::Placed(pose)) => Some(pose),
+                _ => None,
+            },
             behind_ms,
             ms,
         };
@@ -421,6 +433,7 @@ impl Session {
             },
             eval,
             seen: Vec::new(),
+            tracking: None,
             comparer: self.learner().comparer_use(),
         }
     }

@@ -1,6 +1,8 @@
 //! What one frame did to a model.
 
+use super::scene::track::TrackingLoss;
 use super::timing::StageMs;
+use crate::model::scene::trajectory::TrackedPose;
 use serde::{Deserialize, Serialize};
 
 /// What one frame did to a model. A preset that never does one of these leaves it 0.
@@ -18,8 +20,19 @@ pub struct FrameOutcome {
     pub merged: usize,
     /// How its photograph compared with the scene, where photographs are learnt and showed any of it.
     pub photograph: Option<PhotographOutcome>,
+    /// Where its camera was found, where poses are tracked.
+    pub tracking: Option<FrameTracking>,
     /// Where the time went.
     pub ms: StageMs,
+}
+
+/// What tracking made of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FrameTracking {
+    /// It was placed, and learnt unless it contradicts the scene.
+    Placed(TrackedPose),
+    /// It could not be placed: nothing was learnt from it.
+    Lost(TrackingLoss),
 }
 
 /// A frame beside the scene as it was before: an honest score, since the frame was never seen.

@@ -17,4 +17,5 @@ mod photometric;
 mod published;
 #[cfg(feature = "bench")]
 mod stability;
+mod tracking;
 mod variants;

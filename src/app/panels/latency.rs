@@ -208,6 +208,7 @@ mod tests {
         stages.add(0, 1.0);
         let frame = FrameReport {
             behind_ms: None,
+            tracked: None,
             index: 3,
             frame: "r_3".into(),
             points: 10,

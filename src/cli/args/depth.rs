@@ -18,6 +18,15 @@ pub enum PoseAxesName {
     Robot,
 }
 
+/// Where poses are from.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PosesName {
+    /// The recording
+    Recorded,
+    /// Tracking: frames are placed by the scene itself, the first is the origin
+    Track,
+}
+
 /// How depth files are read.
 #[derive(Args)]
 pub struct DepthArgs {
@@ -30,6 +39,9 @@ pub struct DepthArgs {
     /// What the pose matrices mean, instead of the layout's convention; `info` tells which fits
     #[arg(long, value_enum)]
     pub pose_axes: Option<PoseAxesName>,
+    /// Where the frames' poses are from; tracking needs none and ignores those recorded
+    #[arg(long, value_enum, default_value_t = PosesName::Recorded)]
+    pub poses: PosesName,
     /// Intrinsics of the depth image in pixels, instead of the dataset's
     #[arg(long, num_args = 4, value_names = ["FX", "FY", "CX", "CY"], allow_negative_numbers = true)]
     pub intrinsics: Option<Vec<f64>>,
@@ -52,6 +64,7 @@ impl DepthArgs {
             intrinsics,
             confidence: self.confidence,
             geometry_only: self.geometry_only,
+            track: self.poses == PosesName::Track,
         }
     }
 }

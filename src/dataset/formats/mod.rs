@@ -4,11 +4,13 @@
 
 mod arkit;
 mod blender;
+mod color_depth;
 mod format;
 mod listed;
 mod nerfstudio;
 mod numbered;
 mod open3d;
+mod paired;
 mod record3d;
 mod record3d_archive;
 mod record3d_folder;
@@ -28,7 +30,8 @@ use super::folder::Folder;
 use super::options::LoadOptions;
 use super::pose_convention::PoseConvention;
 use crate::math::camera::Intrinsics;
-use format::{DatasetFormat, ParsedFolder};
+use format::DatasetFormat;
+pub(super) use format::ParsedFolder;
 
 /// Makes both the variants of [`Layout`] and the table of their formats from one list of rows, so
 /// that neither can lack what the other has.
@@ -74,6 +77,8 @@ layouts! {
     Arkit: arkit::FORMAT,
     /// `rgb/`, `depth/`, `calib/` and poses (RTAB-Map's export).
     RtabMap: rtabmap::FORMAT,
+    /// `color/` and `depth/` without poses, for tracking.
+    ColorDepth: color_depth::FORMAT,
 }
 
 /// Recognises the layout and reads it; with the content that it was recognised by.
@@ -85,6 +90,10 @@ pub(super) fn parse(
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
+    if found.len() > 1 {
+        // Whatever knows of poses knows more.
+        found.retain(|(layout, ..)| *layout != Layout::ColorDepth);
+    }
     if found.len() > 1 {
         let found = found.iter().map(|(layout, _, why)| format!("{} by {why}", layout.name()));
         return Err(DatasetError::TwoLayouts {
@@ -142,6 +151,7 @@ mod tests {
             (Layout::StrayScanner, "stray-scanner"),
             (Layout::Arkit, "arkit"),
             (Layout::RtabMap, "rtab-map"),
+            (Layout::ColorDepth, "color-depth"),
             (Layout::Synthetic, "synthetic"),
         ];
         for (layout, name) in named {

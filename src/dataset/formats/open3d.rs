@@ -6,10 +6,8 @@
 //! images (`0 1`), not where one stands (`0 0`).
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{Cameras, RecordedFrame, Recording, wrong};
-use super::stated::{self, PRIMESENSE};
-use crate::dataset::decode::CodeKind;
+use super::paired;
+use super::recording::{RecordedFrame, Recording};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -17,10 +15,8 @@ use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
-use crate::dataset::source::ByteSource;
-use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -31,23 +27,9 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     known_calibration: |_| None,
 };
 
-const COLOR_FOLDERS: [&str; 3] = ["color", "image", "rgb"];
-const DEPTH_FOLDER: &str = "depth";
-/// Metres per code.
-const DEPTH_UNIT: f64 = 0.001;
-/// Metres; of a depth camera by structured light.
-const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
-
 fn recognise(folder: &Folder) -> Option<String> {
-    let color = color_folder(folder)?;
-    let log = trajectory_log(folder)?;
-    folder
-        .has_folder(DEPTH_FOLDER)
-        .then(|| format!("{log}, with images in {color}/ and {DEPTH_FOLDER}/"))
-}
-
-fn color_folder(folder: &Folder) -> Option<&'static str> {
-    COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
+    let images = paired::recognise(folder)?;
+    trajectory_log(folder).map(|log| format!("{log}, with {images}"))
 }
 
 /// A log whose first block says where the first image stands.
@@ -73,22 +55,10 @@ fn head(line: &str) -> Option<[u64; 3]> {
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
-    let color_name = color_folder(folder).unwrap_or("color");
-    let mut list = |name: &str, extensions: &[&str]| {
-        let files = NumberedFiles::list(folder, name, "", extensions);
-        if let Ok(files) = &files {
-            recording.skip_doubled(files, name);
-        }
-        files.map_err(|problem| {
-            wrong(&folder.path.join(name), "a folder of images", problem.to_string(), "restore it")
-        })
+    let Some((pairs, cameras)) = paired::read(&mut recording)? else {
+        return Ok(recording.finish());
     };
-    let colors = list(color_name, &PHOTOGRAPHS)?;
-    let depths = list(DEPTH_FOLDER, &["png"])?;
-    let pairs = pairs(&mut recording, &colors, &depths, color_name);
-    let Some(cameras) = cameras(&mut recording, &pairs)? else { return Ok(recording.finish()) };
-    let unit = CodeKind::Linear16(DEPTH_UNIT);
-    let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
+    let encoding = paired::encoding(&recording);
     let (log, blocks) = blocks(&mut recording)?;
     let numbers: Vec<u64> = pairs.keys().copied().collect();
     let is_complete = numbers.len() == blocks.len();
@@ -107,11 +77,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
         let pair = number.and_then(|number| pairs.get(&number));
         let Some((pair, color)) = pair.and_then(|pair| Some((pair, pair.color.clone()?))) else {
-            let problem = FrameProblem::MissingColor(format!("number {index} of {color_name}/"));
+            let problem = FrameProblem::MissingColor(format!("number {index}"));
             recording.skip(&index.to_string(), log.clone(), problem);
             continue;
         };
-        let frame = pose.and_then(|pose| Ok((pose, clone_of(&pair.depth)?)));
+        let frame = pose.and_then(|pose| Ok((pose, pair.depth()?)));
         match frame {
             Ok((pose, depth)) => recording.push(RecordedFrame {
                 name: pair.name.clone(),
@@ -126,84 +96,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
     }
     Ok(recording.finish())
-}
-
-/// A photograph and its depth.
-struct Pair {
-    name: String,
-    color: Option<ByteSource>,
-    depth: Result<ByteSource, String>,
-}
-
-fn clone_of(depth: &Result<ByteSource, String>) -> Result<ByteSource, FrameProblem> {
-    depth.clone().map_err(FrameProblem::MissingDepth)
-}
-
-/// By number; by order where there are as many of both and their numbers differ.
-fn pairs(
-    recording: &mut Recording,
-    colors: &NumberedFiles,
-    depths: &NumberedFiles,
-    color_name: &str,
-) -> BTreeMap<u64, Pair> {
-    let folder = recording.folder;
-    let same = colors.numbers().eq(depths.numbers());
-    let by_order = !same && colors.len() == depths.len() && !folder.is_growing();
-    if by_order {
-        recording.note("colour and depth are numbered differently: paired by their order");
-    }
-    let mut depth_numbers = depths.numbers();
-    let numbers = match by_order {
-        true => colors.numbers().collect(),
-        false => NumberedFiles::union(&[colors, depths]),
-    };
-    let mut found = BTreeMap::new();
-    for number in numbers {
-        let depth_number = if by_order { depth_numbers.next().unwrap_or(number) } else { number };
-        let name = colors.stem(number).map_or_else(|| number.to_string(), str::to_owned);
-        let color = match colors.file(folder, number).transpose() {
-            Ok(color) => color.map(Into::into),
-            Err(problem) => {
-                recording.skip(&name, folder.path.join(color_name), problem);
-                continue;
-            }
-        };
-        let depth = match depths.file(folder, depth_number) {
-            Some(Ok(depth)) => Ok(ByteSource::File(depth)),
-            Some(Err(problem)) => Err(problem.to_string()),
-            None => Err(format!("{DEPTH_FOLDER}/{name}.png")),
-        };
-        found.insert(number, Pair { name, color, depth });
-    }
-    found
-}
-
-fn cameras(
-    recording: &mut Recording,
-    pairs: &BTreeMap<u64, Pair>,
-) -> Result<Option<Cameras>, DatasetError> {
-    let colors = pairs.values().filter_map(|pair| pair.color.as_ref());
-    let depths = pairs.values().filter_map(|pair| pair.depth.as_ref().ok());
-    let Some((size, depth_size)) = recording.sizes(colors, depths) else { return Ok(None) };
-    let folder = recording.folder;
-    let (file, k) = match (stated::in_json_file(folder)?, stated::in_text_file(folder, size)?) {
-        (Some(stated), _) | (None, Some(stated)) => stated,
-        (None, None) => {
-            let is_known = size == (PRIMESENSE.width, PRIMESENSE.height);
-            let file = folder.path.join("camera.json");
-            if !is_known && recording.options.intrinsics.is_none() {
-                let expected = format!("a camera for images of {}x{}", size.0, size.1);
-                let found = "no JSON file with an `intrinsic_matrix`".to_owned();
-                return Err(wrong(&file, &expected, found, "export it, or give the intrinsics"));
-            }
-            recording.note("no camera file: a PrimeSense's 525, 525, 319.5, 239.5 are used");
-            (file, PRIMESENSE)
-        }
-    };
-    if (k.width, k.height) != depth_size {
-        super::recording::same_size((k.width, k.height), size, &file)?;
-    }
-    recording.one_lens(&k, size, depth_size, &file).map(Some)
 }
 
 type Block = (u64, Result<Pose, FrameProblem>);

@@ -71,7 +71,11 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let mut recording = Recording::new(folder, options);
     let colors = images(&mut recording, COLOR_LIST)?;
     let depths = images(&mut recording, DEPTH_LIST)?;
-    let trajectory = trajectory(&mut recording)?;
+    // Tracking needs no poses, and no frame has to wait for one.
+    let trajectory = match options.track {
+        false => Some(trajectory(&mut recording)?),
+        true => None,
+    };
     let Some(cameras) = cameras(&mut recording, &colors, &depths)? else {
         return Ok(recording.finish());
     };
@@ -81,11 +85,12 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     for depth in depths.iter().filter(|depth| !folder.has_taken(frame_name(&depth.name))) {
         // Poses and photographs come in the order of time: the one behind may be the nearer.
         let is_passed = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
-        if is_growing && !(is_passed(trajectory.end()) && is_passed(colors.last().map(|c| c.time)))
-        {
+        let has_pose = trajectory.as_ref().is_none_or(|poses| is_passed(poses.end()));
+        if is_growing && !(has_pose && is_passed(colors.last().map(|color| color.time))) {
             continue;
         }
-        let poses = Poses { trajectory: &trajectory, convention: options.poses };
+        let convention = options.poses;
+        let poses = trajectory.as_ref().map(|trajectory| Poses { trajectory, convention });
         match frame(depth, &colors, poses, cameras, encoding) {
             Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
@@ -152,7 +157,7 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     if !recording.folder.listing.has_file(POSES) {
         let expected = "poses, lines of t tx ty tz qx qy qz qw";
         let file = recording.folder.path.join(POSES);
-        let hint = "put the recording's trajectory there, times on the images' clock";
+        let hint = "put the recording's trajectory there, times on the images' clock, or let the scene place its frames with --poses track";
         return Err(wrong(&file, expected, "no such file".to_owned(), hint));
     }
     let (file, text) = recording.folder.lines(POSES)?;
@@ -231,14 +236,20 @@ impl Poses<'_> {
 fn frame(
     depth: &TimedImage,
     colors: &[TimedImage],
-    poses: Poses<'_>,
+    poses: Option<Poses<'_>>,
     cameras: Cameras,
     encoding: DepthEncoding,
 ) -> Result<RecordedFrame, FrameProblem> {
-    let pose = Pose::from_opencv(poses.trajectory.at(depth.time)?)?;
+    let pose = match poses {
+        Some(poses) => Pose::from_opencv(poses.trajectory.at(depth.time)?)?,
+        None => Pose::IDENTITY,
+    };
     let color = nearest(colors, depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
-    let cameras = poses.apart(cameras, size, [depth.time, color.time]);
+    let cameras = match poses {
+        Some(poses) => poses.apart(cameras, size, [depth.time, color.time]),
+        None => cameras,
+    };
     let file = ByteSource::File(depth.path.clone());
     Ok(RecordedFrame {
         name: frame_name(&depth.name).into(),

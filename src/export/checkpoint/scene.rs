@@ -7,6 +7,7 @@ use super::{check, tag};
 use crate::model::scene::photometric::PhotometricState;
 use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WideRow};
 use crate::model::scene::sums::N_SUMS;
+use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::exposure::FrameExposure;
 use crate::model::splat::pose_log::FramePose;
@@ -18,6 +19,7 @@ const N_LOOKS: usize = size_of::<VisibilityCounts>() / size_of::<u32>();
 /// Numbers of a frame's exposure.
 const N_EXPOSURE: usize = size_of::<FrameExposure>() / size_of::<f64>();
 const N_POSE: usize = size_of::<FramePose>() / size_of::<f64>();
+const N_TRACKED: usize = size_of::<TrackedPose>() / size_of::<f64>();
 
 /// Numbers of a splat and of its appearance.
 const N_SPLAT: usize = size_of::<Splat>() / size_of::<f32>();
@@ -55,6 +57,10 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
     if !state.poses.is_empty() {
         let numbers = bytemuck::cast_slice(&state.poses);
         sections.push(Section::new::<f64>(tag::POSES, numbers));
+    }
+    if !state.trajectory.is_empty() {
+        let numbers = bytemuck::cast_slice(&state.trajectory);
+        sections.push(Section::new::<f64>(tag::TRAJECTORY, numbers));
     }
     sections.extend(state.photometric.iter().flat_map(|photometric| {
         [
@@ -100,6 +106,10 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
         },
         poses: match sections.has(tag::POSES) {
             true => bytemuck::cast_vec(sections.rows::<f64, N_POSE>(tag::POSES, None)?),
+            false => Vec::new(),
+        },
+        trajectory: match sections.has(tag::TRAJECTORY) {
+            true => bytemuck::cast_vec(sections.rows::<f64, N_TRACKED>(tag::TRAJECTORY, None)?),
             false => Vec::new(),
         },
         photometric: match sections.has(tag::PHOTO_SPLATS) {

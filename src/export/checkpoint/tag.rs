@@ -25,6 +25,7 @@ pub const LOOKS: [u8; 4] = *b"LOOK";
 pub const COMPONENTS: [u8; 4] = *b"COMP";
 pub const EXPOSURES: [u8; 4] = *b"EXPO";
 pub const POSES: [u8; 4] = *b"POSE";
+pub const TRAJECTORY: [u8; 4] = *b"TRAJ";
 pub const PHOTO_SPLATS: [u8; 4] = *b"PHSP";
 pub const PHOTO_APPEARANCE: [u8; 4] = *b"PHAP";
 pub const PHOTO_FORM: [u8; 4] = *b"PHFO";
@@ -39,7 +40,7 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 16] = [
+pub const OF_SCENES: [[u8; 4]; 17] = [
     ORIGIN,
     SEEDS,
     SUMS,
@@ -49,6 +50,7 @@ pub const OF_SCENES: [[u8; 4]; 16] = [
     LOOKS,
     EXPOSURES,
     POSES,
+    TRAJECTORY,
     PHOTO_SPLATS,
     PHOTO_APPEARANCE,
     PHOTO_FORM,

@@ -39,6 +39,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
         visibility: Vec::with_capacity(terms.len()),
         exposures: Vec::new(),
         poses: Vec::new(),
+        trajectory: Vec::new(),
         photometric: None,
     };
     let (mut rows, mut wide) = (Vec::with_capacity(terms.len()), Vec::new());
@@ -135,6 +136,7 @@ mod tests {
                 .collect(),
             exposures: Vec::new(),
             poses: Vec::new(),
+            trajectory: Vec::new(),
             photometric: None,
         }
     }

@@ -10,3 +10,4 @@ pub mod photometric;
 pub mod splat_rule;
 pub mod state;
 pub mod sums;
+pub mod trajectory;

@@ -2,6 +2,7 @@
 
 use super::photometric::PhotometricState;
 use super::sums::N_SUMS;
+use super::trajectory::TrackedPose;
 use crate::model::splat::exposure::FrameExposure;
 use crate::model::splat::pose_log::FramePose;
 use bytemuck::{Pod, Zeroable};
@@ -37,6 +38,9 @@ pub struct SceneState {
     pub exposures: Vec<FrameExposure>,
     /// How their poses were corrected, in the same order, where poses are not taken for exact.
     pub poses: Vec<FramePose>,
+    /// Where the cameras of its frames were found, in the order they were placed in, where poses are
+    /// tracked.
+    pub trajectory: Vec<TrackedPose>,
     /// What photographs taught, row by component, where splats learn from them.
     pub photometric: Option<PhotometricState>,
 }

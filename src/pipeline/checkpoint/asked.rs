@@ -84,9 +84,17 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
 }
 
 fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
-    let LoadOptions { depth_scale, depth_range, poses, intrinsics, confidence, geometry_only } =
-        asked;
+    let LoadOptions {
+        depth_scale,
+        depth_range,
+        poses,
+        intrinsics,
+        confidence,
+        geometry_only,
+        track,
+    } = asked;
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
+    let tracked = |load: &LoadOptions| load.track.then_some(true);
     differs("--depth-scale", depth_scale.as_ref(), stored.depth_scale.as_ref())
         .or_else(|| differs("--depth-range", depth_range.as_ref(), stored.depth_range.as_ref()))
         .or_else(|| differs("--pose-axes", poses.as_ref(), stored.poses.as_ref()))
@@ -95,6 +103,7 @@ fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
         .or_else(|| {
             differs("--geometry-only", geometry_only.then_some(&true), grey(stored).as_ref())
         })
+        .or_else(|| differs("--poses track", track.then_some(&true), tracked(stored).as_ref()))
 }
 
 /// A value asked for that is not the stored one.

@@ -2,6 +2,7 @@
 
 mod asked;
 mod error;
+mod history;
 mod json;
 mod merge;
 mod resume;

@@ -2,9 +2,9 @@
 
 use super::asked::ResumeRequest;
 use super::error::RunError;
+use super::history::History;
 use super::json::parse;
 use super::saved::SavedRun;
-use super::snapshot::History;
 use crate::dataset::Dataset;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::export::checkpoint::Checkpoint;

@@ -1,6 +1,7 @@
 //! A run read from a checkpoint.
 
 use super::error::RunError;
+use super::history::History;
 use super::json::parse;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::eval::machine;
@@ -10,6 +11,7 @@ use crate::pipeline::any_preset::Revived;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::MAX_PASSES;
 use crate::pipeline::run::RunConfig;
+use crate::pipeline::tracked::Trajectory;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -92,6 +94,16 @@ impl SavedRun {
     /// Splats as the session's files hold them.
     pub fn splats(&self) -> Result<SplatSet, RunError> {
         Ok(self.revive()?.learner.stored_splats())
+    }
+
+    /// Where its frames were found, if it was tracked and its history is short enough to be kept.
+    ///
+    /// # Errors
+    /// [`RunError::Json`] for a history that is none.
+    pub fn trajectory(&self) -> Result<Option<Trajectory>, RunError> {
+        let Some(history) = &self.content.history else { return Ok(None) };
+        let history: History = parse(&self.path, "HIST", history)?;
+        Ok(Trajectory::of(&history.frames, &history.skipped))
     }
 
     /// The model, ready to go on, and world to model coordinates.

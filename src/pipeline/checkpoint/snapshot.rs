@@ -4,38 +4,20 @@
 //! there were. None of them needs the learner, so they are left to whoever holds the snapshot, on
 //! whichever thread.
 
+use super::history::History;
 use super::json::canonical;
 use super::saved::Meta;
 use crate::dataset::Dataset;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::eval::machine;
-use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::export::checkpoint::{Checkpoint, Cursor, MAX_JSON_BYTES};
 use crate::model::stored::StoredModel;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::past::Past;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::session::Session;
-use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Content of the `HIST` section.
-#[derive(Serialize, Deserialize)]
-pub(super) struct History {
-    pub frames: Vec<FrameReport>,
-    pub skipped: Vec<SkippedFrame>,
-}
-
-impl History {
-    /// As [`canonical`] writes it, a frame at a time: all of a long run at once are ten times as large
-    /// while they are sorted.
-    fn canonical(&self) -> Result<String, serde_json::Error> {
-        let frames: Result<Vec<String>, _> = self.frames.iter().map(canonical).collect();
-        let skipped = canonical(&self.skipped)?;
-        Ok(format!("{{\"frames\":[{}],\"skipped\":{skipped}}}", frames?.join(",")))
-    }
-}
 
 /// Everything a later session needs to go on as if this one had not stopped, copied at a frame
 /// boundary.

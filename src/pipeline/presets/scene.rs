@@ -142,9 +142,12 @@ fn dependence(config: &SceneConfig, components: usize) -> Option<(String, &'stat
         sums,
         max_components,
         photometric,
+        track,
         ..
     } = config;
-    if !births.is_order_invariant() {
+    if *track {
+        Some(("--poses track".to_owned(), "--poses recorded"))
+    } else if !births.is_order_invariant() {
         Some(("--births seeds".to_owned(), "--births lattice"))
     } else if photometric.is_some() {
         let mode = PhotometricMode::of(*photometric);

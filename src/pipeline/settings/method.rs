@@ -79,6 +79,9 @@ impl MethodRequest {
         dataset: &Dataset,
         selection: &Selection,
     ) -> Result<Method, SessionError> {
+        if dataset.options.track {
+            self.check_tracking(selection)?;
+        }
         match self {
             Self::Paper(config) => Ok(Method::Paper(config)),
             Self::Scene(overrides) => {
@@ -87,6 +90,35 @@ impl MethodRequest {
                 let all = Plan::new(dataset, &whole, overrides.seed.unwrap_or(0))?;
                 Ok(Method::Scene(Box::new(SceneRun::new(dataset, &all, &overrides)?)))
             }
+        }
+    }
+}
+
+impl MethodRequest {
+    /// Refuses what tracking cannot go with: each frame is placed by what those before it have
+    /// taught, once.
+    fn check_tracking(&self, selection: &Selection) -> Result<(), SessionError> {
+        let refuse = |expected, found| Err(SessionError::Tracking { expected, found });
+        match self {
+            Self::Paper(_) => return refuse("--preset scene", "--preset paper".to_owned()),
+            Self::Scene(SceneOverrides { births: Some(births), .. })
+                if births.is_order_invariant() =>
+            {
+                return refuse("--births seeds", format!("--births {births}"));
+            }
+            Self::Scene(_) => {}
+        }
+        match selection {
+            Selection { order: Order::Shuffled, .. } => {
+                refuse("--order sequential", "--order shuffled".to_owned())
+            }
+            Selection { shard: Some(shard), .. } => {
+                refuse("all frames in one run", format!("--shard {}", String::from(*shard)))
+            }
+            Selection { passes, .. } if *passes > 1 => {
+                refuse("--passes 1", format!("--passes {passes}"))
+            }
+            _ => Ok(()),
         }
     }
 }

@@ -13,10 +13,8 @@
 
 use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
+use super::rigid_equations::{Motion, RigidEquations};
 use super::seed_positions::SeedPositions;
-use crate::math::camera::Camera;
-use crate::math::cholesky::Cholesky;
-use crate::math::pose::Pose;
 use crate::model::scene::sums::{SceneSums, outer};
 use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
@@ -65,15 +63,6 @@ pub struct PoseAlignment<'a, W> {
     pub gain: [f32; 3],
 }
 
-/// Small motion of a camera and of what it saw, in the world's axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Motion {
-    /// Turn about the camera's centre.
-    pub turn: DQuat,
-    /// Shift after it, world units.
-    pub shift: DVec3,
-}
-
 /// What a component expects of the frame, and what the frame shows of it.
 struct Match {
     normal: DVec3,
@@ -102,7 +91,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         let mut motion = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
         for _ in 0..ROUNDS {
             // About the recorded pose in every round: about the last one, rounds could wander off.
-            let mut normal = Normal::prior(&motion, shift_deviation);
+            let mut normal = RigidEquations::prior(&motion, [TURN_DEVIATION, shift_deviation]);
             matches.iter().for_each(|matched| normal.add_match(matched, centre, &motion));
             let [turn, shift] = normal.solution()?;
             motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
@@ -165,30 +154,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
     }
 }
 
-/// Normal equations of turn and shift.
-struct Normal {
-    /// Row by row; the lower triangle.
-    matrix: [f64; 36],
-    right: [f64; 6],
-}
-
-impl Normal {
-    /// What the recorded pose says.
-    fn prior(motion: &Motion, shift_deviation: f64) -> Self {
-        let mut normal = Self { matrix: [0.0; 36], right: [0.0; 6] };
-        let turn = motion.turn.to_scaled_axis();
-        for axis in 0..3 {
-            for (i, value, deviation) in [
-                (axis, turn[axis], TURN_DEVIATION),
-                (axis + 3, motion.shift[axis], shift_deviation),
-            ] {
-                normal.matrix[7 * i] = deviation.powi(-2);
-                normal.right[i] = -value * deviation.powi(-2);
-            }
-        }
-        normal
-    }
-
+impl RigidEquations {
     fn add_match(&mut self, matched: &Match, centre: DVec3, motion: &Motion) {
         // About the camera's centre, so that a turn leaves the camera where it is.
         let arm = motion.turn * (matched.seen - centre);
@@ -206,56 +172,8 @@ impl Normal {
             self.add(color[channel], -rows.col(channel), arm, weight * trust);
         }
     }
-
-    /// Adds a residual that changes by `slope` with the position of what lies at `arm` from the
-    /// camera.
-    fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
-        let turn = arm.cross(slope);
-        let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z];
-        for i in 0..6 {
-            self.right[i] -= weight * residual * row[i];
-            for j in 0..=i {
-                self.matrix[6 * i + j] += weight * row[i] * row[j];
-            }
-        }
-    }
-
-    /// Turn (axis times angle) and shift; `None` unless all numbers are finite.
-    fn solution(&self) -> Option<[DVec3; 2]> {
-        let x = Cholesky::new(6, &self.matrix)?.solve(&self.right);
-        let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
-        // The factor says nothing of the right side: a colour that is no number shows only here.
-        (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
-    }
-}
-
-impl Motion {
-    /// Moves the frame's points into `points` and returns its camera, moved likewise.
-    pub fn apply(&self, frame: &Observation, points: &mut Vec<SurfacePoint>) -> Camera {
-        let Camera { intrinsics, pose } = frame.camera;
-        let turn = DMat3::from_quat(self.turn);
-        let centre = pose.centre() - frame.origin;
-        let moved = |point: &SurfacePoint| SurfacePoint {
-            position: array(centre + turn * (point.position_vector() - centre) + self.shift),
-            normal: array(turn * point.normal_vector()),
-            direction: array(turn * point.direction_vector()),
-            ..*point
-        };
-        frame.points.par_iter().with_min_len(1024).map(moved).collect_into_vec(points);
-        Camera { intrinsics, pose: self.of_pose(&pose) }
-    }
-
-    fn of_pose(&self, pose: &Pose) -> Pose {
-        let world_from_camera = DQuat::from_mat3(&pose.rotation());
-        let turn = world_from_camera.inverse() * self.turn * world_from_camera;
-        pose.attached(world_from_camera.inverse() * self.shift, turn)
-    }
 }
 
 fn vector(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
-}
-
-fn array(v: DVec3) -> [f32; 3] {
-    v.as_vec3().to_array()
 }

@@ -88,6 +88,9 @@ pub struct SceneConfig {
     // Left out where it is off, so that files of scenes without it are what they were.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photometric: Option<PhotometricRule>,
+    /// Whether frames are placed by the scene itself, whatever their recorded poses.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub track: bool,
 }
 
 impl SceneConfig {
@@ -119,6 +122,7 @@ impl SceneConfig {
                 directional_ridge: [0.01, 0.2],
             },
             photometric: None,
+            track: false,
         }
     }
 

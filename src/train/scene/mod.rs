@@ -14,6 +14,7 @@ pub mod memory;
 pub mod partition;
 pub mod photometric;
 pub mod sum_form;
+pub mod track;
 pub mod trainer;
 pub mod units;
 
@@ -31,4 +32,5 @@ mod lattice;
 mod merge;
 mod observe;
 mod refine;
+mod rigid_equations;
 mod seed_positions;

@@ -43,6 +43,11 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::POSES, at, "correction", "a finite number", found));
         }
     }
+    let unplaced = state.trajectory.iter().position(|tracked| tracked.pose().is_none());
+    if let Some(at) = unplaced {
+        let found = state.trajectory[at].rotation[3];
+        return Err(value(tag::TRAJECTORY, at, "rotation", "a unit quaternion", found));
+    }
     if let Some(photometric) = &state.photometric {
         self::photometric(photometric)?;
     }

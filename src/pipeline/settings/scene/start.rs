@@ -49,6 +49,7 @@ impl SceneRun {
         let mut engine = measured_with(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
         engine.births = overrides.births.unwrap_or(engine.births);
+        engine.track = dataset.options.track;
         if engine.births.is_order_invariant() {
             engine.refine = false;
             engine.align = false;

@@ -6,9 +6,10 @@
 
 mod photograph;
 mod seam;
+mod tracking;
 
 use super::accumulate::{Matched, accumulate};
-use super::align::{EVERY, Motion, PoseAlignment};
+use super::align::{EVERY, PoseAlignment};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
 use super::component_sums::{ComponentSums, SumScalar};
@@ -20,12 +21,14 @@ use super::merge::merge_down;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::refine::shift;
+use super::rigid_equations::Motion;
 use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::splat_rule::{SplatContext, SplatRule};
 use crate::model::scene::state::{SceneState, seed_order};
 use crate::model::scene::sums::SceneSums;
+use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
 use crate::model::splat::exposure::{ExposureLog, FrameExposure};
 use crate::model::splat::pose_log::{FramePose, PoseLog};
@@ -79,6 +82,8 @@ pub struct SceneTrainer<W> {
     exposures: Vec<FrameExposure>,
     /// How their poses were corrected, unless these are taken for exact.
     poses: Vec<FramePose>,
+    /// Where the cameras of the frames were found, while poses are tracked.
+    trajectory: Vec<TrackedPose>,
     /// Points of the frame being learnt as its corrected pose has them.
     moved: Vec<SurfacePoint>,
     /// What photographs taught, while splats learn from them.
@@ -108,6 +113,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             unassigned: UnassignedPoints::default(),
             exposures: Vec::new(),
             poses: Vec::new(),
+            trajectory: Vec::new(),
             moved: Vec::new(),
             photometric: PhotometricLearner::default(),
         }
@@ -127,6 +133,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         trainer.exposures = state.exposures;
         trainer.poses = state.poses;
+        trainer.trajectory = state.trajectory;
         trainer.photometric = PhotometricLearner::restore(state.photometric.unwrap_or_default());
         trainer.frames = frames;
         Some(trainer)
@@ -152,6 +159,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             visibility,
             exposures,
             poses,
+            trajectory: self.trajectory.clone(),
             photometric,
         }
     }
@@ -173,7 +181,15 @@ impl<W: SumScalar> SceneTrainer<W> {
         let mut ms = StageMs::new(&SCENE_STAGES);
         let mut clock = Stopwatch::start();
         let mut lap = |ms: &mut StageMs, stage: SceneStage| ms.add(stage as usize, clock.lap_ms());
-        let (moved, camera) = self.moved(frame);
+        let (moved, camera) = match self.placed(frame) {
+            Ok(placed) => placed,
+            Err(loss) => {
+                lap(&mut ms, SceneStage::Pose);
+                ms.train = wall.elapsed_ms();
+                return self.leave_out(loss, ms);
+            }
+        };
+        let tracking = self.tracking();
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
         self.assign(points);
@@ -183,7 +199,8 @@ impl<W: SumScalar> SceneTrainer<W> {
             self.moved = moved.unwrap_or_default();
             self.pass_over();
             ms.train = wall.elapsed_ms();
-            return FrameOutcome { photograph: contradiction, ms, ..FrameOutcome::default() };
+            let photograph = contradiction;
+            return FrameOutcome { photograph, tracking, ms, ..FrameOutcome::default() };
         }
         let born = self.give_birth(points);
         lap(&mut ms, SceneStage::Births);
@@ -202,7 +219,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         if self.config.gain {
             self.exposures.push(FrameExposure::new(&camera.pose, gain));
         }
-        if self.config.align {
+        if self.config.align && !self.config.track {
             self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
         }
         self.moved = moved.unwrap_or_default();
@@ -212,7 +229,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
         lap(&mut ms, SceneStage::Merge);
         ms.train = wall.elapsed_ms();
-        FrameOutcome { points: n_points, elbo_mean, born, reassigned: 0, merged, photograph, ms }
+        let (points, reassigned) = (n_points, 0);
+        FrameOutcome { points, elbo_mean, born, reassigned, merged, photograph, tracking, ms }
     }
 
     /// The splat of a component by its points alone.

@@ -1,0 +1,119 @@
+//! How far a tracked trajectory is from a recorded one.
+//!
+//! The two have worlds of their own, so the tracked one is first moved as a whole, without scale, to
+//! where it fits best (Horn's absolute orientation). What is left is the absolute trajectory error
+//! of the TUM benchmark.
+
+use crate::math::pose::Pose;
+use crate::math::sym3::Sym3;
+use glam::{DMat3, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Distance of tracked cameras from recorded ones after the best rigid motion of all.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrajectoryError {
+    /// Cameras compared.
+    pub frames: usize,
+    /// Root mean square distance of the centres, world units: the absolute trajectory error.
+    pub rmse: f64,
+    /// Largest distance of two centres, world units.
+    pub max: f64,
+    /// Root mean square angle between the axes, degrees.
+    pub turn_rmse_deg: f64,
+}
+
+impl TrajectoryError {
+    /// Of pairs of a tracked and a recorded pose; `None` of fewer than three, which fit anywhere.
+    ///
+    /// ```
+    /// use glam::{DQuat, DVec3};
+    /// use vbgs_studio::eval::trajectory_error::TrajectoryError;
+    /// use vbgs_studio::math::pose::Pose;
+    ///
+    /// let at = |x, y, z| Pose::IDENTITY.attached(DVec3::new(x, y, z), DQuat::from_rotation_y(x));
+    /// let recorded = [at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(1.0, 2.0, 0.0), at(0.0, 1.0, 1.0)];
+    /// let world = at(0.3, -1.0, 2.0);
+    /// let moved = |pose: &Pose| {
+    ///     let turn = DQuat::from_mat3(&pose.rotation());
+    ///     (world.attached(pose.centre(), turn), *pose)
+    /// };
+    /// let error = TrajectoryError::of(&recorded.each_ref().map(moved)).ok_or("too few")?;
+    /// assert!(error.rmse < 1e-9 && error.turn_rmse_deg < 1e-5);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn of(pairs: &[(Pose, Pose)]) -> Option<Self> {
+        if pairs.len() < 3 {
+            return None;
+        }
+        let n = pairs.len() as f64;
+        let mean = |centre: fn(&(Pose, Pose)) -> DVec3| pairs.iter().map(centre).sum::<DVec3>() / n;
+        let tracked_mean = mean(|pair| pair.0.centre());
+        let recorded_mean = mean(|pair| pair.1.centre());
+        let spread = pairs.iter().fold(DMat3::ZERO, |sum, (tracked, recorded)| {
+            let (from, to) = (tracked.centre() - tracked_mean, recorded.centre() - recorded_mean);
+            sum + DMat3::from_cols(to * from.x, to * from.y, to * from.z)
+        });
+        let rotation = best_rotation(spread);
+        let distance = |(tracked, recorded): &(Pose, Pose)| {
+            let moved = rotation * (tracked.centre() - tracked_mean) + recorded_mean;
+            moved.distance(recorded.centre())
+        };
+        // Of the turns against each other: where the camera hardly moved, its path says little of the
+        // axes.
+        let turns = pairs
+            .iter()
+            .map(|(tracked, recorded)| recorded.rotation() * tracked.rotation().transpose());
+        let turn = best_rotation(turns.fold(DMat3::ZERO, |sum, turn| sum + turn));
+        let angle = |(tracked, recorded): &(Pose, Pose)| {
+            let left = recorded.rotation().transpose() * turn * tracked.rotation();
+            let trace = left.x_axis.x + left.y_axis.y + left.z_axis.z;
+            (0.5 * (trace - 1.0)).clamp(-1.0, 1.0).acos()
+        };
+        let root = |squares: f64| (squares / n).sqrt();
+        Some(Self {
+            frames: pairs.len(),
+            rmse: root(pairs.iter().map(|pair| distance(pair).powi(2)).sum()),
+            max: pairs.iter().map(distance).fold(0.0, f64::max),
+            turn_rmse_deg: root(pairs.iter().map(|pair| angle(pair).powi(2)).sum()).to_degrees(),
+        })
+    }
+}
+
+/// The rotation `R` that makes `tr(Rᵀ·M)` largest.
+fn best_rotation(m: DMat3) -> DMat3 {
+    let right = Sym3::from_mat3(m.transpose() * m).eigen().vectors;
+    // Of the two longest axes: the third follows, and a mirror image cannot.
+    let x = (m * right.x_axis).try_normalize().unwrap_or(DVec3::X);
+    let across = m * right.y_axis;
+    let y = (across - x * x.dot(across)).try_normalize().unwrap_or(x.any_orthonormal_vector());
+    DMat3::from_cols(x, y, x.cross(y)) * right.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    #[test]
+    fn what_a_motion_of_all_explains_is_no_error() {
+        let at = |x: f64, y: f64, z: f64| {
+            Pose::IDENTITY.attached(DVec3::new(x, y, z), DQuat::from_rotation_x(x + y))
+        };
+        let recorded: Vec<Pose> =
+            (0..20).map(|i| f64::from(i)).map(|i| at(i.sin(), (2.0 * i).cos(), 0.1 * i)).collect();
+        let world = at(1.0, -2.0, 0.4);
+        let pair = |pose: &Pose, off: DVec3| {
+            let turn = DQuat::from_mat3(&pose.rotation());
+            (world.attached(pose.centre() + off, turn), *pose)
+        };
+        let pairs: Vec<(Pose, Pose)> =
+            recorded.iter().map(|pose| pair(pose, DVec3::ZERO)).collect();
+        let error = TrajectoryError::of(&pairs).unwrap();
+        assert!(error.rmse < 1e-12 && error.max < 1e-11 && error.turn_rmse_deg < 1e-5, "{error:?}");
+        let sides = recorded.iter().zip([DVec3::Z, DVec3::NEG_Z].iter().cycle());
+        let pairs: Vec<(Pose, Pose)> = sides.map(|(pose, side)| pair(pose, 0.01 * side)).collect();
+        let error = TrajectoryError::of(&pairs).unwrap();
+        assert!((error.rmse - 0.01).abs() < 5e-4, "{error:?}");
+        assert_eq!(TrajectoryError::of(&pairs[..2]), None);
+    }
+}

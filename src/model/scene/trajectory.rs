@@ -1,0 +1,65 @@
+//! Where the camera of a scene's frames was found, where no poses were recorded.
+
+use crate::math::pose::Pose;
+use bytemuck::{Pod, Zeroable};
+use glam::{DMat4, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+/// Where the camera of one frame was found, and how surely.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
+#[repr(C)]
+pub struct TrackedPose {
+    /// Camera centre, world units; the first frame's is the origin.
+    pub centre: [f64; 3],
+    /// Rotation from the camera's OpenCV axes to the world's: unit quaternion x, y, z, w.
+    pub rotation: [f64; 4],
+    /// Standard deviation of the turn about the least certain axis, radians.
+    pub turn_deviation: f64,
+    /// Standard deviation of the centre along the least certain axis, world units.
+    pub shift_deviation: f64,
+    /// Share of the frame that the scene shows from there, 0 to 1.
+    pub overlap: f64,
+    /// How well depth and colour agree there, 0 to 1.
+    pub agreement: f64,
+}
+
+impl TrackedPose {
+    /// The first frame: it says where the world is.
+    pub fn first(pose: &Pose) -> Self {
+        Self::new(pose, [0.0; 2], 1.0, 1.0)
+    }
+
+    /// A camera found at `pose` with the deviations of its turn (radians) and centre (world units).
+    pub fn new(pose: &Pose, deviations: [f64; 2], overlap: f64, agreement: f64) -> Self {
+        let [turn_deviation, shift_deviation] = deviations;
+        let rotation = DQuat::from_mat3(&pose.rotation()).normalize().to_array();
+        let centre = pose.centre().to_array();
+        Self { centre, rotation, turn_deviation, shift_deviation, overlap, agreement }
+    }
+
+    /// The pose; `None` unless its numbers are those of one.
+    pub fn pose(&self) -> Option<Pose> {
+        let rotation = DQuat::from_array(self.rotation);
+        let is_unit = (rotation.length() - 1.0).abs() < 1e-6;
+        let matrix = DMat4::from_rotation_translation(
+            if is_unit { rotation.normalize() } else { return None },
+            DVec3::from_array(self.centre),
+        );
+        Pose::from_opencv(matrix).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_are_read_back() {
+        let pose = Pose::look_at(DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO, DVec3::Z).unwrap();
+        let tracked = TrackedPose::new(&pose, [0.001, 0.002], 0.9, 0.8);
+        let apart = tracked.pose().unwrap().to_opencv() - pose.to_opencv();
+        assert!(apart.to_cols_array().iter().all(|x| x.abs() < 1e-12));
+        let nonsense = TrackedPose { rotation: [f64::NAN, 0.0, 0.0, 1.0], ..tracked };
+        assert_eq!(nonsense.pose(), None);
+    }
+}

@@ -1,0 +1,115 @@
+//! Least squares for a small rigid motion of a camera and of what it saw: what correcting poses and
+//! tracking have in common.
+
+use crate::math::camera::Camera;
+use crate::math::cholesky::Cholesky;
+use crate::math::pose::Pose;
+use crate::math::sym3::Sym3;
+use crate::observation::surface::{Observation, SurfacePoint};
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
+
+/// Small motion of a camera and of what it saw, in the world's axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Turn about the camera's centre.
+    pub turn: DQuat,
+    /// Shift after it, world units.
+    pub shift: DVec3,
+}
+
+impl Motion {
+    /// What takes a camera from one pose to another.
+    pub fn between(from: &Pose, to: &Pose) -> Self {
+        let turn = DQuat::from_mat3(&(to.rotation() * from.rotation().transpose())).normalize();
+        Self { turn, shift: to.centre() - from.centre() }
+    }
+
+    /// Moves the frame's points into `points` and returns its camera, moved likewise.
+    pub fn apply(&self, frame: &Observation, points: &mut Vec<SurfacePoint>) -> Camera {
+        let Camera { intrinsics, pose } = frame.camera;
+        let turn = DMat3::from_quat(self.turn);
+        let centre = pose.centre() - frame.origin;
+        let moved = |point: &SurfacePoint| SurfacePoint {
+            position: array(centre + turn * (point.position_vector() - centre) + self.shift),
+            normal: array(turn * point.normal_vector()),
+            direction: array(turn * point.direction_vector()),
+            ..*point
+        };
+        frame.points.par_iter().with_min_len(1024).map(moved).collect_into_vec(points);
+        Camera { intrinsics, pose: self.of_pose(&pose) }
+    }
+
+    /// A camera at `pose`, moved.
+    pub fn of_pose(&self, pose: &Pose) -> Pose {
+        let world_from_camera = DQuat::from_mat3(&pose.rotation());
+        let turn = world_from_camera.inverse() * self.turn * world_from_camera;
+        pose.attached(world_from_camera.inverse() * self.shift, turn)
+    }
+}
+
+/// Normal equations of a [`Motion`].
+pub(super) struct RigidEquations {
+    /// Row by row; the lower triangle.
+    matrix: [f64; 36],
+    right: [f64; 6],
+}
+
+impl RigidEquations {
+    /// What is known of a motion before anything is seen: it is none, give or take the standard
+    /// deviations of turn (radians) and shift (world units).
+    pub fn prior(motion: &Motion, [turn_deviation, shift_deviation]: [f64; 2]) -> Self {
+        let mut normal = Self { matrix: [0.0; 36], right: [0.0; 6] };
+        let turn = motion.turn.to_scaled_axis();
+        for axis in 0..3 {
+            for (i, value, deviation) in [
+                (axis, turn[axis], turn_deviation),
+                (axis + 3, motion.shift[axis], shift_deviation),
+            ] {
+                normal.matrix[7 * i] = deviation.powi(-2);
+                normal.right[i] = -value * deviation.powi(-2);
+            }
+        }
+        normal
+    }
+
+    /// Adds a residual that changes by `slope` with the position of what lies at `arm` from the
+    /// camera.
+    pub fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
+        let turn = arm.cross(slope);
+        let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z];
+        for i in 0..6 {
+            self.right[i] -= weight * residual * row[i];
+            for j in 0..=i {
+                self.matrix[6 * i + j] += weight * row[i] * row[j];
+            }
+        }
+    }
+
+    /// Turn (axis times angle) and shift; `None` unless all numbers are finite.
+    pub fn solution(&self) -> Option<[DVec3; 2]> {
+        let x = Cholesky::new(6, &self.matrix)?.solve(&self.right);
+        let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
+        // The factor says nothing of the right side: a colour that is no number shows only here.
+        (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
+    }
+
+    /// Standard deviations of turn (radians) and shift (world units) along the axes that are least
+    /// certain; `None` unless all numbers are finite.
+    pub fn deviations(&self) -> Option<[f64; 2]> {
+        let factor = Cholesky::new(6, &self.matrix)?;
+        let column =
+            |i: usize| factor.solve(&std::array::from_fn::<_, 6, _>(|k| f64::from(k == i)));
+        let inverse: [Vec<f64>; 6] = std::array::from_fn(column);
+        let largest = |first: usize| {
+            let axis = |i: usize| DVec3::from_slice(&inverse[first + i][first..first + 3]);
+            Sym3::from_mat3(DMat3::from_cols(axis(0), axis(1), axis(2))).eigen().values.x.sqrt()
+        };
+        let found = [largest(0), largest(3)];
+        found.iter().all(|deviation| deviation.is_finite()).then_some(found)
+    }
+}
+
+fn array(v: DVec3) -> [f32; 3] {
+    v.as_vec3().to_array()
+}

@@ -1,0 +1,179 @@
+//! What the scene shows from a place: the picture and depth that a frame is aligned with.
+//!
+//! Drawn wider than a frame, so that a camera that turned still finds its surroundings: the scene
+//! knows what the frame before did not see.
+
+use super::samples::{LEVELS, brightness};
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::image::Image;
+use crate::math::pose::Pose;
+use crate::model::splat::appearance::SplatView;
+use crate::render::cpu::CpuRenderer;
+use crate::render::{Exposing, RenderMethod, RenderOptions};
+use glam::DVec3;
+
+/// Least coverage of a pixel that shows anything.
+const MIN_COVERAGE: f32 = 0.5;
+/// Most by which the depths around a point may differ, as a share: beyond it is an edge.
+const EDGE: f64 = 0.1;
+
+/// What the scene shows from a place, the finest level first.
+pub struct Reference {
+    /// Where from.
+    pub pose: Pose,
+    /// By level.
+    pub levels: [ReferenceLevel; LEVELS],
+}
+
+/// One resolution of a [`Reference`].
+pub struct ReferenceLevel {
+    intrinsics: Intrinsics,
+    /// Brightness, and depth along the optical axis: 0 where nothing is shown.
+    texels: Image<[f64; 2]>,
+}
+
+/// What is shown between pixels.
+#[derive(Clone, Copy)]
+pub struct Texel {
+    /// Brightness in `[0, 1]`, in the scene's exposure.
+    pub brightness: f64,
+    /// Depth along the optical axis, world units.
+    pub depth: f64,
+    /// How brightness changes with the place of what is seen, camera axes, per world unit.
+    pub brightness_slope: DVec3,
+    /// How depth does.
+    pub depth_slope: DVec3,
+}
+
+impl Reference {
+    /// Draws the scene from `pose` for frames with these intrinsics, one pixel for `block` of theirs
+    /// and wider than they are by `margin` of a side at each end.
+    pub fn draw(
+        renderer: &mut CpuRenderer,
+        scene: SplatView<'_>,
+        pose: &Pose,
+        frame: &Intrinsics,
+        block: usize,
+        margin: f64,
+    ) -> Self {
+        let intrinsics = widened(frame, block, margin);
+        let options = RenderOptions {
+            exposing: Exposing::Neutral,
+            near: 0.0,
+            ..RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3])
+        };
+        let drawn = renderer.render(scene, &Camera { intrinsics, pose: *pose }, &options);
+        let pixels = drawn.color.data.iter().zip(&drawn.coverage.data).zip(&drawn.depth.data);
+        let texel = |((color, coverage), depth): ((&[f32; 3], &f32), &f32)| {
+            let is_shown = *coverage >= MIN_COVERAGE && *depth > 0.0;
+            match is_shown {
+                true => [brightness(*color) / f64::from(*coverage), f64::from(*depth)],
+                false => [0.0; 2],
+            }
+        };
+        let (width, height) = (drawn.color.width, drawn.color.height);
+        let texels = Image::from_vec(width, height, pixels.map(texel).collect());
+        let finest = ReferenceLevel { intrinsics, texels };
+        let middle = finest.halved();
+        let coarsest = middle.halved();
+        Self { pose: *pose, levels: [finest, middle, coarsest] }
+    }
+}
+
+fn widened(frame: &Intrinsics, block: usize, margin: f64) -> Intrinsics {
+    let per_pixel = 1.0 / block as f64;
+    // Whole blocks at either end, and sides that can be halved twice.
+    let side = |length: u32| {
+        let added = (margin * f64::from(length) * per_pixel).ceil();
+        let side = (f64::from(length) * per_pixel).ceil() + 2.0 * added;
+        let multiple = f64::from(1u32 << (LEVELS - 1));
+        (added, ((side / multiple).ceil() * multiple) as u32)
+    };
+    let ((left, width), (top, height)) = (side(frame.width), side(frame.height));
+    Intrinsics {
+        width,
+        height,
+        fx: frame.fx * per_pixel,
+        fy: frame.fy * per_pixel,
+        cx: frame.cx * per_pixel + left,
+        cy: frame.cy * per_pixel + top,
+    }
+}
+
+impl ReferenceLevel {
+    /// The next coarser level: means over what is shown of two by two pixels on one surface.
+    fn halved(&self) -> Self {
+        let (width, height) = (self.texels.width / 2, self.texels.height / 2);
+        let texel = |i: usize| {
+            let (column, row) = (2 * (i % width), 2 * (i / width));
+            let four = [(0, 0), (1, 0), (0, 1), (1, 1)]
+                .map(|(dx, dy)| *self.texels.at(column + dx, row + dy));
+            let nearest = four.iter().map(|texel| texel[1]).filter(|z| *z > 0.0);
+            let nearest = nearest.fold(f64::INFINITY, f64::min);
+            let same = four.iter().filter(|t| t[1] > 0.0 && t[1] <= nearest * (1.0 + EDGE));
+            let (sum, n) = same.fold(([0.0; 2], 0.0), |(sum, n), texel| {
+                ([sum[0] + texel[0], sum[1] + texel[1]], n + 1.0)
+            });
+            if n >= 2.0 { sum.map(|sum| sum / n) } else { [0.0; 2] }
+        };
+        let texels = Image::from_vec(width, height, (0..width * height).map(texel).collect());
+        let Intrinsics { fx, fy, cx, cy, .. } = self.intrinsics;
+        let intrinsics = Intrinsics {
+            width: width as u32,
+            height: height as u32,
+            fx: 0.5 * fx,
+            fy: 0.5 * fy,
+            cx: 0.5 * cx,
+            cy: 0.5 * cy,
+        };
+        Self { intrinsics, texels }
+    }
+
+    /// Angle that a pixel at the centre covers, radians.
+    pub fn pixel_angle(&self) -> f64 {
+        1.0 / self.intrinsics.fx
+    }
+
+    /// Brightness and depth of the nearest pixel to a point in camera axes; depth 0 where nothing is
+    /// shown, `None` outside.
+    pub fn nearest(&self, point: DVec3) -> Option<[f64; 2]> {
+        let k = &self.intrinsics;
+        let (u, v) = (k.fx * point.x / point.z + k.cx, k.fy * point.y / point.z + k.cy);
+        let is_inside = point.z > 0.0
+            && (0.0..f64::from(k.width)).contains(&u)
+            && (0.0..f64::from(k.height)).contains(&v);
+        is_inside.then(|| *self.texels.at(u as usize, v as usize))
+    }
+
+    /// What is shown where a point in camera axes lies, by bilinear interpolation; `None` outside,
+    /// beside what is not shown, and at edges of depth.
+    pub fn at(&self, point: DVec3) -> Option<Texel> {
+        let k = &self.intrinsics;
+        let (u, v) = (k.fx * point.x / point.z + k.cx - 0.5, k.fy * point.y / point.z + k.cy - 0.5);
+        let is_inside = point.z > 0.0
+            && (0.0..f64::from(k.width) - 1.0).contains(&u)
+            && (0.0..f64::from(k.height) - 1.0).contains(&v);
+        if !is_inside {
+            return None;
+        }
+        let (column, row) = (u as usize, v as usize);
+        let (a, b) = (u - column as f64, v - row as f64);
+        let four =
+            [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| *self.texels.at(column + dx, row + dy));
+        let near = four.iter().fold(f64::INFINITY, |near, texel| near.min(texel[1]));
+        let far = four.iter().fold(0.0, |far: f64, texel| far.max(texel[1]));
+        if !(near > 0.0 && far <= near * (1.0 + EDGE)) {
+            return None;
+        }
+        let mix = |i: usize| {
+            let [top, below] = [0, 2].map(|at| four[at][i] + a * (four[at + 1][i] - four[at][i]));
+            let across = (1.0 - b) * (four[1][i] - four[0][i]) + b * (four[3][i] - four[2][i]);
+            // The slope of a pixel's place, where x and y stand over z.
+            let along_u = DVec3::new(k.fx, 0.0, -k.fx * point.x / point.z) / point.z;
+            let along_v = DVec3::new(0.0, k.fy, -k.fy * point.y / point.z) / point.z;
+            (top + b * (below - top), across * along_u + (below - top) * along_v)
+        };
+        let ((brightness, brightness_slope), (depth, depth_slope)) = (mix(0), mix(1));
+        Some(Texel { brightness, depth, brightness_slope, depth_slope })
+    }
+}

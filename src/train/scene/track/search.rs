@@ -1,0 +1,91 @@
+//! Where a camera may have turned to: every turn on a grid, compared at the coarsest resolution.
+//!
+//! Gauss–Newton finds a pose from within two or three pixels of the coarsest level; hand-held
+//! cameras turn by many times that between frames that come seldom, but hardly move as far. So only
+//! turns are tried.
+
+use super::reference::ReferenceLevel;
+use super::samples::Sample;
+use crate::math::pose::Pose;
+use glam::{DMat3, DQuat, DVec3, EulerRot};
+use rayon::prelude::*;
+
+/// Largest turns tried: pitch, yaw and roll, radians.
+const REACH: [f64; 3] = [0.5, 0.6, 0.45];
+/// Distance of turns, in pixels of the coarsest level; rolls move a picture's rim by about as much.
+const STEP: [f64; 3] = [2.5, 2.5, 5.0];
+/// Samples that are compared, about.
+const SAMPLES: usize = 400;
+/// By how much depth and brightness may differ to count half, as a share and in `[0, 1]`.
+const TOLERANCE: [f64; 2] = [0.06, 0.1];
+/// What a sample counts that lies where the scene shows nothing.
+const UNKNOWN: f64 = 0.15;
+
+/// The most likely poses of a frame that was turned from about `guess`, the best first.
+pub fn search(
+    samples: &[Sample],
+    (level, from): (&ReferenceLevel, &Pose),
+    guess: &Pose,
+    most: usize,
+) -> Vec<Pose> {
+    let step = STEP.map(|pixels| pixels * level.pixel_angle());
+    let every = (samples.len() / SAMPLES).max(1);
+    let samples: Vec<Sample> = samples.iter().step_by(every).copied().collect();
+    let counts = [0, 1, 2].map(|axis| (REACH[axis] / step[axis]).floor() as i32);
+    let mut turns = Vec::new();
+    for pitch in -counts[0]..=counts[0] {
+        for yaw in -counts[1]..=counts[1] {
+            turns.extend((-counts[2]..=counts[2]).map(|roll| [pitch, yaw, roll]));
+        }
+    }
+    let pose = |turn: &[i32; 3]| {
+        let [pitch, yaw, roll] = [0, 1, 2].map(|axis| f64::from(turn[axis]) * step[axis]);
+        guess.attached(DVec3::ZERO, DQuat::from_euler(EulerRot::YXZ, yaw, pitch, roll))
+    };
+    let scores = turns.par_iter().with_min_len(16);
+    let scores: Vec<f64> = scores.map(|turn| score(&samples, level, from, &pose(turn))).collect();
+    let mut order: Vec<usize> = (0..turns.len()).collect();
+    order.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
+    let mut found: Vec<[i32; 3]> = Vec::new();
+    for i in order {
+        // Neighbours of a peak lead to where it leads.
+        let is_new = |other: &[i32; 3]| (0..3).any(|axis| (other[axis] - turns[i][axis]).abs() > 1);
+        if found.iter().all(is_new) {
+            found.push(turns[i]);
+        }
+        if found.len() == most {
+            break;
+        }
+    }
+    found.iter().map(pose).collect()
+}
+
+/// How well a frame fits at a pose, per sample.
+fn score(samples: &[Sample], level: &ReferenceLevel, from: &Pose, pose: &Pose) -> f64 {
+    let turn: DMat3 = from.rotation().transpose() * pose.rotation();
+    let shift = from.rotation().transpose() * (pose.centre() - from.centre());
+    let mut seen: Vec<[f64; 3]> = Vec::with_capacity(samples.len());
+    let (mut above, mut below, mut unknown) = (0.0, 0.0, 0.0);
+    for sample in samples {
+        let point = turn * sample.position + shift;
+        match level.nearest(point) {
+            Some([shown, depth]) if depth > 0.0 => {
+                let apart = (depth - point.z) / (TOLERANCE[0] * depth);
+                let agreement = 1.0 / (1.0 + apart * apart);
+                above += agreement * shown * sample.brightness;
+                below += agreement * sample.brightness * sample.brightness;
+                seen.push([agreement, shown, sample.brightness]);
+            }
+            _ => unknown += 1.0,
+        }
+    }
+    let gain = if below > 0.0 { above / below } else { 1.0 };
+    let agreed: f64 = seen
+        .iter()
+        .map(|[agreement, shown, brightness]| {
+            let apart = (shown - gain * brightness) / TOLERANCE[1];
+            agreement / (1.0 + apart * apart)
+        })
+        .sum();
+    (agreed + UNKNOWN * unknown) / samples.len().max(1) as f64
+}

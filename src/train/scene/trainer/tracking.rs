@@ -1,0 +1,49 @@
+//! Frames that the scene itself places.
+
+use super::SceneTrainer;
+use crate::math::camera::Camera;
+use crate::math::pose::Pose;
+use crate::model::scene::trajectory::TrackedPose;
+use crate::observation::surface::{Observation, SurfacePoint};
+use crate::train::outcome::{FrameOutcome, FrameTracking};
+use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::rigid_equations::Motion;
+use crate::train::scene::track::{self, TrackingLoss};
+use crate::train::timing::StageMs;
+
+impl<W: SumScalar> SceneTrainer<W> {
+    /// The frame's points and camera as they stood: as recorded and corrected, or as tracked.
+    pub(super) fn placed(
+        &mut self,
+        frame: &Observation,
+    ) -> Result<(Option<Vec<SurfacePoint>>, Camera), TrackingLoss> {
+        if !self.config.track {
+            return Ok(self.moved(frame));
+        }
+        let found = self.track(frame)?;
+        self.trajectory.push(found);
+        let pose = found.pose().unwrap_or(frame.camera.pose);
+        let mut points = std::mem::take(&mut self.moved);
+        let camera = Motion::between(&frame.camera.pose, &pose).apply(frame, &mut points);
+        Ok((Some(points), camera))
+    }
+
+    fn track(&self, frame: &Observation) -> Result<TrackedPose, TrackingLoss> {
+        let known: Vec<Pose> = self.trajectory.iter().filter_map(TrackedPose::pose).collect();
+        let Some(last) = known.last() else { return track::begin(frame) };
+        track::place(self.every_splat().view(), frame, &[*last], &known)
+    }
+
+    /// Where the frame being learnt was found.
+    pub(super) fn tracking(&self) -> Option<FrameTracking> {
+        let found = self.config.track.then(|| self.trajectory.last().copied()).flatten();
+        found.map(FrameTracking::Placed)
+    }
+
+    /// Nothing is learnt from a frame that was not placed.
+    pub(super) fn leave_out(&mut self, loss: TrackingLoss, ms: StageMs) -> FrameOutcome {
+        self.touched.clear();
+        self.has_changed_all = false;
+        FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), ms, ..FrameOutcome::default() }
+    }
+}

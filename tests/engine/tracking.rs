@@ -1,0 +1,169 @@
+//! Recordings without poses, placed by the scene as it grows: how well, and what becomes of frames
+//! that cannot be placed.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
+use tempfile::TempDir;
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
+use vbgs_studio::dataset::{self, Dataset, LoadOptions};
+use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
+use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::pipeline::tracked::Trajectory;
+
+/// Frames of a turn around the room: 7.5 degrees and 20 cm apart.
+const TURN: usize = 48;
+/// Those that are tracked.
+const FRAMES: usize = 10;
+
+/// A part of a walk around a room, in the layout with files that are easily replaced.
+fn recording() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let params = SyntheticParams {
+        width: 80,
+        height: 60,
+        n_train: TURN,
+        n_eval: 0,
+        ..SyntheticParams::demo()
+    };
+    write(&params, folder.path(), SyntheticLayout::Open3d, &mut |_, _| ()).unwrap();
+    folder
+}
+
+fn open(folder: &Path) -> Arc<Dataset> {
+    let options = LoadOptions { track: true, ..LoadOptions::default() };
+    Arc::new(dataset::open(folder, &options).unwrap())
+}
+
+fn session(folder: &Path, max_frames: usize) -> Session {
+    let selection = Selection {
+        split: Some("all".to_owned()),
+        max_frames: Some(max_frames),
+        ..Selection::everything()
+    };
+    let overrides = SceneOverrides { gain: Some(true), ..SceneOverrides::default() };
+    Session::new(open(folder), overrides, selection).unwrap()
+}
+
+fn finish(session: &mut Session) {
+    while !matches!(session.step().unwrap(), Step::Finished) {}
+}
+
+fn trajectory(session: &Session) -> Trajectory {
+    Trajectory::of(session.frames(), session.skipped()).unwrap()
+}
+
+#[test]
+fn a_walk_is_placed_without_its_poses() {
+    let folder = recording();
+    let mut session = session(folder.path(), FRAMES);
+    finish(&mut session);
+    let found = trajectory(&session);
+    assert_eq!((found.len(), found.skipped().len()), (FRAMES, 0), "{:?}", session.skipped());
+    let error = found.error(session.dataset()).unwrap();
+    assert!(error.rmse < 0.02 && error.turn_rmse_deg < 1.0, "{error:?}");
+
+    // Poses are not even needed.
+    fs::remove_file(folder.path().join("trajectory.log")).unwrap();
+    let mut without = self::session(folder.path(), FRAMES);
+    assert_eq!(without.dataset().layout.name(), "color-depth");
+    finish(&mut without);
+    assert_eq!(trajectory(&without), found);
+    assert!(without.learner().stored() == session.learner().stored());
+    let error = dataset::open(folder.path(), &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("--poses track"), "{error}");
+}
+
+/// Images of a recording without poses.
+struct Images<'a> {
+    from: &'a Path,
+    to: TempDir,
+    n: usize,
+}
+
+impl<'a> Images<'a> {
+    fn new(from: &'a Path) -> Self {
+        let to = tempfile::tempdir().unwrap();
+        ["color", "depth"].iter().for_each(|name| fs::create_dir(to.path().join(name)).unwrap());
+        fs::copy(from.join("camera.json"), to.path().join("camera.json")).unwrap();
+        Self { from, to, n: 0 }
+    }
+
+    /// Appends a frame of the recording, its photograph and depth in metres changed.
+    fn push(&mut self, frame: usize, color: impl Fn(u8) -> u8, depth: impl Fn(f64) -> f64) {
+        let open = |name: &str| image::open(self.from.join(format!("{name}/{frame:05}.png")));
+        let path = |name: &str| self.to.path().join(format!("{name}/{:05}.png", self.n));
+        let mut photograph = open("color").unwrap().to_rgb8();
+        photograph.iter_mut().for_each(|value| *value = color(*value));
+        photograph.save(path("color")).unwrap();
+        let mut lengths = open("depth").unwrap().to_luma16();
+        lengths.iter_mut().for_each(|z| *z = (1000.0 * depth(f64::from(*z) / 1000.0)) as u16);
+        lengths.save(path("depth")).unwrap();
+        self.n += 1;
+    }
+}
+
+#[test]
+fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
+    let whole = recording();
+    let mut images = Images::new(whole.path());
+    let (as_is, same) = (|value: u8| value, |z: f64| z);
+    (0..4).for_each(|frame| images.push(frame, as_is, same));
+    images.push(4, |_| 0, same);
+    images.push(4, as_is, same);
+    images.push(5, |_| 128, |_| 1.5);
+    // The camera is held the other way for a moment.
+    images.push(TURN / 2 + 4, as_is, same);
+    images.push(5, as_is, same);
+    images.push(6, as_is, same);
+    let lost = ["00004", "00006", "00007"];
+
+    let mut session = session(images.to.path(), images.n);
+    loop {
+        let before = session.learner().stored();
+        match session.step().unwrap() {
+            Step::Skipped(skipped) => {
+                assert!(session.learner().stored() == before, "{skipped:?}");
+                assert!(skipped.message.contains(&skipped.frame), "{skipped:?}");
+            }
+            Step::Trained(frame) => assert!(frame.tracked.is_some()),
+            Step::Waiting => unreachable!("nothing is followed"),
+            Step::Finished => break,
+        }
+    }
+    assert_eq!(trajectory(&session).skipped(), lost, "{:?}", session.skipped());
+    let reasons = ["brightness", "determine", "scene"];
+    for (skipped, reason) in session.skipped().iter().zip(reasons) {
+        assert!(skipped.message.contains(reason), "{skipped:?}");
+    }
+    // What follows is where it is without them.
+    let mut undisturbed = self::session(whole.path(), 7);
+    finish(&mut undisturbed);
+    let [found, expected] = [(&session, "00009"), (&undisturbed, "00006")]
+        .map(|(session, name)| trajectory(session).pose(name).unwrap().centre());
+    assert!(found.distance(expected) < 0.02, "{found} {expected}");
+}
+
+#[test]
+fn a_tracked_run_that_goes_on_keeps_its_bits() {
+    let folder = recording();
+    let mut whole = session(folder.path(), 6);
+    finish(&mut whole);
+    let mut half = session(folder.path(), 3);
+    finish(&mut half);
+    let file = folder.path().join("half.vbgs");
+    half.save(&file).unwrap();
+    let run = SavedRun::read(&file).unwrap();
+    assert_eq!(run.trajectory().unwrap().unwrap(), trajectory(&half));
+    let request = ResumeRequest { max_frames: Some(6), ..ResumeRequest::default() };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let on = pool.install(|| {
+        let mut on = run.resume(open(folder.path()), &request, false).unwrap();
+        finish(&mut on);
+        on.learner().stored()
+    });
+    assert!(on == whole.learner().stored());
+}
