@@ -8,8 +8,11 @@
 //!
 //! Neighbouring components err together, so their evidence is divided by how many count as one:
 //! else thousands of them would outweigh the prior, whatever they say. Planes alone leave motions
-//! along a wall free; colours hold those. The Kinect's held-out views gain 0.2 dB by it; exact
-//! poses are left alone.
+//! along a wall free; colours hold those.
+//!
+//! A component tells of colours no farther than it reaches, so every round searches the components of
+//! the moved points anew and goes a part of the way; eight rounds are usual. Exact poses are left
+//! alone.
 
 use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
@@ -20,28 +23,28 @@ use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Every so-many-th point of a frame is looked at: neighbours say the same.
-pub const EVERY: usize = 4;
+/// Points of a frame that are looked at, about: neighbours say the same.
+const LOOKED_AT: usize = 16_384;
+/// Searches for components and motions at most, one after the other.
+pub const ROUNDS: usize = 24;
+/// Movement of a point in a round, units of the structural scale, from which on another is of use.
+const SETTLED: f64 = 0.01;
 /// Fewest points of a component that is trusted as a plane.
 const MIN_POINTS: f64 = 20.0;
-/// Fewest points of those looked at in it.
-const MIN_OWNED: usize = 2;
 /// Least length of the mean normal of a plane.
 const MIN_AGREEMENT: f64 = 0.8;
 /// Fewest components that determine a motion.
 const MIN_COMPONENTS: usize = 500;
-/// Points of a component at which its residual counts in full.
-const FULL_POINTS: f64 = 3.0;
 /// Neighbouring components err together: so many count as one.
-const ALIKE: f64 = 100.0;
+const ALIKE: f64 = 10.0;
 /// Variance of a component's mean colour from frame to frame.
-const COLOR_VARIANCE: f64 = 0.01;
+const COLOR_VARIANCE: f64 = 0.003;
 /// Squared residual, in its variances, at which Cauchy's weight is a half.
 const ROBUST: f64 = 4.0;
 /// Standard deviation of a recorded orientation, radians.
 const TURN_DEVIATION: f64 = 0.01;
-/// Number of Gauss–Newton steps.
-const ROUNDS: usize = 3;
+/// Gauss–Newton steps for one choice of components.
+const STEPS: usize = 2;
 
 /// Scene and frame as they are before the frame is learnt.
 pub struct PoseAlignment<'a, W> {
@@ -53,11 +56,9 @@ pub struct PoseAlignment<'a, W> {
     pub h: f64,
     /// Ridge of the regression of colour on position, world units².
     pub ridge: f64,
-    /// The frame as recorded.
+    /// The frame as recorded, with as many of its points as are [`looked_at`].
     pub frame: &'a Observation,
-    /// Every [`EVERY`]th of its points, in their order.
-    pub points: &'a [SurfacePoint],
-    /// Component of each of `points`.
+    /// Component of each of the points where the motion so far takes them.
     pub owners: &'a [u32],
     /// Factors that bring its colours to the scene's exposure.
     pub gain: [f32; 3],
@@ -76,20 +77,32 @@ struct Match {
     /// Means of the frame's points.
     seen: DVec3,
     seen_color: DVec3,
-    weight: f64,
+}
+
+/// A frame with as many of its points, evenly chosen, as tell of its motion.
+pub fn looked_at(frame: &Observation) -> Observation {
+    let every = (frame.points.len() / LOOKED_AT).max(1);
+    Observation {
+        points: frame.points.iter().step_by(every).copied().collect(),
+        camera: frame.camera,
+        origin: frame.origin,
+        tolerance: frame.tolerance,
+        ..Observation::empty()
+    }
 }
 
 impl<W: SumScalar> PoseAlignment<'_, W> {
-    /// The frame's motion; `None` where too little of the scene is known.
-    pub fn motion(&self) -> Option<Motion> {
+    /// A more probable motion than the one that the components were found with, and whether it is so near
+    /// to it that nothing more can be gained; `None` where too little of the scene is known.
+    pub fn improved(&self, before: &Motion) -> Option<(Motion, bool)> {
         let matches = self.matches();
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
         let centre = self.frame.camera.pose.centre() - self.frame.origin;
         let shift_deviation = f64::from(self.frame.tolerance.refinement);
-        let mut motion = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
-        for _ in 0..ROUNDS {
+        let mut motion = *before;
+        for _ in 0..STEPS {
             // About the recorded pose in every round: about the last one, rounds could wander off.
             let mut normal = RigidEquations::prior(&motion, [TURN_DEVIATION, shift_deviation]);
             matches.iter().for_each(|matched| normal.add_match(matched, centre, &motion));
@@ -97,7 +110,10 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
             motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
             motion.shift += shift;
         }
-        Some(motion)
+        let reach = matches.iter().map(|matched| (matched.seen - centre).length()).sum::<f64>();
+        let turned = (motion.turn * before.turn.inverse()).to_scaled_axis().length();
+        let moved = (motion.shift - before.shift).length() + turned * reach / matches.len() as f64;
+        Some((motion, moved < SETTLED * self.h))
     }
 
     /// Matches of the components that own enough points, in ascending order.
@@ -110,7 +126,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         order.par_sort_unstable();
         let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
         let runs = runs.par_iter().with_min_len(64);
-        runs.filter(|run| run.len() >= MIN_OWNED).filter_map(|run| self.matched(run)).collect()
+        runs.filter_map(|run| self.matched(run)).collect()
     }
 
     /// What the points of one component say; keys hold the component above the point.
@@ -126,7 +142,7 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         let n = run.len() as f64;
         let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for key in run {
-            let point = &self.points[*key as u32 as usize];
+            let point = &self.frame.points[*key as u32 as usize];
             seen += (point.position_vector() - seed) / n;
             seen_color += self.exposed(point) / n;
             noise += f64::from(point.noise) / n;
@@ -145,7 +161,6 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
             gradient: gradient - outer(gradient * normal, normal),
             seen: seed + seen,
             seen_color,
-            weight: (n / FULL_POINTS).min(1.0),
         })
     }
 
@@ -160,12 +175,12 @@ impl RigidEquations {
         let arm = motion.turn * (matched.seen - centre);
         let offset = centre + arm + motion.shift - matched.mean;
         let distance = matched.normal.dot(offset);
-        let weight = matched.weight / (ALIKE * matched.variance);
+        let weight = 1.0 / (ALIKE * matched.variance);
         // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
         let trust = 1.0 / (1.0 + distance * distance / (matched.variance * ROBUST));
         self.add(distance, matched.normal, arm, weight * trust);
         let color = matched.seen_color - matched.color - matched.gradient * offset;
-        let weight = matched.weight / (ALIKE * COLOR_VARIANCE);
+        let weight = 1.0 / (ALIKE * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
         let rows = matched.gradient.transpose();
         for channel in 0..3 {

@@ -60,6 +60,23 @@ fn a_wrong_pose_is_found() {
     }
 }
 
+/// As far as cameras are off that lost their way for a moment: 2 cm and a degree.
+#[test]
+fn a_pose_that_is_far_off_is_pulled_back() {
+    let config = SceneConfig { refine: false, gain: false, ..SceneConfig::coarse(0.05) };
+    let mut trainer = SceneTrainer::<f64>::new(&config, DVec3::ZERO);
+    for _ in 0..2 {
+        trainer.train(&room(DQuat::IDENTITY, DVec3::ZERO));
+    }
+    for axis in DVec3::AXES {
+        let (turn, shift) = (DQuat::from_axis_angle(axis, 0.0175), 0.02 * axis);
+        let found = trainer.motion(&room(turn, shift)).unwrap();
+        let rest = (found.turn * turn).to_axis_angle().1.abs();
+        let left = (found.turn * shift + found.shift).length();
+        assert!(rest < 0.2 * 0.0175 && left < 0.2 * 0.02, "{rest} rad and {left} are left");
+    }
+}
+
 #[test]
 fn an_unknown_scene_moves_nothing() {
     let mut trainer = SceneTrainer::<f64>::new(&SceneConfig::coarse(0.05), DVec3::ZERO);

@@ -19,6 +19,9 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// Everything stays where it is.
+    pub const NONE: Self = Self { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
+
     /// What takes a camera from one pose to another.
     pub fn between(from: &Pose, to: &Pose) -> Self {
         let turn = DQuat::from_mat3(&(to.rotation() * from.rotation().transpose())).normalize();

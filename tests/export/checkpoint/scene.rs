@@ -77,6 +77,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
         visibility,
         exposures: Vec::new(),
         poses: Vec::new(),
+        trajectory: Vec::new(),
         photometric: None,
     }))
 }
@@ -92,6 +93,7 @@ pub fn nothing() -> SceneState {
         visibility: Vec::new(),
         exposures: Vec::new(),
         poses: Vec::new(),
+        trajectory: Vec::new(),
         photometric: None,
     }
 }

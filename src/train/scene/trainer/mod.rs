@@ -5,11 +5,11 @@
 //! counted with the means of after the frame.
 
 mod photograph;
+mod posing;
 mod seam;
 mod tracking;
 
 use super::accumulate::{Matched, accumulate};
-use super::align::{EVERY, PoseAlignment};
 use super::assign::assign;
 use super::births::{Limits, assign_to_lattice, give_birth};
 use super::component_sums::{ComponentSums, SumScalar};
@@ -21,7 +21,6 @@ use super::merge::merge_down;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::refine::shift;
-use super::rigid_equations::Motion;
 use super::seed_positions::SeedPositions;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
@@ -256,35 +255,6 @@ impl<W: SumScalar> SceneTrainer<W> {
             let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
             observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
         }
-    }
-
-    /// The frame's points and camera as they stood, if the scene tells better than the recorded pose.
-    fn moved(&mut self, frame: &Observation) -> (Option<Vec<SurfacePoint>>, Camera) {
-        match self.config.align.then(|| self.motion(frame)).flatten() {
-            None => (None, frame.camera),
-            Some(motion) => {
-                let mut points = std::mem::take(&mut self.moved);
-                let camera = motion.apply(frame, &mut points);
-                (Some(points), camera)
-            }
-        }
-    }
-
-    /// See [`PoseAlignment::motion`].
-    pub(super) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
-        let points: Vec<SurfacePoint> = frame.points.iter().step_by(EVERY).copied().collect();
-        self.assign(&points);
-        let alignment = PoseAlignment {
-            component_sums: &self.component_sums,
-            seed_positions: SeedPositions { grid: &self.grid, components: &self.components },
-            h: self.config.h,
-            ridge: self.config.splat_rule.gradient_ridge * self.config.h * self.config.h,
-            frame,
-            points: &points,
-            owners: &self.owners,
-            gain: self.gain(&points),
-        };
-        alignment.motion()
     }
 
     /// Gives points without a component one of their own, as far as the budget allows: a frame may
