@@ -5,6 +5,7 @@ use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
+use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::mesh::Surfel;
@@ -25,6 +26,29 @@ pub struct Model {
     pub method: Option<Method>,
     /// What this program said about the conversion to splats.
     pub comments: Vec<String>,
+    /// The frames that it was trained on, where the file says so.
+    pub learnt: Option<LearntFrames>,
+}
+
+/// The frames that a run went through.
+pub struct LearntFrames {
+    fingerprint: Fingerprint,
+    split: Option<String>,
+    visited: Vec<u32>,
+}
+
+impl LearntFrames {
+    /// Split and positions in a dataset; `None` if the run was on another one.
+    pub fn of(&self, dataset: &Dataset) -> Option<(usize, Vec<usize>)> {
+        let split = match &self.split {
+            Some(name) => dataset.split_named(name).ok()?,
+            None => dataset.training_split().ok()?,
+        };
+        // It may have grown since.
+        let found = Fingerprint::of_first(dataset, split, self.fingerprint.frames());
+        let is_same = self.fingerprint.difference(&found).is_none();
+        is_same.then(|| (split, self.visited.iter().map(|&frame| frame as usize).collect()))
+    }
 }
 
 impl Model {
@@ -84,7 +108,14 @@ pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Fail
 
 fn of_run(run: SavedRun, splats: SplatSet) -> Model {
     let comments = file_comments(&run.config.method, run.content.cursor.frames);
-    Model { splats, up: Some(run.up()), method: Some(run.config.method), comments }
+    let up = Some(run.up());
+    let SavedRun { config, meta, content, .. } = run;
+    let learnt = LearntFrames {
+        fingerprint: meta.fingerprint,
+        split: config.selection.split,
+        visited: content.cursor.visited,
+    };
+    Model { splats, up, method: Some(config.method), comments, learnt: Some(learnt) }
 }
 
 fn of_file(path: &Path) -> Result<Model, Failure> {
@@ -102,5 +133,5 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats, up, method: None, comments })
+    Ok(Model { splats: model.splats, up, method: None, comments, learnt: None })
 }

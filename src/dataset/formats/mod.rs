@@ -5,7 +5,9 @@
 mod arkit;
 mod blender;
 mod format;
+mod lens;
 mod listed;
+mod majority;
 mod nerfstudio;
 mod numbered;
 mod open3d;

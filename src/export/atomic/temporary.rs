@@ -8,12 +8,12 @@ use super::destination::{Destination, folder_of};
 use super::disk::SaveDisk;
 use std::ffi::OsString;
 use std::fs::File;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Names tried: two threads may want one at the same nanosecond.
-const NAME_TRIES: usize = 100;
+/// Names tried, of which the first is almost surely free.
+const NAME_TRIES: usize = 10;
 
 /// A name beside a file; it is taken away again unless another file has got it by then.
 pub(super) struct Temporary<'a> {
@@ -80,12 +80,13 @@ impl Drop for Temporary<'_> {
     }
 }
 
-/// `.NAME.PROCESS.TIME.tmp`, or `.NAME.PROCESS.TIME.old.tmp`.
+/// `.NAME.PROCESS.RANDOM.tmp`, or `.NAME.PROCESS.RANDOM.old.tmp`.
 fn new_name(target: &Path, kind: &str) -> PathBuf {
-    let time = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos());
+    // The standard library's own source of randomness: another one in every process and at every call.
+    let random = RandomState::new().build_hasher().finish();
     let mut name = OsString::from(".");
     name.push(target.file_name().unwrap_or_default());
-    name.push(format!(".{}.{time:x}{kind}.tmp", std::process::id()));
+    name.push(format!(".{}.{random:x}{kind}.tmp", std::process::id()));
     folder_of(target).join(name)
 }
 
