@@ -26,6 +26,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
         exposure: args.exposure,
         start,
     };
+    output::check_files(std::slice::from_ref(&args.output))?;
     let found = progress::steps("calibrate", |progress| calibrate::run(&dataset, &plan, progress))?;
     found.skipped.iter().for_each(|message| eprintln!("warning: {message}"));
     output::write_text(&args.output, &found.calibration.to_text()?)?;

@@ -8,6 +8,7 @@ use super::train::announce;
 use super::{model, output, quality, tracked};
 use serde::Serialize;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
+use vbgs_studio::dataset::splits::HOLD_OUT_EVERY;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::render::Lens;
@@ -36,7 +37,14 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     };
     let views = (split, &frames[..]);
     let color_camera = color_camera(args, &model, &dataset)?;
-    let comparison = QualityRequest { args: &args.comparison, color_camera, methods: &methods };
+    let learnt = model.learnt.as_ref().and_then(|learnt| learnt.of(&dataset));
+    let learnt = learnt.as_ref().map(|(split, frames)| (*split, &frames[..]));
+    if learnt.is_none() {
+        let path = args.model.display();
+        eprintln!("note: {path}: does not say which of these views it was trained on");
+    }
+    let comparison =
+        QualityRequest { args: &args.comparison, color_camera, methods: &methods, learnt };
     let found = quality::measure((&model.splats).into(), &dataset, views, &comparison)?;
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();
@@ -69,7 +77,11 @@ fn choose_views(dataset: &Dataset, args: &EvalArgs) -> Result<(usize, Vec<usize>
         None => {
             // A dataset without depth has no split to train on, but photographs to compare with.
             let evaluation = dataset.evaluation(dataset.training_split().unwrap_or(0));
-            eprintln!("note: evaluating on {}", evaluation.why);
+            // Not its reason: what was trained on is counted below, by the model's own list.
+            match evaluation.held_out {
+                true => eprintln!("note: evaluating on every {HOLD_OUT_EVERY}th frame"),
+                false => eprintln!("note: evaluating on {}", evaluation.why),
+            }
             (evaluation.split, evaluation.frames)
         }
     };

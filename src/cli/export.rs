@@ -6,6 +6,8 @@ use super::interrupt::Interrupt;
 use super::model::{self, Model, Training};
 use super::{output, progress};
 use glam::DVec3;
+use std::path::Path;
+use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, write_mesh};
 use vbgs_studio::export::{
     Axes, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSelection, mapping,
@@ -30,7 +32,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
     };
     let is_turned = matches!(format, ModelFormat::Glb | ModelFormat::Spz);
     say_what_is_assumed(args, is_turned, &model);
-    let summary = watched("splats", |progress| {
+    let summary = watched(&args.output, "splats", |progress| {
         let options = options(args, format, &model, training.as_ref(), progress);
         write(&args.output, &model.splats, &options)
     })?;
@@ -51,6 +53,9 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
         )));
     }
     let format = MeshFormat::from_path(&args.output)?;
+    if format == MeshFormat::Glb {
+        y_up_axes(args, &"glb")?;
+    }
     let path = args.model.display();
     let needed = || {
         Failure::failed(anyhow::anyhow!(
@@ -61,7 +66,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     let training = training.ok_or_else(needed)?;
     let h = model.method.as_ref().and_then(|m| m.scene()).map(|scene| scene.engine.h);
     let cell = args.cell.or(h.map(|h| 0.5 * h)).ok_or_else(needed)?;
-    let summary = watched("mesh", |progress| {
+    let summary = watched(&args.output, "mesh", |progress| {
         let options = options(args, ModelFormat::Ply, &model, Some(&training), progress);
         let asked = |i: usize, surfel: &Surfel| {
             options.selection.takes(i, surfel.mean, options.confidence).then_some(*surfel)
@@ -80,12 +85,15 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs what writes a file under a bar; Ctrl-C ends it without the file.
+/// Runs what writes a file under a bar; Ctrl-C ends it without the file. What killed exports of the
+/// same name have left is removed.
 fn watched<T>(
+    output: &Path,
     what: &'static str,
     work: impl FnOnce(WriteProgress) -> Result<T, ExportError>,
 ) -> Result<T, Failure> {
     let interrupt = Interrupt::listen()?;
+    remove_leftovers(output);
     let written = progress::share(what, |told| {
         let goes_on = |share| {
             told(share);
@@ -147,7 +155,21 @@ fn format(args: &ExportArgs) -> Result<ModelFormat, Failure> {
             "--cell: a setting of meshes, found without --as mesh; add that or leave it out"
                 .to_owned(),
         )),
+        _ if args.sh3_padding && format != ModelFormat::Ply => Err(Failure::Usage(format!(
+            "--sh3-padding: a setting of splat PLY, found with the format {format}; leave it out"
+        ))),
+        (_, ModelFormat::Glb | ModelFormat::Spz) => y_up_axes(args, &format).map(|()| format),
         _ => Ok(format),
+    }
+}
+
+/// Formats that prescribe their axes take no others.
+fn y_up_axes(args: &ExportArgs, format: &dyn std::fmt::Display) -> Result<(), Failure> {
+    match args.axes {
+        AxesName::AsIs | AxesName::YUp => Ok(()),
+        AxesName::Viewer | AxesName::ZUp => Err(Failure::Usage(format!(
+            "--axes: expected y-up, which the format {format} prescribes, found other axes; leave the option out or write a PLY"
+        ))),
     }
 }
 

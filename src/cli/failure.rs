@@ -7,13 +7,16 @@ use vbgs_studio::dataset::synthetic::ParamsError;
 use vbgs_studio::pipeline::checkpoint::RunError;
 use vbgs_studio::train::setting::ConfigError;
 
+/// Exit status as shells report a process ended by Ctrl-C: 128 and the number of the signal.
+pub const INTERRUPTED: u8 = 130;
+
 /// Why a command did not do its work.
 pub enum Failure {
     /// Exit status 1.
     Failed(anyhow::Error),
     /// Exit status 2.
     Usage(String),
-    /// Ctrl-C; what was asked to be saved is saved. Exit status 130.
+    /// Ctrl-C or the like; what was asked to be saved is saved. Exit status 130.
     Interrupted,
 }
 
@@ -35,8 +38,7 @@ impl Failure {
                 eprintln!("error: {message}\n\nFor more information, try '--help'.");
                 ExitCode::from(2)
             }
-            // As shells report a process ended by Ctrl-C: 128 and the number of the signal.
-            Self::Interrupted => ExitCode::from(130),
+            Self::Interrupted => ExitCode::from(INTERRUPTED),
         }
     }
 }

@@ -8,6 +8,7 @@ use vbgs_studio::pipeline::checkpoint::{SavedRun, merge};
 
 /// Merges as asked.
 pub fn run(args: &MergeArgs) -> Result<(), Failure> {
+    output::check_files(std::slice::from_ref(&args.output))?;
     let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
     // Never none: clap asks for two checkpoints.
     let Some(merged) = merge(runs?)? else { return Ok(()) };

@@ -47,7 +47,8 @@ pub fn run() -> ExitCode {
     let started = Instant::now();
     let arguments = Arguments::from_command_line();
     start_logging();
-    match dispatch(arguments, started) {
+    // What could not be printed is a failure of work that is done, not of work that failed.
+    match dispatch(arguments, started).and_then(|()| output::arrived()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }

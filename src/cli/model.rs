@@ -5,6 +5,7 @@ use super::tracked;
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::dataset::calibration::ColorCamera;
+use vbgs_studio::dataset::fingerprint::Fingerprint;
 use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::measure::Views;
 use vbgs_studio::export;
@@ -30,6 +31,29 @@ pub struct Model {
     pub trajectory: Option<Trajectory>,
     /// What this program said about the conversion to splats.
     pub comments: Vec<String>,
+    /// The frames that it was trained on, where the file says so.
+    pub learnt: Option<LearntFrames>,
+}
+
+/// The frames that a run went through.
+pub struct LearntFrames {
+    fingerprint: Fingerprint,
+    split: Option<String>,
+    visited: Vec<u32>,
+}
+
+impl LearntFrames {
+    /// Split and positions in a dataset; `None` if the run was on another one.
+    pub fn of(&self, dataset: &Dataset) -> Option<(usize, Vec<usize>)> {
+        let split = match &self.split {
+            Some(name) => dataset.split_named(name).ok()?,
+            None => dataset.training_split().ok()?,
+        };
+        // It may have grown since.
+        let found = Fingerprint::of_first(dataset, split, self.fingerprint.frames());
+        let is_same = self.fingerprint.difference(&found).is_none();
+        is_same.then(|| (split, self.visited.iter().map(|&frame| frame as usize).collect()))
+    }
 }
 
 impl Model {
@@ -120,7 +144,13 @@ pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Fail
 fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     let comments = file_comments(&run.config.method, run.content.cursor.frames);
     let (up, trajectory) = (Some(run.up()), run.trajectory()?);
-    Ok(Model { splats, up, method: Some(run.config.method), trajectory, comments })
+    let SavedRun { config, meta, content, .. } = run;
+    let learnt = Some(LearntFrames {
+        fingerprint: meta.fingerprint,
+        split: config.selection.split,
+        visited: content.cursor.visited,
+    });
+    Ok(Model { splats, up, method: Some(config.method), trajectory, comments, learnt })
 }
 
 fn of_file(path: &Path) -> Result<Model, Failure> {
@@ -138,5 +168,5 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats, up, method: None, trajectory: None, comments })
+    Ok(Model { splats: model.splats, up, method: None, trajectory: None, comments, learnt: None })
 }

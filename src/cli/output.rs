@@ -7,7 +7,8 @@ use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 use serde::Serialize;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::Dataset;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
@@ -15,11 +16,34 @@ use vbgs_studio::eval::seen::Seen;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::math::image::RgbImage;
 
+/// The first error of stdout: whoever prints a table goes on, and the command fails at its end.
+static STDOUT: Mutex<Option<std::io::Error>> = Mutex::new(None);
+
 /// One line for people.
 pub fn line(text: impl std::fmt::Display) {
-    // A closed pipe is the reader's choice, not an error of ours.
-    // `println!` would panic on it.
-    let _ = writeln!(std::io::stdout(), "{text}");
+    // `println!` would panic on an error.
+    note(writeln!(std::io::stdout(), "{text}"));
+}
+
+fn note(written: std::io::Result<()>) {
+    match written {
+        // A closed pipe is the reader's choice, not an error of ours.
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            STDOUT.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+        }
+        _ => {}
+    }
+}
+
+/// Whether everything that was printed has arrived.
+pub fn arrived() -> Result<(), Failure> {
+    note(std::io::stdout().flush());
+    match STDOUT.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        None => Ok(()),
+        Some(error) => Err(Failure::failed(anyhow::anyhow!(
+            "stdout: expected it to take the whole output, found: {error}; free some space or send it elsewhere"
+        ))),
+    }
 }
 
 /// One JSON document for machines.
@@ -68,6 +92,17 @@ pub fn create_folder(path: &Path) -> Result<(), Failure> {
         )
     })?;
     Ok(())
+}
+
+/// Refuses files that cannot be replaced by what a long work will write there, before it begins.
+pub fn check_files(paths: &[PathBuf]) -> Result<(), Failure> {
+    match paths.iter().find(|path| path.is_dir()) {
+        None => Ok(()),
+        Some(path) => Err(Failure::failed(anyhow::anyhow!(
+            "{}: expected a file to replace or nothing, found a folder; remove it or choose another place",
+            path.display()
+        ))),
+    }
 }
 
 /// Says on stderr which views could not be measured, besides those refused at opening.
@@ -119,7 +154,12 @@ pub fn quality(eval: &EvalReport) -> String {
         eval.psnr_std,
         eval.ssim_mean,
     );
-    let more = [aligned(eval), eval.seen_mean.as_ref().map(seen), eval.cracks.as_ref().map(cracks)];
+    let more = [
+        learnt(eval),
+        aligned(eval),
+        eval.seen_mean.as_ref().map(seen),
+        eval.cracks.as_ref().map(cracks),
+    ];
     std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
 }
 
@@ -127,6 +167,14 @@ pub fn quality(eval: &EvalReport) -> String {
 pub fn seen_early(report: &SeenReport) -> String {
     let SeenReport { after_frames, renderer, seen: early } = report;
     format!("{renderer}, frames learnt: {after_frames}; {}", seen(early))
+}
+
+/// What views measure that a model was trained on.
+fn learnt(eval: &EvalReport) -> Option<String> {
+    let n = eval.learnt_views.filter(|n| *n > 0)?;
+    Some(format!(
+        "trained on {n} of these views: of them this says how well they are repeated, not what was not seen looks like"
+    ))
 }
 
 fn aligned(eval: &EvalReport) -> Option<String> {

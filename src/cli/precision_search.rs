@@ -15,6 +15,7 @@ pub fn run(args: &PrecisionSearchArgs) -> Result<(), Failure> {
     let dataset = open(Some(&args.dataset), &args.depth)?;
     let out = &args.common.out;
     output::create_folder(out)?;
+    output::check_files(&["precision-search.json", "precision-search.ron"].map(|n| out.join(n)))?;
     let search =
         progress::steps("search", |progress| precision_search::run(&plan, dataset, progress))?;
     output::write_json(&out.join("precision-search.json"), &search.json)?;

@@ -8,6 +8,7 @@ use vbgs_studio::dataset::Dataset;
 use vbgs_studio::dataset::calibration::ColorCamera;
 use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::cracks;
+use vbgs_studio::eval::learnt::learnt_views;
 use vbgs_studio::eval::measure::{self, Views};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::views::EvalOptions;
@@ -22,6 +23,8 @@ pub struct QualityRequest<'a> {
     pub color_camera: Option<ColorCamera>,
     /// Renderers, one after the other.
     pub methods: &'a [RenderMethod],
+    /// The frames that the model was trained on, as far as that is known.
+    pub learnt: Option<Views<'a>>,
 }
 
 /// Measures the listed views renderer by renderer; the views of one renderer stay together.
@@ -48,6 +51,8 @@ pub fn measure(
         found.push(measure::quality(splats, dataset, views, crack_views, &options, tell)?);
     }
     bar.finish_and_clear();
+    let learnt_views = request.learnt.map(|learnt| learnt_views(dataset, learnt, views));
+    found.iter_mut().for_each(|(report, _)| report.learnt_views = learnt_views);
     // What cannot be read is the same for every renderer.
     if let Some((report, _)) = found.first() {
         output::skipped_views(dataset, report);

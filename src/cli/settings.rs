@@ -2,9 +2,10 @@
 
 use super::args::TrainArgs;
 use super::failure::Failure;
-use anyhow::Context;
+use anyhow::anyhow;
 use serde::de::DeserializeOwned;
 use std::path::Path;
+use vbgs_studio::dataset::read_settings;
 use vbgs_studio::pipeline::checkpoint::ResumeRequest;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::settings::method::MethodRequest;
@@ -71,16 +72,20 @@ fn read_config<L: SettingLayer + DeserializeOwned>(path: &Path) -> Result<L, Fai
     let by_name = path.to_str().filter(|_| !path.exists()).and_then(|name| name.parse().ok());
     let text = match by_name {
         Some(preset) => preset_file(preset).to_owned(),
-        None => std::fs::read_to_string(path).with_context(|| {
-            format!(
-                "{}: expected a RON file with settings, which could not be read",
+        None => read_settings(path).map_err(|found| {
+            anyhow!(
+                "{}: expected a RON file with settings, found: {found}; check the path and its permissions",
                 path.display()
             )
         })?,
     };
     let options =
         ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
-    Ok(options
-        .from_str(&text)
-        .with_context(|| format!("{}: expected settings such as {}", path.display(), L::EXAMPLE))?)
+    Ok(options.from_str(&text).map_err(|found| {
+        anyhow!(
+            "{}: expected settings such as {}, found: {found}; correct this place",
+            path.display(),
+            L::EXAMPLE
+        )
+    })?)
 }

@@ -1,4 +1,8 @@
 //! `train`: headless training with files at the end.
+//!
+//! Files of an earlier run in the folder stay until this one has learnt something, and each until its
+//! successor is whole. The report is written before quality is measured, which may take longer than
+//! the training and be cut short, and again with what was measured.
 
 use super::args::TrainArgs;
 use super::failure::Failure;
@@ -13,6 +17,7 @@ use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
+use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::autosave::{Autosave, AutosaveInterval};
@@ -22,9 +27,9 @@ use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::tracked::Trajectory;
-use vbgs_studio::render::Lens;
+use vbgs_studio::render::{Lens, RenderMethod};
 
-/// Trains as asked; after Ctrl-C the files are written all the same.
+/// Trains as asked; after Ctrl-C and the like the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(Lens::Pinhole)?;
     let start = start(args)?;
@@ -34,7 +39,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         false => opened(args, start)?,
     };
     photometric_device::attach(&mut session, args.photometric_device)?;
-    output::create_folder(&args.out)?;
+    prepare_folder(args)?;
     note(&session);
     // Measured after the run, whose times they must not change.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
@@ -54,17 +59,21 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         }
     });
     autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
-    if learnt(&session) == 0 && end.is_err() {
-        return end.map(drop);
+    match &end {
+        // Files of an earlier run are worth more than a report of nothing.
+        Ok(false) if learnt(&session) == 0 => return Err(Failure::Interrupted),
+        Err(_) if learnt(&session) == 0 => return end.map(drop),
+        _ => {}
     }
     let warnings = session.learner().warnings();
     warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
-    let color_camera = session.config().method.any().color_camera();
-    let comparison = QualityRequest { args: &args.comparison, color_camera, methods: &methods };
     let measured = match (&args.eval, &end) {
-        (Some(split), Ok(true)) => measure(&session, split, &early, &comparison),
+        (Some(split), Ok(true)) => {
+            output::write_json(&args.out.join(REPORT), &session.report(None, Vec::new()))?;
+            measure(&session, split, &early, (args, &methods))
+        }
         _ => Ok(Measured::default()),
     };
     let (measured, failure) = match measured {
@@ -78,6 +87,16 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
+}
+
+/// The output folder, ready to take all files of the run; what killed runs have left in it is removed.
+fn prepare_folder(args: &TrainArgs) -> Result<(), Failure> {
+    output::create_folder(&args.out)?;
+    let files = [SCENE, CHECKPOINT, REPORT].map(|name| args.out.join(name));
+    files.iter().for_each(|file| remove_leftovers(file));
+    let kept = (interval(args) != AutosaveInterval::default())
+        .then(|| args.out.join(format!("{CHECKPOINT}.bak")));
+    output::check_files(&files.into_iter().chain(kept).collect::<Vec<_>>())
 }
 
 /// How often the run is saved on its way.
@@ -223,11 +242,11 @@ pub fn train(
     Ok(true)
 }
 
-/// Name of the tracked poses in the output folder.
+/// Names of the files in the output folder; the trajectory is of tracked poses.
 const TRAJECTORY: &str = "trajectory.txt";
-
-/// Name of the checkpoint in the output folder.
+const SCENE: &str = "scene.ply";
 const CHECKPOINT: &str = "checkpoint.vbgs";
+const REPORT: &str = "report.json";
 
 /// Writes `checkpoint.vbgs` and `scene.ply` unless nothing was learnt; their names, for a sentence.
 fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failure> {
@@ -247,7 +266,7 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
         mapping: args.mapping.mapping(),
         ..WriteOptions::new(ModelFormat::Ply)
     };
-    write(&args.out.join("scene.ply"), &session.stored_splats(), &options)?;
+    write(&args.out.join(SCENE), &session.stored_splats(), &options)?;
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 
@@ -261,7 +280,7 @@ fn save_report(
     let trajectory = trajectory(session);
     let tracking = trajectory.as_ref().and_then(|found| found.error(session.dataset()));
     let report = Report { seen, tracking, ..session.report(None, eval) };
-    output::write_json(&args.out.join("report.json"), &report)?;
+    output::write_json(&args.out.join(REPORT), &report)?;
     if let Some(found) = &trajectory {
         let text = found.tum(session.dataset(), session.plan().split);
         output::write_text(&args.out.join(TRAJECTORY), &text)?;
@@ -306,9 +325,15 @@ fn measure(
     session: &Session,
     split: &str,
     early: &[(usize, SplatSet)],
-    comparison: &QualityRequest,
+    (args, methods): (&TrainArgs, &[RenderMethod]),
 ) -> Result<Measured, Failure> {
     let (dataset, plan) = (session.dataset(), session.plan());
+    let comparison = &QualityRequest {
+        args: &args.comparison,
+        color_camera: session.config().method.any().color_camera(),
+        methods,
+        learnt: Some((plan.split, &plan.frames[..session.visited()])),
+    };
     let mut seen = Vec::new();
     // Where frames were found is only known by what has learnt them.
     for (visited, splats) in early.iter().filter(|_| !dataset.options.track) {

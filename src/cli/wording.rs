@@ -119,6 +119,9 @@ fn scene_error(error: &SceneError) -> Option<String> {
 fn depth_advice(advice: &DepthAdvice) -> String {
     match advice {
         DepthAdvice::CheckImages => advice.to_string(),
+        DepthAdvice::CheckCameras => advice
+            .to_string()
+            .replace("the depth scale, the intrinsics", "--depth-scale, --intrinsics"),
         DepthAdvice::OtherUnit { unit, factor } => format!(
             "the depths look like {unit} taken for metres: multiply --depth-scale by {factor}, or widen --depth-range"
         ),
@@ -181,6 +184,7 @@ mod tests {
                 trusted: "range from 0.3 on".into(),
                 found: "no depth at all".into(),
                 frames: 3,
+                unreadable: None,
                 advice,
             })
         };

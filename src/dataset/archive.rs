@@ -2,6 +2,7 @@
 //! the archive need not keep, and a member of a kilobyte may unpack to a terabyte.
 
 use super::error::FrameProblem;
+use super::files::open_file;
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -27,12 +28,12 @@ impl Archive {
     /// Whether a file begins as a zip archive does.
     pub fn is_one(path: &Path) -> bool {
         let mut magic = [0; 4];
-        File::open(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok() && magic == MAGIC
+        open_file(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok() && magic == MAGIC
     }
 
     /// Reads the directory.
     pub fn open(path: &Path) -> Result<Self, FrameProblem> {
-        let zip = ZipArchive::new(BufReader::new(File::open(path)?)).map_err(damaged)?;
+        let zip = ZipArchive::new(BufReader::new(open_file(path)?)).map_err(damaged)?;
         Ok(Self { path: path.to_owned(), zip: Mutex::new(zip) })
     }
 

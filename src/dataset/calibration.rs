@@ -10,6 +10,7 @@
 //! measure. The colour camera is told in the depth camera's frame because the poses of a
 //! recording are those of the depth camera.
 
+use super::files::read_settings;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -115,7 +116,7 @@ impl Calibration {
     /// # Errors
     /// [`CalibrationError`], all but its last variant.
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
-        let text = std::fs::read_to_string(path)
+        let text = read_settings(path)
             .map_err(|source| CalibrationError::Read { path: path.to_owned(), source })?;
         let calibration: Self = options().from_str(&text).map_err(|source| {
             CalibrationError::Parse { path: path.to_owned(), source: Box::new(source) }

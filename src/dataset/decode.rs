@@ -2,12 +2,12 @@
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
+use super::files::open_file;
 use super::lengths;
 use super::source::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
-use image::{DynamicImage, ImageDecoder, ImageReader};
-use std::fs::File;
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -19,6 +19,13 @@ pub(super) struct DepthEncoding {
     pub trusted: [f64; 2],
     /// What measured it, which a layout knows and a file does not say.
     pub sensor: Sensor,
+}
+
+impl DepthEncoding {
+    /// Whether lengths are a unit times what is stored.
+    pub fn has_unit(&self) -> bool {
+        matches!(self.codes, CodeKind::Linear16(_) | CodeKind::ByContent(_))
+    }
 }
 
 /// Pixel format and the rule that makes lengths of it.
@@ -45,7 +52,7 @@ pub(super) struct ImageHeader {
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
         // Not read whole: opening asks thousands of files for their size.
-        ByteSource::File(path) => header_of(BufReader::new(File::open(path)?)),
+        ByteSource::File(path) => header_of(BufReader::new(open_file(path)?)),
         _ => header_of(Cursor::new(source.read()?)),
     }
 }
@@ -65,7 +72,7 @@ fn header_of(bytes: impl BufRead + Seek) -> Result<ImageHeader, FrameProblem> {
 pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem> {
     if let ByteSource::File(path) = source {
         let mut magic = [0; 4];
-        if File::open(path)?.read_exact(&mut magic).is_ok() && !lengths::is_known(&magic) {
+        if open_file(path)?.read_exact(&mut magic).is_ok() && !lengths::is_known(&magic) {
             return header(source).map(|header| (header.width, header.height));
         }
     }
@@ -77,10 +84,11 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
     Ok((width as u32, height as u32))
 }
 
-/// Decodes a colour image.
-pub(super) fn color(source: &ByteSource) -> Result<Image<[u8; 4]>, FrameProblem> {
+/// Decodes a colour image of a camera whose image has `size`.
+pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
+    let wrong = |found| FrameProblem::CameraSize { expected: size, found };
     // Gray and RGB become opaque RGBA, so that nothing behind asks what the file held.
-    let rgba = decode(&source.read()?)?.into_rgba8();
+    let rgba = decode(&source.read()?, size, wrong)?.into_rgba8();
     let (width, height) = (rgba.width() as usize, rgba.height() as usize);
     let data = rgba.as_raw().as_chunks::<4>().0.to_vec();
     Ok(Image::from_vec(width, height, data))
@@ -93,13 +101,14 @@ pub(super) fn depth(
     size: (u32, u32),
 ) -> Result<Depth, FrameProblem> {
     let bytes = source.read()?;
+    let image = || decode(&bytes, size, |depth| FrameProblem::SizeMismatch { camera: size, depth });
     let codes = match encoding.codes {
         CodeKind::BareFloats => lengths::bare_floats(&bytes, size)?,
         CodeKind::ByContent(unit) if lengths::is_known(&bytes) => {
             guarded(|| lengths::decode(&bytes, unit))?
         }
-        CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => linear16(decode(&bytes)?, unit)?,
-        CodeKind::Inverse8 => inverse8(decode(&bytes)?)?,
+        CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => linear16(image()?, unit)?,
+        CodeKind::Inverse8 => inverse8(image()?)?,
     };
     Ok(Depth { codes, kind: encoding.kind, trusted: encoding.trusted })
 }
@@ -109,7 +118,8 @@ pub(super) fn confidence(source: &ByteSource, size: (u32, u32)) -> Result<Image<
     let bytes = source.read()?;
     let image = match image::guess_format(&bytes) {
         Ok(_) => {
-            let gray = decode(&bytes)?.into_luma8();
+            let wrong = |depth| FrameProblem::SizeMismatch { camera: size, depth };
+            let gray = decode(&bytes, size, wrong)?.into_luma8();
             Image::from_vec(gray.width() as usize, gray.height() as usize, gray.into_raw())
         }
         Err(_) => lengths::bare_bytes(&bytes, size)?,
@@ -166,15 +176,28 @@ fn sixteen(width: usize, height: usize, raw: &[u16], channels: usize, unit: f64)
     DepthCodes::Linear16 { codes: Image::from_vec(width, height, data), unit }
 }
 
-/// The default limits of the decoder bound what a header may make it allocate.
-fn decode(bytes: &[u8]) -> Result<DynamicImage, FrameProblem> {
+/// Decodes an image if its header says that it has the size; the error of another is `wrong`. The
+/// default limits of the decoder bound what a header may make it allocate.
+fn decode(
+    bytes: &[u8],
+    size: (u32, u32),
+    wrong: impl FnOnce((u32, u32)) -> FrameProblem,
+) -> Result<DynamicImage, FrameProblem> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     // A decoder fills the rest of a truncated JPEG with grey and says nothing; a truncated PNG it
     // refuses by itself.
     if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
-    guarded(|| Ok(reader.decode()?))
+    guarded(|| {
+        let decoder = reader.into_decoder()?;
+        // Asked before the pixels are: a small file may hold a thousand times its bytes of them.
+        if decoder.dimensions() != size {
+            return Err(wrong(decoder.dimensions()));
+        }
+        Limits::default().reserve(decoder.total_bytes())?;
+        Ok(DynamicImage::from_decoder(decoder)?)
+    })
 }
 
 /// Image decoders are other people's code, fed with whatever a folder holds: one that panics on a

@@ -103,11 +103,7 @@ impl FrameEntry {
     pub fn load_color(&self) -> Result<Image<[u8; 4]>, FrameError> {
         match &self.source {
             FrameSource::Synthetic { .. } => Ok(self.load()?.color),
-            FrameSource::Files(files) => {
-                let color = self.color(files)?;
-                self.check_color(files, &color)?;
-                Ok(color)
-            }
+            FrameSource::Files(files) => self.color(files),
         }
     }
 
@@ -142,6 +138,21 @@ impl FrameEntry {
         self.depth_source().map(|depth| depth.file.path())
     }
 
+    /// Every file that it is made of; of an archive or a video that file.
+    pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
+        let files = match &self.source {
+            FrameSource::Files(files) => Some(files),
+            FrameSource::Synthetic { .. } => None,
+        };
+        files.into_iter().flat_map(|files| {
+            let depth = files.depth.iter().flat_map(|depth| {
+                let map = depth.confidence.as_ref().map(|(map, _)| map);
+                std::iter::once(&depth.file).chain(map)
+            });
+            std::iter::once(&files.color).chain(depth).map(ByteSource::container)
+        })
+    }
+
     /// What measured the frame's depth; `None` in frames without depth.
     pub(super) fn sensor(&self) -> Option<Sensor> {
         match &self.source {
@@ -165,25 +176,15 @@ impl FrameEntry {
             let k = &self.camera.intrinsics;
             return Ok(Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255]));
         }
-        let color = decode::color(&files.color).map_err(|p| self.fail(&files.color, p))?;
+        // Intrinsics were taken from some images of the split or from metadata; every image must fit
+        // them.
         let k = self.photo_camera(None).intrinsics;
-        // An image of another size is refused below; straightening it would hide that.
-        let fits = (color.width, color.height) == (k.width as usize, k.height as usize);
-        Ok(match files.lens.is_none() || !fits {
+        let size = (k.width, k.height);
+        let color = decode::color(&files.color, size).map_err(|p| self.fail(&files.color, p))?;
+        Ok(match files.lens.is_none() {
             true => color,
             false => files.lens.straighten_color(&k, &color),
         })
-    }
-
-    fn check_color(&self, files: &FrameFiles, color: &Image<[u8; 4]>) -> Result<(), FrameError> {
-        // Intrinsics were taken from the first image of the split or from metadata; every image
-        // must fit them.
-        let k = self.photo_camera(None).intrinsics;
-        let (expected, found) = ((k.width, k.height), (color.width as u32, color.height as u32));
-        match found == expected {
-            true => Ok(()),
-            false => Err(self.fail(&files.color, FrameProblem::CameraSize { expected, found })),
-        }
     }
 
     fn depth(&self, files: &FrameFiles) -> Result<Option<Depth>, FrameError> {

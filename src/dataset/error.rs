@@ -115,6 +115,18 @@ pub enum DatasetError {
         /// Names of the splits.
         splits: String,
     },
+    /// The split that should train cannot.
+    #[error(
+        "{}: expected usable frames with depth in the split `{split}` to train on, found {found}; mend them, or name another split", path.display()
+    )]
+    TrainingSplit {
+        /// Folder of the dataset, or its name where it has no files.
+        path: PathBuf,
+        /// The split.
+        split: String,
+        /// What there is.
+        found: String,
+    },
     /// A split that the user named does not exist.
     #[error("{}: expected one of the splits {splits}, found the request `{asked}`; name one of them", path.display())]
     NoSuchSplit {

@@ -1,8 +1,25 @@
 //! What a dataset is recognised by, without decoding an image.
+//!
+//! Names, cameras and how depth is read of every frame; the size of every file; and bytes of some of
+//! them. Reading all would take minutes where opening takes a second, and who edits images rarely
+//! leaves the size of every file as it was. Fingerprints of older versions lack the last three, which
+//! are then not compared.
 
+use super::decode::{CodeKind, DepthEncoding};
+use super::depth::DepthKind;
+use super::entry::{FrameFiles, FrameSource};
+use super::files::open_file;
 use super::{Dataset, FrameEntry};
+use crate::math::camera::Intrinsics;
 use serde::{Deserialize, Serialize};
+use std::io::{Read, Result as IoResult, Seek, SeekFrom};
 use std::path::Path;
+
+/// Frames whose bytes are looked at, evenly spaced.
+const SAMPLED_FRAMES: usize = 32;
+/// Places of a file that are looked at, evenly spaced from its start to its end, and bytes at each.
+const SAMPLED_PLACES: u64 = 3;
+const SAMPLED_BYTES: u64 = 1 << 14;
 
 /// Marks of one split of a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +38,16 @@ pub struct Fingerprint {
     first: FrameMark,
     /// The last one.
     last: FrameMark,
+    /// CRC-32 over what makes numbers of the files: the size of every image, lenses, the colour camera,
+    /// units and trusted intervals of depth, least confidence.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    reading: Option<u32>,
+    /// CRC-32 over the size of every file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sizes: Option<u32>,
+    /// CRC-32 over bytes of some files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    content: Option<u32>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,6 +90,11 @@ impl Fingerprint {
             poses: poses.finalize(),
             first: FrameMark::of(first),
             last: FrameMark::of(last),
+            reading: Some(crc(frames, read_by)),
+            sizes: Some(crc(frames, |crc, frame| {
+                frame.files().for_each(|file| crc.number(bytes_in(file).unwrap_or(u64::MAX)));
+            })),
+            content: Some(content(frames)),
         }
     }
 
@@ -90,10 +122,97 @@ impl Fingerprint {
             differ("last frame", &self.last, &found.last)
         } else if self.poses != found.poses {
             Some("cameras or poses".to_owned())
+        } else if differs(self.reading, found.reading) {
+            Some("what the files say of size, lens or depth, such as its unit".to_owned())
+        } else if differs(self.sizes, found.sizes) {
+            Some("sizes of image files".to_owned())
+        } else if differs(self.content, found.content) {
+            Some("content of image files".to_owned())
         } else {
             None
         }
     }
+}
+
+/// Whether both are known and are not the same.
+fn differs(a: Option<u32>, b: Option<u32>) -> bool {
+    a.zip(b).is_some_and(|(a, b)| a != b)
+}
+
+/// A checksum of numbers.
+struct Crc(crc32fast::Hasher);
+
+impl Crc {
+    fn number(&mut self, number: u64) {
+        self.0.update(&number.to_le_bytes());
+    }
+
+    fn reals(&mut self, numbers: impl IntoIterator<Item = f64>) {
+        numbers.into_iter().for_each(|number| self.number(number.to_bits()));
+    }
+
+    fn intrinsics(&mut self, k: &Intrinsics) {
+        self.number(u64::from(k.width) << 32 | u64::from(k.height));
+        self.reals([k.fx, k.fy, k.cx, k.cy]);
+    }
+}
+
+fn crc(frames: &[FrameEntry], mut add: impl FnMut(&mut Crc, &FrameEntry)) -> u32 {
+    let mut crc = Crc(crc32fast::Hasher::new());
+    frames.iter().for_each(|frame| add(&mut crc, frame));
+    crc.0.finalize()
+}
+
+fn read_by(crc: &mut Crc, frame: &FrameEntry) {
+    crc.intrinsics(&frame.camera.intrinsics);
+    if let Some(color) = &frame.color_camera {
+        crc.intrinsics(&color.beside(&frame.camera).intrinsics);
+    }
+    let FrameSource::Files(files) = &frame.source else { return };
+    let FrameFiles { lens, depth, color: _ } = &**files;
+    crc.reals(lens.radial.into_iter().chain(lens.tangential));
+    let Some(depth) = depth else { return };
+    // What measured it is a setting of the run, which holds it.
+    let DepthEncoding { codes, kind, trusted, sensor: _ } = depth.encoding;
+    let (code, unit) = match codes {
+        CodeKind::Inverse8 => (0, 1.0),
+        CodeKind::Linear16(unit) => (1, unit),
+        CodeKind::ByContent(unit) => (2, unit),
+        CodeKind::BareFloats => (3, 1.0),
+    };
+    crc.number(code);
+    crc.number(u64::from(kind == DepthKind::Z));
+    crc.reals([unit, trusted[0], trusted[1]]);
+    crc.number(depth.confidence.as_ref().map_or(u64::MAX, |(_, least)| u64::from(*least)));
+}
+
+fn bytes_in(path: &Path) -> Option<u64> {
+    Some(path.metadata().ok()?.len())
+}
+
+fn content(frames: &[FrameEntry]) -> u32 {
+    let n = frames.len().min(SAMPLED_FRAMES);
+    let sampled: Vec<FrameEntry> =
+        (0..n).filter_map(|i| frames.get(i * frames.len() / n)).cloned().collect();
+    crc(&sampled, |crc, frame| {
+        frame.files().for_each(|file| {
+            // A file that cannot be read has no content; its size says so too.
+            let _ = sample(file, &mut crc.0);
+        });
+    })
+}
+
+fn sample(path: &Path, crc: &mut crc32fast::Hasher) -> IoResult<()> {
+    let mut file = open_file(path)?;
+    let spare = file.metadata()?.len().saturating_sub(SAMPLED_BYTES);
+    let mut bytes = Vec::new();
+    for place in 0..SAMPLED_PLACES {
+        file.seek(SeekFrom::Start(spare * place / (SAMPLED_PLACES - 1)))?;
+        bytes.clear();
+        file.by_ref().take(SAMPLED_BYTES).read_to_end(&mut bytes)?;
+        crc.update(&bytes);
+    }
+    Ok(())
 }
 
 impl FrameMark {
@@ -104,5 +223,59 @@ impl FrameMark {
             color_bytes: bytes(frame.color_path()),
             depth_bytes: bytes(frame.depth_path()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::LoadOptions;
+    use crate::dataset::synthetic::SyntheticParams;
+    use crate::dataset::synthetic::write::{SyntheticLayout, write};
+
+    fn of(folder: &Path, options: &LoadOptions) -> Fingerprint {
+        let dataset = crate::dataset::open(folder, options).unwrap();
+        Fingerprint::of(&dataset, dataset.training_split().unwrap())
+    }
+
+    /// One byte of one image of ten, whose size stays; a file that has grown; another unit.
+    #[test]
+    fn what_changes_the_numbers_changes_the_fingerprint() {
+        let folder = tempfile::tempdir().unwrap();
+        let small = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: 10,
+            n_eval: 1,
+            ..SyntheticParams::demo()
+        };
+        write(&small, folder.path(), SyntheticLayout::Open3d, &mut |_, _| ()).unwrap();
+        let plain = LoadOptions::default();
+        let before = of(folder.path(), &plain);
+        let difference = |options: &LoadOptions| before.difference(&of(folder.path(), options));
+        assert_eq!(difference(&plain), None);
+        let scaled = LoadOptions { depth_scale: Some(0.002), ..plain };
+        assert!(difference(&scaled).unwrap().contains("depth"));
+
+        let file = folder.path().join("depth/00006.png");
+        let bytes = std::fs::read(&file).unwrap();
+        let mut edited = bytes.clone();
+        edited[bytes.len() / 2] ^= 1;
+        std::fs::write(&file, &edited).unwrap();
+        assert_eq!(difference(&plain).unwrap(), "content of image files");
+        edited.push(0);
+        std::fs::write(&file, &edited).unwrap();
+        assert_eq!(difference(&plain).unwrap(), "sizes of image files");
+        std::fs::write(&file, bytes).unwrap();
+        assert_eq!(difference(&plain), None);
+
+        // Of an older version.
+        let older = Fingerprint { reading: None, sizes: None, content: None, ..before.clone() };
+        assert_eq!(older.difference(&of(folder.path(), &scaled)), None);
+        let text = serde_json::to_string(&older).unwrap();
+        assert!(
+            !text.contains("content")
+                && serde_json::from_str::<Fingerprint>(&text).unwrap() == older
+        );
     }
 }

@@ -9,6 +9,7 @@
 
 use super::archive::Archive;
 use super::error::{DatasetError, FrameProblem};
+use super::files::{bytes_of, open_file};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::io::Read;
@@ -230,10 +231,12 @@ impl FolderListing {
         for entry in std::fs::read_dir(folder)? {
             let entry = entry?;
             let kind = entry.file_type()?;
-            let kind = match (kind.is_symlink(), kind.is_dir()) {
-                (true, _) => EntryKind::Link,
-                (false, true) => EntryKind::Folder,
-                (false, false) => EntryKind::File,
+            let kind = match (kind.is_symlink(), kind.is_dir(), kind.is_file()) {
+                (true, _, _) => EntryKind::Link,
+                (_, true, _) => EntryKind::Folder,
+                (_, _, true) => EntryKind::File,
+                // FIFOs and devices hold no frames: whoever opens one may wait for ever.
+                _ => continue,
             };
             // What is no UTF-8 no metadata can name.
             if let Ok(name) = entry.file_name().into_string() {
@@ -291,19 +294,14 @@ pub(super) fn relative_path(text: &str) -> Result<PathBuf, FrameProblem> {
 
 /// A whole text file; bytes that are no UTF-8 become replacement characters.
 pub(super) fn read_text(path: &Path) -> std::io::Result<String> {
-    let bytes = std::fs::metadata(path)?.len();
-    if bytes > TEXT_LIMIT {
-        let found = format!("{bytes} bytes of text where 256 MiB is more than any recording needs");
-        return Err(std::io::Error::other(found));
-    }
-    Ok(String::from_utf8_lossy(&std::fs::read(path)?).into_owned())
+    Ok(String::from_utf8_lossy(&bytes_of(path, TEXT_LIMIT)?).into_owned())
 }
 
 /// The start of a small text file; bytes that are no UTF-8 become replacement characters.
 pub(super) fn read_small_text(path: &Path) -> std::io::Result<String> {
     let mut bytes = Vec::new();
     // Bounded: what a foreign dataset calls a pose may be of any length.
-    std::fs::File::open(path)?.take(SMALL_TEXT_LIMIT).read_to_end(&mut bytes)?;
+    open_file(path)?.take(SMALL_TEXT_LIMIT).read_to_end(&mut bytes)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 

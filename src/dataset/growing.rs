@@ -124,7 +124,12 @@ impl GrowingRecording {
             let found = format!("{} and {}", layout.name(), dataset.layout.name());
             return Err(DatasetError::TwoLayouts { path: self.path.clone(), found });
         }
-        if let Ok(at) = self.split_of(&dataset) {
+        let split = self.split_of(&dataset);
+        // Frames that are still written are refused for now; what others hold is not what trains.
+        if is_growing && matches!(split, Err(DatasetError::TrainingSplit { .. })) {
+            dataset.splits.clear();
+        }
+        if let Ok(at) = split.as_ref().copied() {
             // Of the frames that are taken, not of those that were found.
             let held_out = dataset.splits.iter_mut().filter(|split| split.name == HELD_OUT);
             held_out.for_each(|split| split.frames.clear());

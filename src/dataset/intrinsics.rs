@@ -1,5 +1,6 @@
 //! Intrinsics that no camera has.
 
+use super::error::DatasetError;
 use crate::math::camera::Intrinsics;
 
 /// What is wrong with intrinsics, in the words of a message.
@@ -12,6 +13,23 @@ pub(super) struct IntrinsicsDefect {
 /// Whether a pinhole camera can have this field of view: between 0.1 and 179 degrees.
 pub(super) fn is_sane_field_of_view(degrees: f64) -> bool {
     degrees > 0.1 && degrees < 179.0
+}
+
+/// The intrinsics that a user gives in place of a dataset's, for images of a size.
+///
+/// # Errors
+/// [`DatasetError::Option`] if no camera has them.
+pub(super) fn given(
+    [fx, fy, cx, cy]: [f64; 4],
+    size: (u32, u32),
+) -> Result<Intrinsics, DatasetError> {
+    let k = Intrinsics { width: size.0, height: size.1, fx, fy, cx, cy };
+    check(&k).map_err(|defect| DatasetError::Option {
+        setting: "intrinsics",
+        expected: "focal lengths and a principal point in pixels that a camera of this size has",
+        found: defect.found,
+    })?;
+    Ok(k)
 }
 
 /// Refuses intrinsics that no camera has. Both bounds catch mistakes of unit rather than odd lenses:

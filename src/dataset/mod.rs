@@ -38,6 +38,7 @@ mod decode;
 mod distortion;
 mod edges;
 mod entry;
+mod files;
 mod folder;
 pub mod growing;
 mod intrinsics;
@@ -55,6 +56,7 @@ mod whole;
 
 pub use entry::{DatasetSplit, FrameEntry};
 pub use error::Warning;
+pub use files::read_settings;
 pub use formats::Layout;
 pub use opened::{Dataset, is_archive, open};
 pub use options::LoadOptions;

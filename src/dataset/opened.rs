@@ -2,7 +2,7 @@
 
 use super::archive::Archive;
 use super::calibration::Calibration;
-use super::entry::{DatasetSplit, HELD_OUT, HOLD_OUT_EVERY};
+use super::entry::{DatasetSplit, DepthSource, HELD_OUT, HOLD_OUT_EVERY};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::{Folder, Recorded};
 use super::formats::{self, Layout, ParsedFolder};
@@ -84,6 +84,7 @@ pub(super) fn read(
     } else if let Some(asked) = options.poses {
         reinterpret(&mut parsed.splits, layout.pose_convention(), asked);
     }
+    check_used(options, &parsed.splits)?;
     // Of the resolved path: `.` has no last part of its own.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
     Ok(Dataset {
@@ -98,6 +99,30 @@ pub(super) fn read(
         known_range: parsed.known_range,
         options: *options,
     })
+}
+
+/// Refuses options that nothing in the files asks for: whoever gave them believes otherwise.
+fn check_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), DatasetError> {
+    let depths = || splits.iter().flat_map(|split| &split.frames).filter_map(|f| f.depth_source());
+    if depths().next().is_none() {
+        return Ok(());
+    }
+    let is_used = |is_asked: bool, by: &dyn Fn(&DepthSource) -> bool| !is_asked || depths().any(by);
+    if !is_used(options.depth_scale.is_some(), &|depth| depth.encoding.has_unit()) {
+        return Err(DatasetError::Option {
+            setting: "depth scale",
+            expected: "none, since the depth of this layout is stored in world units",
+            found: options.depth_scale.unwrap_or_default().to_string(),
+        });
+    }
+    if !is_used(options.confidence.is_some(), &|depth| depth.confidence.is_some()) {
+        return Err(DatasetError::Option {
+            setting: "confidence",
+            expected: "a recording whose sensor tells it",
+            found: "none of its maps".to_owned(),
+        });
+    }
+    Ok(())
 }
 
 /// Whether a file is an archive that [`open`] takes in place of a folder, told by its content.

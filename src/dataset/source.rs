@@ -2,6 +2,7 @@
 
 use super::archive::Archive;
 use super::error::FrameProblem;
+use super::files::{MAX_IMAGE_BYTES, bytes_of};
 use super::video::Video;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -36,12 +37,22 @@ impl ByteSource {
         }
     }
 
+    /// The file on the disk that holds it.
+    pub fn container(&self) -> &Path {
+        match self {
+            Self::Member { archive, .. } => archive.path(),
+            Self::File(_) | Self::Grey(_) | Self::VideoFrame { .. } => self.path(),
+        }
+    }
+
     /// All bytes.
     pub fn read(&self) -> Result<Vec<u8>, FrameProblem> {
         match self {
-            Self::File(path) | Self::Grey(path) => Ok(std::fs::read(path)?),
+            Self::File(path) | Self::Grey(path) => Ok(bytes_of(path, MAX_IMAGE_BYTES)?),
             Self::Member { archive, name, .. } => archive.read(name),
-            Self::VideoFrame { video, index } => Ok(std::fs::read(video.frame(*index)?)?),
+            Self::VideoFrame { video, index } => {
+                Ok(bytes_of(&video.frame(*index)?, MAX_IMAGE_BYTES)?)
+            }
         }
     }
 }

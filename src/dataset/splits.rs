@@ -4,6 +4,8 @@ use super::entry::DatasetSplit;
 use super::error::DatasetError;
 use super::opened::Dataset;
 
+use std::path::PathBuf;
+
 pub use super::entry::{HELD_OUT, HOLD_OUT_EVERY};
 
 /// Preferred training splits among those with depth.
@@ -28,7 +30,7 @@ impl Dataset {
     /// Position of a named split.
     pub fn split_named(&self, name: &str) -> Result<usize, DatasetError> {
         self.splits.iter().position(|s| s.name == name).ok_or_else(|| DatasetError::NoSuchSplit {
-            path: self.path.clone().unwrap_or_else(|| self.name.clone().into()),
+            path: self.shown(),
             asked: name.to_owned(),
             splits: self.split_names(),
         })
@@ -36,14 +38,48 @@ impl Dataset {
 
     /// Position of the split that training takes unless told otherwise: the one with depth
     /// (NeRF-synthetic: `test`), `train` first if several have it.
+    ///
+    /// # Errors
+    /// [`DatasetError::NoDepth`]; [`DatasetError::TrainingSplit`] where a split that should train has no
+    /// usable frame: what is left may be the views that the scene is to be measured on.
     pub fn training_split(&self) -> Result<usize, DatasetError> {
-        let named = |name: &&str| self.find(|s| s.has_depth && s.name == *name);
-        TRAINING_NAMES.iter().find_map(named).or_else(|| self.find(|s| s.has_depth)).ok_or_else(
-            || DatasetError::NoDepth {
-                path: self.path.clone().unwrap_or_else(|| self.name.clone().into()),
-                splits: self.split_names(),
-            },
-        )
+        let refuse = |split: &str, found: String| {
+            Err(DatasetError::TrainingSplit { path: self.shown(), split: split.to_owned(), found })
+        };
+        for name in TRAINING_NAMES {
+            if let Some(split) = self.find(|s| s.has_depth && s.name == name) {
+                return Ok(split);
+            }
+            if let Some((first, n_listed)) = self.refused_whole(name) {
+                let found = format!("none in {n_listed} listed; the first problem: {first}");
+                return refuse(name, found);
+            }
+        }
+        let split = self.find(|s| s.has_depth).ok_or_else(|| DatasetError::NoDepth {
+            path: self.shown(),
+            splits: self.split_names(),
+        })?;
+        let [training, ..] = TRAINING_NAMES;
+        let is_for_evaluation = EVALUATION_NAMES.contains(&self.splits[split].name.as_str());
+        match self.find(|s| s.name == training) {
+            Some(_) if is_for_evaluation => refuse(training, "colour only".to_owned()),
+            _ => Ok(split),
+        }
+    }
+
+    /// The first problem of a split that was listed and has no usable frame, and how many it has.
+    fn refused_whole(&self, name: &str) -> Option<(String, usize)> {
+        if self.find(|s| s.name == name).is_some() {
+            return None;
+        }
+        let mut refused = self.warnings.iter().filter(|warning| warning.split == name);
+        let first = refused.next()?.error.to_string();
+        Some((first, 1 + refused.count()))
+    }
+
+    /// What messages call it.
+    fn shown(&self) -> PathBuf {
+        self.path.clone().unwrap_or_else(|| self.name.clone().into())
     }
 
     /// The views that evaluation takes unless told otherwise, given the split that trains: `val`,

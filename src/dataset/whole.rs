@@ -8,8 +8,8 @@
 use super::decode::{self, CodeKind};
 use super::entry::{FrameEntry, FrameSource};
 use super::error::FrameProblem;
+use super::files::open_file;
 use super::source::ByteSource;
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 use std::time::{Duration, UNIX_EPOCH};
@@ -85,7 +85,7 @@ fn is_whole(color: &ByteSource) -> bool {
 
 /// Whether a PNG or JPEG has its end; `None` for files of other kinds.
 fn image_ends(path: &Path) -> Option<bool> {
-    let Ok(mut file) = File::open(path) else { return Some(false) };
+    let Ok(mut file) = open_file(path) else { return Some(false) };
     let mut head = Vec::new();
     if file.by_ref().take(PNG.len() as u64).read_to_end(&mut head).is_err() || head.is_empty() {
         return Some(false);

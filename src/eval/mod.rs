@@ -4,6 +4,7 @@
 pub mod choices;
 pub mod comparison;
 pub mod cracks;
+pub mod learnt;
 pub mod machine;
 pub mod measure;
 pub mod metrics;

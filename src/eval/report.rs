@@ -237,6 +237,9 @@ pub struct EvalReport {
     pub background: [f32; 3],
     /// Number of views that were scored, skipped ones left out.
     pub views: usize,
+    /// How many of the views asked for the model was trained on; `None` where it does not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learnt_views: Option<usize>,
     /// Views that could not be used.
     pub skipped: Vec<SkippedFrame>,
     /// Mean of the views' PSNR over the whole frame, dB.

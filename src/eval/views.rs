@@ -292,6 +292,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         color_camera: options.color_camera,
         scale: options.scale,
         background: options.render.background,
+        learnt_views: None,
         views: scores.len(),
         skipped: Vec::new(),
         psnr_mean,

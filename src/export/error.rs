@@ -75,6 +75,11 @@ pub enum Fault {
     /// A folder stands where a file is meant.
     #[error("expected a file, found a folder; name a file in it")]
     IsFolder,
+    /// A device or FIFO stands where a file is meant.
+    #[error(
+        "expected a file, found a FIFO or device, which may never end; copy what comes from it into a file"
+    )]
+    IsStream,
     /// The operating system refused.
     #[error("cannot {action}: {source}")]
     Io {

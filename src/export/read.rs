@@ -63,8 +63,11 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, Fault> {
         std::io::ErrorKind::NotFound => Fault::Missing,
         _ => Fault::Io { action: "read", source },
     };
-    if path.is_dir() {
-        return Err(Fault::IsFolder);
+    // Asked before it is opened: opening a FIFO waits for whoever writes to it, and a device may never
+    // end.
+    let kind = std::fs::metadata(path).map_err(io)?.file_type();
+    if !kind.is_file() {
+        return Err(if kind.is_dir() { Fault::IsFolder } else { Fault::IsStream });
     }
     let mut file = std::fs::File::open(path).map_err(io)?;
     let size = file.metadata().map_err(io)?.len();

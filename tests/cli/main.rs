@@ -18,6 +18,7 @@ mod headless;
 mod images;
 #[cfg(unix)]
 mod interrupt;
+mod kept;
 mod killed;
 mod models;
 mod photometric_device;

@@ -69,6 +69,7 @@ eval[].cracks.views number
 eval[].depth_mae_mean number
 eval[].exposure string
 eval[].ground_truth string
+eval[].learnt_views number
 eval[].partial_coverage string
 eval[].poses string
 eval[].psnr_aligned_covered_mean number

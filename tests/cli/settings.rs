@@ -68,7 +68,7 @@ fn files_that_are_no_settings_are_refused() {
         fs::write(scratch.path("x.ron"), content).unwrap();
         scratch.run("train room --out out --preset paper --config x.ron").fails(code, parts);
     }
-    let parts = ["none.ron", "expected a RON file", "could not be read"];
+    let parts = ["none.ron", "expected a RON file", "No such file"];
     scratch.run("train room --out out --config none.ron").fails(1, &parts);
     assert!(!scratch.path("out").exists(), "nothing is made before the settings are right");
 }

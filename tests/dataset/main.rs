@@ -11,6 +11,7 @@ mod growing;
 mod layout_bad_input;
 mod layouts;
 mod memory;
+mod odd_ones;
 mod real;
 mod sequences;
 mod surface;

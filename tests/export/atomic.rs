@@ -83,8 +83,6 @@ fn exports_are_as_readable_as_ordinary_files() {
     assert_eq!(mode(&ours), mode(&ordinary));
 }
 
-/// After a save that failed, the checkpoint and its `.bak` are one file: the next saves must not
-/// write to either.
 #[test]
 fn saves_that_fail_again_and_again_leave_the_file_and_its_backup() {
     let folder = tempfile::tempdir().unwrap();
@@ -102,7 +100,7 @@ fn saves_that_fail_again_and_again_leave_the_file_and_its_backup() {
         })
         .unwrap_err();
         assert!(matches!(error.fault, Fault::DiskFull { written: 100 }), "{error}");
-        assert_eq!((text(&path), text(&backup)), ("second".into(), "second".into()), "{save}");
+        assert_eq!((text(&path), text(&backup)), ("second".into(), "first".into()), "{save}");
         assert_eq!(names(folder.path()), ["run.vbgs", "run.vbgs.bak"]);
     }
     write_keeping_old(&path, |out| out.write_all(b"third")).unwrap();
@@ -165,4 +163,21 @@ fn a_fifo_and_a_device_are_written_to_and_stay() {
     assert_eq!(write_atomic(&link, |out| out.write_all(b"gone")).unwrap(), 4);
     assert!(link.is_symlink());
     assert!(std::fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_that_is_replaced_keeps_its_permissions() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o7777;
+    for expected in [0o640, 0o600, 0o444, 0o755] {
+        std::fs::write(&path, "old").unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(expected)).unwrap();
+        write_keeping_old(&path, |out| out.write_all(b"new")).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!((mode(&path), mode(&folder.path().join("a.ply.bak"))), (expected, expected));
+        std::fs::remove_file(&path).unwrap();
+    }
 }

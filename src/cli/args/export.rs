@@ -1,7 +1,7 @@
 //! Arguments of `export`.
 
 use super::mapping::MappingArgs;
-use super::parse::{parse_box, parse_positive};
+use super::parse::{parse_box, parse_positive, parse_unit_scale};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -88,7 +88,7 @@ pub struct ExportArgs {
     #[arg(long, value_enum, allow_hyphen_values = true)]
     pub up: Option<UpName>,
     /// Units of the file for each unit of the model's world
-    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_positive)]
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = parse_unit_scale)]
     pub unit_scale: f64,
     /// Write only splats whose centre is in this box, units and axes of the model's world
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true, value_parser = parse_box)]

@@ -57,7 +57,7 @@ pub struct Arguments {
 impl Arguments {
     /// The arguments of this process; ends it with a message where they make no sense.
     pub fn from_command_line() -> Self {
-        let arguments = Self::parse();
+        let arguments = Self::try_parse().unwrap_or_else(|error| end(&error));
         // clap takes a word before the command for PATH, which every command would ignore.
         if let (Some(path), Some(_)) = (&arguments.path, &arguments.command) {
             let message = format!("`{}` stands before a command; put it after", path.display());
@@ -65,6 +65,16 @@ impl Arguments {
         }
         arguments
     }
+}
+
+/// Prints what is wrong, or the help or version that was asked for, and ends the process.
+fn end(error: &clap::Error) -> ! {
+    let is_lost = match error.print() {
+        // A closed pipe is the reader's choice.
+        Err(e) => !error.use_stderr() && e.kind() != std::io::ErrorKind::BrokenPipe,
+        Ok(()) => false,
+    };
+    std::process::exit(if is_lost { 1 } else { error.exit_code() })
 }
 
 #[derive(Subcommand)]

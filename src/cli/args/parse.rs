@@ -35,6 +35,13 @@ pub fn parse_positive(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a number above 0".to_owned())
 }
 
+/// A factor between units of length.
+pub fn parse_unit_scale(text: &str) -> Result<f64, String> {
+    // Beyond, single floats of a file could not hold a scene of any size that a camera sees.
+    let factor = parse_positive(text).ok().filter(|factor| (1e-9..=1e9).contains(factor));
+    factor.ok_or_else(|| "expected a factor from 1e-9 to 1e9".to_owned())
+}
+
 /// A time in seconds, above 0.
 pub fn parse_seconds(text: &str) -> Result<Duration, String> {
     let time = parse_positive(text).ok().and_then(|s| Duration::try_from_secs_f64(s).ok());

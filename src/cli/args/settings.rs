@@ -5,6 +5,7 @@
 //! with) are. Texts are checked at once all the same.
 
 use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::error::ErrorKind;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use std::ffi::{OsStr, OsString};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
@@ -151,7 +152,14 @@ impl FromArgMatches for SettingsArgs {
         });
         let parts =
             |name| matches.get_many::<String>(name).into_iter().flatten().cloned().collect();
-        Ok(Self { given: given.collect(), with: parts("with"), without: parts("without") })
+        let (with, without): (Vec<String>, Vec<String>) = (parts("with"), parts("without"));
+        if let Some(part) = with.iter().find(|part| without.contains(part)) {
+            let message = format!(
+                "--with {part}: expected one of --with and --without, found both; leave one out"
+            );
+            return Err(clap::Error::raw(ErrorKind::ArgumentConflict, message));
+        }
+        Ok(Self { given: given.collect(), with, without })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {

@@ -12,14 +12,15 @@
 //! its scale) is refused, with the value to write.
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::listed::{ListedFrame, ListedSplit};
-use super::nerfstudio;
+use super::listed::{ListedFrame, ListedSplit, photograph_size};
+use super::recording::same_size;
+use super::{lens, nerfstudio};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::entry::DatasetSplit;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, FolderListing, relative_path};
-use crate::dataset::intrinsics::{IntrinsicsDefect, check, is_sane_field_of_view};
+use crate::dataset::folder::{Folder, FolderListing, read_text, relative_path};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, given, is_sane_field_of_view};
 use crate::dataset::matrix::{describe, from_json};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -59,8 +60,8 @@ fn frame_lists(folder: &Folder) -> Vec<&str> {
 fn is_list(folder: &Folder, name: &str) -> bool {
     // Read to the end: a list under another name is told by its content alone.
     let file = folder.file(Path::new(""), &folder.listing, name);
-    let text = file.ok().and_then(|file| std::fs::read(file).ok()).unwrap_or_default();
-    let Ok(json) = serde_json::from_slice::<Value>(&text) else {
+    let text = file.ok().and_then(|file| read_text(&file).ok()).unwrap_or_default();
+    let Ok(json) = serde_json::from_str::<Value>(&text) else {
         return name.starts_with(LIST_PREFIX);
     };
     let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();
@@ -102,8 +103,8 @@ impl FrameList {
                 hint: "copy the file into the folder".to_owned(),
             }
         })?;
-        let bytes = std::fs::read(&file).map_err(read)?;
-        let json = serde_json::from_slice(&bytes)
+        let text = read_text(&file).map_err(read)?;
+        let json = serde_json::from_str(&text)
             .map_err(|source| DatasetError::Json { file: file.clone(), source })?;
         let stem = name.trim_end_matches(".json");
         // `transforms_train.json`, `transforms-train.json`: one split; `transforms.json`: all.
@@ -152,13 +153,15 @@ impl FrameList {
         parsed: &mut ParsedFolder,
     ) -> Result<Option<DatasetSplit>, DatasetError> {
         let listed = self.listed(folder, parsed)?;
-        let Some(size) = listed.color_header() else {
+        let Some(size) = photograph_size(&listed.colors().collect::<Vec<_>>()) else {
             listed.skip_unreadable(parsed);
             return Ok(None);
         };
-        let intrinsics = self.intrinsics(size.width, size.height)?;
+        self.check_camera(size)?;
+        let stated = self.intrinsics(size.0, size.1)?;
+        let intrinsics = options.intrinsics.map_or(Ok(stated), |numbers| given(numbers, size))?;
         // Where no depth image can be read any encoding will do: each frame fails by itself.
-        let bits = listed.depth_header().map_or(8, |header| header.bits_per_channel);
+        let bits = listed.depth_bits().unwrap_or(8);
         let encoding = self.depth_encoding(bits, options)?;
         Ok(Some(listed.into_split(intrinsics, encoding, parsed)))
     }
@@ -202,6 +205,11 @@ impl FrameList {
                 return Err(self.wrong("a number `camera_angle_x` (or `fl_x`)", keys, hint));
             }
         };
+        let tall = self.number("camera_angle_y")?.filter(|_| self.json.get("fl_x").is_none());
+        if let Some(angle) = tall {
+            self.check_angle(angle)?;
+            k.fy = Intrinsics::from_horizontal_fov(height, width, angle).fx;
+        }
         k.fy = self.number("fl_y")?.unwrap_or(k.fy);
         k.cx = self.number("cx")?.unwrap_or(k.cx);
         k.cy = self.number("cy")?.unwrap_or(k.cy);
@@ -209,6 +217,14 @@ impl FrameList {
             self.wrong(&expected, found, hint)
         })?;
         Ok(k)
+    }
+
+    /// Refuses what the file says of the camera and no pinhole of images of this size has.
+    fn check_camera(&self, size: (u32, u32)) -> Result<(), DatasetError> {
+        let side = |key| Ok::<_, DatasetError>(self.number(key)?.map(|n| n as u32));
+        let stated = (side("w")?.unwrap_or(size.0), side("h")?.unwrap_or(size.1));
+        same_size(stated, size, &self.file)?;
+        lens::check_model(&self.json, &self.json, &self.file)
     }
 
     fn check_angle(&self, radians: f64) -> Result<(), DatasetError> {

@@ -1,10 +1,11 @@
 //! Frames on their way into a split: files found, pose sound, camera and depth format still open.
 //!
 //! A layout names one camera and one depth encoding for a whole split, and both depend on the size
-//! and the pixel format of its images. So frames are first listed, then the header of the first
-//! readable image decides, then the split is made.
+//! and the pixel format of its images. So frames are first listed, then the headers of some images
+//! decide by majority, then the split is made.
 
 use super::format::ParsedFolder;
+use super::majority::of_most;
 use crate::dataset::decode;
 use crate::dataset::decode::{DepthEncoding, ImageHeader};
 use crate::dataset::distortion::Distortion;
@@ -17,6 +18,11 @@ use std::path::{Path, PathBuf};
 
 fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
     decode::header(&ByteSource::File(path.to_owned()))
+}
+
+/// Columns and rows of most photographs, which set the size of the camera; `None` if none can be read.
+pub(super) fn photograph_size(photographs: &[&Path]) -> Option<(u32, u32)> {
+    of_most(photographs, |path| header(path).map(|header| (header.width, header.height))).ok()?
 }
 
 /// A frame whose colour image exists and whose pose is sound.
@@ -40,15 +46,16 @@ impl ListedSplit {
         self.frames.iter().any(|c| c.depth.is_ok())
     }
 
-    /// The first readable colour header: it sets the size of the split's camera.
-    pub fn color_header(&self) -> Option<ImageHeader> {
-        // Not that of the first frame: one damaged image must not cost the whole split.
-        self.frames.iter().find_map(|c| header(&c.color).ok())
+    /// Files of the photographs.
+    pub fn colors(&self) -> impl Iterator<Item = &Path> {
+        self.frames.iter().map(|frame| frame.color.as_path())
     }
 
-    /// The first readable depth header.
-    pub fn depth_header(&self) -> Option<ImageHeader> {
-        self.frames.iter().find_map(|c| header(c.depth.as_ref().ok()?).ok())
+    /// Bits of the depth of most frames; `None` if none can be read.
+    pub fn depth_bits(&self) -> Option<u16> {
+        let depths: Vec<&PathBuf> =
+            self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
+        of_most(&depths, |path| header(path).map(|header| header.bits_per_channel)).ok()?
     }
 
     /// Makes the split; in one with depth, frames without are skipped.

@@ -6,6 +6,8 @@
 //! times `depth_unit_scale_factor` (NeRFCapture: `integer_depth_scale`), .001 without one.
 
 use super::format::{DatasetFormat, ParsedFolder};
+use super::lens;
+use super::majority::of_most;
 use super::recording::{RecordedFrame, Recording, same_size, wrong};
 use crate::dataset::decode::{self, CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
@@ -55,8 +57,10 @@ fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
 pub(super) fn is_list(json: &Value) -> bool {
     let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let named = |keys: &[&str], frame: &Value| keys.iter().any(|key| frame.get(key).is_some());
-    let lens =
-        LENS_KEYS.iter().any(|key| json.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0);
+    let bends = |value: &Value| {
+        LENS_KEYS.iter().any(|key| value.get(key).and_then(Value::as_f64).unwrap_or(0.0) != 0.0)
+    };
+    let lens = bends(json) || frames.iter().any(bends);
     let is_posed = frames.iter().any(|frame| frame.get("transform_matrix").is_some());
     let own = |frame: &Value| named(&DEPTH_KEYS, frame) || named(&["fl_x"], frame);
     is_posed && (lens || frames.iter().any(own))
@@ -67,11 +71,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let Some((name, json)) = frame_list(folder) else { return Ok(recording.finish()) };
     let file = folder.path.join(name);
     let list = FrameList { json: &json, file: &file };
-    list.check_model()?;
     let encoding = list.encoding(&recording)?;
     let frames = json.get("frames").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     let mut seen = BTreeSet::new();
-    let mut depth_size = None;
+    let sizes = list.sizes(folder, frames)?;
     for (i, frame) in frames.iter().enumerate() {
         let name = frame.get("file_path").and_then(Value::as_str);
         let name = name.map_or_else(|| i.to_string(), |n| n.trim_start_matches("./").to_owned());
@@ -83,13 +86,28 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             recording.skip(&name, file.clone(), problem);
             continue;
         }
-        match list.recorded(frame, &name, &recording, encoding, &mut depth_size) {
+        match list.recorded(frame, &name, &recording, encoding, &sizes) {
             Ok(Ok(frame)) => recording.push(frame),
             Ok(Err(problem)) => recording.skip(&name, file.clone(), problem),
             Err(error) => return Err(error),
         }
     }
     Ok(recording.finish())
+}
+
+/// Sizes of most photographs and of most depth, as far as any can be read.
+struct Sizes {
+    color: Option<(u32, u32)>,
+    depth: Option<(u32, u32)>,
+}
+
+fn first_of<'a>(frame: &'a Value, keys: &[&str]) -> Option<&'a Value> {
+    keys.iter().find_map(|key| frame.get(key))
+}
+
+/// Whether a frame says by itself what its camera is.
+fn has_own_camera(frame: &Value) -> bool {
+    first_of(frame, &["fl_x", "w", "camera_angle_x"]).is_some()
 }
 
 /// The list and the numbers that stand for all frames.
@@ -109,21 +127,31 @@ impl FrameList<'_> {
         })
     }
 
-    /// Lenses that are no pinhole behind Brown and Conrady's terms.
-    fn check_model(&self) -> Result<(), DatasetError> {
-        let model = self.json.get("camera_model").and_then(Value::as_str).unwrap_or("OPENCV");
-        let known =
-            ["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "PERSPECTIVE"];
-        let fourth = self.number(&Value::Null, "k4")?.unwrap_or(0.0);
-        if known.contains(&model) && fourth == 0.0 {
-            return Ok(());
-        }
-        let found = match fourth == 0.0 {
-            true => format!("`camera_model` {model}"),
-            false => format!("`k4` {fourth}"),
+    /// The size of most photographs, by which list-wide intrinsics are meant, and of most depth.
+    ///
+    /// # Errors
+    /// Photographs that are not of the size that the list states.
+    fn sizes(&self, folder: &Folder, frames: &[Value]) -> Result<Sizes, DatasetError> {
+        let named = |keys: &[&str]| -> Vec<&str> {
+            frames.iter().filter_map(|frame| first_of(frame, keys)?.as_str()).collect()
         };
-        let expected = "a perspective camera with k1, k2, k3, p1, p2";
-        Err(wrong(self.file, expected, found, "undistort the images to a pinhole first"))
+        let color = of_most(&named(&["file_path"]), |name| {
+            decode::header(&photograph(folder, name)?).map(|header| (header.width, header.height))
+        });
+        let depth =
+            of_most(&named(&DEPTH_KEYS), |name| decode::depth_size(&depth_file(folder, name)?));
+        // What cannot be read is told of its frame.
+        let (color, depth) = (color.ok().flatten(), depth.ok().flatten());
+        if let Some(size) = color.filter(|_| !frames.iter().any(has_own_camera)) {
+            same_size(self.stated_size(&Value::Null, size)?, size, self.file)?;
+        }
+        Ok(Sizes { color, depth })
+    }
+
+    /// `w` and `h` of a frame or of all, as far as they are stated.
+    fn stated_size(&self, frame: &Value, unless: (u32, u32)) -> Result<(u32, u32), DatasetError> {
+        let side = |n: Option<f64>, unless: u32| n.map_or(unless, |n| n as u32);
+        Ok((side(self.number(frame, "w")?, unless.0), side(self.number(frame, "h")?, unless.1)))
     }
 
     fn encoding(&self, recording: &Recording) -> Result<DepthEncoding, DatasetError> {
@@ -150,12 +178,12 @@ impl FrameList<'_> {
         name: &str,
         recording: &Recording,
         encoding: DepthEncoding,
-        depth_size: &mut Option<(u32, u32)>,
+        sizes: &Sizes,
     ) -> Result<Result<RecordedFrame, FrameProblem>, DatasetError> {
         let read = || {
             let pose = Pose::from_opengl(from_json(frame.get("transform_matrix"))?)?;
             let color = photograph(recording.folder, name)?;
-            let depth = DEPTH_KEYS.iter().find_map(|key| frame.get(key)).and_then(Value::as_str);
+            let depth = first_of(frame, &DEPTH_KEYS).and_then(Value::as_str);
             let depth = depth.map(|text| depth_file(recording.folder, text)).transpose()?;
             let header = decode::header(&color)?;
             Ok::<_, FrameProblem>((pose, color, depth, (header.width, header.height)))
@@ -164,12 +192,15 @@ impl FrameList<'_> {
             Ok(found) => found,
             Err(problem) => return Ok(Err(problem)),
         };
-        let k = self.intrinsics(frame, size)?;
-        // All depth of a list is of one size, as that of one sensor is: it is asked once.
-        if depth_size.is_none() {
-            *depth_size = depth.as_ref().and_then(|file| decode::depth_size(file).ok());
+        // Focal lengths are of images of one size, and an odd image is wrong with its frame alone.
+        let most = if has_own_camera(frame) { size } else { sizes.color.unwrap_or(size) };
+        let expected = self.stated_size(frame, most)?;
+        if size != expected {
+            return Ok(Err(FrameProblem::CameraSize { expected, found: size }));
         }
-        let cameras = recording.one_lens(&k, size, depth_size.unwrap_or(size), self.file)?;
+        lens::check_model(frame, self.json, self.file)?;
+        let k = self.intrinsics(frame, size)?;
+        let cameras = recording.one_lens(&k, size, sizes.depth.unwrap_or(size), self.file)?;
         let depth = depth.map(|file| DepthSource { file, encoding, confidence: None });
         let (lens, time) = (self.lens(frame)?, self.time(frame)?);
         let name = name.to_owned();
@@ -178,10 +209,6 @@ impl FrameList<'_> {
 
     fn intrinsics(&self, frame: &Value, size: (u32, u32)) -> Result<Intrinsics, DatasetError> {
         let (width, height) = size;
-        let side = |n: Option<f64>, found: u32| n.map_or(found, |n| n as u32);
-        let stated =
-            (side(self.number(frame, "w")?, width), side(self.number(frame, "h")?, height));
-        same_size(stated, size, self.file)?;
         let fx = match (self.number(frame, "fl_x")?, self.number(frame, "camera_angle_x")?) {
             (Some(fx), _) => fx,
             (None, Some(angle)) => Intrinsics::from_horizontal_fov(width, height, angle).fx,
@@ -191,11 +218,14 @@ impl FrameList<'_> {
                 return Err(wrong(self.file, "a number `fl_x`", found, hint));
             }
         };
+        let angle = self.number(frame, "camera_angle_y")?;
+        let angle = angle.filter(|_| !matches!(self.number(frame, "fl_x"), Ok(Some(_))));
+        let by_angle = angle.map(|angle| Intrinsics::from_horizontal_fov(height, width, angle).fx);
         Ok(Intrinsics {
             width,
             height,
             fx,
-            fy: self.number(frame, "fl_y")?.unwrap_or(fx),
+            fy: self.number(frame, "fl_y")?.or(by_angle).unwrap_or(fx),
             cx: self.number(frame, "cx")?.unwrap_or(0.5 * f64::from(width)),
             cy: self.number(frame, "cy")?.unwrap_or(0.5 * f64::from(height)),
         })

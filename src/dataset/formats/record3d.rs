@@ -6,10 +6,10 @@
 //! (0 to 2); the folder `rgb/N.jpg` and `depth/N.exr`. `perFrameIntrinsicCoeffs` (`fx fy cx cy`) holds
 //! what autofocus made of each frame.
 
-use super::recording::{Cameras, RecordedFrame, Recording, same_size, wrong};
+use super::recording::{self, Cameras, RecordedFrame, Recording, same_size, wrong};
 use super::stated;
 use super::trajectory::TimedPose;
-use crate::dataset::decode::{self, CodeKind};
+use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
@@ -60,7 +60,7 @@ impl Metadata {
         codes: CodeKind,
     ) -> Result<(), DatasetError> {
         let colors = frames.values().map(|frame| &frame.color);
-        let size = match super::recording::first_size(colors) {
+        let size = match recording::photograph_size(colors) {
             Ok(Some(size)) => size,
             Ok(None) => return Ok(()),
             Err((file, problem)) => {
@@ -147,10 +147,7 @@ impl Metadata {
     ) -> Result<(u32, u32), DatasetError> {
         if codes != CodeKind::BareFloats {
             let depths = frames.values().filter_map(|frame| frame.depth.as_ref());
-            return Ok(depths
-                .into_iter()
-                .find_map(|d| decode::depth_size(d).ok())
-                .unwrap_or(color));
+            return Ok(recording::depth_size(depths).ok().flatten().unwrap_or(color));
         }
         if let Some(stated) = self.side("dw").zip(self.side("dh")) {
             return Ok(stated);

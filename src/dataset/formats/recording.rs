@@ -6,6 +6,7 @@
 //! look through one lens.
 
 use super::format::ParsedFolder;
+use super::majority::of_most;
 use super::numbered::NumberedFiles;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::decode::{self, CodeKind, DepthEncoding};
@@ -16,7 +17,7 @@ use crate::dataset::entry::{
 };
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::Folder;
-use crate::dataset::intrinsics::{IntrinsicsDefect, check};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, given};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
@@ -72,14 +73,14 @@ impl<'a> Recording<'a> {
         }
     }
 
-    /// Sizes of photographs and of depth, by the first of each that can be read; `None` if there are
-    /// none, which is noted where a file is to blame.
+    /// Sizes of photographs and of depth, by most of those that can be read; `None` if there are none,
+    /// which is noted where a file is to blame.
     pub fn sizes(
         &mut self,
         colors: impl IntoIterator<Item = impl Borrow<ByteSource>>,
         depths: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     ) -> Option<((u32, u32), (u32, u32))> {
-        let sizes = first_size(colors).and_then(|color| Ok(color.zip(first_depth_size(depths)?)));
+        let sizes = photograph_size(colors).and_then(|color| Ok(color.zip(depth_size(depths)?)));
         sizes.unwrap_or_else(|(file, problem)| {
             self.skip(SPLIT, file, problem);
             None
@@ -154,7 +155,7 @@ impl<'a> Recording<'a> {
         let sx = f64::from(width) / f64::from(stated.width);
         let sy = f64::from(height) / f64::from(stated.height);
         let of_depth = match self.options.intrinsics {
-            Some([fx, fy, cx, cy]) => Intrinsics { width, height, fx, fy, cx, cy },
+            Some(numbers) => given(numbers, depth)?,
             None => Intrinsics {
                 width,
                 height,
@@ -203,32 +204,27 @@ pub(super) fn same_size(
     }
 }
 
-/// Size of the first photograph whose header can be read, with the first problem if none can.
-pub(super) fn first_size(
+/// Size of most photographs, with the first problem if no header can be read.
+pub(super) fn photograph_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
-    first(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
+    most(sources, |source| decode::header(source).map(|h| (h.width, h.height)))
 }
 
-/// Size of the first depth file whose header can be read, with the first problem if none can.
-pub(super) fn first_depth_size(
+/// Size of most depth files, with the first problem if no header can be read.
+pub(super) fn depth_size(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
-    first(sources, decode::depth_size)
+    most(sources, decode::depth_size)
 }
 
-/// Not that of the first file: one damaged image must not cost the whole recording.
-fn first(
+fn most(
     sources: impl IntoIterator<Item = impl Borrow<ByteSource>>,
     size: impl Fn(&ByteSource) -> Result<(u32, u32), FrameProblem>,
 ) -> Result<Option<(u32, u32)>, (PathBuf, FrameProblem)> {
-    let mut problem = None;
-    for source in sources {
+    let sources: Vec<_> = sources.into_iter().collect();
+    of_most(&sources, |source| {
         let source = source.borrow();
-        match size(source) {
-            Ok(size) => return Ok(Some(size)),
-            Err(found) => drop(problem.get_or_insert((source.path().to_owned(), found))),
-        }
-    }
-    problem.map_or(Ok(None), Err)
+        size(source).map_err(|problem| (source.path().to_owned(), problem))
+    })
 }

@@ -10,13 +10,13 @@
 //! which is given where the depth intrinsics are the published ones and withheld elsewhere.
 
 use super::format::{DatasetFormat, ParsedFolder};
-use super::listed::{ListedFrame, ListedSplit};
+use super::listed::{ListedFrame, ListedSplit, photograph_size};
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::depth::DepthKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, FolderListing, read_small_text};
-use crate::dataset::intrinsics::{IntrinsicsDefect, check};
+use crate::dataset::intrinsics::{IntrinsicsDefect, check, given};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -93,12 +93,16 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         }
         splits.push(listed);
     }
-    // One camera took all splits, so the first readable image of any tells its size.
-    let Some(size) = splits.iter().find_map(ListedSplit::color_header) else {
+    // One camera took all splits, so most images of all tell its size.
+    let colors: Vec<&Path> = splits.iter().flat_map(ListedSplit::colors).collect();
+    let Some(size) = photograph_size(&colors) else {
         splits.into_iter().for_each(|listed| listed.skip_unreadable(&mut parsed));
         return Ok(parsed);
     };
-    let intrinsics = intrinsics(folder, (size.width, size.height), &mut parsed.notes)?;
+    let intrinsics = match options.intrinsics {
+        Some(numbers) => given(numbers, size)?,
+        None => intrinsics(folder, size, &mut parsed.notes)?,
+    };
     let encoding = DepthEncoding {
         codes: CodeKind::Linear16(options.depth_scale.unwrap_or(DEPTH_UNIT)),
         kind: DepthKind::Z,
@@ -149,7 +153,24 @@ fn split_folders(
         }
         splits.push((split, folders));
     }
+    note_shared(&splits, parsed);
     Ok(splits)
+}
+
+/// Says which sequences more than one split lists: measured on them, a scene is measured on what it
+/// was trained on.
+fn note_shared(splits: &[(String, Vec<String>)], parsed: &mut ParsedFolder) {
+    for (i, (split, folders)) in splits.iter().enumerate() {
+        for (other, of_other) in &splits[i + 1..] {
+            let shared: Vec<_> = folders.iter().filter(|f| of_other.contains(f)).cloned().collect();
+            if !shared.is_empty() {
+                let shared = shared.join(", ");
+                parsed.notes.push(format!(
+                    "the splits `{split}` and `{other}` share {shared}: remove it from one of their lists"
+                ));
+            }
+        }
+    }
 }
 
 /// `sequence1` in a split file means the folder `seq-01`; a folder's own name means itself.

@@ -7,7 +7,7 @@
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::numbered::{NumberedFiles, PHOTOGRAPHS};
-use super::recording::{RecordedFrame, Recording, first_depth_size, first_size, wrong};
+use super::recording::{RecordedFrame, Recording, depth_size, photograph_size, wrong};
 use super::stated;
 use super::trajectory::TimedPose;
 use crate::dataset::decode::CodeKind;
@@ -92,7 +92,7 @@ impl Files {
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let files = files(&mut recording)?;
-    let depth_size = match first_depth_size(files.depths.sources(folder)) {
+    let depth_size = match depth_size(files.depths.sources(folder)) {
         Ok(Some(size)) => size,
         Ok(None) => return Ok(recording.finish()),
         Err((file, problem)) => {
@@ -216,7 +216,7 @@ fn color_size(recording: &mut Recording, files: &Files, depth: (u32, u32)) -> Op
         None => vec![0],
     };
     let sources = numbers.into_iter().filter_map(|n| files.color(folder, n)?.ok());
-    match first_size(sources) {
+    match photograph_size(sources) {
         Ok(size) => size,
         Err((file, problem)) => {
             recording.skip("all", file, problem);

@@ -31,8 +31,8 @@ impl StoredDepth {
     }
 }
 
-/// No depth image has more pixels.
-const MAX_PIXELS: usize = 1 << 28;
+/// No depth image has more pixels: 67 million.
+const MAX_PIXELS: usize = 1 << 26;
 /// No packing of these files is tighter: deflate's best.
 const MAX_FACTOR: usize = 1040;
 

@@ -37,12 +37,18 @@ impl FrameSample {
         let mut observation = Observation::empty();
         let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
         let mut trusted = [0.0; 2];
-        let mut n = 0;
+        let (mut n, mut unreadable) = (0, None);
         for index in sampled(frames) {
             if n == SAMPLED_FRAMES {
                 break;
             }
-            let Ok(frame) = dataset.load(split, index) else { continue };
+            let frame = match dataset.load(split, index) {
+                Ok(frame) => frame,
+                Err(error) => {
+                    unreadable.get_or_insert_with(|| error.to_string());
+                    continue;
+                }
+            };
             let Some(depth) = &frame.depth else { continue };
             n += 1;
             trusted = depth.trusted;
@@ -61,7 +67,10 @@ impl FrameSample {
                 let tolerance = f64::from(observation.tolerance.refinement);
                 Ok(Self { footprint, tolerance, depths: [near, far] })
             }
-            _ => Err(no_points(dataset, trusted, &mut seen, n)),
+            _ => {
+                let unreadable = unreadable.filter(|_| n == 0);
+                Err(NoUsableDepth { unreadable, ..no_points(dataset, trusted, &mut seen, n) })
+            }
         }
     }
 }
@@ -80,6 +89,8 @@ pub enum DepthAdvice {
     },
     /// No usual unit brings it into the trusted range.
     SetUnit,
+    /// It lies in the trusted range, and makes no points all the same.
+    CheckCameras,
 }
 
 impl std::fmt::Display for DepthAdvice {
@@ -93,6 +104,9 @@ impl std::fmt::Display for DepthAdvice {
             Self::SetUnit => {
                 f.write_str("set the depth scale to its unit, or widen the depth range")
             }
+            Self::CheckCameras => f.write_str(
+                "depth lies in that range, so check the depth scale, the intrinsics and whether depth is more than noise",
+            ),
         }
     }
 }
@@ -109,6 +123,8 @@ pub struct NoUsableDepth {
     pub found: String,
     /// Frames looked at.
     pub frames: usize,
+    /// Why the first one could not be looked at, where that is so of all.
+    pub unreadable: Option<String>,
     /// What to do.
     pub advice: DepthAdvice,
 }
@@ -116,7 +132,12 @@ pub struct NoUsableDepth {
 impl NoUsableDepth {
     /// The message with the advice in other words: those of a command line, say.
     pub fn saying(&self, advice: &dyn std::fmt::Display) -> String {
-        let Self { dataset, trusted, found, frames, .. } = self;
+        let Self { dataset, trusted, found, frames, unreadable, .. } = self;
+        if let Some(first) = unreadable {
+            return format!(
+                "{dataset}: expected at least one frame with depth, found none that can be read; the first problem: {first}"
+            );
+        }
         format!(
             "{dataset}: expected depth within the trusted {trusted}, found {found} in {frames} sampled frames and not one usable pixel; {advice}"
         )
@@ -145,8 +166,8 @@ fn no_points(
     frames: usize,
 ) -> NoUsableDepth {
     let interval = |[a, b]: [f64; 2]| match b.is_finite() {
-        true => format!("range {a:.3} to {b:.3}"),
-        false => format!("range from {a:.3} on"),
+        true => format!("range {} to {}", length(a), length(b)),
+        false => format!("range from {} on", length(a)),
     };
     let (near, far) = (quantile(seen, 0.05), quantile(seen, 0.95));
     let found = match (near, far) {
@@ -162,7 +183,16 @@ fn no_points(
         trusted: interval(trusted),
         found,
         frames,
+        unreadable: None,
         advice,
+    }
+}
+
+/// A length as people read it, whatever its size.
+fn length(value: f64) -> String {
+    match value == 0.0 || (1e-3..1e6).contains(&value) {
+        true => format!("{value:.3}"),
+        false => format!("{value:.3e}"),
     }
 }
 
@@ -174,9 +204,11 @@ fn unit_advice(trusted: [f64; 2], middle: f64) -> DepthAdvice {
         (1e-2, "centimetres"),
         (1e-4, "tenths of millimetres"),
     ];
-    let likely =
-        factors.iter().find(|(factor, _)| (trusted[0]..trusted[1]).contains(&(middle * factor)));
-    match likely {
+    let is_trusted = |depth: f64| (trusted[0]..trusted[1]).contains(&depth);
+    if is_trusted(middle) {
+        return DepthAdvice::CheckCameras;
+    }
+    match factors.iter().find(|(factor, _)| is_trusted(middle * factor)) {
         Some(&(factor, unit)) => DepthAdvice::OtherUnit { unit, factor },
         None => DepthAdvice::SetUnit,
     }
@@ -204,5 +236,8 @@ mod tests {
         let advice = DepthAdvice::OtherUnit { unit: "millimetres", factor: 1e-3 };
         assert_eq!(unit_advice([0.3, 4.0], 1500.0), advice);
         assert_eq!(unit_advice([0.3, 4.0], 1e9), DepthAdvice::SetUnit);
+        // A unit is no cause of what lies in the range, and nothing is told by one without an end.
+        assert_eq!(unit_advice([0.3, 4.0], 2.0), DepthAdvice::CheckCameras);
+        assert_eq!(unit_advice([0.0, f64::INFINITY], 1e33), DepthAdvice::CheckCameras);
     }
 }

@@ -15,8 +15,11 @@ use std::path::Path;
 /// damaged it. Files that cannot be read are none.
 pub fn is_checkpoint(path: &Path) -> bool {
     let mut start = Vec::new();
-    let read = std::fs::File::open(path).and_then(|file| file.take(16).read_to_end(&mut start));
-    read.is_ok() && (start.starts_with(&MAGIC) || is_text_damaged(&start))
+    // What is no file may never end, or never begin.
+    let is_read = path.is_file()
+        && std::fs::File::open(path)
+            .is_ok_and(|file| file.take(16).read_to_end(&mut start).is_ok());
+    is_read && (start.starts_with(&MAGIC) || is_text_damaged(&start))
 }
 
 /// Reads a checkpoint and checks all of it.

@@ -16,6 +16,7 @@ use crate::pipeline::error::SessionError;
 use crate::pipeline::past::Past;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::session::Session;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -68,8 +69,10 @@ impl SessionSnapshot {
             program: concat!(env!("CARGO_PKG_NAME"), " ", env!("CARGO_PKG_VERSION")).to_owned(),
             saved_unix_s: now_unix_s(),
             dataset: dataset.path.as_ref().map(|path| {
-                // A path that cannot be made absolute still says more than none.
-                std::path::absolute(path).unwrap_or_else(|_| path.clone())
+                // A path that cannot be made absolute still says more than none, and so does one that
+                // is no UTF-8, as JSON must be, with what can be said of it.
+                let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+                PathBuf::from(path.to_string_lossy().into_owned())
             }),
             fingerprint: Fingerprint::of(&dataset, split),
             up: dataset.up(split).to_array(),

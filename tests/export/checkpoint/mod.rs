@@ -110,7 +110,7 @@ fn mixture(checkpoint: &mut Checkpoint) -> (&mut Normalization, &mut Hyper, &mut
 }
 
 /// One of every form.
-fn samples() -> [Checkpoint; 8] {
+pub fn samples() -> [Checkpoint; 8] {
     [
         sample(means_f32(), fixed64()),
         sample(means_f64(), fixed128()),

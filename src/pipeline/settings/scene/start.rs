@@ -15,6 +15,7 @@ use crate::pipeline::plan::Plan;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
+use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
 
@@ -74,6 +75,19 @@ fn measured_with(sensor: Sensor) -> SceneConfig {
 /// A structural scale as a length; at least what noise allows.
 fn in_world_units(scale: StructuralScale, sample: &FrameSample) -> Result<f64, SceneError> {
     let least = 0.5 * sample.tolerance;
+    // Of which one component would be the whole scene, whatever the data.
+    let (asked, most) = match scale {
+        StructuralScale::Pixels(n) => (n, sample.depths[1] / sample.footprint),
+        StructuralScale::World(h) => (h, sample.depths[1]),
+    };
+    if asked > most {
+        let unit = if matches!(scale, StructuralScale::Pixels(_)) { "px" } else { " world units" };
+        return Err(SceneError::Config(ConfigError {
+            setting: "scale",
+            expected: format!("at most the depth of the scene, {most:.3}{unit}"),
+            found: String::from(scale),
+        }));
+    }
     match scale {
         StructuralScale::Pixels(n) => Ok((n * sample.footprint).max(sample.tolerance)),
         StructuralScale::World(h) if h >= least => Ok(h),

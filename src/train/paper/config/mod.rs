@@ -165,6 +165,9 @@ settings! {
     }
 }
 
+/// Largest floor of the points with a low ELBO; 1024 is the published one.
+const MAX_LOW_ELBO_FLOOR: usize = 1 << 16;
+
 fn refuse<T>(setting: &'static str, expected: String, found: String) -> Result<T, ConfigError> {
     Err(ConfigError { setting, expected, found })
 }
@@ -222,6 +225,14 @@ impl PaperConfig {
 
     fn check(self) -> Result<Self, ConfigError> {
         PaperOverrides::check(&self)?;
+        // Of a checkpoint: no option sets it, and rooms are reserved by it.
+        if !(1..=MAX_LOW_ELBO_FLOOR).contains(&self.low_elbo_floor) {
+            return refuse(
+                "low_elbo_floor",
+                format!("1 to {MAX_LOW_ELBO_FLOOR}"),
+                self.low_elbo_floor.to_string(),
+            );
+        }
         if self.index == IndexKind::KdTree && self.operations.distance == Width::F32 {
             return refuse(
                 "index",

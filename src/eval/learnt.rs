@@ -1,0 +1,45 @@
+//! Which views a model was trained on: by the frames that its run went through, not by the names of
+//! splits, since two splits may list one frame and a user may train on any split.
+
+use super::measure::Views;
+use crate::dataset::{Dataset, FrameEntry};
+use std::collections::HashSet;
+use std::path::Path;
+
+/// How many of some views are frames that were gone through.
+pub fn learnt_views(dataset: &Dataset, learnt: Views<'_>, views: Views<'_>) -> usize {
+    let marks = |(split, frames): Views<'_>| -> Vec<(String, Option<&Path>)> {
+        let all = dataset.splits.get(split).map_or(&[][..], |split| &split.frames);
+        frames.iter().filter_map(|&i| all.get(i)).map(mark).collect()
+    };
+    let learnt: HashSet<_> = marks(learnt).into_iter().collect();
+    marks(views).iter().filter(|view| learnt.contains(*view)).count()
+}
+
+/// What tells one photograph from another, whichever split lists it.
+fn mark(frame: &FrameEntry) -> (String, Option<&Path>) {
+    (frame.name.clone(), frame.color_path())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::synthetic::{SyntheticParams, dataset};
+
+    #[test]
+    fn frames_count_whatever_their_split_is_called() {
+        let small = SyntheticParams {
+            width: 16,
+            height: 12,
+            n_train: 6,
+            n_eval: 2,
+            ..SyntheticParams::demo()
+        };
+        let mut room = dataset(&small).unwrap();
+        assert_eq!(learnt_views(&room, (0, &[0, 1, 2, 2]), (0, &[1, 2, 3])), 2);
+        assert_eq!(learnt_views(&room, (0, &[0, 1]), (1, &[0, 1])), 0);
+        room.splits[1].frames = room.splits[0].frames[..2].to_vec();
+        assert_eq!(learnt_views(&room, (0, &[0, 5]), (1, &[0, 1])), 1);
+        assert_eq!(learnt_views(&room, (7, &[0]), (0, &[0, 99])), 0);
+    }
+}

@@ -1,0 +1,202 @@
+//! Every operation of a save fails once, in every way that disks fail, and the process ends once
+//! before each: all moments there are, not some by chance. The newest or the previous file loads.
+
+use crate::checkpoint::samples;
+use std::cell::Cell;
+use std::fs::{File, Metadata};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use vbgs_studio::export::atomic::{
+    SaveDisk, SystemDisk, remove_leftovers, write_keeping_old, write_keeping_old_on,
+};
+use vbgs_studio::export::checkpoint::{self, Checkpoint};
+
+/// A disk on which one operation goes wrong.
+struct FaultyDisk {
+    /// The operation, counted from 0.
+    at: usize,
+    fault: Fault,
+    has_links: bool,
+    done: Cell<usize>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Fault {
+    /// This one fails, and what cleans up behind it works.
+    Once(i32),
+    /// This one and all later ones fail, cleaning up included.
+    Always(i32),
+    /// The process is killed before it: nothing more happens.
+    Kill,
+}
+
+/// ENOSPC, EFBIG, EIO, EDQUOT, EACCES.
+const ERRORS: [i32; 5] = [28, 27, 5, 122, 13];
+
+impl FaultyDisk {
+    fn step<T>(&self, operation: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+        let now = self.done.replace(self.done.get() + 1);
+        match self.fault {
+            Fault::Once(error) if now == self.at => Err(io::Error::from_raw_os_error(error)),
+            Fault::Always(error) if now >= self.at => Err(io::Error::from_raw_os_error(error)),
+            Fault::Kill if now >= self.at => Err(io::Error::other("killed")),
+            _ => operation(),
+        }
+    }
+}
+
+impl SaveDisk for FaultyDisk {
+    fn create(&self, path: &Path) -> io::Result<File> {
+        self.step(|| SystemDisk.create(path))
+    }
+    fn resemble(&self, file: &File, older: &Metadata) -> io::Result<()> {
+        self.step(|| SystemDisk.resemble(file, older))
+    }
+    fn write(&self, file: &File, bytes: &[u8]) -> io::Result<usize> {
+        // A disk may take less than it is given.
+        self.step(|| SystemDisk.write(file, &bytes[..bytes.len().min(700)]))
+    }
+    fn sync(&self, file: &File) -> io::Result<()> {
+        self.step(|| SystemDisk.sync(file))
+    }
+    fn link(&self, file: &Path, second: &Path) -> io::Result<()> {
+        self.step(|| match self.has_links {
+            true => SystemDisk.link(file, second),
+            false => Err(io::ErrorKind::Unsupported.into()),
+        })
+    }
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.step(|| SystemDisk.rename(from, to))
+    }
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        self.step(|| SystemDisk.remove(path))
+    }
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        self.step(|| SystemDisk.sync_folder(folder))
+    }
+}
+
+/// A checkpoint that is told by its number of frames.
+fn saved(frames: u64) -> Vec<u8> {
+    let [plain, ..] = samples();
+    let cursor = checkpoint::Cursor { frames, ..plain.cursor.clone() };
+    checkpoint::to_bytes(&Checkpoint { cursor, ..plain })
+}
+
+fn frames_in(path: &Path) -> u64 {
+    let loaded = checkpoint::read(path).unwrap_or_else(|e| panic!("{e}"));
+    loaded.checkpoint.cursor.frames
+}
+
+/// A folder whose checkpoint is of 2 frames, its `.bak` of 1.
+struct Saves {
+    folder: tempfile::TempDir,
+    bytes: [Vec<u8>; 4],
+}
+
+impl Saves {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap(), bytes: [1, 2, 3, 4].map(saved) }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn reset(&self) {
+        for entry in std::fs::read_dir(self.folder.path()).unwrap() {
+            std::fs::remove_file(entry.unwrap().path()).unwrap();
+        }
+        for bytes in &self.bytes[..2] {
+            write_keeping_old(&self.path("run.vbgs"), |out| out.write_all(bytes)).unwrap();
+        }
+    }
+
+    /// Frames in the file and in the one before, both of which must load.
+    fn loaded(&self) -> (u64, u64) {
+        (frames_in(&self.path("run.vbgs")), frames_in(&self.path("run.vbgs.bak")))
+    }
+
+    /// Saves 3 frames on a disk that fails; whether it succeeded, and how many operations it asked.
+    fn save(&self, at: usize, fault: Fault, has_links: bool) -> (bool, usize) {
+        let disk = FaultyDisk { at, fault, has_links, done: Cell::new(0) };
+        let path = self.path("run.vbgs");
+        let outcome = write_keeping_old_on(&disk, &path, |out| out.write_all(&self.bytes[2]));
+        (outcome.is_ok(), disk.done.get())
+    }
+}
+
+#[test]
+fn whichever_operation_fails_the_newest_or_the_previous_file_loads() {
+    let saves = Saves::new();
+    for has_links in [true, false] {
+        saves.reset();
+        let (succeeded, n) = saves.save(usize::MAX, Fault::Kill, has_links);
+        assert!(succeeded && n > 8, "{n} operations");
+        assert_eq!(saves.loaded(), (3, 2));
+        let errors = ERRORS.iter().flat_map(|&e| [Fault::Once(e), Fault::Always(e)]);
+        for fault in errors.chain([Fault::Kill]) {
+            for at in 0..n {
+                saves.reset();
+                let (succeeded, _) = saves.save(at, fault, has_links);
+                let found = saves.loaded();
+                let told = format!("{fault:?} at {at} of {n}, links {has_links}: {found:?}");
+                match succeeded {
+                    true => assert_eq!(found, (3, 2), "{told}"),
+                    // Between the new back-up and the new file both are the previous one.
+                    false => assert!(matches!(found, (2, 1 | 2) | (3, 2)), "{told}"),
+                }
+                // The next save is none the worse, and a run that begins leaves nothing behind.
+                let path = saves.path("run.vbgs");
+                remove_leftovers(&path);
+                write_keeping_old(&path, |out| out.write_all(&saves.bytes[3])).unwrap();
+                assert_eq!(saves.loaded(), (4, found.0), "{told}");
+                let names = std::fs::read_dir(saves.folder.path()).unwrap().count();
+                assert_eq!(names, 2, "{told}");
+            }
+        }
+    }
+}
+
+/// Autosaves that fail one after the other, as on a disk that stays full.
+#[test]
+fn a_disk_that_stays_full_costs_no_file() {
+    let saves = Saves::new();
+    saves.reset();
+    for at in (0..12).cycle().take(60) {
+        let (succeeded, _) = saves.save(at.min(6), Fault::Always(28), at % 2 == 0);
+        assert!(!succeeded);
+        assert_eq!(saves.loaded().0, 2);
+    }
+}
+
+/// Two processes save under one name while a third begins in the folder again and again.
+#[test]
+fn saves_side_by_side_leave_whole_files() {
+    let saves = Saves::new();
+    saves.reset();
+    let path = saves.path("run.vbgs");
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(Ordering::SeqCst) {
+                remove_leftovers(&path);
+                assert!(saves.loaded().0 >= 2);
+            }
+        });
+        let savers = [2, 3].map(|i| {
+            let (path, bytes) = (&path, &saves.bytes[i]);
+            scope.spawn(move || {
+                for _ in 0..40 {
+                    write_keeping_old(path, |out| out.write_all(bytes)).unwrap();
+                }
+            })
+        });
+        let ended = savers.map(|saver| saver.join());
+        is_over.store(true, Ordering::SeqCst);
+        assert!(ended.iter().all(Result::is_ok), "every save succeeds");
+    });
+    assert!(saves.loaded().0 >= 3);
+    assert_eq!(std::fs::read_dir(saves.folder.path()).unwrap().count(), 2, "nothing else is left");
+}
