@@ -29,6 +29,8 @@ mod gain;
 mod grid;
 mod lattice;
 mod merge;
+#[cfg(test)]
+mod merged_moments_tests;
 mod observe;
 mod refine;
 mod seed_positions;
