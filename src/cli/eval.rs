@@ -11,6 +11,7 @@ use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::render::Lens;
+use vbgs_studio::train::setting::Preset;
 
 #[derive(Serialize)]
 struct EvalOutput {
@@ -28,7 +29,9 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
     let (split, frames) = choose_views(&dataset, args)?;
     let views = (split, &frames[..]);
     let color_camera = color_camera(args, &model, &dataset)?;
-    let comparison = QualityRequest { args: &args.comparison, color_camera, methods: &methods };
+    let is_paper = model.method.as_ref().is_some_and(|method| method.preset() == Preset::Paper);
+    let comparison =
+        QualityRequest { args: &args.comparison, is_paper, color_camera, methods: &methods };
     let found = quality::measure((&model.splats).into(), &dataset, views, &comparison)?;
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();

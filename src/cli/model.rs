@@ -21,6 +21,8 @@ pub struct Model {
     pub splats: SplatSet,
     /// Direction that points up, where the file says so.
     pub up: Option<DVec3>,
+    /// Whether its world is known to be in metres.
+    pub is_metric: bool,
     /// How it was trained, where the file says so.
     pub method: Option<Method>,
     /// What this program said about the conversion to splats.
@@ -84,7 +86,8 @@ pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Fail
 
 fn of_run(run: SavedRun, splats: SplatSet) -> Model {
     let comments = file_comments(&run.config.method, run.content.cursor.frames);
-    Model { splats, up: Some(run.up()), method: Some(run.config.method), comments }
+    let (up, is_metric) = (Some(run.up()), run.is_metric());
+    Model { splats, up, is_metric, method: Some(run.config.method), comments }
 }
 
 fn of_file(path: &Path) -> Result<Model, Failure> {
@@ -102,5 +105,5 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats, up, method: None, comments })
+    Ok(Model { splats: model.splats, up, is_metric: false, method: None, comments })
 }

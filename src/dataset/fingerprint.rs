@@ -1,6 +1,6 @@
 //! What a dataset is recognised by, without decoding an image.
 
-use super::{Dataset, FrameEntry};
+use super::{Dataset, FrameEntry, Layout};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -31,6 +31,11 @@ struct FrameMark {
 }
 
 impl Fingerprint {
+    /// Layout of the files; `None` of files by a newer program.
+    pub fn layout(&self) -> Option<Layout> {
+        Layout::named(&self.layout)
+    }
+
     /// Of a split, which has at least one frame.
     pub fn of(dataset: &Dataset, split: usize) -> Self {
         Self::of_first(dataset, split, usize::MAX)

@@ -27,3 +27,4 @@ mod runner;
 mod scenes;
 mod settings;
 mod usage;
+mod world;
