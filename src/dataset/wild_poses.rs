@@ -58,10 +58,18 @@ fn isolated(centres: &[DVec3]) -> Vec<(usize, f64, f64)> {
     if centres.len() < MIN_FRAMES {
         return Vec::new();
     }
-    let steps: Vec<f64> = centres.windows(2).map(|pair| pair[0].distance(pair[1])).collect();
-    let before = std::iter::once(f64::INFINITY).chain(steps.iter().copied());
-    let after = steps.iter().copied().chain(std::iter::once(f64::INFINITY));
-    let apart: Vec<f64> = before.zip(after).map(|(before, after)| before.min(after)).collect();
+    let last = centres.len() - 1;
+    // The ends have one neighbour, which may be the wild one: the next but one speaks for them too.
+    let neighbours = |i: usize| match i {
+        0 => [1, 2],
+        i if i == last => [last - 1, last - 2],
+        i => [i - 1, i + 1],
+    };
+    let nearer = |i: usize| {
+        let [a, b] = neighbours(i).map(|k| centres[i].distance(centres[k]));
+        a.min(b)
+    };
+    let apart: Vec<f64> = (0..=last).map(nearer).collect();
     let axis = |of: fn(&DVec3) -> f64| median(centres.iter().map(of));
     let middle = DVec3::new(axis(|c| c.x), axis(|c| c.y), axis(|c| c.z));
     let spread = median(centres.iter().map(|centre| centre.distance(middle)));
