@@ -129,7 +129,9 @@ fn place(splat: Splat) -> Placed {
     let to_splat = to_splat_axes(splat.rotation);
     out.axes = mat3x3<f32>(to_splat * view.right, to_splat * view.down, to_splat * view.forward);
     let scale = splat.scale * view.scale;
-    out.scale = max(scale, vec3<f32>(SCALE_FLOOR * max(1.0, largest(scale))));
+    let most = largest(scale);
+    let least = max(min(SCALE_FLOOR * max(1.0, most), FLATTEST * most), POINT_SCALE);
+    out.scale = max(scale, vec3<f32>(least));
     out.opacity = splat.opacity;
     return out;
 }

@@ -10,7 +10,7 @@ pub fn warning(warning: &TrainingWarning) -> String {
             "{points} points found no component within the budget and were left out; raise the Budget in Settings, or widen the Structural scale if depth is noisy"
         ),
         TrainingWarning::OutOfReach { points } => format!(
-            "{points} points lie more than a million structural scales from the scene's origin and were left out; widen the Structural scale in Settings"
+            "{points} points lie more than a million structural scales from the scene's origin and were left out: a wild pose puts them there, or depth of another unit; correct it, or widen the Structural scale in Settings"
         ),
         TrainingWarning::Repaired { splats } => format!(
             "what photographs had taught of {splats} splats was numerically unsound and was forgotten; these are what points say again. Photometric in Settings turns learning from photographs off"

@@ -12,6 +12,7 @@ use vbgs_studio::dataset::splits::HOLD_OUT_EVERY;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::eval::report::{EvalReport, ViewReport};
 use vbgs_studio::render::Lens;
+use vbgs_studio::train::setting::Preset;
 
 #[derive(Serialize)]
 struct EvalOutput {
@@ -43,8 +44,13 @@ pub fn run(args: &EvalArgs) -> Result<(), Failure> {
         let path = args.model.display();
         eprintln!("note: {path}: does not say which of these views it was trained on");
     }
-    let comparison =
-        QualityRequest { args: &args.comparison, color_camera, methods: &methods, learnt };
+    let comparison = QualityRequest {
+        args: &args.comparison,
+        is_paper: model.method.as_ref().is_some_and(|method| method.preset() == Preset::Paper),
+        color_camera,
+        methods: &methods,
+        learnt,
+    };
     let found = quality::measure((&model.splats).into(), &dataset, views, &comparison)?;
     if args.json {
         let (eval, views): (_, Vec<_>) = found.into_iter().unzip();

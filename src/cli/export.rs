@@ -125,6 +125,7 @@ fn options<'a>(
         mapping: args.mapping.mapping(),
         comments: &model.comments,
         up: args.up.map(|up| up.direction()).or(model.up).unwrap_or(DVec3::Z),
+        metric: model.is_metric,
         unit_scale: args.unit_scale,
         confidence: training.map(|t| &t.evidence[..]),
         selection: WriteSelection {

@@ -8,6 +8,7 @@ use vbgs_studio::dataset::capture_check::CaptureCheck;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
 use vbgs_studio::dataset::pose_check::PoseCheck;
 use vbgs_studio::dataset::splits::HELD_OUT;
+use vbgs_studio::dataset::wild_poses::wild_poses;
 use vbgs_studio::dataset::{self, Dataset, FrameEntry};
 use vbgs_studio::export::checkpoint::is_checkpoint;
 use vbgs_studio::export::{self, Imported, ModelKind};
@@ -99,6 +100,9 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
     let mut defects: Vec<String> = dataset.warnings.iter().map(ToString::to_string).collect();
     let splits =
         (0..dataset.splits.len()).map(|split| split_info(dataset, split, &mut defects)).collect();
+    if let Ok(split) = dataset.training_split() {
+        defects.extend(wild_poses(&dataset.splits[split]).iter().map(ToString::to_string));
+    }
     let evaluation =
         dataset.training_split().map_or_else(|e| e.to_string(), |t| dataset.evaluation(t).why);
     DatasetInfo {

@@ -25,6 +25,8 @@ pub struct Model {
     pub splats: SplatSet,
     /// Direction that points up, where the file says so.
     pub up: Option<DVec3>,
+    /// Whether its world is known to be in metres.
+    pub is_metric: bool,
     /// How it was trained, where the file says so.
     pub method: Option<Method>,
     /// Where the frames it was trained on were found, if poses were tracked and the file says so.
@@ -143,14 +145,14 @@ pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Fail
 
 fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     let comments = file_comments(&run.config.method, run.content.cursor.frames);
-    let (up, trajectory) = (Some(run.up()), run.trajectory()?);
+    let (up, is_metric, trajectory) = (Some(run.up()), run.is_metric(), run.trajectory()?);
     let SavedRun { config, meta, content, .. } = run;
     let learnt = Some(LearntFrames {
         fingerprint: meta.fingerprint,
         split: config.selection.split,
         visited: content.cursor.visited,
     });
-    Ok(Model { splats, up, method: Some(config.method), trajectory, comments, learnt })
+    Ok(Model { splats, up, is_metric, method: Some(config.method), trajectory, comments, learnt })
 }
 
 fn of_file(path: &Path) -> Result<Model, Failure> {
@@ -168,5 +170,13 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
     let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
-    Ok(Model { splats: model.splats, up, method: None, trajectory: None, comments, learnt: None })
+    Ok(Model {
+        splats: model.splats,
+        up,
+        is_metric: false,
+        method: None,
+        trajectory: None,
+        comments,
+        learnt: None,
+    })
 }

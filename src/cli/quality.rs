@@ -10,15 +10,19 @@ use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::cracks;
 use vbgs_studio::eval::learnt::learnt_views;
 use vbgs_studio::eval::measure::{self, Views};
+use vbgs_studio::eval::near::near_plane;
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::views::EvalOptions;
+use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::render::{RenderMethod, RenderOptions};
+use vbgs_studio::render::{EVALUATION_NEAR, RenderMethod, RenderOptions};
 
 /// How splats are compared with photographs.
 pub struct QualityRequest<'a> {
     /// Ground truth, background, partial coverage and exposure, as typed.
     pub args: &'a ComparisonArgs,
+    /// Whether the model is of the `paper` preset, whose near plane is the published one.
+    pub is_paper: bool,
     /// The camera that took the photographs, if not the one that measured depth.
     pub color_camera: Option<ColorCamera>,
     /// Renderers, one after the other.
@@ -43,10 +47,11 @@ pub fn measure(
     let crack_views = cracks::views(dataset, views.0, views.1);
     let crack_views = crack_views.as_ref().map(|(split, frames)| (*split, frames.as_slice()));
     let n_steps = measure::n_steps(views, crack_views);
+    let near = request.near(splats, dataset, views);
     let bar = progress::bar(methods.len() * n_steps, "view");
     let mut found = Vec::with_capacity(methods.len());
     for (i, &method) in methods.iter().enumerate() {
-        let options = request.options(method);
+        let options = request.options(method, near);
         let tell = |done| bar.set_position((i * n_steps + done) as u64);
         found.push(measure::quality(splats, dataset, views, crack_views, &options, tell)?);
     }
@@ -68,14 +73,25 @@ pub fn seen(
     request: &QualityRequest,
 ) -> Result<Vec<SeenReport>, Failure> {
     let mut found = Vec::with_capacity(request.methods.len());
+    let near = request.near(splats, dataset, views);
     for &method in request.methods {
-        found.extend(measure::seen(splats, dataset, views, &request.options(method))?);
+        found.extend(measure::seen(splats, dataset, views, &request.options(method, near))?);
     }
     Ok(found)
 }
 
 impl QualityRequest<'_> {
-    fn options(&self, method: RenderMethod) -> EvalOptions {
+    /// The near plane of all views, world units.
+    fn near(&self, splats: SplatView, dataset: &Dataset, (split, views): Views<'_>) -> f64 {
+        let given = self.args.near.or(self.is_paper.then_some(EVALUATION_NEAR));
+        given.unwrap_or_else(|| {
+            let frames = &dataset.splits[split].frames;
+            let cameras: Vec<Camera> = views.iter().map(|&view| frames[view].camera).collect();
+            near_plane(splats, &cameras)
+        })
+    }
+
+    fn options(&self, method: RenderMethod, near: f64) -> EvalOptions {
         let ComparisonArgs {
             ground_truth,
             background,
@@ -83,6 +99,7 @@ impl QualityRequest<'_> {
             exposure,
             eval_poses,
             eval_scale,
+            near: _,
         } = *self.args;
         EvalOptions {
             ground_truth: match ground_truth {
@@ -95,6 +112,7 @@ impl QualityRequest<'_> {
             scale: eval_scale,
             render: RenderOptions {
                 exposing: exposure,
+                near,
                 ..RenderOptions::evaluation(method, background)
             },
         }

@@ -14,20 +14,25 @@ use super::{output, photometric_device, pose_check, progress, quality, tracked, 
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
+use vbgs_studio::dataset::wild_poses::wild_poses;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::eval::measure::SEEN_AFTER;
+use vbgs_studio::eval::memory::with_measuring;
 use vbgs_studio::eval::report::{EvalReport, Report, SeenReport};
 use vbgs_studio::export::atomic::remove_leftovers;
 use vbgs_studio::export::{ModelFormat, WriteOptions, write};
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::pipeline::autosave::{Autosave, AutosaveInterval};
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
+use vbgs_studio::pipeline::error::SessionError;
 use vbgs_studio::pipeline::follow::Follow;
+use vbgs_studio::pipeline::memory;
 use vbgs_studio::pipeline::provenance::file_comments;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::method::MethodRequest;
 use vbgs_studio::pipeline::tracked::Trajectory;
 use vbgs_studio::render::{Lens, RenderMethod};
+use vbgs_studio::train::setting::Preset;
 
 /// Trains as asked; after Ctrl-C and the like the files are written all the same.
 pub fn run(args: &TrainArgs) -> Result<(), Failure> {
@@ -40,7 +45,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     };
     photometric_device::attach(&mut session, args.photometric_device)?;
     prepare_folder(args)?;
-    note(&session);
+    note(&session, args)?;
     // Measured after the run, whose times they must not change.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
@@ -148,20 +153,56 @@ fn start(args: &TrainArgs) -> Result<Start, Failure> {
 }
 
 /// What a user should know before the first frame.
-fn note(session: &Session) {
+///
+/// # Errors
+/// What the machine has no memory for, measuring included.
+fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if let Some(why) = &session.plan().held_out {
         eprintln!("note: held out for evaluation: {why}");
     }
     if session.config().method.assumes_calibration(session.dataset()) {
         eprintln!("note: {KNOWN_CALIBRATION}");
     }
-    let memory = session.memory();
+    if let Some(warning) = far_from_origin(session) {
+        eprintln!("warning: {warning}");
+    }
+    let preset = session.config().method.any();
+    let limit = preset.component_limit();
+    let memory = match &args.eval {
+        Some(split) => {
+            let view = session.dataset().split_named(split).ok();
+            let view = view.and_then(|split| session.dataset().splits[split].frames.first());
+            let photo =
+                view.map(|view| view.photo_camera(preset.color_camera().as_ref()).intrinsics);
+            let pixels = photo.map_or(0, |k| k.width as usize * k.height as usize);
+            with_measuring(session.memory(), pixels, limit.components())
+        }
+        None => session.memory(),
+    };
     let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
     eprintln!(
         "note: takes up to {} MB of memory for as many components as the model may have, and {} MB for frames",
         megabytes(memory.model),
         megabytes(memory.frames)
     );
+    memory::check(memory, limit).map_err(|error| Failure::from(SessionError::from(error)))
+}
+
+/// Share of the structural scale that 32-bit positions may be rounded by.
+const ROUNDED: f64 = 1.0 / 32.0;
+
+/// What to do about a scene so far from the origin of its world that splats, whose positions have 32 bits,
+/// cannot hold it; `None` if they can.
+fn far_from_origin(session: &Session) -> Option<String> {
+    let scene = session.config().method.scene()?;
+    let distance = scene.surface.origin.abs().max_element();
+    let rounding = distance * 0.5 * f64::from(f32::EPSILON);
+    (rounding > ROUNDED * scene.engine.h).then(|| {
+        format!(
+            "the scene lies {distance:.0} world units from the origin, where positions of splats are rounded by {rounding:.2e} and the structural scale is {:.2e}: pictures and files will be coarse; subtract a constant from all poses, such as the first camera's position (of map coordinates, its easting and northing)",
+            scene.engine.h
+        )
+    })
 }
 
 const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another, `vbgs-studio calibrate DATASET` checks it";
@@ -330,6 +371,7 @@ fn measure(
     let (dataset, plan) = (session.dataset(), session.plan());
     let comparison = &QualityRequest {
         args: &args.comparison,
+        is_paper: session.config().method.preset() == Preset::Paper,
         color_camera: session.config().method.any().color_camera(),
         methods,
         learnt: Some((plan.split, &plan.frames[..session.visited()])),
@@ -363,12 +405,16 @@ fn trajectory(session: &Session) -> Option<Trajectory> {
     Trajectory::of(session.frames(), session.skipped())
 }
 
-/// Says if the poses mean something else than the layout says: hours of training would be lost.
+/// Names wild poses, and says if the poses mean something else than the layout says: hours of training
+/// would be lost.
 fn doubt_poses(dataset: &Dataset) {
     if dataset.options.track {
         return;
     }
     let split = dataset.training_split().ok();
+    for wild in split.map_or_else(Vec::new, |split| wild_poses(&dataset.splits[split])) {
+        eprintln!("warning: {wild}");
+    }
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
     if let Some(warning) = check.as_ref().and_then(pose_check::warning) {
         eprintln!("warning: {warning}");

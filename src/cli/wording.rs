@@ -26,7 +26,7 @@ pub fn warning(warning: &TrainingWarning) -> String {
             "{points} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"
         ),
         TrainingWarning::OutOfReach { points } => format!(
-            "{points} points lie more than a million structural scales from the scene's origin and were left out; widen --scale, or limit --depth-range"
+            "{points} points lie more than a million structural scales from the scene's origin and were left out: a wild pose puts them there (`info` names frames that have one), or depth of another unit; correct it, or widen --scale"
         ),
         TrainingWarning::Repaired { splats } => format!(
             "what photographs had taught of {splats} splats was numerically unsound and was forgotten; these are what points say again. --photometric off leaves photographs out"
@@ -64,7 +64,7 @@ fn by_options(error: &(dyn Error + 'static)) -> Option<String> {
         Some(wrong_setting(config))
     } else if let Some(scene) = error.downcast_ref() {
         scene_error(scene)
-    } else if error.is::<MemoryError>() {
+    } else if let Some(MemoryError::Components { .. }) = error.downcast_ref() {
         Some(format!("--{}", text()))
     } else if error.is::<IndexError>() {
         Some(text().replace("try fewer components", "try fewer --components"))
@@ -105,12 +105,12 @@ fn option_of(setting: &str) -> String {
 
 fn scene_error(error: &SceneError) -> Option<String> {
     match error {
-        SceneError::BelowNoise { .. } => Some(
-            error
-                .to_string()
-                .replace("structural scale: ", "--scale: ")
-                .replace("set the depth scale", "say so with --depth-scale"),
-        ),
+        SceneError::BelowNoise { .. } => {
+            Some(error.to_string().replace("structural scale: ", "--scale: ").replace(
+                "set the depth scale and range in it",
+                "say so with --depth-scale and --depth-range",
+            ))
+        }
         SceneError::NoPoints(none) => Some(none.saying(&depth_advice(&none.advice))),
         SceneError::Config(_) => None,
     }
@@ -177,7 +177,7 @@ mod tests {
         let neutral = noise.to_string();
         let text = said(SessionError::from(noise));
         assert!(text.starts_with("--scale: expected at least"), "{text}");
-        assert!(text.ends_with("say so with --depth-scale"), "{text}");
+        assert!(text.ends_with("say so with --depth-scale and --depth-range"), "{text}");
         let points = |advice| {
             SceneError::from(NoUsableDepth {
                 dataset: "room".into(),
@@ -194,7 +194,16 @@ mod tests {
             text.ends_with("multiply --depth-scale by 0.001, or widen --depth-range"),
             "{text}"
         );
-        let memory = MemoryError { most: 1, found: 2, available_mb: 3, needed_mb: 4 };
+        let memory = |setting| MemoryError::Components {
+            setting,
+            most: 1,
+            found: 2,
+            available_mb: 3,
+            needed_mb: 4,
+        };
+        let budget = said(SessionError::from(memory("budget")));
+        assert!(budget.starts_with("--budget: expected at most 1 components"), "{budget}");
+        let memory = memory("components");
         assert!(said(SessionError::from(memory.clone())).starts_with("--components: expected"));
         for text in [neutral, points(unit).to_string(), memory.to_string()] {
             assert!(!text.contains("--"), "the library knows no options: {text}");

@@ -17,6 +17,8 @@ pub(super) struct DepthEncoding {
     pub codes: CodeKind,
     pub kind: DepthKind,
     pub trusted: [f64; 2],
+    /// World units per metre.
+    pub metre: f64,
     /// What measured it, which a layout knows and a file does not say.
     pub sensor: Sensor,
 }
@@ -110,7 +112,8 @@ pub(super) fn depth(
         CodeKind::ByContent(unit) | CodeKind::Linear16(unit) => linear16(image()?, unit)?,
         CodeKind::Inverse8 => inverse8(image()?)?,
     };
-    Ok(Depth { codes, kind: encoding.kind, trusted: encoding.trusted })
+    let DepthEncoding { kind, trusted, metre, .. } = *encoding;
+    Ok(Depth { codes, kind, trusted, metre })
 }
 
 /// How sure a sensor is of every pixel, 0 to 2: a gray image or bare bytes of the camera's size.

@@ -50,6 +50,8 @@ pub struct Depth {
     /// Open interval of lengths (of `kind`, world units) that training uses; values outside are
     /// measured but unreliable.
     pub trusted: [f64; 2],
+    /// World units per metre, for what is known of sensors in metres.
+    pub metre: f64,
 }
 
 impl Depth {
@@ -138,7 +140,7 @@ pub(super) fn decode_length(length: f32) -> Option<f64> {
 pub(super) const SENSOR_NOISE: f64 = 0.003;
 
 /// Noise half-width of a metric depth camera, metres, at a depth of `value` metres.
-#[inline]
+#[inline(always)]
 pub(super) fn sensor_noise(value: f32) -> f32 {
     SENSOR_NOISE as f32 * (value * value).max(1.0)
 }

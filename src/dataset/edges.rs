@@ -65,12 +65,19 @@ pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
     });
 }
 
-/// Writes 1 where a pixel of a row of lengths (world units, 0 at holes) is mixed, else 0; `focal` in
-/// pixels.
-pub(super) fn mixed_lengths(image: &Padded<f32>, row: usize, focal: f32, mixed: &mut [u8]) {
+/// Writes 1 where a pixel of a row of lengths (world units, `metre` of them a metre, 0 at holes) is
+/// mixed, else 0; `focal` in pixels.
+pub(super) fn mixed_lengths(
+    image: &Padded<f32>,
+    row: usize,
+    focal: f32,
+    metre: f32,
+    mixed: &mut [u8],
+) {
+    let per_metre = 1.0 / metre;
     let per_depth = STEEPEST_PLANE / focal;
     opposite_pairs(image, row, mixed, |a, d, b| {
-        let q = sensor_noise(d);
+        let q = metre * sensor_noise(d * per_metre);
         let jump = (f32::from(JUMP) * q).max(per_depth * d);
         let (low, high) = (a.min(b), a.max(b));
         let margin = f32::from(MARGIN) * q;
@@ -156,7 +163,7 @@ mod tests {
             (3.0, 3.05, 3.1, 585.0, false),
             (3.0, 3.2, 3.4, 585.0, true),
         ] {
-            let judge = |p: &Padded<f32>, m: &mut [u8]| mixed_lengths(p, 1, focal, m);
+            let judge = |p: &Padded<f32>, m: &mut [u8]| mixed_lengths(p, 1, focal, 1.0, m);
             let image: [f32; 9] = [d, d, d, a, d, b, d, d, d];
             assert_eq!(middle(image, judge), is_mixed, "{image:?} at focal length {focal}");
         }

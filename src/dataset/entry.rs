@@ -163,6 +163,14 @@ impl FrameEntry {
         }
     }
 
+    /// World units per metre; `None` in frames without depth.
+    pub(super) fn metre(&self) -> Option<f64> {
+        match &self.source {
+            FrameSource::Synthetic { .. } => Some(1.0),
+            FrameSource::Files(files) => files.depth.as_ref().map(|depth| depth.encoding.metre),
+        }
+    }
+
     /// How its depth is stored; `None` in frames without depth files.
     pub(super) fn depth_source(&self) -> Option<&DepthSource> {
         match &self.source {

@@ -9,7 +9,7 @@ use super::decode::{CodeKind, DepthEncoding};
 use super::depth::DepthKind;
 use super::entry::{FrameFiles, FrameSource};
 use super::files::open_file;
-use super::{Dataset, FrameEntry};
+use super::{Dataset, FrameEntry, Layout};
 use crate::math::camera::Intrinsics;
 use serde::{Deserialize, Serialize};
 use std::io::{Read, Result as IoResult, Seek, SeekFrom};
@@ -58,6 +58,11 @@ struct FrameMark {
 }
 
 impl Fingerprint {
+    /// Layout of the files; `None` of files by a newer program.
+    pub fn layout(&self) -> Option<Layout> {
+        Layout::named(&self.layout)
+    }
+
     /// Of a split, which has at least one frame.
     pub fn of(dataset: &Dataset, split: usize) -> Self {
         Self::of_first(dataset, split, usize::MAX)
@@ -173,7 +178,7 @@ fn read_by(crc: &mut Crc, frame: &FrameEntry) {
     crc.reals(lens.radial.into_iter().chain(lens.tangential));
     let Some(depth) = depth else { return };
     // What measured it is a setting of the run, which holds it.
-    let DepthEncoding { codes, kind, trusted, sensor: _ } = depth.encoding;
+    let DepthEncoding { codes, kind, trusted, sensor: _, metre: _ } = depth.encoding;
     let (code, unit) = match codes {
         CodeKind::Inverse8 => (0, 1.0),
         CodeKind::Linear16(unit) => (1, unit),

@@ -229,7 +229,7 @@ impl DepthBuffer<'_> {
         }
         let lengths = Image::from_vec(size.0 as usize, size.1 as usize, self.lengths.to_vec());
         let codes = DepthCodes::Lengths(lengths);
-        let depth = Depth { codes, kind: self.kind, trusted: self.trusted };
+        let depth = Depth { codes, kind: self.kind, trusted: self.trusted, metre: 1.0 };
         depth.check(size)?;
         Ok(depth)
     }

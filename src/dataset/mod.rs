@@ -32,6 +32,7 @@ pub mod splits;
 pub mod surface;
 pub mod synthetic;
 pub mod unproject;
+pub mod wild_poses;
 
 mod archive;
 mod decode;

@@ -2,7 +2,7 @@
 
 use super::archive::Archive;
 use super::calibration::Calibration;
-use super::entry::{DatasetSplit, DepthSource, HELD_OUT, HOLD_OUT_EVERY};
+use super::entry::{DatasetSplit, DepthSource, FrameEntry, HELD_OUT, HOLD_OUT_EVERY};
 use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::{Folder, Recorded};
 use super::formats::{self, Layout, ParsedFolder};
@@ -87,7 +87,7 @@ pub(super) fn read(
     check_used(options, &parsed.splits)?;
     // Of the resolved path: `.` has no last part of its own.
     let name = path.canonicalize().ok().and_then(|p| Some(p.file_name()?.to_str()?.to_owned()));
-    Ok(Dataset {
+    let mut dataset = Dataset {
         name: name.unwrap_or_else(|| "dataset".to_owned()),
         path: Some(path.to_owned()),
         layout,
@@ -98,7 +98,14 @@ pub(super) fn read(
         notes: parsed.notes,
         known_range: parsed.known_range,
         options: *options,
-    })
+    };
+    let metre = dataset.metre();
+    if metre != 1.0 {
+        dataset.notes.push(format!(
+            "scale and range of depth say {metre} world units to the metre: what is known of the sensor, its noise among it, is taken so"
+        ));
+    }
+    Ok(dataset)
 }
 
 /// Refuses options that nothing in the files asks for: whoever gave them believes otherwise.
@@ -215,12 +222,28 @@ impl Dataset {
     /// where depth has the published Kinect's intrinsics. `None` where nothing is known.
     pub fn known_calibration(&self) -> Option<Calibration> {
         let depth_camera = self.splits.first()?.frames.first()?.camera.intrinsics;
-        self.layout.known_calibration(&depth_camera)
+        let mut known = self.layout.known_calibration(&depth_camera)?;
+        if let Some(color) = &mut known.color_camera {
+            color.offset = color.offset.map(|metres| metres * self.metre());
+        }
+        Some(known)
     }
 
     /// Direction that points up in the world, as far as the cameras of a split tell.
     pub fn up(&self, split: usize) -> DVec3 {
         mean_up(self.splits[split].frames.iter().map(|frame| &frame.camera.pose))
+    }
+
+    /// Whether its world is known to be in metres.
+    pub fn is_metric(&self) -> bool {
+        self.layout.is_metric() && self.metre() == 1.0
+    }
+
+    /// World units per metre, as far as the user says: 1 unless scale and range of depth are in another
+    /// unit.
+    pub fn metre(&self) -> f64 {
+        let mut frames = self.splits.iter().flat_map(|s| &s.frames);
+        frames.find_map(FrameEntry::metre).unwrap_or(1.0)
     }
 
     /// The sensor that its depth is from, as the first frame with depth tells; exact depth where

@@ -28,11 +28,37 @@ pub struct LoadOptions {
     pub track: bool,
 }
 
+/// Distances that depth sensors measure, metres: what a range of depth is compared with.
+const SENSOR_RANGE: [f64; 2] = [0.3, 5.0];
+
 fn is_false(value: &bool) -> bool {
     !value
 }
 
+/// A range of depth as a multiple of that of sensors, by its middle where it has two ends.
+fn in_sensor_ranges([near, far]: [f64; 2]) -> Option<f64> {
+    let [least, most] = SENSOR_RANGE;
+    match (near > 0.0, far.is_finite()) {
+        (true, true) => Some((near * far / (least * most)).sqrt()),
+        (false, true) => Some(far / most),
+        (true, false) => Some(near / least),
+        (false, false) => None,
+    }
+}
+
 impl LoadOptions {
+    /// World units per metre, as scale and range of depth say together, where a layout's own step is
+    /// `unit` metres; 1 unless both are given. A scale alone may correct the step of a file whose world
+    /// is in metres, and a range tells which: it is where sensors measure.
+    pub(super) fn metre(&self, unit: f64) -> f64 {
+        let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
+        let Some(ratio) = in_sensor_ranges(range) else { return 1.0 };
+        let off = |metre: &f64| (ratio / metre).ln().abs();
+        // Metres come first: of equals they are the likelier.
+        let units = [1.0, scale / unit, 100.0, 1000.0];
+        units.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0)
+    }
+
     /// Whether every number lies in its range.
     pub(super) fn check(&self) -> Result<(), DatasetError> {
         // Both are negated, so that NaN is refused too; an infinite far end is legal.
@@ -68,5 +94,38 @@ impl LoadOptions {
             });
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scale_and_range_tell_the_unit_of_the_world() {
+        let metre = |scale, range| {
+            let options =
+                LoadOptions { depth_scale: scale, depth_range: range, ..LoadOptions::default() };
+            options.metre(0.001)
+        };
+        assert_eq!(metre(None, Some([300.0, 4000.0])), 1.0, "the layout says metres");
+        assert_eq!(metre(Some(1.0), None), 1.0);
+        assert_eq!(metre(Some(1.0), Some([300.0, 4000.0])), 1000.0);
+        assert_eq!(metre(Some(0.1), Some([30.0, 400.0])), 100.0);
+        assert_eq!(metre(Some(10.0), Some([3e3, 4e4])), 1e4);
+        assert_eq!(metre(Some(1e-7), Some([3e-5, 4e-4])), 1e-7 / 0.001);
+        // Codes of another step in a world of metres.
+        assert_eq!(metre(Some(0.0002), Some([0.3, 4.0])), 1.0);
+        assert_eq!(metre(Some(0.001 / 5.0), Some([0.1, 100.0])), 1.0);
+        assert_eq!(metre(Some(1e-6), Some([0.5, f64::INFINITY])), 1.0);
+        assert_eq!(metre(Some(1.0), Some([0.0, 5000.0])), 1000.0);
+        assert_eq!(metre(Some(1.0), Some([0.0, f64::INFINITY])), 1.0);
+        // Steps of another layout's files, in millimetres.
+        let tum = LoadOptions {
+            depth_scale: Some(1.0),
+            depth_range: Some([300.0, 4000.0]),
+            ..LoadOptions::default()
+        };
+        assert_eq!(tum.metre(1.0 / 5000.0), 1000.0);
     }
 }

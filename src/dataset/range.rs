@@ -4,6 +4,7 @@ use super::error::FrameError;
 use super::opened::Dataset;
 pub use super::position_range::PositionRange;
 use super::unproject::{CameraConvention, camera_point};
+use super::wild_poses::wild_poses;
 use glam::DVec3;
 
 /// Frames looked at, evenly spaced over the split.
@@ -23,17 +24,28 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     if let Some(range) = &dataset.known_range {
         return Ok(range.clone());
     }
-    let frames = dataset.splits.get(split).map_or(0, |s| s.frames.len());
-    let n_sampled = frames.min(MAX_FRAMES);
+    let wild = dataset.splits.get(split).map_or_else(Vec::new, wild_poses);
+    let n_frames = dataset.splits.get(split).map_or(0, |s| s.frames.len());
+    // A twelfth of the points is far more than the quantiles cut off.
+    let is_sound = |i: &usize| wild.iter().all(|wild| wild.index != *i);
+    let sound: Vec<usize> = (0..n_frames).filter(is_sound).collect();
+    let n_sampled = sound.len().min(MAX_FRAMES);
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
     for i in 0..n_sampled {
         // A damaged frame must not keep a recording from training: others tell the range too.
-        if let Err(error) = sample(dataset, split, i * frames / n_sampled, &mut axes) {
+        if let Err(error) = sample(dataset, split, sound[i * sound.len() / n_sampled], &mut axes) {
             failure = Some(error);
         }
     }
-    let range = from_samples(&mut axes);
+    let mut range = from_samples(&mut axes);
+    if let (Some(range), [first, ..]) = (&mut range, &wild[..]) {
+        let others = match wild.len() {
+            1 => String::new(),
+            n => format!(" and {} more frames", n - 1),
+        };
+        range.source.push_str(&format!(", wild poses left out: {}{others}", first.frame));
+    }
     match (range, failure) {
         (Some(range), _) => Ok(range),
         (None, Some(last)) => Err(RangeError::Frames { n_sampled, last: Box::new(last) }),

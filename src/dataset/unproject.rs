@@ -314,7 +314,7 @@ impl Unprojector {
             mixed,
             tally,
             |row, mixed| {
-                mixed_lengths(lengths, row, focal, mixed);
+                mixed_lengths(lengths, row, focal, depth.metre as f32, mixed);
             },
             plain,
         );

@@ -189,7 +189,7 @@ mod tests {
             camera,
             color: Image::filled(WIDTH, HEIGHT, [0, 0, 0, 255]),
             color_camera: None,
-            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0] }),
+            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 4.0], metre: 1.0 }),
         }
     }
 

@@ -1,8 +1,10 @@
 //! What the machine says about itself.
 
+use super::control_group;
 use super::report::MachineReport;
 use crate::math::simd::Isa;
 use std::fs;
+use std::path::Path;
 
 /// Threads of the current pool, processor, instructions used, and the graphics adapter that draws, if any.
 pub fn describe(adapter: Option<String>) -> MachineReport {
@@ -44,9 +46,13 @@ pub fn rss_bytes() -> Option<u64> {
     status_bytes("VmRSS:")
 }
 
-/// Memory the system can give without swapping, bytes; `None` where it does not tell.
+/// Memory the system can give this process without swapping, bytes: what is free, and no more than a
+/// container leaves it. `None` where it does not tell.
 pub fn available_bytes() -> Option<u64> {
-    file_bytes("/proc/meminfo", "MemAvailable:")
+    let free = file_bytes("/proc/meminfo", "MemAvailable:");
+    let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
+    let left = control_group::left_bytes(&groups, Path::new("/sys/fs/cgroup"));
+    free.into_iter().chain(left).min()
 }
 
 fn status_bytes(field: &str) -> Option<u64> {

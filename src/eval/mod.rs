@@ -3,11 +3,14 @@
 
 pub mod choices;
 pub mod comparison;
+mod control_group;
 pub mod cracks;
 pub mod learnt;
 pub mod machine;
 pub mod measure;
+pub mod memory;
 pub mod metrics;
+pub mod near;
 pub mod report;
 pub mod scale;
 pub mod seen;

@@ -24,7 +24,7 @@ use crate::math::camera::Camera;
 use crate::math::image::{Image, RgbImage};
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
-use crate::render::{EVALUATION_NEAR, RenderMethod, RenderOptions, Renderer};
+use crate::render::{RenderMethod, RenderOptions, Renderer};
 
 /// How views are rendered and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -234,7 +234,7 @@ fn photographed_surfaces(frame: &Frame, sensor: Sensor, options: &EvalOptions) -
     let surfaces = Surfaces::of(frame, sensor)?;
     match options.is_depth_image(frame) {
         true => Some(surfaces),
-        false => Some(surfaces.seen_by(&options.photo_camera(frame), EVALUATION_NEAR as f32)),
+        false => Some(surfaces.seen_by(&options.photo_camera(frame), options.render.near as f32)),
     }
 }
 
@@ -329,7 +329,7 @@ mod tests {
             camera: Camera { intrinsics, pose: Pose::IDENTITY },
             color: Image::filled(width, height, [0, 0, 0, 255]),
             color_camera: None,
-            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0] }),
+            depth: Some(Depth { codes, kind: DepthKind::Z, trusted: [0.1, 10.0], metre: 1.0 }),
         }
     }
 

@@ -10,7 +10,9 @@ use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Smallest scale written, so that its logarithm is finite (`export.md`, From splat to file).
-pub(super) const SCALE_FLOOR: f64 = 1e-7;
+const SCALE_FLOOR: f64 = 1e-7;
+/// Where a world's unit makes all of a splat small, this share of its largest scale is written.
+const FLATTEST: f64 = 1e-4;
 /// Opacities are kept this far from 0 and 1 where their logit is written (`export.md`, From splat
 /// to file).
 // Logits then end at ±13.8.
@@ -65,7 +67,7 @@ impl Gaussian {
             opacity: f64::from(splat.opacity),
             color: wide(splat.color),
             // A logarithm of 0 is no number in a file.
-            scale: wide(splat.scale).max(DVec3::splat(SCALE_FLOOR)),
+            scale: wide(splat.scale).max(DVec3::splat(scale_floor(wide(splat.scale)))),
             // A splat of no direction is drawn unrotated, and its file must say what is seen.
             rotation: unit_quaternion([w, x, y, z]).unwrap_or(DQuat::IDENTITY),
             directional: from_rows(appearance.directional),
@@ -136,6 +138,12 @@ impl Gaussian {
     pub fn has_wild_color(&self) -> bool {
         (self.color - self.bounded_color()).abs().max_element() > COLOR_SLACK
     }
+}
+
+/// Smallest scale that is written of a splat with these scales.
+pub(super) fn scale_floor(scales: DVec3) -> f64 {
+    let largest = scales.max_element();
+    if largest > 0.0 { SCALE_FLOOR.min(FLATTEST * largest) } else { SCALE_FLOOR }
 }
 
 /// `w x y z`, normalised; `None` if the quaternion has no direction. NaN stays NaN.

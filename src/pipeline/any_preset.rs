@@ -69,6 +69,14 @@ pub enum ComponentLimit {
     Default(usize),
 }
 
+impl ComponentLimit {
+    /// How many, whoever asked.
+    pub fn components(self) -> usize {
+        let (Self::Fixed(n) | Self::Asked(n) | Self::Default(n)) = self;
+        n
+    }
+}
+
 /// A learner out of a checkpoint.
 pub struct Revived {
     /// The learner.

@@ -1,56 +1,80 @@
 //! Refuses a run that the machine has no free memory for, before it is taken.
 
+use super::any_preset::ComponentLimit;
 use crate::eval::machine;
 use crate::train::memory::MemoryEstimate;
 
 /// A run that would not fit.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "components: expected at most {most}, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer components or close other programs"
-)]
-pub struct MemoryError {
-    /// Components that would fit.
-    pub most: u64,
-    /// Components asked for.
-    pub found: usize,
-    /// Free memory, 10⁶ bytes.
-    pub available_mb: u64,
-    /// Memory needed, 10⁶ bytes.
-    pub needed_mb: u64,
+pub enum MemoryError {
+    /// As many components as were asked for would not.
+    #[error(
+        "{setting}: expected at most {most} components, which the {available_mb} MB of free memory hold, found {found} ({needed_mb} MB); take fewer or close other programs"
+    )]
+    Components {
+        /// Setting that says how many.
+        setting: &'static str,
+        /// Components that would fit.
+        most: u64,
+        /// Components asked for.
+        found: usize,
+        /// Free memory, 10⁶ bytes.
+        available_mb: u64,
+        /// Memory needed, 10⁶ bytes.
+        needed_mb: u64,
+    },
+    /// Not even its frames would.
+    #[error(
+        "memory: expected {needed_mb} MB for frames of this size, found {available_mb} MB free; scale the recording down or close other programs"
+    )]
+    Frames {
+        /// Free memory, 10⁶ bytes.
+        available_mb: u64,
+        /// Memory needed, 10⁶ bytes.
+        needed_mb: u64,
+    },
 }
 
-/// Refuses what the machine has no free memory for, where it says how much it has.
+/// Refuses what the machine has no free memory for, where it says how much it has. Of components that
+/// nobody asked for, but that a default allows, hardly any run has all: they are not counted.
 ///
 /// # Errors
 /// [`MemoryError`] says how many components would fit.
-pub fn check(estimate: MemoryEstimate, components: usize) -> Result<(), MemoryError> {
+pub fn check(estimate: MemoryEstimate, limit: ComponentLimit) -> Result<(), MemoryError> {
     match machine::available_bytes() {
-        Some(available) => check_against(estimate, components, available),
+        Some(available) => check_against(estimate, limit, available),
         None => Ok(()),
     }
 }
 
 fn check_against(
     estimate: MemoryEstimate,
-    components: usize,
+    limit: ComponentLimit,
     available: u64,
 ) -> Result<(), MemoryError> {
+    let (available_mb, megabytes) = (available / 1_000_000, |n: u64| n.div_ceil(1_000_000));
+    if estimate.frames > available {
+        return Err(MemoryError::Frames { available_mb, needed_mb: megabytes(estimate.frames) });
+    }
+    let (setting, found) = match limit {
+        ComponentLimit::Fixed(n) => ("components", n),
+        ComponentLimit::Asked(n) => ("budget", n),
+        ComponentLimit::Default(_) => return Ok(()),
+    };
     if estimate.total() <= available {
         return Ok(());
     }
-    let per_component = (estimate.model / components.max(1) as u64).max(1);
-    Err(MemoryError {
-        most: available.saturating_sub(estimate.frames) / per_component,
-        found: components,
-        available_mb: available / 1_000_000,
-        needed_mb: estimate.total().div_ceil(1_000_000),
-    })
+    let per_component = (estimate.model / found.max(1) as u64).max(1);
+    let most = available.saturating_sub(estimate.frames) / per_component;
+    let needed_mb = megabytes(estimate.total());
+    Err(MemoryError::Components { setting, most, found, available_mb, needed_mb })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::train::paper::config::{Candidates, PaperConfig, PaperOverrides, StatisticsForm};
+    use crate::train::scene::config::SceneConfig;
 
     #[test]
     fn what_does_not_fit_is_refused_with_what_would() {
@@ -59,14 +83,30 @@ mod tests {
         };
         let paper = estimate(PaperOverrides::default());
         assert!((50_000_000..300_000_000).contains(&paper.total()), "{paper:?}");
-        assert_eq!(check_against(paper, 100_000, paper.total()), Ok(()));
-        let error = check_against(paper, 100_000, paper.total() - 1).unwrap_err();
-        assert_eq!((error.found, error.most), (100_000, 99_999));
+        let limit = ComponentLimit::Fixed(100_000);
+        assert_eq!(check_against(paper, limit, paper.total()), Ok(()));
+        let error = check_against(paper, limit, paper.total() - 1).unwrap_err();
+        let most = |error: MemoryError| match error {
+            MemoryError::Components { setting, most, found, .. } => (setting, most, found),
+            MemoryError::Frames { .. } => unreachable!(),
+        };
+        assert_eq!(most(error), ("components", 99_999, 100_000));
         let dense = estimate(PaperOverrides {
             candidates: Some(Candidates::Dense),
             statistics: Some(StatisticsForm::Unfused),
             ..PaperOverrides::default()
         });
         assert!(dense.total() > 500_000_000_000, "{dense:?}");
+        let asked = SceneConfig { max_components: 20_000_000, ..SceneConfig::fine(0.02) };
+        let scene = asked.memory(300_000);
+        let error = check_against(scene, ComponentLimit::Asked(20_000_000), scene.frames * 3);
+        let (setting, would_fit, found) = most(error.unwrap_err());
+        assert_eq!((setting, found), ("budget", 20_000_000));
+        let fits = SceneConfig { max_components: would_fit as usize, ..asked };
+        assert!(fits.memory(300_000).total() <= scene.frames * 3, "{would_fit}");
+        let default = ComponentLimit::Default(20_000_000);
+        assert_eq!(check_against(scene, default, scene.frames), Ok(()), "nobody asked for them");
+        let error = check_against(scene, default, scene.frames - 1).unwrap_err();
+        assert!(matches!(error, MemoryError::Frames { .. }), "{error}");
     }
 }

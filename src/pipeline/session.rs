@@ -3,6 +3,7 @@
 use super::error::SessionError;
 use super::follow::{Follow, Found};
 use super::frame_loop::{FrameLoop, FrameStatus, SteppedFrame};
+use super::memory;
 use super::past::Past;
 use super::plan::{Plan, Selection};
 use super::prefetch::PlannedFrame;
@@ -104,6 +105,8 @@ impl Session {
         origin: &Origin,
         past: Past,
     ) -> Result<Self, SessionError> {
+        let (preset, pixels) = (config.method.any(), plan.pixels(&dataset));
+        memory::check(preset.memory(pixels), preset.component_limit())?;
         let (frames, normalization) = frame_loop(&dataset, &config, &plan, past.visited, origin)?;
         let passes = config.selection.passes;
         if passes > 1 && frames.learner().comparer_use().is_none() {

@@ -20,8 +20,9 @@ pub mod cpu;
 pub mod gpu;
 
 pub use constants::{
-    ALPHA_CAP, ALPHA_CUT, EVALUATION_NEAR, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2,
-    REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE,
+    ALPHA_CAP, ALPHA_CUT, EVALUATION_NEAR, FLATTEST, FOOTPRINT_PX2, FRUSTUM_MARGIN, LOW_PASS_PX2,
+    POINT_SCALE, REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP, VIEWPORT_NEAR_SHARE,
+    following_near, scale_floor,
 };
 pub use options::{
     Antialias, ExactOptions, Exposing, Lens, Paint, RenderMethod, RenderOptions, Renderer,

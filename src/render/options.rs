@@ -5,7 +5,7 @@
 //! [`RenderOptions::evaluation`] and [`RenderOptions::viewport`], and no `Default`: a measured
 //! image must not take a setting by accident that people only look through.
 
-use super::constants::{EVALUATION_NEAR, SCALE_FLOOR, VIEWPORT_NEAR_SHARE};
+use super::constants::{EVALUATION_NEAR, VIEWPORT_NEAR_SHARE, scale_floor};
 use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -183,7 +183,7 @@ impl SplatStyle {
         let scales = DVec3::from_array(splat.scale.map(f64::from)) * f64::from(self.scale);
         // Whitening divides by the scales: a flat splat would give 0/0 in the f32 of the inner
         // loop.
-        scales.max(DVec3::splat(SCALE_FLOOR * scales.max_element().max(1.0)))
+        scales.max(DVec3::splat(scale_floor(scales.max_element())))
     }
 }
 

@@ -28,3 +28,4 @@ mod runner;
 mod scenes;
 mod settings;
 mod usage;
+mod world;

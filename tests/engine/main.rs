@@ -6,6 +6,7 @@ mod allocations;
 mod attributes;
 #[cfg(feature = "bench")]
 mod benches;
+mod budget;
 mod candidates;
 mod checkpoint;
 #[path = "../common/mod.rs"]

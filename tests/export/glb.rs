@@ -84,11 +84,14 @@ fn the_fallback_colour_is_linear_and_16_bits_wide() {
 }
 
 #[test]
-fn units_and_comments_are_said_only_when_asked() {
+fn what_is_up_is_said_and_units_and_comments_when_asked() {
     let comments = ["vbgs legacy-cov".to_owned()];
     let options =
         WriteOptions { metric: true, comments: &comments, ..WriteOptions::new(ModelFormat::Glb) };
     let glb = Glb::parse(&written(&random_splats(1, 23), &options));
-    let expected = serde_json::json!({"units": "metres", "comments": ["vbgs legacy-cov"]});
+    let expected =
+        serde_json::json!({"up": "y", "units": "metres", "comments": ["vbgs legacy-cov"]});
     assert_eq!(glb.json["asset"]["extras"], expected);
+    let plain = Glb::parse(&written(&random_splats(1, 23), &WriteOptions::new(ModelFormat::Glb)));
+    assert_eq!(plain.json["asset"]["extras"], serde_json::json!({"up": "y"}));
 }

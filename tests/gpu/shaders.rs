@@ -13,8 +13,8 @@ use vbgs_studio::render::gpu::photometric::shader as photometric;
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
 use vbgs_studio::render::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, REFERENCE_VARIANCE,
-    SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+    ALPHA_CAP, ALPHA_CUT, Antialias, FLATTEST, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, POINT_SCALE,
+    REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
 };
 use wgpu::naga::back::PipelineConstants;
 use wgpu::naga::back::pipeline_constants::process_overrides;
@@ -94,6 +94,8 @@ fn shared_constants_keep_their_bits() {
         ("FOOTPRINT", bits(FOOTPRINT_PX2)),
         ("REFERENCE_VARIANCE", bits(REFERENCE_VARIANCE)),
         ("SCALE_FLOOR", bits(SCALE_FLOOR)),
+        ("FLATTEST", bits(FLATTEST)),
+        ("POINT_SCALE", bits(POINT_SCALE)),
         ("GRADIENT_LIMIT", bits(GRADIENT_LIMIT)),
         ("OUTSIDE", vec![OUTSIDE.to_bits()]),
         ("RAMP", RAMP.as_flattened().iter().map(|v| v.to_bits()).collect()),

@@ -3,7 +3,6 @@
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
-use crate::dataset::Layout;
 use crate::export::mapping::Mapping;
 use crate::export::{
     self, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary,
@@ -108,5 +107,5 @@ impl WorkerThread {
 
 /// Whether the dataset's world is in metres.
 fn is_metric(session: &Session) -> bool {
-    matches!(session.dataset().layout, Layout::SevenScenes | Layout::Synthetic)
+    session.dataset().is_metric()
 }

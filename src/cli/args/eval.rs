@@ -1,7 +1,7 @@
 //! Arguments of `eval`.
 
 use super::depth::DepthArgs;
-use super::parse::{choice, parse_color, parse_count};
+use super::parse::{choice, parse_color, parse_count, parse_positive};
 use super::renderer::RendererArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
@@ -34,6 +34,10 @@ pub struct ComparisonArgs {
     /// as those recorded around each view
     #[arg(long, value_parser = choice::<Exposing>(), default_value = "recorded")]
     pub exposure: Exposing,
+    /// Near plane, units of the model's world: splats that are nearer are left out [default: follows the
+    /// scene, .2 for rooms and objects in metres; .2 for models of the `paper` preset]
+    #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
+    pub near: Option<f64>,
     /// Where views are drawn from: as recorded, or moved as the frames were that the scene was learnt
     /// from around them, where their poses were corrected
     #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "recorded")]

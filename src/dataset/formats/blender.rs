@@ -268,7 +268,7 @@ impl FrameList {
         };
         // Rendered depth is right at any length; only a sensor has a range to be trusted in.
         let trusted = options.depth_range.unwrap_or([0.0, f64::INFINITY]);
-        Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, sensor })
+        Ok(DepthEncoding { codes, kind: DepthKind::RayDistance, trusted, metre: 1.0, sensor })
     }
 
     fn range(&self) -> Result<Option<PositionRange>, DatasetError> {

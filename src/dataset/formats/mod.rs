@@ -120,6 +120,17 @@ impl Layout {
         self.into()
     }
 
+    /// The layout of that name.
+    pub(super) fn named(name: &str) -> Option<Self> {
+        let all = FORMATS.iter().map(|(layout, _)| *layout).chain([Self::Synthetic]);
+        all.into_iter().find(|layout| layout.name() == name)
+    }
+
+    /// Whether its files state lengths in metres; the others' worlds have any unit.
+    pub fn is_metric(self) -> bool {
+        !matches!(self, Self::Blender | Self::Nerfstudio)
+    }
+
     /// What its pose matrices mean; frames made on demand have none.
     pub fn pose_convention(self) -> PoseConvention {
         let format = FORMATS.iter().find(|(layout, _)| *layout == self);

@@ -128,13 +128,17 @@ impl<'a> Recording<'a> {
     /// otherwise.
     pub fn encoding(&self, codes: CodeKind, sensor: Sensor, trusted: [f64; 2]) -> DepthEncoding {
         let scaled = |unit: f64| self.options.depth_scale.unwrap_or(unit);
+        let metre = match codes {
+            CodeKind::Linear16(unit) | CodeKind::ByContent(unit) => self.options.metre(unit),
+            CodeKind::Inverse8 | CodeKind::BareFloats => self.options.metre(1.0),
+        };
         let codes = match codes {
             CodeKind::Linear16(unit) => CodeKind::Linear16(scaled(unit)),
             CodeKind::ByContent(unit) => CodeKind::ByContent(scaled(unit)),
             other => other,
         };
         let trusted = self.options.depth_range.unwrap_or(trusted);
-        DepthEncoding { codes, kind: DepthKind::Z, trusted, sensor }
+        DepthEncoding { codes, kind: DepthKind::Z, trusted, metre, sensor }
     }
 
     /// Least confidence of depth that is used.

@@ -107,6 +107,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         codes: CodeKind::Linear16(options.depth_scale.unwrap_or(DEPTH_UNIT)),
         kind: DepthKind::Z,
         trusted: options.depth_range.unwrap_or(TRUSTED_DEPTH),
+        metre: options.metre(DEPTH_UNIT),
         sensor: Sensor::Kinect,
     };
     for listed in splits {

@@ -86,6 +86,18 @@ pub struct Profile {
     pub tolerance: DepthTolerance,
 }
 
+impl Profile {
+    /// Where a metre is so many world units and not one.
+    fn with_metre(mut self, metre: f64) -> Self {
+        let length = metre as f32;
+        self.noise.floor *= metre;
+        self.noise.quadratic /= metre;
+        self.tolerance.margin[0] *= length;
+        self.tolerance.refinement *= length;
+        self
+    }
+}
+
 impl NoiseLaw {
     const ZERO: Self = Self { ray: 0.0, floor: 0.0, linear: 0.0, quadratic: 0.0 };
 
@@ -103,8 +115,10 @@ const METRIC_THRESHOLDS: Thresholds =
 const METRIC_TOLERANCE: DepthTolerance = DepthTolerance { margin: [0.03, 0.02], refinement: 0.03 };
 
 impl Sensor {
-    /// What it says of a depth image seen through a camera.
+    /// What it says of a depth image seen through a camera; what is known in metres, in the unit of
+    /// the image's world.
     pub fn profile(self, depth: &Depth, camera: &Intrinsics) -> Profile {
+        let metric = |profile: Profile| profile.with_metre(depth.metre);
         match self {
             Self::Inverse8Ray => Profile {
                 noise: NoiseLaw { ray: INVERSE8_LEVEL, ..NoiseLaw::ZERO },
@@ -115,20 +129,20 @@ impl Sensor {
                 // The margin is 1.6 codes, refinement reaches half a one.
                 tolerance: DepthTolerance { margin: [0.05, 0.0], refinement: 0.016 },
             },
-            Self::Kinect => Profile {
+            Self::Kinect => metric(Profile {
                 noise: NoiseLaw { floor: SENSOR_NOISE, quadratic: SENSOR_NOISE, ..NoiseLaw::ZERO },
                 offset: 0.0,
                 steepness: 0.0,
                 thresholds: METRIC_THRESHOLDS,
                 tolerance: METRIC_TOLERANCE,
-            },
-            Self::Lidar => Profile {
+            }),
+            Self::Lidar => metric(Profile {
                 noise: NoiseLaw { floor: 0.01, linear: 0.005, ..NoiseLaw::ZERO },
                 offset: 0.0,
                 steepness: STEEPEST / camera.fx,
                 thresholds: METRIC_THRESHOLDS,
                 tolerance: METRIC_TOLERANCE,
-            },
+            }),
             Self::Exact { noise } => exact(noise, depth, camera),
         }
     }
@@ -145,14 +159,14 @@ fn exact(noise: f64, depth: &Depth, camera: &Intrinsics) -> Profile {
     };
     let along = |kind: DepthKind| if depth.kind == kind { unit } else { 0.0 };
     // Generated noise is given in units of the half-width at 1 m.
-    let noisy = DEVIATIONS * noise * SENSOR_NOISE;
-    let margin = [2.0 * unit + 10.0 * noisy, STEEPEST / camera.fx + 6.0 * noisy];
+    let noisy = DEVIATIONS * noise * SENSOR_NOISE * depth.metre;
+    let margin = [2.0 * unit + 10.0 * noisy, STEEPEST / camera.fx + 6.0 * noisy / depth.metre];
     Profile {
         noise: NoiseLaw {
             ray: along(DepthKind::RayDistance),
             floor: along(DepthKind::Z).max(noisy),
             linear: CURVATURE / camera.fx,
-            quadratic: noisy,
+            quadratic: noisy / depth.metre.powi(2),
         },
         offset: 0.0,
         steepness: STEEPEST / camera.fx,

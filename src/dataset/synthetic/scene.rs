@@ -62,6 +62,7 @@ impl SyntheticScene {
             codes: DepthCodes::Linear16 { codes, unit: DEPTH_UNIT },
             kind: DepthKind::Z,
             trusted: [0.0, f64::INFINITY],
+            metre: 1.0,
         };
         Frame { name: name.to_owned(), camera, color_camera: None, color, depth: Some(depth) }
     }

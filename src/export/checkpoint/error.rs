@@ -18,6 +18,17 @@ pub enum CheckpointError {
         /// What is wrong and what to do about it.
         defect: Defect,
     },
+    /// What was to be written would be refused by whoever reads it.
+    #[error(
+        "{}: not written, since it could not be read back: {}; a file of that name is as it was, export the splats to keep what was learnt",
+        path.display(), defect.finding()
+    )]
+    Unreadable {
+        /// Path of the file that would have been written.
+        path: PathBuf,
+        /// What is wrong with the model.
+        defect: Defect,
+    },
 }
 
 /// Why bytes are no usable checkpoint.
@@ -93,6 +104,16 @@ pub enum Defect {
 }
 
 impl Defect {
+    /// What is wrong, without what to do about a file.
+    fn finding(&self) -> String {
+        match self {
+            Self::Malformed { place, expected, found } => {
+                format!("{place}: expected {expected}, found {found}")
+            }
+            other => other.to_string(),
+        }
+    }
+
     pub(super) fn malformed(
         place: impl Into<String>,
         expected: impl Into<String>,

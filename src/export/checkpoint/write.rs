@@ -4,7 +4,7 @@ use super::super::atomic;
 use super::container::{self, Section};
 use super::content::Checkpoint;
 use super::error::CheckpointError;
-use super::{mixture, scene, tag};
+use super::{check, mixture, scene, tag};
 use crate::model::stored::StoredModel;
 use std::io::{self, Write};
 use std::path::Path;
@@ -12,8 +12,10 @@ use std::path::Path;
 /// Writes a checkpoint, whole or not at all (see [`atomic::write_atomic`]); returns the number of bytes.
 ///
 /// # Errors
-/// Whatever writing a file can meet.
+/// Whatever writing a file can meet; a model that [`read`](super::read()) would refuse, before any file
+/// is touched.
 pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
+    check_readable(path, checkpoint)?;
     Ok(atomic::write_atomic(path, |out| write_to(out, checkpoint))?)
 }
 
@@ -22,7 +24,20 @@ pub fn write(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointErro
 /// # Errors
 /// As [`write()`]; the older file is untouched then.
 pub fn write_keeping_old(path: &Path, checkpoint: &Checkpoint) -> Result<u64, CheckpointError> {
+    check_readable(path, checkpoint)?;
     Ok(atomic::write_keeping_old(path, |out| write_to(out, checkpoint))?)
+}
+
+/// Refuses what the reader would: a file that nothing opens must not take the place of one that is
+/// whole. Takes a few milliseconds for a million components.
+fn check_readable(path: &Path, checkpoint: &Checkpoint) -> Result<(), CheckpointError> {
+    let checked = match &checkpoint.model {
+        StoredModel::Mixture { normalization, state, .. } => {
+            check::normalization(normalization).and_then(|()| check::mixture(state))
+        }
+        StoredModel::Scene(state) => check::scene(state),
+    };
+    checked.map_err(|defect| CheckpointError::Unreadable { path: path.to_owned(), defect })
 }
 
 /// The bytes of the file.

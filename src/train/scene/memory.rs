@@ -3,13 +3,23 @@
 use super::config::{COMPONENT_BYTES, SceneConfig};
 use crate::model::scene::photometric::PhotometricState;
 use crate::observation::surface::SurfacePoint;
-use crate::train::memory::{FRAMES_AT_ONCE, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
+use crate::train::memory::{FRAMES_AT_ONCE, MemoryEstimate, PIXEL_BYTES};
 
 /// What a component of a scene takes, beside its own bytes, while a checkpoint of it is written: a copy
 /// of its sums and seed, its place in their order, and room to grow. Measured on Lego with 96,000 to
 /// 616,000 components: the peak grows by 429 bytes a component, 199 of them the model's. The splats of
 /// the exported scene are made after that copy is dropped, and are smaller.
 const SCENE_COPY_BYTES: usize = 230;
+/// What learning from photographs takes of a component beside two copies of what they taught: its
+/// record, its sums in the picture and its step.
+const PHOTOGRAPH_SPLAT_BYTES: usize = 480;
+/// The photograph of a frame in memory.
+const PHOTOGRAPH_PIXEL_BYTES: usize = size_of::<[f32; 4]>();
+/// Lists and sums of the picture that a photograph is compared with, whatever its size.
+const PHOTOGRAPH_BYTES: u64 = 58_000_000;
+/// The program itself, and what its threads and decoders need of a frame besides.
+const SCENE_PROGRAM_BYTES: u64 = 16_000_000;
+const DECODER_PIXEL_BYTES: usize = 30;
 /// Owner, shift and distance of a point.
 const SCENE_POINT_BYTES: usize = 16;
 
@@ -17,13 +27,30 @@ impl SceneConfig {
     /// What a run over frames of `pixels` takes with as many components as the settings allow.
     pub fn memory(&self, pixels: usize) -> MemoryEstimate {
         // A checkpoint holds a copy of what photographs taught, too.
-        let photographs = if self.photometric.is_some() { 2 * PhotometricState::BYTES } else { 0 };
-        let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + photographs;
+        let [of_splat, of_pixel] = match self.photometric {
+            Some(_) => {
+                let of_splat = 2 * PhotometricState::BYTES + PHOTOGRAPH_SPLAT_BYTES;
+                [of_splat, FRAMES_AT_ONCE * PHOTOGRAPH_PIXEL_BYTES]
+            }
+            None => [0; 2],
+        };
+        let fixed = self.photometric.map_or(0, |_| PHOTOGRAPH_BYTES) + SCENE_PROGRAM_BYTES;
+        // A lattice is merged only in a copy.
+        let most = match self.births.is_order_invariant() {
+            true => self.most_seeds(),
+            false => self.max_components,
+        };
+        let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + of_splat;
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
-        let of_points = pixels * (FRAMES_AT_ONCE * point + SCENE_POINT_BYTES + PIXEL_BYTES);
+        let of_points = pixels
+            * (FRAMES_AT_ONCE * point
+                + SCENE_POINT_BYTES
+                + PIXEL_BYTES
+                + DECODER_PIXEL_BYTES
+                + of_pixel);
         MemoryEstimate {
-            model: (self.max_components as u64).saturating_mul(per_component as u64),
-            frames: PROGRAM_BYTES + of_points as u64,
+            model: (most as u64).saturating_mul(per_component as u64),
+            frames: fixed + of_points as u64,
         }
     }
 }

@@ -30,6 +30,8 @@ mod gain;
 mod grid;
 mod lattice;
 mod merge;
+#[cfg(test)]
+mod merged_moments_tests;
 mod observe;
 mod refine;
 mod rigid_equations;

@@ -5,7 +5,7 @@ use glam::{DMat3, DQuat, DVec3};
 use vbgs_studio::math::camera::Camera;
 use vbgs_studio::model::splat::appearance::Appearance;
 use vbgs_studio::model::splat::splats::Splat;
-use vbgs_studio::render::{Lens, RenderOptions, SCALE_FLOOR};
+use vbgs_studio::render::{Lens, RenderOptions, scale_floor};
 
 /// A splat in f64; the fields are those of [`Splat`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,7 +105,7 @@ impl Placed {
         Some(Self {
             mean,
             axes,
-            scale: scale.max(DVec3::splat(SCALE_FLOOR * scale.max_element().max(1.0))),
+            scale: scale.max(DVec3::splat(scale_floor(scale.max_element()))),
             opacity: splat.opacity,
             shade: Shade::new(splat, camera, look.paint),
         })

@@ -1,6 +1,6 @@
 //! Checkpoints as files.
 
-use super::{fixed64, fixed128, means_f32, sample, samples};
+use super::{fixed64, fixed128, means_f32, mixture, sample, samples};
 use std::path::Path;
 use vbgs_studio::export::checkpoint::{
     CheckpointError, is_checkpoint, read, to_bytes, write, write_keeping_old,
@@ -61,4 +61,26 @@ fn the_older_file_stays_as_bak() {
     assert_eq!(read(&path).unwrap().checkpoint, first);
     let names = std::fs::read_dir(folder.path()).unwrap().count();
     assert_eq!(names, 2, "nothing else is left behind");
+}
+
+/// A file that nothing opens must not take the place of one that is whole.
+#[test]
+fn what_no_reader_takes_is_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("c.vbgs");
+    let sound = sample(means_f32(), fixed64());
+    write(&path, &sound).unwrap();
+    let mut unsound = sound.clone();
+    mixture(&mut unsound).2.alpha_init[1] = f64::NAN;
+    for write in [write, write_keeping_old] {
+        let error = write(&path, &unsound).unwrap_err();
+        assert!(matches!(error, CheckpointError::Unreadable { .. }), "{error}");
+        let said = error.to_string();
+        for part in ["c.vbgs: not written", "component 1, alpha", "found NaN", "export the splats"]
+        {
+            assert!(said.contains(part), "{part:?} is missing in: {said}");
+        }
+        assert_eq!(read(&path).unwrap().checkpoint, sound);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
 }

@@ -11,6 +11,7 @@ use super::table::SceneOverrides;
 use crate::dataset::Dataset;
 use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
+use crate::dataset::wild_poses::wild_poses;
 use crate::pipeline::plan::Plan;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
@@ -40,8 +41,16 @@ impl SceneRun {
 
     /// What is not asked for, given the sensor and the birth rule that are; `h` is not known yet.
     fn defaults(dataset: &Dataset, plan: &Plan, overrides: &SceneOverrides) -> Self {
-        let first = plan.frames.first().map(|&i| dataset.splits[plan.split].frames[i].camera);
-        let origin = first.map_or(DVec3::ZERO, |camera| camera.pose.centre().round());
+        let split = &dataset.splits[plan.split];
+        // About a wild pose all other frames would be far away.
+        let wild = wild_poses(split);
+        let is_sound = |i: &&usize| wild.iter().all(|wild| wild.index != **i);
+        let first = plan.frames.iter().find(is_sound).or(plan.frames.first());
+        let first = first.map(|&i| split.frames[i].camera);
+        let origin = first.map_or(DVec3::ZERO, |camera| {
+            // Whole metres: the phase of a lattice must not depend on the unit of the world.
+            (camera.pose.centre() / dataset.metre()).round() * dataset.metre()
+        });
         let mut surface = SurfaceSettings::new(dataset, origin);
         surface.sensor = overrides.sensor.unwrap_or(surface.sensor);
         // Computed depth has no pixels between two surfaces: at a crease, where no plane fits, it is

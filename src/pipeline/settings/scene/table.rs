@@ -41,7 +41,8 @@ settings! {
         default "seeds";
         at |run| run.engine.births;
     }
-    /// Most components of a scene, or megabytes of them such as 20MB; the least useful are merged.
+    /// Most components of a scene, or megabytes of them such as 20MB; the least useful are merged. Of a
+    /// lattice, most that are drawn and exported: it keeps up to eight times as many.
     budget: Budget {
         option "--budget" "N";
         label "Budget";

@@ -4,11 +4,21 @@ use super::super::lists::ViewLists;
 use super::super::view::CpuView;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatView;
+use crate::render::constants::EVALUATION_NEAR;
 use crate::render::options::{RenderMethod, RenderOptions};
 
 /// Buffers of prepared views, kept between them.
-#[derive(Default)]
-pub struct ViewBuffers(ViewLists);
+pub struct ViewBuffers {
+    lists: ViewLists,
+    /// Near plane, world units.
+    pub near: f64,
+}
+
+impl Default for ViewBuffers {
+    fn default() -> Self {
+        Self { lists: ViewLists::default(), near: EVALUATION_NEAR }
+    }
+}
 
 /// Splats of a view, projected, sorted by depth and listed by row of tiles.
 #[derive(Clone)]
@@ -26,9 +36,9 @@ impl ViewBuffers {
         camera: &Camera,
         height: usize,
     ) -> PreparedView<'_> {
-        let options = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
-        let view = CpuView::new(camera, &options);
-        let Self(lists) = self;
+        let plain = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        let view = CpuView::new(camera, &RenderOptions { near: self.near, ..plain });
+        let lists = &mut self.lists;
         lists.prepare(splats, &view);
         lists.sort();
         lists.bin(height);

@@ -43,6 +43,11 @@ impl Comparers {
         ComparerUse { ms: ComparerMs { prepare, compare, step }, ..self.counts.clone() }
     }
 
+    /// Leaves out what is nearer than so many world units from now on.
+    pub fn set_near(&mut self, near: f64) {
+        self.view.near = near;
+    }
+
     /// Books the time of a step.
     pub fn stepped(&mut self, ms: f64) {
         self.counts.ms.step += ms;

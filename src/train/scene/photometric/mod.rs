@@ -61,6 +61,11 @@ impl PhotometricLearner {
         self.comparers.used()
     }
 
+    /// Compares what is farther than so many world units from now on.
+    pub fn set_near(&mut self, near: f64) {
+        self.comparers.set_near(near);
+    }
+
     /// What it has learnt.
     pub fn state(&self) -> &PhotometricState {
         &self.state

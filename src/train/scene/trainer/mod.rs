@@ -11,7 +11,7 @@ mod tracking;
 
 use super::accumulate::{Matched, accumulate};
 use super::assign::assign;
-use super::births::{Limits, assign_to_lattice, give_birth};
+use super::births::{FrameBirths, Limits, assign_to_lattice, give_birth};
 use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::config::{BirthRule, SceneConfig, VisibilityRule};
@@ -45,8 +45,6 @@ use std::sync::Arc;
 
 /// Every so many frames all components are told to have changed.
 const EVERYTHING_EVERY: u64 = 16;
-/// Components beyond the budget that a frame may bring in any case.
-const MIN_EXCESS: usize = 64;
 
 /// Points that found no component.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -201,7 +199,18 @@ impl<W: SumScalar> SceneTrainer<W> {
             let photograph = contradiction;
             return FrameOutcome { photograph, tracking, ms, ..FrameOutcome::default() };
         }
-        let born = self.give_birth(points);
+        let mut births = self.give_birth(points);
+        lap(&mut ms, SceneStage::Births);
+        let merged = if births.refused > 0 { self.make_room(births.refused) } else { 0 };
+        lap(&mut ms, SceneStage::Merge);
+        if merged > 0 {
+            // Components of this frame's points may have become parts of others.
+            self.assign(points);
+            let more = self.give_birth(points);
+            births = FrameBirths { born: births.born + more.born, ..more };
+        }
+        self.unassigned.budget += births.refused as u64;
+        self.unassigned.reach += births.out_of_reach as u64;
         lap(&mut ms, SceneStage::Births);
         // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
@@ -223,12 +232,10 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
-        let merged = self.merge();
         // Looks and merging change components without points as well.
         self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
-        lap(&mut ms, SceneStage::Merge);
         ms.train = wall.elapsed_ms();
-        let (points, reassigned) = (n_points, 0);
+        let (points, born, reassigned) = (n_points, births.born, 0);
         FrameOutcome { points, elbo_mean, born, reassigned, merged, photograph, tracking, ms }
     }
 
@@ -257,32 +264,36 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
     }
 
-    /// Gives points without a component one of their own, as far as the budget allows: a frame may
-    /// exceed it by an eighth, until its components are merged. How many were born.
-    fn give_birth(&mut self, points: &[SurfacePoint]) -> usize {
-        let (rule, h, most) =
-            (self.config.births, self.config.h as f32, self.config.max_components);
+    /// Gives points without a component one of their own, as far as the budget allows.
+    fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
+        let (rule, h) = (self.config.births, self.config.h as f32);
         let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
             true => Limits { components: seeds, seeds },
-            false => Limits { components: most + (most / 8).max(MIN_EXCESS), seeds },
+            false => Limits { components: self.config.max_components, seeds },
         };
         let Self { grid, components, owners, .. } = self;
-        let births = give_birth(rule, h, grid, components, points, owners, limits);
-        self.unassigned.budget += births.refused as u64;
-        self.unassigned.reach += births.out_of_reach as u64;
-        births.born
+        give_birth(rule, h, grid, components, points, owners, limits)
     }
 
-    /// Merges components until the budget holds; how many became part of others. Components of a
-    /// lattice may not depend on when the budget was reached: they are merged when they are drawn.
-    fn merge(&mut self) -> usize {
+    /// Merges components until so many may be born, an eighth of the budget at most; how many became
+    /// part of others. Before births and not after them: so the budget holds at every moment, and what
+    /// cannot be merged costs points instead of memory. Components of a lattice may not depend on when
+    /// the budget was reached: they are merged when they are drawn.
+    fn make_room(&mut self, refused: usize) -> usize {
         let (most, used) = (self.config.max_components, self.components.used());
-        if used <= most || self.config.births.is_order_invariant() {
+        if used < most || self.config.births.is_order_invariant() {
             return 0;
         }
-        // Some less than allowed: merging takes longer than a frame.
-        let target = most - most / 16;
+        // More than this frame needs: merging takes longer than a frame.
+        self.merge_to(most - (most / 16).max(refused.min(most / 8)))
+    }
+
+    /// Merges components until so many are left, or none may be merged; how many became part of
+    /// others.
+    fn merge_to(&mut self, target: usize) -> usize {
+        let used = self.components.used();
+        self.component_sums.grow(self.components.n_rows());
         let photographed = self.config.photometric.is_some();
         let count = |sums: &ComponentSums<W>, id: usize| sums.sums(id)[0];
         let n = if photographed { self.component_sums.len() } else { 0 };
@@ -375,7 +386,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.config.splat_rule = rule;
     }
 
-    /// The scene of a lattice that exceeds its budget, merged until it holds it.
+    /// The scene of a lattice that exceeds its budget, merged until it holds it; what cannot be merged
+    /// that far loses the components of the fewest points.
     fn within_budget(&self) -> Option<Self> {
         let most = self.config.max_components;
         if !self.config.births.is_order_invariant() || self.components.used() <= most {
@@ -383,8 +395,10 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         // In stored order, that of the lattice: the order of births is that of the frames.
         let mut merged = Self::restore(&self.config, self.state(), self.frames)?;
-        let Self { component_sums, components, grid, .. } = &mut merged;
-        merge_down(component_sums, components, grid, self.config.h, most);
+        merged.merge_to(most);
+        for id in merged.component_sums.keep_fullest(most) {
+            merged.photometric.forget(id as usize);
+        }
         Some(merged)
     }
 

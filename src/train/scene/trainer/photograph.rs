@@ -4,12 +4,28 @@
 use super::{EVERYTHING_EVERY, SceneTrainer};
 use crate::math::camera::Camera;
 use crate::observation::surface::{Observation, SurfacePoint};
+use crate::render::following_near;
 use crate::train::outcome::{FrameOutcome, PhotographOutcome};
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::photometric::agreement::FrameBesideScene;
 use crate::train::scene::seed_positions::SeedPositions;
 use crate::train::stages::{SCENE_STAGES, SceneStage};
 use crate::train::timing::{StageMs, Stopwatch};
+
+/// Points looked at for how near a frame's surfaces are: every so many.
+const NEAREST_OF: usize = 16;
+/// Share of them that may be nearer than that.
+const NEARER: f64 = 0.02;
+
+/// Distance that nearly all points of a frame are beyond, world units; 0 without points.
+fn nearest(points: &[SurfacePoint]) -> f64 {
+    let mut ranges: Vec<f32> = points.iter().step_by(NEAREST_OF).map(|p| p.range).collect();
+    let at = (ranges.len() as f64 * NEARER) as usize;
+    match ranges.is_empty() {
+        true => 0.0,
+        false => f64::from(*ranges.select_nth_unstable_by(at, f32::total_cmp).1),
+    }
+}
 
 impl<W: SumScalar> SceneTrainer<W> {
     /// Learns from the photograph of a frame whose points are known, unless it contradicts the scene.
@@ -82,6 +98,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let exposed = photograph.exposed(gain);
         let pixels = exposed.as_ref().unwrap_or(&photograph.pixels);
         let camera = photograph.camera(&camera.pose);
+        photometric.set_near(following_near(nearest(&frame.points)));
         let (changed, outcome) = photometric.learn(&camera, pixels, full_coverage, &rule);
         self.photometric = photometric;
         self.touched.extend(changed);

@@ -1,0 +1,97 @@
+//! What Linux control groups leave a process of the machine's memory: containers and batch systems limit
+//! it far below what `/proc/meminfo` shows, and end what goes beyond.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Names of the files of one version: the limit, what is used, and the field of `memory.stat` that
+/// counts what could be given back.
+struct Names {
+    limit: &'static str,
+    used: &'static str,
+    reclaimable: &'static str,
+}
+
+const V1: Names = Names {
+    limit: "memory.limit_in_bytes",
+    used: "memory.usage_in_bytes",
+    reclaimable: "total_inactive_file",
+};
+const V2: Names =
+    Names { limit: "memory.max", used: "memory.current", reclaimable: "inactive_file" };
+
+/// Bytes that the tightest of the process's groups leaves, of either version; `None` without a limit.
+/// `groups` is what `/proc/self/cgroup` says, `root` where groups are mounted.
+pub(super) fn left_bytes(groups: &str, root: &Path) -> Option<u64> {
+    let of_line = |line: &str| {
+        let mut fields = line.splitn(3, ':').skip(1);
+        let (controllers, group) = (fields.next()?, fields.next()?.trim_start_matches('/'));
+        let is_memory = controllers.split(',').any(|name| name == "memory");
+        let (top, names) = match (controllers.is_empty(), is_memory) {
+            (true, _) => (root.to_owned(), V2),
+            (_, true) => (root.join("memory"), V1),
+            _ => return None,
+        };
+        // Every group above limits it too; in a container the path may not be there at all.
+        let below: PathBuf = top.join(group);
+        let all = below.ancestors().take_while(|path| path.starts_with(&top));
+        all.filter_map(|path| left_of(path, &names)).min()
+    };
+    groups.lines().filter_map(of_line).min()
+}
+
+fn left_of(group: &Path, names: &Names) -> Option<u64> {
+    let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
+    // `max` is no number, and is no limit.
+    let (limit, used) = (number(names.limit)?, number(names.used)?);
+    let stat = fs::read_to_string(group.join("memory.stat")).unwrap_or_default();
+    let field = |line: &str| line.strip_prefix(names.reclaimable)?.trim().parse::<u64>().ok();
+    let reclaimable = stat.lines().find_map(field).unwrap_or(0);
+    Some(limit.saturating_sub(used.saturating_sub(reclaimable)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(root: &Path, files: &[(&str, &str)]) {
+        for (name, text) in files {
+            let path = root.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_tightest_group_of_either_version_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        assert_eq!(left_bytes("0::/a/b\n", root), None, "no files");
+        written(root, &[("a/b/memory.max", "max\n"), ("a/b/memory.current", "5000\n")]);
+        assert_eq!(left_bytes("0::/a/b\n", root), None, "no limit");
+        written(
+            root,
+            &[
+                ("a/memory.max", "9000\n"),
+                ("a/memory.current", "6000\n"),
+                ("a/memory.stat", "anon 5000\ninactive_file 500\nactive_file 1\n"),
+            ],
+        );
+        assert_eq!(left_bytes("0::/a/b\n", root), Some(3500));
+        // A container sees its own group at the root, whatever path it is told.
+        written(root, &[("memory.max", "2000"), ("memory.current", "1500")]);
+        assert_eq!(left_bytes("0::/not/here\n", root), Some(500));
+        let v1 = "7:cpu:/x\n3:memory:/job\n";
+        assert_eq!(left_bytes(v1, root), None);
+        written(
+            root,
+            &[
+                ("memory/job/memory.limit_in_bytes", "800"),
+                ("memory/job/memory.usage_in_bytes", "900"),
+                ("memory/job/memory.stat", "total_inactive_file 300\n"),
+            ],
+        );
+        assert_eq!(left_bytes(v1, root), Some(200));
+        assert_eq!(left_bytes(&format!("{v1}0::/a\n"), root), Some(200));
+    }
+}
