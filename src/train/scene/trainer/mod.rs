@@ -288,7 +288,7 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Merges components until the budget holds; how many became part of others. Components of a
     /// lattice may not depend on when the budget was reached: they are merged when they are drawn.
-    fn merge(&mut self) -> usize {
+    pub(super) fn merge(&mut self) -> usize {
         let (most, used) = (self.config.max_components, self.components.used());
         if used <= most || self.config.births.is_order_invariant() {
             return 0;
