@@ -24,6 +24,9 @@ import time
 # Components on a lattice do not depend on the order of frames, so the sum of shards is the scene of
 # one run, bit for bit. They learn from points alone.
 EXACT = ["--births", "lattice"]
+# Components born from points are each shard's own, unless all go on from one scene: that of a short
+# run over every so-many-th frame, before them.
+OWN = ["--births", "seeds"]
 
 
 def run_program(program, arguments):
@@ -35,11 +38,14 @@ def run_program(program, arguments):
         raise RuntimeError(f"{command}: exit status {done.returncode}: {said[-1]}")
 
 
-def train_shard(program, dataset, shard, threads, options):
-    """Task: trains every N-th frame; the checkpoint's bytes, and the seconds it took."""
+def train_shard(program, dataset, shard, threads, options, start=None):
+    """Task: trains every N-th frame, on from the result of another; the checkpoint's bytes, and the
+    seconds it took."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         arguments = ["train", dataset, "--out", folder, "--shard", shard, *options]
+        if start:
+            arguments += ["--resume", saved(folder, "start", start)]
         if threads:
             arguments += ["--threads", str(threads)]
         run_program(program, arguments)
@@ -47,16 +53,22 @@ def train_shard(program, dataset, shard, threads, options):
     return content, time.monotonic() - started
 
 
-def merge(program, *parts):
-    """Task: the sum of checkpoints; its bytes, and the seconds it took."""
+def saved(folder, name, part):
+    """The checkpoint of a task as a file in a folder."""
+    path = os.path.join(folder, f"{name}.vbgs")
+    pathlib.Path(path).write_bytes(part[0])
+    return path
+
+
+def merge(program, start, *parts):
+    """Task: checkpoints as one, which went on from that of `start`; its bytes, and the seconds it
+    took."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        names = []
-        for i, (content, _) in enumerate(parts):
-            names.append(os.path.join(folder, f"{i}.vbgs"))
-            pathlib.Path(names[-1]).write_bytes(content)
+        names = [saved(folder, i, part) for i, part in enumerate(parts)]
         out = os.path.join(folder, "merged.vbgs")
-        run_program(program, ["merge", *names, "-o", out])
+        origin = ["--start", saved(folder, "start", start)] if start else []
+        run_program(program, ["merge", *names, "-o", out, *origin])
         content = pathlib.Path(out).read_bytes()
     return content, time.monotonic() - started
 
@@ -71,8 +83,11 @@ class Local:
     def submit(self, task, *arguments):
         return self.pool.submit(task, *arguments)
 
-    def submit_merge(self, program, parts):
-        return self.pool.submit(merge, program, *[part.result() for part in parts])
+    def submit_merge(self, program, start, parts):
+        return self.pool.submit(merge, program, start, *[part.result() for part in parts])
+
+    def share(self, result):
+        return result
 
     def result(self, handle):
         return handle.result()
@@ -94,21 +109,26 @@ class Cluster:
     def submit(self, task, *arguments):
         return self.ray.remote(task).options(num_cpus=self.cores, max_retries=3).remote(*arguments)
 
-    def submit_merge(self, program, parts):
+    def submit_merge(self, program, start, parts):
         # Handles, not bytes: Ray brings them to the machine that merges.
-        return self.ray.remote(merge).options(num_cpus=1, max_retries=3).remote(program, *parts)
+        task = self.ray.remote(merge).options(num_cpus=1, max_retries=3)
+        return task.remote(program, start, *parts)
+
+    def share(self, result):
+        # Once into the object store, not once a task.
+        return self.ray.put(result)
 
     def result(self, handle):
         return self.ray.get(handle)
 
 
-def merge_tree(executor, program, parts, fan_in):
+def merge_tree(executor, program, start, parts, fan_in):
     """Merges `fan_in` at a time, level by level; the last handle and the depth of the tree."""
     depth = 0
     while len(parts) > 1:
         groups = [parts[i : i + fan_in] for i in range(0, len(parts), fan_in)]
         # A group of one has nothing to be added to on this level.
-        parts = [g[0] if len(g) == 1 else executor.submit_merge(program, g) for g in groups]
+        parts = [g[0] if len(g) == 1 else executor.submit_merge(program, start, g) for g in groups]
         depth += 1
     return parts[0], depth
 
@@ -121,6 +141,8 @@ def parse():
     parser.add_argument("--out", required=True, help="folder for checkpoint.vbgs and scene.ply")
     parser.add_argument("--shards", type=int, required=True, help="tasks that share the frames")
     parser.add_argument("--fan-in", type=int, default=8, help="checkpoints that one merge adds [8]")
+    start = "every so-many-th frame is in the run that shards with --births seeds go on from [8]"
+    parser.add_argument("--start", type=int, default=8, help=start)
     parser.add_argument("--threads", type=int, default=0, help="threads of a shard [one per core]")
     parser.add_argument("--local", action="store_true", help="on this machine, without Ray")
     parser.add_argument("--workers", type=int, default=1, help="shards at a time with --local [1]")
@@ -130,8 +152,8 @@ def parse():
     end = given.index("--") if "--" in given else len(given)
     arguments = parser.parse_args(given[:end])
     arguments.train_options = given[end + 1 :]
-    if arguments.shards < 1 or arguments.fan_in < 2 or arguments.workers < 1:
-        parser.error("expected --shards and --workers of 1 or more and --fan-in of 2 or more")
+    if min(arguments.shards, arguments.start, arguments.workers) < 1 or arguments.fan_in < 2:
+        parser.error("expected --fan-in of 2 or more, and the other numbers of 1 or more")
     return arguments
 
 
@@ -144,13 +166,19 @@ def main():
     options = asked.train_options
     if "--births" not in options:
         options = [*EXACT, *options]
+    start = None
+    if any(options[i : i + 2] == OWN for i in range(len(options))):
+        task = (train_shard, asked.program, dataset, f"1/{asked.start}", asked.threads, options)
+        start = executor.share(executor.result(executor.submit(*task)))
     n = asked.shards
     started = time.monotonic()
     shards = [
-        executor.submit(train_shard, asked.program, dataset, f"{k}/{n}", asked.threads, options)
+        executor.submit(
+            train_shard, asked.program, dataset, f"{k}/{n}", asked.threads, options, start
+        )
         for k in range(1, n + 1)
     ]
-    last, depth = merge_tree(executor, asked.program, shards, asked.fan_in)
+    last, depth = merge_tree(executor, asked.program, start, shards, asked.fan_in)
     content, merge_s = executor.result(last)
     checkpoint = out / "checkpoint.vbgs"
     # Under another name first: whoever looks meanwhile sees a whole file.

@@ -11,8 +11,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Unpacks a recording's video, run inside its folder.
-pub const VIDEO_BY_HAND: &str =
-    "mkdir rgb && ffmpeg -i rgb.mp4 -fps_mode passthrough -q:v 2 -start_number 0 rgb/%06d.jpg";
+pub const VIDEO_BY_HAND: &str = "mkdir rgb && ffmpeg -noautorotate -i rgb.mp4 -fps_mode passthrough -q:v 2 -start_number 0 \
+     rgb/%06d.jpg (-vsync in place of -fps_mode before ffmpeg 5.1)";
 
 /// Why a dataset cannot be used at all.
 #[derive(Debug, thiserror::Error)]

@@ -6,7 +6,7 @@
 
 use super::error::FrameProblem;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
@@ -45,19 +45,34 @@ impl Video {
     }
 }
 
+/// What keeps every frame once, in this order: since ffmpeg 5.1, and before it.
+const EVERY_FRAME: [&str; 2] = ["-fps_mode", "-vsync"];
+
 fn unpack(path: &Path) -> Result<TempDir, String> {
     let folder = TempDir::new().map_err(|e| e.to_string())?;
-    let output = Command::new("ffmpeg")
-        .args(["-nostdin", "-v", "error", "-i"])
-        // A name that begins with a dash or a protocol would be read as one.
-        .arg(std::path::absolute(path).map_err(|e| e.to_string())?)
-        .args(["-fps_mode", "passthrough", "-q:v", "2", "-start_number", "0"])
-        .arg(folder.path().join("%06d.jpg"))
-        .output()
-        .map_err(|e| format!("no ffmpeg that runs ({e})"))?;
-    if output.status.success() {
-        return Ok(folder);
+    // A name that begins with a dash or a protocol would be read as one.
+    let video = std::path::absolute(path).map_err(|e| e.to_string())?;
+    let [option, older] = EVERY_FRAME;
+    let mut output = run(&video, folder.path(), option)?;
+    if !output.status.success() && first_line(&output).contains(&option[1..]) {
+        output = run(&video, folder.path(), older)?;
     }
+    match output.status.success() {
+        true => Ok(folder),
+        false => Err(first_line(&output)),
+    }
+}
+
+fn run(video: &Path, folder: &Path, every_frame: &str) -> Result<Output, String> {
+    let mut ffmpeg = Command::new("ffmpeg");
+    // Photographs as the sensor took them: the camera's matrix knows of no turned screen.
+    ffmpeg.args(["-nostdin", "-v", "error", "-noautorotate", "-i"]).arg(video);
+    ffmpeg.args([every_frame, "passthrough", "-q:v", "2", "-start_number", "0"]);
+    let output = ffmpeg.arg(folder.join("%06d.jpg")).output();
+    output.map_err(|e| format!("no ffmpeg that runs ({e})"))
+}
+
+fn first_line(output: &Output) -> String {
     let said = String::from_utf8_lossy(&output.stderr);
-    Err(said.lines().next().unwrap_or("a failure of ffmpeg").to_owned())
+    said.lines().next().unwrap_or("a failure of ffmpeg").to_owned()
 }

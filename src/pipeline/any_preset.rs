@@ -45,6 +45,14 @@ pub trait AnyPreset {
     /// to do about it; `None` if it does not, or if only its start can tell.
     fn order_dependence(&self, components: usize) -> Option<OrderDependence>;
 
+    /// Whether models of these settings have components of their own, so that they are fused; others have
+    /// the same from the beginning, and are added.
+    fn is_fused(&self) -> bool;
+
+    /// The models, in this order, as one that may exceed no limit of these settings; all went on from
+    /// `origin`, if there is one. `None` unless they are fused and of these settings.
+    fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel>;
+
     /// Refuses a stored model that is not one of these settings.
     ///
     /// # Errors

@@ -45,12 +45,32 @@ fn one_shard_needs_no_merge_and_options_go_to_every_shard() {
     assert!(scratch.bytes("one/scene.ply") == scratch.bytes("whole/scene.ply"));
 }
 
+/// Scenes whose components are born from points go on from a start, which counts once.
+#[test]
+fn shards_of_the_default_scene_go_on_from_one_start() {
+    let scratch = Scratch::with_room();
+    let recipe = "room --out tree --shards 3 --start 4 --fan-in 2 --threads 1 -- --births seeds";
+    let Some(run) = distribute(&scratch, recipe) else { return };
+    assert!(run.succeeds().stdout.contains("3 shards, 2 levels"));
+    scratch.run("train room --out whole --births seeds").succeeds();
+    let read = |name: &str| SavedRun::read(&scratch.path(name)).unwrap();
+    let (tree, whole) = (read("tree/checkpoint.vbgs"), read("whole/checkpoint.vbgs"));
+    let (ours, theirs) = (&tree.content.cursor, &whole.content.cursor);
+    assert_eq!((ours.frames, ours.points), (theirs.frames, theirs.points));
+    let mut visited = ours.visited.clone();
+    visited.sort_unstable();
+    assert_eq!((visited, tree.config), (theirs.visited.clone(), whole.config));
+    let [n, expected] =
+        ["tree", "whole"].map(|name| scratch.model(&format!("{name}/scene.ply")).splats.len());
+    assert!(n * 10 >= expected * 9 && n * 10 <= expected * 12, "{n} splats, {expected} of one run");
+}
+
 #[test]
 fn what_a_shard_says_is_what_the_recipe_says() {
     let scratch = Scratch::with_room();
     for (arguments, parts) in [
         ("nowhere --out tree --shards 2", ["train", "nowhere"]),
-        ("room --out tree --shards 2 -- --births seeds", ["merge", "--births lattice"]),
+        ("room --out tree --shards 2 -- --births lattice --with gain", ["merge", "--without gain"]),
     ] {
         let Some(run) = distribute(&scratch, arguments) else { return };
         run.fails(1, &parts);

@@ -437,7 +437,7 @@ fn a_video_without_a_decoder() {
         Ok(dataset) => panic!("opened with {:?}", dataset.warnings),
         Err(error) => error.to_string(),
     };
-    assert_says(&error, &["rgb.mp4", "ffmpeg -i rgb.mp4"]);
+    assert_says(&error, &["rgb.mp4", "ffmpeg -noautorotate -i rgb.mp4"]);
     let options = LoadOptions { geometry_only: true, ..LoadOptions::default() };
     let dataset = open(folder.path(), &options).unwrap();
     let frame = dataset.load(0, 2).unwrap();

@@ -302,3 +302,52 @@ fn wrong_poses_and_units_are_told_from_depth() {
     let wrong = check(far);
     assert_eq!((wrong.best.unit, wrong.best.poses), (0.2, PoseConvention::Opencv), "{wrong:?}");
 }
+
+/// Poses of a robot, whose camera looks along its x and sits above it, are brought to the camera.
+#[test]
+fn rtabmap_poses_of_a_robot() {
+    let folder = written(SyntheticLayout::RtabMap);
+    let optical = "0., 0., 1., 0.125, -1., 0., 0., 0., 0., -1., 0., 0.5";
+    let said = format!("local_transform:\n   rows: 3\n   cols: 4\n   data: [ {optical} ]\n");
+    for file in std::fs::read_dir(folder.path().join("calib")).unwrap() {
+        let path = file.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(path, text + &said).unwrap();
+    }
+    let poses = folder.path().join("poses.txt");
+    let of_camera = std::fs::read_to_string(&poses).unwrap();
+    std::fs::rename(&poses, folder.path().join("map_camera_poses.txt")).unwrap();
+    let far = |dataset: &Dataset| {
+        let poses = all(dataset).iter().zip(truth());
+        let far =
+            poses.map(|(frame, truth)| largest(frame.camera.pose.to_opencv() - truth.to_opencv()));
+        far.fold(0.0f64, f64::max)
+    };
+    assert!(far(&open_plain(folder.path()).unwrap()) < 1e-6, "the camera's own");
+    std::fs::remove_file(folder.path().join("map_camera_poses.txt")).unwrap();
+    let numbers = optical.replace(',', " ");
+    let rows: Vec<f64> = numbers.split_whitespace().map(|v| v.parse().unwrap()).collect();
+    let rows: [f64; 16] = [&rows[..], &[0.0, 0.0, 0.0, 1.0]].concat().try_into().unwrap();
+    let to_camera = DMat4::from_cols_array(&rows).transpose().inverse();
+    let robot: String = of_camera
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+        .map(|line| {
+            let v: Vec<f64> = line.split_whitespace().map(|v| v.parse().unwrap()).collect();
+            let turn = glam::DQuat::from_xyzw(v[4], v[5], v[6], v[7]).normalize();
+            let camera = DMat4::from_rotation_translation(turn, glam::DVec3::new(v[1], v[2], v[3]));
+            let (_, q, p) = (camera * to_camera).to_scale_rotation_translation();
+            let [px, py, pz] = p.to_array();
+            format!("{:.6} {px} {py} {pz} {} {} {} {} {}\n", v[0], q.x, q.y, q.z, q.w, v[8])
+        })
+        .collect();
+    std::fs::write(&poses, robot).unwrap();
+    let dataset = open_plain(folder.path()).unwrap();
+    assert!(far(&dataset) < 1e-6, "the robot's: {}", far(&dataset));
+    assert!(dataset.notes.iter().any(|note| note.contains("poses of the robot")));
+    let broken = folder.path().join("calib/1.yaml");
+    let text = std::fs::read_to_string(&broken).unwrap();
+    std::fs::write(&broken, text.replace("0., 0., 1., 0.125", "0., 0., 7., 0.125")).unwrap();
+    let error = open_plain(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("1.yaml") && error.contains("local_transform"), "{error}");
+}

@@ -173,6 +173,10 @@ pub struct MergeArgs {
     /// Checkpoints of two runs or more
     #[arg(required = true, num_args = 2.., value_name = "CHECKPOINT")]
     pub checkpoints: Vec<PathBuf>,
+    /// Checkpoint that all of them went on from, each with its own --resume and --shard: needed for as
+    /// good a scene as one run's unless components are on a lattice
+    #[arg(long, value_name = "CHECKPOINT")]
+    pub start: Option<PathBuf>,
     /// Checkpoint to write
     #[arg(short, long, value_name = "CHECKPOINT")]
     pub output: PathBuf,

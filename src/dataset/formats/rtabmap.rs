@@ -3,8 +3,9 @@
 //! KITTI's (twelve numbers of a 3×4 matrix).
 //!
 //! Images are named by number or by time: a pose belongs to the image of its number, of its time, or
-//! of its place in the list. Poses are taken as those of the camera (`--poses_camera`); the body of a
-//! robot has other axes, which the pose check tells.
+//! of its place in the list. Where the calibration says how the camera sits on the robot
+//! (`local_transform`), poses are the robot's (`--poses`), unless the name of their file says that they
+//! are the camera's (`--poses_camera` writes `…_camera_poses.txt`).
 
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{RecordedFrame, Recording, sane, wrong};
@@ -23,7 +24,7 @@ use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use glam::DMat4;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -38,6 +39,8 @@ pub(super) const FORMAT: DatasetFormat = DatasetFormat {
 const COLORS: &str = "rgb";
 const DEPTHS: &str = "depth";
 const CALIBRATIONS: &str = "calib";
+/// In the name of a file of the camera's own poses.
+const OF_CAMERA: &str = "camera";
 /// Metres per code.
 const DEPTH_UNIT: f64 = 0.001;
 /// Metres.
@@ -110,10 +113,7 @@ fn pose(line: &str) -> Result<PoseLine, FrameProblem> {
         return Ok(PoseLine { time, number: is_whole.then_some(number as u64), matrix });
     }
     let rows = matrix::numbers::<12>(line).map_err(FrameProblem::PoseShape)?;
-    let mut m = [0.0; 16];
-    m[..12].copy_from_slice(&rows);
-    m[15] = 1.0;
-    Ok(PoseLine { time: None, number: None, matrix: DMat4::from_cols_array(&m).transpose() })
+    Ok(PoseLine { time: None, number: None, matrix: from_rows(rows) })
 }
 
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
@@ -123,13 +123,26 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let Some((size, depth_size)) = recording.sizes(colors, depths) else {
         return Ok(recording.finish());
     };
-    let (calibration_file, stated) = read_calibration(folder)?;
+    let (calibration_file, calibration) = folder.text(&calibration_name(folder))?;
+    let stated = read_camera(&calibration_file, &calibration)?;
     super::recording::same_size((stated.width, stated.height), size, &calibration_file)?;
     let cameras = recording.one_lens(&stated, size, depth_size, &calibration_file)?;
     // A phone's lidar is coarser than its photographs; depth cameras are not.
     let sensor = if size == depth_size { Sensor::Kinect } else { Sensor::Lidar };
     let encoding = recording.encoding(CodeKind::ByContent(DEPTH_UNIT), sensor, TRUSTED_DEPTH);
-    let (file, text) = folder.lines(pose_file(folder).unwrap_or("poses.txt"))?;
+    let pose_name = pose_file(folder).unwrap_or("poses.txt");
+    let (file, text) = folder.lines(pose_name)?;
+    let on_robot = match pose_name.contains(OF_CAMERA) {
+        true => DMat4::IDENTITY,
+        false => local_transform(&calibration_file, &calibration)?,
+    };
+    if on_robot != DMat4::IDENTITY {
+        recording.note(format!(
+            "{pose_name}: taken as poses of the robot, which the camera sits on as {} says; name the \
+             file camera_poses.txt if they are the camera's",
+            calibration_file.display()
+        ));
+    }
     let total = lines(&text).count();
     let mut seen = BTreeSet::new();
     for (i, (line, content)) in lines(&text).enumerate() {
@@ -138,7 +151,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             if folder.has_taken(&stem) {
                 return Ok(None);
             }
-            Ok(Some((Pose::from_opencv(p.matrix)?, p.time, images.pair(&stem)?, stem)))
+            Ok(Some((Pose::from_opencv(p.matrix * on_robot)?, p.time, images.pair(&stem)?, stem)))
         });
         match found {
             Ok(None) => {}
@@ -253,24 +266,56 @@ fn find<'a>(images: &'a [(String, String)], stem: &str) -> Option<&'a str> {
     equal.find(|(other, _)| other == stem).map(|(_, name)| name.as_str())
 }
 
+fn calibration_name(folder: &Folder) -> String {
+    calibration(folder).unwrap_or("calibration.yaml".to_owned())
+}
+
 /// The camera of OpenCV's YAML, which is none: it begins with `%YAML:1.0` and tags its matrices.
-fn read_calibration(folder: &Folder) -> Result<(PathBuf, Intrinsics), DatasetError> {
-    let name = calibration(folder).unwrap_or("calibration.yaml".to_owned());
-    let (file, text) = folder.text(&name)?;
+fn read_camera(file: &Path, text: &str) -> Result<Intrinsics, DatasetError> {
     let number = |key: &str| {
         let line = text.lines().find_map(|line| line.trim().strip_prefix(key))?;
         line.strip_prefix(':')?.trim().parse::<u32>().ok()
     };
-    let data = text.split_once("camera_matrix:").and_then(|(_, rest)| rest.split_once("data:"));
-    let data = data.and_then(|(_, rest)| rest.split_once('[')?.1.split_once(']'));
-    let matrix = data.and_then(|(data, _)| matrix::numbers::<9>(data).ok());
+    let matrix = data(text, "camera_matrix:").and_then(|data| matrix::numbers::<9>(data).ok());
     let size = number("image_width").zip(number("image_height"));
     let k = matrix.zip(size).and_then(|(m, size)| super::stated::from_matrix(m, size));
     let Some(k) = k else {
         let expected = "`image_width`, `image_height` and a `camera_matrix` of 3x3";
-        let found = text.lines().next().unwrap_or("an empty file").chars().take(40).collect();
-        return Err(wrong(&file, expected, found, "export the calibration again"));
+        return Err(wrong(file, expected, beginning(text), "export the calibration again"));
     };
-    sane(&k, &file)?;
-    Ok((file, k))
+    sane(&k, file)?;
+    Ok(k)
+}
+
+/// Camera to robot; what is not said is no motion.
+fn local_transform(file: &Path, text: &str) -> Result<DMat4, DatasetError> {
+    const KEY: &str = "local_transform:";
+    if !text.contains(KEY) {
+        return Ok(DMat4::IDENTITY);
+    }
+    let said = data(text, KEY).unwrap_or_default();
+    let motion = matrix::numbers::<12>(said).ok().map(from_rows);
+    let rigid = motion.filter(|motion| Pose::from_opencv(*motion).is_ok());
+    rigid.ok_or_else(|| {
+        let expected = "a `local_transform` of 3x4 that turns and shifts";
+        wrong(file, expected, beginning(said), "export the calibration again")
+    })
+}
+
+/// The numbers of a matrix, between its brackets.
+fn data<'a>(text: &'a str, key: &str) -> Option<&'a str> {
+    let (_, rest) = text.split_once(key)?.1.split_once("data:")?;
+    Some(rest.split_once('[')?.1.split_once(']')?.0)
+}
+
+/// From three rows of four numbers.
+fn from_rows(rows: [f64; 12]) -> DMat4 {
+    let mut m = [0.0; 16];
+    m[..12].copy_from_slice(&rows);
+    m[15] = 1.0;
+    DMat4::from_cols_array(&m).transpose()
+}
+
+fn beginning(text: &str) -> String {
+    text.lines().next().unwrap_or("an empty file").chars().take(40).collect()
 }

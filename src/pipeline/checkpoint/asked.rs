@@ -63,7 +63,7 @@ impl SavedRun {
 
 /// Which frames, and in which order.
 fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
-    // Taken apart whole, so that a new field asks to be compared; how many frames, how often and who
+    // Taken apart whole, so that a new field asks to be compared; how many frames, which share of them, how often and who
     // waits for them may change.
     let ResumeRequest {
         preset: _,
@@ -71,7 +71,7 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
         split,
         order,
         stride,
-        shard,
+        shard: _,
         load: _,
         max_frames: _,
         passes: _,
@@ -80,7 +80,6 @@ fn of_frames(asked: &ResumeRequest, stored: &Selection) -> Option<Conflict> {
     differs("--split", split.as_ref(), stored.split.as_ref())
         .or_else(|| differs("--order", order.as_ref(), Some(&stored.order)))
         .or_else(|| differs("--stride", stride.as_ref(), Some(&stored.stride)))
-        .or_else(|| differs("--shard", shard.as_ref(), stored.shard.as_ref()))
 }
 
 fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {

@@ -107,10 +107,24 @@ pub enum RunError {
         /// The setting in its place.
         advice: &'static str,
     },
+    /// A run that did not go on from the one named.
+    #[error(
+        "{}: expected a run that went on from {}, found {found}; train every shard with --resume of \
+         that checkpoint and its own --shard", path.display(), origin.display()
+    )]
+    Origin {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What it should have gone on from.
+        origin: PathBuf,
+        /// What speaks against it.
+        found: &'static str,
+    },
     /// A frame counted twice.
     #[error(
         "{} and {}: expected no frame in both, found {n_frames}, the first {first}; merge models \
-         trained on different frames, such as with --shard", paths[0].display(), paths[1].display()
+         trained on different frames, such as with --shard, or name what they went on from with \
+         --start", paths[0].display(), paths[1].display()
     )]
     Overlap {
         /// The two checkpoints.

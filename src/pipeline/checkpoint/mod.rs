@@ -12,6 +12,6 @@ mod snapshot;
 
 pub use asked::ResumeRequest;
 pub use error::RunError;
-pub use merge::merge;
+pub use merge::{merge, merge_onto};
 pub use saved::{Meta, SavedRun};
 pub use snapshot::SessionSnapshot;

@@ -31,6 +31,7 @@ impl SavedRun {
         let Self { path, mut config, meta, content, .. } = self;
         let Checkpoint { history, cursor, model, .. } = content;
         config.selection.max_frames = asked.max_frames.or(config.selection.max_frames);
+        config.selection.shard = asked.shard.or(config.selection.shard);
         config.selection.passes = asked.passes.unwrap_or(config.selection.passes).max(most_visits);
         let plan =
             Plan::after(&dataset, &config.selection, config.method.any().seed(), &cursor.visited)?;

@@ -57,6 +57,14 @@ impl AnyPreset for PaperConfig {
     }
 
     /// A mixture depends on the order by its start and its totals alone, which merging compares.
+    fn is_fused(&self) -> bool {
+        false
+    }
+
+    fn fuse(&self, _: Option<&StoredModel>, _: &[&StoredModel]) -> Option<StoredModel> {
+        None
+    }
+
     fn order_dependence(&self, _: usize) -> Option<OrderDependence> {
         None
     }

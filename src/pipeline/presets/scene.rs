@@ -62,6 +62,19 @@ impl AnyPreset for SceneRun {
         Some(OrderDependence { found, advice })
     }
 
+    fn is_fused(&self) -> bool {
+        !self.engine.births.is_order_invariant()
+    }
+
+    fn fuse(&self, origin: Option<&StoredModel>, models: &[&StoredModel]) -> Option<StoredModel> {
+        if !self.is_fused() {
+            return None;
+        }
+        let origin = origin.map(|model| self.scene(model)).transpose().ok()?;
+        let scenes: Result<Vec<_>, _> = models.iter().map(|model| self.scene(model)).collect();
+        engine::fuse(&self.engine, origin, &scenes.ok()?).map(StoredModel::Scene)
+    }
+
     fn check(&self, model: &StoredModel) -> Result<(), Mismatch> {
         self.scene(model).map(|_| ())
     }

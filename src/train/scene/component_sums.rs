@@ -169,6 +169,11 @@ impl<W: SumScalar> SumRow<W> {
         });
     }
 
+    /// In how many frames it was seen or seen through.
+    pub fn visibility(&self) -> VisibilityCounts {
+        self.visibility
+    }
+
     /// Returns that it could have given.
     pub fn expected(&self) -> f64 {
         f64::from(self.visibility.expected) / RETURN_QUANTA
@@ -340,6 +345,21 @@ impl<W: SumScalar> ComponentSums<W> {
             self.wide.remove(id);
         }
         emptied
+    }
+
+    /// Adds a component with sums of whole quanta and its counts. Second moments become those of some
+    /// points if rounding took them a quantum below 0.
+    pub fn push(&mut self, sums: &[f64; N_SUMS], visibility: VisibilityCounts) {
+        let id = self.rows.len();
+        let mut sums = *sums;
+        restrain(&mut sums, W::SLACK);
+        make_definite(&mut sums);
+        self.rows.push(SumRow { sums: [W::default(); N_SUMS], visibility });
+        if sums[0] < W::FULL {
+            self.rows[id].sums = sums.map(W::of_sum);
+        } else {
+            self.add_wide(id as u32, sums);
+        }
     }
 
     /// Gives a component other sums, as large as it has, in place of its own.

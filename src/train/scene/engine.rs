@@ -2,6 +2,7 @@
 
 use super::component_sums::SumScalar;
 use super::config::SceneConfig;
+use super::fusion;
 use super::learner::SceneLearner;
 use super::sum_form::SumForm;
 use super::trainer::SceneTrainer;
@@ -49,6 +50,34 @@ pub fn restore(
         SumForm::F32 => restored::<f32>(config, state, frames),
         SumForm::F64 => restored::<f64>(config, state, frames),
     }
+}
+
+/// Scenes, configured alike, that went on from `start`, if they share one, as one scene within the budget
+/// (`scene.md`, Fusion); `None` without scenes or if sums have another form.
+pub fn fuse(
+    config: &SceneConfig,
+    start: Option<&SceneState>,
+    scenes: &[&SceneState],
+) -> Option<SceneState> {
+    match config.sums {
+        SumForm::Mixed => fused::<i32>(config, start, scenes),
+        SumForm::F32 => fused::<f32>(config, start, scenes),
+        SumForm::F64 => fused::<f64>(config, start, scenes),
+    }
+}
+
+fn fused<W: SumScalar>(
+    config: &SceneConfig,
+    start: Option<&SceneState>,
+    scenes: &[&SceneState],
+) -> Option<SceneState> {
+    let state = fusion::fuse::<W>(config, start, scenes)?;
+    if state.visibility.len() <= config.max_components {
+        return Some(state);
+    }
+    let mut over_budget = SceneTrainer::<W>::restore(config, state, 0)?;
+    over_budget.merge_to(config.max_components);
+    Some(over_budget.state())
 }
 
 fn restored<W: SumScalar + 'static>(

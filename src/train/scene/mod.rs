@@ -26,6 +26,7 @@ mod assign;
 mod births;
 mod component_sums;
 mod components;
+mod fusion;
 mod gain;
 mod grid;
 mod lattice;

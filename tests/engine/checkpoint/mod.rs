@@ -1,6 +1,7 @@
 //! Runs that stop, go on and are merged are the runs that never stopped, bit for bit.
 
 mod autosave;
+mod fusion;
 mod merge;
 mod refusals;
 mod resume;

@@ -46,7 +46,6 @@ fn settings_that_contradict_the_run_are_refused_by_name() {
         ("--split", ResumeRequest { split: Some("eval".into()), ..ResumeRequest::default() }),
         ("--order", ResumeRequest { order: Some(Order::Shuffled), ..ResumeRequest::default() }),
         ("--stride", ResumeRequest { stride: Some(2), ..ResumeRequest::default() }),
-        ("--shard", ResumeRequest { shard: "1/2".parse().ok(), ..ResumeRequest::default() }),
         (
             "--depth-range",
             ResumeRequest {

@@ -163,7 +163,6 @@ fn a_merged_scene_goes_on_with_the_frames_that_are_missing() {
 fn scenes_that_depend_on_the_order_of_frames_are_not_merged() {
     let lattice = || births(BirthRule::Lattice);
     for (asked, parts) in [
-        (births(BirthRule::Seeds), ["--births seeds", "with --births lattice"]),
         (
             SceneOverrides { refine: Some(true), ..lattice() },
             ["--with refine", "with --without refine"],

@@ -7,6 +7,7 @@ use crate::model::paper::state::InitialMeans;
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::method::Method;
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 const RESTART: &str = "train them with the same settings on the same dataset";
 const NO_REASSIGNMENT: &str =
@@ -23,6 +24,17 @@ impl Difference {
     fn new(what: &str, found: impl Into<String>) -> Self {
         Self { what: what.to_owned(), found: found.into(), advice: RESTART }
     }
+}
+
+/// Refuses runs that did not begin alike, or that have a frame in common.
+pub(super) fn compatible(runs: &[SavedRun]) -> Result<(), RunError> {
+    for (i, run) in runs.iter().enumerate() {
+        for other in &runs[..i] {
+            same_start(other, run)?;
+            disjoint(other, run)?;
+        }
+    }
+    Ok(())
 }
 
 /// Refuses runs on other datasets, with other settings or from other initial models.
@@ -100,4 +112,18 @@ fn first_moved(a: &InitialMeans, b: &InitialMeans) -> Option<usize> {
     }
     let (a, b) = (a.rows(), b.rows());
     Some(a.iter().zip(&b).position(|(a, b)| a != b).unwrap_or(a.len().min(b.len())))
+}
+
+fn disjoint(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
+    let (ours, theirs) = (&a.content.cursor.visited, &b.content.cursor.visited);
+    let ours: BTreeSet<u32> = ours.iter().copied().collect();
+    let mut in_both = theirs.iter().filter(|frame| ours.contains(frame));
+    match in_both.next() {
+        None => Ok(()),
+        Some(&first) => Err(RunError::Overlap {
+            paths: [a.path.clone(), b.path.clone()],
+            n_frames: 1 + in_both.count(),
+            first,
+        }),
+    }
 }

@@ -26,6 +26,7 @@ use comparers::Comparers;
 use rayon::prelude::*;
 use rule::PhotometricRule;
 use step::{LearnRun, SplatRun};
+pub use step::{OPACITY, prior_precision};
 
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
 const MIN_SEEN: f32 = 0.5;

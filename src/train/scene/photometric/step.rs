@@ -11,7 +11,7 @@ use crate::render::cpu::photometric::{Compared, ParameterSums, SeenSplat};
 use glam::{DQuat, DVec3};
 
 /// Bounds of an opacity: a splat that photographs call transparent stays in sight of later ones.
-const OPACITY: [f64; 2] = [0.01, 3.0];
+pub const OPACITY: [f64; 2] = [0.01, 3.0];
 /// Largest standard deviation over the smallest: thinner needles would be no surface.
 const MAX_ASPECT: f64 = 1e4;
 
@@ -239,7 +239,8 @@ fn largest(splat: &Splat) -> f64 {
     f64::from(splat.scale.iter().fold(f32::MIN_POSITIVE, |a, &s| a.max(s)))
 }
 
-fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f64; N_COLOR]) {
+/// Precision of what points say of a splat's form and colour, parameter by parameter.
+pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM], [f64; N_COLOR]) {
     let extent = largest(splat);
     let per = |deviation: f64| 1.0 / (deviation * deviation);
     let (mean, scale, turn) = (per(prior.mean * extent), per(prior.scale), per(prior.turn));

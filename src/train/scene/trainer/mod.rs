@@ -291,7 +291,7 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Merges components until so many are left, or none may be merged; how many became part of
     /// others.
-    fn merge_to(&mut self, target: usize) -> usize {
+    pub(super) fn merge_to(&mut self, target: usize) -> usize {
         let used = self.components.used();
         self.component_sums.grow(self.components.n_rows());
         let photographed = self.config.photometric.is_some();

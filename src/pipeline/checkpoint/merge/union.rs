@@ -1,0 +1,35 @@
+//! What is known of a run that is several.
+
+use super::super::error::RunError;
+use super::super::json::canonical;
+use super::super::saved::{Meta, SavedRun};
+use super::super::snapshot::now_unix_s;
+use crate::export::checkpoint::{Checkpoint, Cursor, StoredModel};
+use crate::pipeline::error::SessionError;
+
+/// The run through the frames of both that has this model.
+pub(super) fn together(a: SavedRun, b: SavedRun, model: StoredModel) -> Result<SavedRun, RunError> {
+    let config = a.config.whole();
+    let (ours, theirs) = (a.content.cursor, b.content.cursor);
+    let cursor = Cursor {
+        frames: ours.frames + theirs.frames,
+        points: ours.points + theirs.points,
+        visited: [ours.visited, theirs.visited].concat(),
+    };
+    let meta = Meta {
+        saved_unix_s: now_unix_s(),
+        planned_frames: cursor.visited.len(),
+        wall_s: a.meta.wall_s + b.meta.wall_s,
+        ..a.meta
+    };
+    let content = Checkpoint {
+        config: canonical(&config).map_err(SessionError::from)?,
+        meta: canonical(&meta).map_err(SessionError::from)?,
+        // The frames' reports name positions in different orders.
+        history: None,
+        cursor,
+        model,
+        ..a.content
+    };
+    Ok(SavedRun { config, meta, content, ..a })
+}

@@ -1,0 +1,253 @@
+//! What photographs taught several scenes of one component, as one estimate.
+//!
+//! Each scene's estimate is a Gaussian about its splat. With `Λ₀, θ₀` at the start and `Λᵢ, θᵢ` after scene
+//! `i`'s own frames, what these frames add is a precision `Δᵢ = Λᵢ − dᵢ Λ₀` (`dᵢ` is what forgetting has
+//! left of the start) and an information `Λᵢ (θᵢ − θ₀)`. Both add, and `θ = θ₀ + (d Λ₀ + Σ Δᵢ)⁻¹ Σ Λᵢ (θᵢ − θ₀)`
+//! with `d` the product of all `dᵢ`: what one run over all frames would find if pictures were linear in the
+//! parameters. Colours are; position and form are near the start, and turns and logarithms of scales
+//! are compared to first order.
+
+use crate::math::cholesky::Cholesky;
+use crate::math::lane_cholesky::at;
+use crate::model::scene::photometric::{
+    N_COLOR, N_COLOR_PRECISION, N_FORM, N_FORM_PRECISION, PhotometricState,
+};
+use crate::model::splat::appearance::Appearance;
+use crate::model::splat::splats::Splat;
+use crate::train::scene::photometric::rule::PhotometricRule;
+use crate::train::scene::photometric::{OPACITY, prior_precision};
+use glam::{DQuat, DVec3};
+
+/// Largest turn between two estimates of one splat whose forms are compared, radians: beyond it their
+/// axes are not the same ones.
+const MAX_TURN: f64 = 0.5;
+
+/// A splat as photographs have corrected it, and its precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    splat: Splat,
+    appearance: Appearance,
+    form: [f32; N_FORM_PRECISION],
+    color: [f32; N_COLOR_PRECISION],
+}
+
+/// An estimate that went on from the start.
+#[derive(Clone, Copy)]
+pub struct Later {
+    pub estimate: Estimate,
+    /// Frames since then that showed the component.
+    pub frames: u16,
+}
+
+impl Estimate {
+    /// Of a component; `None` without a splat.
+    pub fn of(state: &PhotometricState, component: usize) -> Option<Self> {
+        state.has(component).then(|| Self {
+            splat: state.splats[component],
+            appearance: state.appearance[component],
+            form: state.form[component],
+            color: state.color[component],
+        })
+    }
+
+    /// Into the row of a component.
+    pub fn put(&self, state: &mut PhotometricState, component: usize) {
+        state.splats[component] = self.splat;
+        state.appearance[component] = self.appearance;
+        state.form[component] = self.form;
+        state.color[component] = self.color;
+    }
+
+    /// By how much position and form differ from another's, in the other's parameters; `None` if the two
+    /// have other axes.
+    fn form_beyond(&self, other: &Self) -> Option<[f64; N_FORM]> {
+        let (a, b) = (&self.splat, &other.splat);
+        let turn = (rotation(b).conjugate() * rotation(a)).normalize();
+        let turn = if turn.w < 0.0 { -turn } else { turn }.to_scaled_axis();
+        if turn.length() > MAX_TURN {
+            return None;
+        }
+        let mut step = [0.0; N_FORM];
+        for i in 0..3 {
+            step[i] = f64::from(a.mean[i]) - f64::from(b.mean[i]);
+            step[3 + i] = log_ratio(a.scale[i], b.scale[i]);
+            step[6 + i] = turn[i];
+        }
+        step[9] = log_ratio(a.opacity, b.opacity);
+        step.iter().all(|x| x.is_finite()).then_some(step)
+    }
+
+    /// By how much a channel's coefficients differ from another's.
+    fn color_beyond(&self, other: &Self, channel: usize) -> [f64; N_COLOR] {
+        let (a, b) = (self.coefficients(channel), other.coefficients(channel));
+        std::array::from_fn(|i| f64::from(a[i]) - f64::from(b[i]))
+    }
+
+    fn coefficients(&self, channel: usize) -> [f32; N_COLOR] {
+        let ([a, b, c], [d, e, f]) =
+            (self.appearance.directional[channel], self.appearance.gradient[channel]);
+        [self.splat.color[channel], a, b, c, d, e, f]
+    }
+
+    fn reform(&mut self, step: &[f64], precision: &[f64]) {
+        let splat = &mut self.splat;
+        for i in 0..3 {
+            splat.mean[i] = (f64::from(splat.mean[i]) + step[i]) as f32;
+            splat.scale[i] = (f64::from(splat.scale[i]) * libm::exp(step[3 + i])) as f32;
+        }
+        let turn = DQuat::from_scaled_axis(DVec3::new(step[6], step[7], step[8]));
+        let turned = (rotation(splat) * turn).normalize();
+        splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+        let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
+        splat.opacity = opacity.clamp(OPACITY[0], OPACITY[1]) as f32;
+        put_triangle::<N_FORM>(&mut self.form, precision);
+    }
+
+    fn recolor(&mut self, steps: &[Vec<f64>; 3], precision: &[f64]) {
+        for (channel, step) in steps.iter().enumerate() {
+            let old = self.coefficients(channel);
+            let new: [f32; N_COLOR] = std::array::from_fn(|i| (f64::from(old[i]) + step[i]) as f32);
+            self.splat.color[channel] = new[0];
+            self.appearance.directional[channel] = [new[1], new[2], new[3]];
+            self.appearance.gradient[channel] = [new[4], new[5], new[6]];
+        }
+        put_triangle::<N_COLOR>(&mut self.color, precision);
+    }
+}
+
+/// The estimate by everything that `later` learnt since `start`; by all of them alike if nothing was known
+/// then. `None` of none.
+pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -> Option<Estimate> {
+    let base = start.or(later.first().map(|later| later.estimate))?;
+    let (form_prior, color_prior) = prior_precision(&base.splat, &rule.prior);
+    // Without a start every estimate began with the prior alone.
+    let known = if start.is_some() { 1.0 } else { 0.0 };
+    let remembers = |later: &Later| known * (1.0 - rule.forgotten).powi(later.frames.into());
+    let mut form = Joint::<N_FORM, 1>::new();
+    let mut color = Joint::<N_COLOR, 3>::new();
+    for one in later {
+        let (estimate, remembered) = (&one.estimate, remembers(one));
+        if let Some(step) = estimate.form_beyond(&base) {
+            form.add(&estimate.form, [step], &base.form, &form_prior, remembered);
+        }
+        let steps = std::array::from_fn(|channel| estimate.color_beyond(&base, channel));
+        color.add(&estimate.color, steps, &base.color, &color_prior, remembered);
+    }
+    let mut result = base;
+    if let Some(([step], precision)) = form.solved(&base.form, &form_prior, known) {
+        result.reform(&step, &precision);
+    }
+    if let Some((steps, precision)) = color.solved(&base.color, &color_prior, known) {
+        result.recolor(&steps, &precision);
+    }
+    let sound = result.splat.is_drawable() && result.appearance.is_valid();
+    Some(if sound { result } else { base })
+}
+
+/// Sums of precision and information over scenes, for `M` right sides.
+struct Joint<const N: usize, const M: usize> {
+    precision: Vec<f64>,
+    information: [Vec<f64>; M],
+    /// What is left of the start's precision.
+    remembered: f64,
+}
+
+impl<const N: usize, const M: usize> Joint<N, M> {
+    fn new() -> Self {
+        let information = std::array::from_fn(|_| vec![0.0; N]);
+        Self { precision: vec![0.0; N * N], information, remembered: 1.0 }
+    }
+
+    /// Adds what an estimate `steps` away from the start has learnt since.
+    fn add(
+        &mut self,
+        own: &[f32],
+        steps: [[f64; N]; M],
+        start: &[f32],
+        prior: &[f64; N],
+        remembered: f64,
+    ) {
+        self.remembered *= remembered;
+        for i in 0..N {
+            for j in 0..N {
+                let before = faded(entry(start, i, j), prior, (i, j), remembered);
+                self.precision[i * N + j] += entry(own, i, j) - before;
+                for (sum, step) in self.information.iter_mut().zip(&steps) {
+                    sum[i] += entry(own, i, j) * step[j];
+                }
+            }
+        }
+    }
+
+    /// Steps from the start, and the precision of all; `None` if that is none. `known` is 0 if there was
+    /// no start, 1 if there was.
+    fn solved(
+        mut self,
+        start: &[f32],
+        prior: &[f64; N],
+        known: f64,
+    ) -> Option<([Vec<f64>; M], Vec<f64>)> {
+        for i in 0..N {
+            for j in 0..N {
+                let remembered = known * self.remembered;
+                self.precision[i * N + j] += faded(entry(start, i, j), prior, (i, j), remembered);
+            }
+        }
+        let factor = Cholesky::new(N, &self.precision)?;
+        let steps = self.information.map(|information| factor.solve(&information));
+        steps.iter().flatten().all(|x| x.is_finite()).then_some((steps, self.precision))
+    }
+}
+
+/// A precision of which so much is remembered; the prior's comes back in its place.
+fn faded<const N: usize>(
+    value: f64,
+    prior: &[f64; N],
+    (i, j): (usize, usize),
+    remembered: f64,
+) -> f64 {
+    let prior = if i == j { prior[i] } else { 0.0 };
+    remembered * value + (1.0 - remembered) * prior
+}
+
+/// Entry of a symmetric matrix kept as its lower triangle.
+fn entry(triangle: &[f32], i: usize, j: usize) -> f64 {
+    triangle[at(i.max(j), i.min(j))].into()
+}
+
+fn put_triangle<const N: usize>(triangle: &mut [f32], matrix: &[f64]) {
+    for i in 0..N {
+        for j in 0..=i {
+            triangle[at(i, j)] = matrix[i * N + j] as f32;
+        }
+    }
+}
+
+fn log_ratio(a: f32, b: f32) -> f64 {
+    libm::log(f64::from(a) / f64::from(b))
+}
+
+fn rotation(splat: &Splat) -> DQuat {
+    let [w, x, y, z] = splat.rotation.map(f64::from);
+    DQuat::from_xyzw(x, y, z, w).normalize()
+}
+
+/// Makes what is usual of photographs the mean of all scenes, by the frames behind each.
+pub fn take_noise<'a>(
+    state: &mut PhotometricState,
+    scenes: impl Iterator<Item = &'a PhotometricState>,
+) {
+    for scene in scenes {
+        let pairs = [
+            (&mut state.noise, scene.noise),
+            (&mut state.points, scene.points),
+            (&mut state.seen_through, scene.seen_through),
+        ];
+        for ([mean, weight], [value, more]) in pairs {
+            *weight += more;
+            if *weight > 0.0 {
+                *mean += (value - *mean) * more / *weight;
+            }
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! One scene of several that went on from one and saw different frames (`scene.md`, Fusion).
+//!
+//! Components of the start stand at one place in all of them, so what each added to their sums adds up
+//! exactly, and what photographs taught of them since are estimates of one set of parameters. Components
+//! born since have no counterpart: they are held against those that are there, as points are, so that no
+//! surface is covered twice.
+
+mod estimate;
+
+use super::component_sums::{ComponentSums, SumScalar};
+use super::config::SceneConfig;
+use super::grid::SeedGrid;
+use super::photometric::rule::PhotometricRule;
+use crate::model::scene::photometric::PhotometricState;
+use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts};
+use crate::model::scene::sums::{N_SUMS, SceneSums};
+use estimate::{Estimate, Later};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Scenes that went on from `start`, if they share one, as one scene, in this order: of places that
+/// several found by themselves the first one's components stay. Components of the start come first, and
+/// the result may exceed the budget. `None` without scenes or if sums are of another form than `W`.
+pub fn fuse<W: SumScalar>(
+    config: &SceneConfig,
+    start: Option<&SceneState>,
+    scenes: &[&SceneState],
+) -> Option<SceneState> {
+    let first = scenes.first()?;
+    let shared = start.map_or(Some(Vec::new()), components::<W>)?;
+    let all: Option<Vec<Vec<Component>>> = scenes.iter().map(|s| components::<W>(s)).collect();
+    let all = all?;
+    let of_start = shared.par_iter().enumerate().map(|(id, start)| {
+        let later: Vec<&Component> = all.iter().filter_map(|scene| scene.get(id)).collect();
+        start.with_all(&later, config.photometric.as_ref())
+    });
+    let mut fused = Fused::new(config.h, of_start.collect());
+    for scene in all {
+        fused.take_in(scene.into_iter().skip(shared.len()));
+    }
+    let mut state = fused.state::<W>(first.origin);
+    // What the start knew of frames is in every scene's log, before the scene's own.
+    let (n_exposures, n_poses) = start.map_or((0, 0), |s| (s.exposures.len(), s.poses.len()));
+    state.exposures.extend(first.exposures.iter().take(n_exposures));
+    state.poses.extend(first.poses.iter().take(n_poses));
+    for scene in scenes {
+        state.exposures.extend(scene.exposures.iter().skip(n_exposures));
+        state.poses.extend(scene.poses.iter().skip(n_poses));
+    }
+    state.photometric = state.photometric.filter(|_| config.photometric.is_some());
+    if let Some(photometric) = &mut state.photometric {
+        let taught = scenes.iter().filter_map(|scene| scene.photometric.as_ref());
+        estimate::take_noise(photometric, taught);
+    }
+    Some(state)
+}
+
+/// A component with everything that a scene knows of it.
+struct Component {
+    /// World units from the scene's origin.
+    seed: [f32; 3],
+    sums: [f64; N_SUMS],
+    visibility: VisibilityCounts,
+    estimate: Option<Estimate>,
+}
+
+/// The components that have seeds, in stored order; `None` if sums have another form.
+fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
+    let mut seeds = vec![None; state.visibility.len()];
+    // From the last seed on, so that the oldest, which sums are about, is the one that stays.
+    for (seed, &place) in state.seeds.iter().enumerate().rev() {
+        let component = state.components.as_ref().map_or(seed, |of| of[seed] as usize);
+        *seeds.get_mut(component)? = Some(place);
+    }
+    let sums = ComponentSums::<W>::restore(state.sums.clone(), state.visibility.clone())?;
+    let component = |(id, seed): (usize, Option<[f32; 3]>)| {
+        let estimate = state.photometric.as_ref().and_then(|of| Estimate::of(of, id));
+        let visibility = sums.row(id).visibility();
+        Some(Component { seed: seed?, sums: sums.sums(id), visibility, estimate })
+    };
+    Some(seeds.into_iter().enumerate().filter_map(component).collect())
+}
+
+impl Component {
+    /// This one with what each of `later`, which went on from it, has more. Whole quanta: the order of
+    /// `later` does not matter to the sums.
+    fn with_all(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
+        let (mut sums, mut visibility) = (self.sums, self.visibility);
+        let before = self.visibility;
+        let mut estimates = Vec::with_capacity(later.len());
+        for now in later {
+            for ((sum, now), before) in sums.iter_mut().zip(now.sums).zip(self.sums) {
+                *sum += now - before;
+            }
+            let gained = VisibilityCounts {
+                expected: now.visibility.expected.saturating_sub(before.expected),
+                hits: now.visibility.hits.saturating_sub(before.hits),
+                misses: now.visibility.misses.saturating_sub(before.misses),
+            };
+            visibility = visibility.plus(gained);
+            estimates.extend(now.estimate.map(|estimate| Later { estimate, frames: gained.hits }));
+        }
+        let estimate = rule.and_then(|rule| estimate::fused(self.estimate, &estimates, rule));
+        Self { seed: self.seed, sums, visibility, estimate }
+    }
+
+    /// Adds what another has, its sums moved to this one's seed; `h` is the structural scale.
+    fn add(&mut self, other: &Self, h: f64) {
+        let way = (vector(other.seed) - vector(self.seed)) / h;
+        let moved = SceneSums::new(&other.sums, 1.0).moved(way).to_array();
+        for (sum, moved) in self.sums.iter_mut().zip(moved) {
+            *sum += (moved / QUANTUM).round_ties_even() * QUANTUM;
+        }
+        self.visibility = self.visibility.plus(other.visibility);
+    }
+
+    /// Where its points are in the mean, world units from the scene's origin.
+    fn mean(&self, h: f64) -> [f32; 3] {
+        let offset = SceneSums::new(&self.sums, h).mean_offset();
+        (vector(self.seed) + offset).as_vec3().to_array()
+    }
+}
+
+/// The scene that is put together.
+struct Fused {
+    /// Structural scale, world units.
+    h: f64,
+    components: Vec<Component>,
+    /// How many of them are the start's.
+    n_shared: usize,
+    /// Seeds of the others, in their order.
+    own: SeedGrid,
+}
+
+impl Fused {
+    fn new(h: f64, shared: Vec<Component>) -> Self {
+        Self { h, n_shared: shared.len(), components: shared, own: SeedGrid::new(h) }
+    }
+
+    /// Takes in what one scene has of its own. A component whose points lie in the reach of a seed that
+    /// another scene has of its own adds its sums to that one's; its photometric estimate is of another
+    /// splat and is left out. Others stay as they are: from the start's they were apart when born.
+    fn take_in(&mut self, own: impl Iterator<Item = Component>) {
+        let n_before = self.own.len();
+        for component in own.filter(|component| component.sums[0] > 0.0) {
+            let near = self.own.nearest(component.mean(self.h)).map(|seed| seed as usize);
+            match near.filter(|&seed| seed < n_before) {
+                Some(seed) => self.components[self.n_shared + seed].add(&component, self.h),
+                None => {
+                    self.own.insert(component.seed);
+                    self.components.push(component);
+                }
+            }
+        }
+    }
+
+    fn state<W: SumScalar>(self, origin: [f64; 3]) -> SceneState {
+        let mut sums = ComponentSums::<W>::default();
+        let mut photometric = PhotometricState::default();
+        photometric.grow(self.components.len());
+        for (id, component) in self.components.iter().enumerate() {
+            sums.push(&component.sums, component.visibility);
+            if let Some(estimate) = &component.estimate {
+                estimate.put(&mut photometric, id);
+            }
+        }
+        let order: Vec<u32> = (0..self.components.len() as u32).collect();
+        let (sums, visibility) = sums.state(&order);
+        SceneState {
+            origin,
+            seeds: self.components.iter().map(|component| component.seed).collect(),
+            components: None,
+            sums,
+            visibility,
+            exposures: Vec::new(),
+            poses: Vec::new(),
+            trajectory: Vec::new(),
+            photometric: Some(photometric),
+        }
+    }
+}
+
+fn vector(place: [f32; 3]) -> DVec3 {
+    DVec3::from_array(place.map(f64::from))
+}
