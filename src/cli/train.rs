@@ -340,9 +340,6 @@ fn trajectory(session: &Session) -> Option<Trajectory> {
 
 /// Says if the poses mean something else than the layout says: hours of training would be lost.
 fn doubt_poses(dataset: &Dataset) {
-    if dataset.options.track {
-        return;
-    }
     let split = dataset.training_split().ok();
     let check = split.and_then(|split| dataset::pose_check::check(dataset, split));
     if let Some(warning) = check.as_ref().and_then(pose_check::warning) {
