@@ -135,7 +135,7 @@ fn on_dataset(
 /// The dataset asked for, else the demo's.
 pub fn open(path: Option<&Path>, depth: &DepthArgs) -> Result<Arc<Dataset>, Failure> {
     let Some(path) = path else { return Ok(demo::dataset()?) };
-    let dataset = dataset::open(path, &depth.load_options())?;
+    let dataset = dataset::open(path, &depth.recorded_load_options()?)?;
     announce(&dataset);
     Ok(Arc::new(dataset))
 }

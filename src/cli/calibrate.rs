@@ -13,7 +13,7 @@ use vbgs_studio::dataset::calibration::Calibration;
 pub fn run(args: &CalibrateArgs) -> Result<(), Failure> {
     // Read before the recording is opened, so that a mistake in it is said at once.
     let start = args.calibration.as_deref().map(Calibration::read).transpose()?;
-    let dataset = dataset::open(&args.dataset, &args.depth.load_options())?;
+    let dataset = dataset::open(&args.dataset, &args.depth.recorded_load_options()?)?;
     announce(&dataset);
     let start = match start {
         Some(start) => start,

@@ -121,20 +121,18 @@ fn dataset_info(args: &InfoArgs, dataset: &Dataset) -> DatasetInfo {
 
 fn poses_info(dataset: &Dataset) -> PosesInfo {
     let split = dataset.training_split().unwrap_or(0);
-    // Nothing was said of where the cameras stood, so nothing can be wrong.
-    let is_recorded = !dataset.options.track;
-    let check: Option<PoseCheck> =
-        is_recorded.then(|| dataset::pose_check::check(dataset, split)).flatten();
+    let is_tracked = dataset.options.track;
+    let check: Option<PoseCheck> = dataset::pose_check::check(dataset, split);
     let opened = check.as_ref().map(|check| check.opened);
     let stated = dataset.options.poses.unwrap_or(dataset.layout.pose_convention());
     PosesInfo {
-        convention: if is_recorded { stated.name() } else { "tracked" },
+        convention: if is_tracked { "tracked" } else { stated.name() },
         agreement: opened.map(|trial| trial.agreement),
         median_error: opened.map(|trial| trial.error).filter(|error| error.is_finite()),
         pairs: check.as_ref().map_or(0, |check| check.pairs),
-        summary: match is_recorded {
-            true => check.as_ref().map(pose_check::summary),
-            false => Some("left to tracking".to_owned()),
+        summary: match is_tracked {
+            true => Some("left to tracking".to_owned()),
+            false => check.as_ref().map(pose_check::summary),
         },
         warning: check.as_ref().and_then(pose_check::warning),
     }

@@ -408,9 +408,6 @@ fn trajectory(session: &Session) -> Option<Trajectory> {
 /// Names wild poses, and says if the poses mean something else than the layout says: hours of training
 /// would be lost.
 fn doubt_poses(dataset: &Dataset) {
-    if dataset.options.track {
-        return;
-    }
     let split = dataset.training_split().ok();
     for wild in split.map_or_else(Vec::new, |split| wild_poses(&dataset.splits[split])) {
         eprintln!("warning: {wild}");

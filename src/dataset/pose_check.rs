@@ -70,7 +70,8 @@ impl PoseCheck {
     }
 }
 
-/// Compares frames of a split with their neighbours; `None` without two frames of depth.
+/// Compares frames of a split with their neighbours; `None` without two frames of depth, and where
+/// poses are left to tracking: nothing was said of them.
 ///
 /// ```
 /// use vbgs_studio::dataset::{PoseConvention, pose_check};
@@ -82,6 +83,9 @@ impl PoseCheck {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn check(dataset: &Dataset, split: usize) -> Option<PoseCheck> {
+    if dataset.options.track {
+        return None;
+    }
     let split = dataset.splits.get(split)?;
     let stated = dataset.options.poses.unwrap_or(dataset.layout.pose_convention());
     let pairs = pairs(split);

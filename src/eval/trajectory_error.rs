@@ -100,7 +100,7 @@ mod tests {
             Pose::IDENTITY.attached(DVec3::new(x, y, z), DQuat::from_rotation_x(x + y))
         };
         let recorded: Vec<Pose> =
-            (0..20).map(|i| f64::from(i)).map(|i| at(i.sin(), (2.0 * i).cos(), 0.1 * i)).collect();
+            (0..20).map(f64::from).map(|i| at(i.sin(), (2.0 * i).cos(), 0.1 * i)).collect();
         let world = at(1.0, -2.0, 0.4);
         let pair = |pose: &Pose, off: DVec3| {
             let turn = DQuat::from_mat3(&pose.rotation());

@@ -36,7 +36,7 @@ pub(super) struct SteppedFrame {
 pub(super) enum FrameStatus {
     /// It was learnt.
     Learnt {
-        outcome: FrameOutcome,
+        outcome: Box<FrameOutcome>,
         /// Measured pixels that made no point.
         dropped: usize,
         load_ms: f64,
@@ -71,7 +71,10 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                     Ok(FrameOutcome { tracking: Some(FrameTracking::Lost(loss)), .. }) => {
                         FrameStatus::Lost(loss)
                     }
-                    Ok(outcome) => FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms },
+                    Ok(outcome) => {
+                        let outcome = Box::new(outcome);
+                        FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms }
+                    }
                     Err(error) => FrameStatus::Failed(error),
                 }
             }

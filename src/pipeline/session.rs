@@ -32,7 +32,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 #[derive(Clone, Debug)]
 pub enum Step {
     /// A frame was learnt.
-    Trained(FrameReport),
+    Trained(Box<FrameReport>),
     /// A frame was unusable and left out.
     Skipped(SkippedFrame),
     /// All frames that are whole so far were gone through; [`Follow::rest`] says how
@@ -210,7 +210,7 @@ impl Session {
         let step = match status {
             FrameStatus::Learnt { outcome, dropped, load_ms, prepare_ms } => {
                 let ms = FrameMs { load: load_ms, prepare: prepare_ms, stages: outcome.ms };
-                Step::Trained(self.learnt(position, name, &outcome, dropped, ms))
+                Step::Trained(Box::new(self.learnt(position, name, &outcome, dropped, ms)))
             }
             FrameStatus::Skipped(message) => {
                 if let Some(follow) = &mut self.follow {

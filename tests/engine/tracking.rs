@@ -17,14 +17,14 @@ use vbgs_studio::pipeline::tracked::Trajectory;
 /// Frames of a turn around the room: 7.5 degrees and 20 cm apart.
 const TURN: usize = 48;
 /// Those that are tracked.
-const FRAMES: usize = 10;
+const FRAMES: usize = 5;
 
-/// A part of a walk around a room, in the layout with files that are easily replaced.
-fn recording() -> TempDir {
+/// A walk around a room, in the layout with files that are easily replaced.
+fn recording(width: u32) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let params = SyntheticParams {
-        width: 80,
-        height: 60,
+        width,
+        height: 3 * width / 4,
         n_train: TURN,
         n_eval: 0,
         ..SyntheticParams::demo()
@@ -58,7 +58,7 @@ fn trajectory(session: &Session) -> Trajectory {
 
 #[test]
 fn a_walk_is_placed_without_its_poses() {
-    let folder = recording();
+    let folder = recording(128);
     let mut session = session(folder.path(), FRAMES);
     finish(&mut session);
     let found = trajectory(&session);
@@ -108,18 +108,16 @@ impl<'a> Images<'a> {
 
 #[test]
 fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
-    let whole = recording();
+    let whole = recording(128);
     let mut images = Images::new(whole.path());
     let (as_is, same) = (|value: u8| value, |z: f64| z);
-    (0..4).for_each(|frame| images.push(frame, as_is, same));
-    images.push(4, |_| 0, same);
-    images.push(4, as_is, same);
-    images.push(5, |_| 128, |_| 1.5);
+    (0..2).for_each(|frame| images.push(frame, as_is, same));
+    images.push(2, |_| 0, same);
+    images.push(2, |_| 128, |_| 1.5);
     // The camera is held the other way for a moment.
-    images.push(TURN / 2 + 4, as_is, same);
-    images.push(5, as_is, same);
-    images.push(6, as_is, same);
-    let lost = ["00004", "00006", "00007"];
+    images.push(TURN / 2, as_is, same);
+    images.push(2, as_is, same);
+    let lost = ["00002", "00003", "00004"];
 
     let mut session = session(images.to.path(), images.n);
     loop {
@@ -135,21 +133,19 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
         }
     }
     assert_eq!(trajectory(&session).skipped(), lost, "{:?}", session.skipped());
-    let reasons = ["brightness", "determine", "scene"];
-    for (skipped, reason) in session.skipped().iter().zip(reasons) {
-        assert!(skipped.message.contains(reason), "{skipped:?}");
-    }
+    let dark = &session.skipped()[0].message;
+    assert!(dark.contains("brightness"), "{dark}");
     // What follows is where it is without them.
-    let mut undisturbed = self::session(whole.path(), 7);
+    let mut undisturbed = self::session(whole.path(), 3);
     finish(&mut undisturbed);
-    let [found, expected] = [(&session, "00009"), (&undisturbed, "00006")]
+    let [found, expected] = [(&session, "00005"), (&undisturbed, "00002")]
         .map(|(session, name)| trajectory(session).pose(name).unwrap().centre());
     assert!(found.distance(expected) < 0.02, "{found} {expected}");
 }
 
 #[test]
 fn a_tracked_run_that_goes_on_keeps_its_bits() {
-    let folder = recording();
+    let folder = recording(80);
     let mut whole = session(folder.path(), 6);
     finish(&mut whole);
     let mut half = session(folder.path(), 3);

@@ -29,7 +29,7 @@ impl WorkerThread {
                     Changed::Listed(ids) => self.dirty.mark(ids),
                     Changed::All => self.dirty.mark_all(learner.components()),
                 }
-                self.learned(frame);
+                self.learned(*frame);
             }
             Ok(Step::Skipped(skipped)) => {
                 // No notice: a dataset may lack many frames. The status line counts them, the panel

@@ -1,5 +1,6 @@
 //! How depth files are read: shared by everything that opens a dataset.
 
+use crate::cli::failure::Failure;
 use clap::{Args, ValueEnum};
 use vbgs_studio::dataset::{LoadOptions, PoseConvention};
 
@@ -54,6 +55,19 @@ pub struct DepthArgs {
 }
 
 impl DepthArgs {
+    /// [`Self::load_options`] for what cannot do without the recorded poses.
+    ///
+    /// # Errors
+    /// Tracked ones are asked for.
+    pub fn recorded_load_options(&self) -> Result<LoadOptions, Failure> {
+        match self.poses {
+            PosesName::Recorded => Ok(self.load_options()),
+            PosesName::Track => Err(Failure::Usage(
+                "--poses: expected `recorded`, since this command compares frames by their recorded poses, found `track`".to_owned(),
+            )),
+        }
+    }
+
     pub fn load_options(&self) -> LoadOptions {
         let depth_range = self.depth_range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok());
         let intrinsics = self.intrinsics.as_deref().and_then(|k| <[f64; 4]>::try_from(k).ok());

@@ -28,11 +28,11 @@ fn color_folder(folder: &Folder) -> Option<&'static str> {
     COLOR_FOLDERS.into_iter().find(|name| folder.has_folder(name))
 }
 
-/// Photographs with their depth by number, and the cameras that took them; `None` if no image can be
-/// read.
-pub(super) fn read(
-    recording: &mut Recording,
-) -> Result<Option<(BTreeMap<u64, Pair>, Cameras)>, DatasetError> {
+/// Photographs with their depth by number, and the cameras that took them.
+type PairedImages = (BTreeMap<u64, Pair>, Cameras);
+
+/// The images of a recording; `None` if none can be read.
+pub(super) fn read(recording: &mut Recording) -> Result<Option<PairedImages>, DatasetError> {
     let folder = recording.folder;
     let color_name = color_folder(folder).unwrap_or("color");
     let mut list = |name: &str, extensions: &[&str]| {

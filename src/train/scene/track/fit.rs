@@ -6,7 +6,7 @@
 //! is drawn without holes, a frame is not.
 
 use super::reference::ReferenceLevel;
-use super::samples::Sample;
+use super::samples::{Sample, SampleLevel};
 use crate::math::pose::Pose;
 use crate::train::scene::rigid_equations::{Motion, RigidEquations};
 use glam::{DQuat, DVec3};
@@ -17,8 +17,6 @@ const BRIGHTNESS: f64 = 0.05;
 const SURFACE: f64 = 0.004;
 /// Squared residual, in its variances, at which a weight is a half.
 const ROBUST: f64 = 4.0;
-/// Neighbouring samples err together: so many count as one.
-const ALIKE: f64 = 20.0;
 /// Standard deviation of a motion before anything is seen: radians, and as a share of depth.
 const PRIOR: [f64; 2] = [0.5, 0.5];
 /// A step below so many radians, or shares of depth, is none.
@@ -104,7 +102,7 @@ fn gain(residuals: &[Residual]) -> f64 {
 /// Moves a frame from `start` to where its samples fit the scene as drawn from `from`, in at most so
 /// many steps; `depth` is the frame's usual depth, world units.
 pub fn fit(
-    samples: &[Sample],
+    SampleLevel { samples, alike }: &SampleLevel,
     (level, from): (&ReferenceLevel, &Pose),
     start: &Pose,
     rounds: usize,
@@ -121,8 +119,8 @@ pub fn fit(
         let mut agreement = 0.0;
         for r in &residuals {
             let (depth_trust, trust) = (r.depth_trust(), r.brightness_trust(gain));
-            equations.add(r.distance, r.normal, r.arm, depth_trust / (ALIKE * r.variance));
-            let weight = trust * depth_trust / (ALIKE * BRIGHTNESS * BRIGHTNESS);
+            equations.add(r.distance, r.normal, r.arm, depth_trust / (alike * r.variance));
+            let weight = trust * depth_trust / (alike * BRIGHTNESS * BRIGHTNESS);
             equations.add(r.shown - gain * r.brightness, r.slope, r.arm, weight);
             agreement += depth_trust * trust;
         }

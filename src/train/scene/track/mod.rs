@@ -88,7 +88,7 @@ pub fn begin(frame: &Observation) -> Result<TrackedPose, TrackingLoss> {
 
 /// Whether a frame shows anything to go by.
 fn check(samples: &FrameSamples) -> Result<(), TrackingLoss> {
-    let n = samples.levels[0].len();
+    let n = samples.levels[0].samples.len();
     if n < MIN_SAMPLES {
         Err(TrackingLoss::Depth(n))
     } else if samples.brightness < MIN_BRIGHTNESS {
@@ -158,7 +158,7 @@ impl Tracker<'_> {
         let reference = self.draw(guess, MARGINS[0]);
         let [_, middle, coarsest] = &self.samples.levels;
         let at = |level: usize| (&reference.levels[level], &reference.pose);
-        let mut starts = search(coarsest, at(2), guess, CANDIDATES);
+        let mut starts = search(&coarsest.samples, at(2), guess, CANDIDATES);
         starts.push(*guess);
         let depth = self.samples.depth;
         let aligned = starts.par_iter().with_max_len(1).map(|start| {
@@ -175,8 +175,8 @@ impl Tracker<'_> {
         for _ in 0..2 {
             let reference = self.draw(&settled.pose, MARGINS[1]);
             for level in [1, 0] {
-                let (samples, at) = (&self.samples.levels[level], &reference.levels[level]);
-                let from = (at, &reference.pose);
+                let from = (&reference.levels[level], &reference.pose);
+                let samples = &self.samples.levels[level];
                 settled = fit(samples, from, &settled.pose, ROUNDS[level], self.samples.depth)?;
             }
         }

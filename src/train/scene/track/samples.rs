@@ -6,6 +6,8 @@ use glam::DVec3;
 
 /// Columns of the finest level, about.
 const COLUMNS: usize = 160;
+/// Blocks of a whole picture that err each by themselves.
+const INDEPENDENT: f64 = 1000.0;
 /// Levels, each with half the columns of the one before.
 pub const LEVELS: usize = 3;
 /// Points of a block belong to one surface if their ranges differ by at most this share.
@@ -22,10 +24,18 @@ pub struct Sample {
     pub noise: f64,
 }
 
+/// Samples of one resolution.
+pub struct SampleLevel {
+    /// In rows from the top.
+    pub samples: Vec<Sample>,
+    /// How many neighbours err together and count as one: more, the finer the level.
+    pub alike: f64,
+}
+
 /// A frame's samples, the finest level first.
 pub struct FrameSamples {
-    /// By level, in rows from the top.
-    pub levels: [Vec<Sample>; LEVELS],
+    /// By level.
+    pub levels: [SampleLevel; LEVELS],
     /// Pixels of the frame along one of the finest level's.
     pub block: usize,
     /// Median depth along the optical axis, world units.
@@ -56,7 +66,7 @@ impl FrameSamples {
         let width = frame.camera.intrinsics.width as usize;
         let block = (width / COLUMNS).max(1);
         let levels: [_; LEVELS] = std::array::from_fn(|level| samples(frame, block << level));
-        let [finest, ..] = &levels;
+        let finest = &levels[0].samples;
         let mut depths: Vec<f64> = finest.iter().map(|sample| sample.position.z).collect();
         depths.sort_unstable_by(f64::total_cmp);
         let depth = depths.get(depths.len() / 2).copied().unwrap_or(0.0);
@@ -66,7 +76,7 @@ impl FrameSamples {
     }
 }
 
-fn samples(frame: &Observation, block: usize) -> Vec<Sample> {
+fn samples(frame: &Observation, block: usize) -> SampleLevel {
     let intrinsics = &frame.camera.intrinsics;
     let [width, height] = [intrinsics.width, intrinsics.height].map(|side| side as usize);
     let (columns, rows) = (width.div_ceil(block), height.div_ceil(block));
@@ -90,5 +100,7 @@ fn samples(frame: &Observation, block: usize) -> Vec<Sample> {
         brightness: block.brightness / block.n,
         noise: block.noise / block.n,
     };
-    blocks.iter().filter(|block| block.n > 0.0).map(sample).collect()
+    let alike = (blocks.len() as f64 / INDEPENDENT).max(1.0);
+    let samples = blocks.iter().filter(|block| block.n > 0.0).map(sample).collect();
+    SampleLevel { samples, alike }
 }
