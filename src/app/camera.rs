@@ -3,6 +3,7 @@
 use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
+use crate::math::pose::Pose;
 use crate::model::splat::splats::Framing;
 use crate::render::Lens;
 use glam::DVec3;
@@ -30,6 +31,12 @@ const OWN_FOV_Y: [f64; 2] = [0.5, 1.3];
 const MAX_PINHOLE_FOV: f64 = 150.0 / 180.0 * PI;
 /// Largest field of view by which the distance for the whole scene is chosen, radians.
 const MAX_FRAMING_FOV: f64 = 2.0;
+/// Smallest one: a sliver of a window must not send the camera away.
+const MIN_FRAMING_FOV: f64 = 0.1;
+/// How far the overview looks down and how far it turns aside, radians: from behind a camera the others
+/// would hide each other.
+const OVERVIEW_ELEVATION: f64 = 0.5;
+const OVERVIEW_TURN: f64 = 0.5;
 /// Wheel points that halve the distance.
 const WHEEL_PER_HALVING: f64 = 240.0;
 /// Nearest and farthest distance from the target, in scene radii.
@@ -94,11 +101,68 @@ impl ViewCamera {
         self.orbit.distance = distance.clamp(DISTANCE[0] * self.radius, DISTANCE[1] * self.radius);
     }
 
+    /// Flies by a share of the scene's size: to the right, down and ahead, as the camera sees.
+    pub fn fly(&mut self, [right, down, ahead]: [f64; 3]) {
+        let pose = self.orbit.pose();
+        let rotation = pose.rotation();
+        let way = rotation.x_axis * right + rotation.y_axis * down + pose.forward() * ahead;
+        self.orbit.target += way * self.radius;
+    }
+
+    /// Turns about another point from now on and looks at it from where it stands.
+    pub fn pivot(&mut self, point: DVec3) {
+        let eye = self.orbit.pose().centre();
+        if let Some(pose) = Pose::look_at(eye, point, self.orbit.up) {
+            self.orbit = Orbit::from_pose(&pose, self.orbit.up, eye.distance(point).max(1e-9));
+        }
+    }
+
+    /// Looks along a world direction at what it looks at now.
+    pub fn look_along(&mut self, direction: DVec3) {
+        let eye = self.orbit.target - direction * self.orbit.distance;
+        // Straight down there is no horizon to keep: a little aside of it.
+        let aside = self.orbit.pose().rotation().y_axis * 1e-3 * self.orbit.distance;
+        let is_upright = direction.cross(self.orbit.up).length() < 1e-6;
+        let eye = if is_upright { eye + aside } else { eye };
+        if let Some(pose) = Pose::look_at(eye, self.orbit.target, self.orbit.up) {
+            self.orbit = Orbit::from_pose(&pose, self.orbit.up, self.orbit.distance);
+        }
+    }
+
+    /// Direction that points up, unit length.
+    pub fn up(&self) -> DVec3 {
+        self.orbit.up
+    }
+
+    /// Takes another direction for up and stays where it is, level with the new horizon.
+    pub fn set_up(&mut self, up: DVec3) {
+        let pose = self.orbit.pose();
+        self.orbit = Orbit::from_pose(&pose, up, self.orbit.distance);
+    }
+
     /// Looks at the whole scene from where it looks now.
-    pub fn frame(&mut self, framing: &Framing) {
+    pub fn frame(&mut self, framing: &Framing, size_px: [u32; 2]) {
         self.orbit.target = framing.centre;
+        self.orbit.distance = framing.distance(self.narrower_fov(size_px));
+    }
+
+    /// Looks at everything from above, over the shoulder of where it looks now.
+    pub fn look_over(&mut self, framing: &Framing, size_px: [u32; 2]) {
+        self.orbit.elevation = OVERVIEW_ELEVATION;
+        self.orbit.azimuth += OVERVIEW_TURN;
+        self.frame(framing, size_px);
+    }
+
+    /// The smaller field of view of a viewport, radians: in a narrow window the sides would be cut.
+    fn narrower_fov(&self, [width, height]: [u32; 2]) -> f64 {
+        let fov_y = self.fov_y.min(MAX_FRAMING_FOV);
+        let aspect = (f64::from(width) / f64::from(height.max(1))).min(1.0);
+        let fov_x = match self.lens {
+            Lens::Pinhole => 2.0 * ((0.5 * fov_y).tan() * aspect).atan(),
+            Lens::Fisheye => fov_y * aspect,
+        };
         // The distance goes by the sine of half the angle, which is 0 for a fisheye all around.
-        self.orbit.distance = framing.distance(self.fov_y.min(MAX_FRAMING_FOV));
+        fov_x.clamp(MIN_FRAMING_FOV, MAX_FRAMING_FOV)
     }
 
     /// The camera for a viewport of this size in pixels.
@@ -158,7 +222,6 @@ fn own_fov_y(k: &Intrinsics) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::pose::Pose;
 
     fn start() -> ViewCamera {
         let pose = Pose::look_at(DVec3::new(4.0, 0.0, 1.0), DVec3::ZERO, DVec3::Z).unwrap();
@@ -210,6 +273,53 @@ mod tests {
         assert!((camera.pose.centre() - pose.centre()).length() < 1e-9);
         assert!((camera.pose.forward() - pose.forward()).length() < 1e-9);
         assert!((camera.intrinsics.fov_x() - 0.9).abs() < 1e-9);
+    }
+
+    #[test]
+    fn framing_fits_the_smaller_side_of_the_viewport() {
+        let framing = Framing { centre: DVec3::ONE, radius: 1.0 };
+        for size in [[800, 400], [400, 400], [200, 600]] {
+            let mut view = start();
+            view.frame(&framing, size);
+            let camera = view.camera(size);
+            let (pose, k) = (camera.pose, camera.intrinsics);
+            let distance = pose.centre().distance(framing.centre);
+            // The ball's rim is seen at the tangent of the angle whose sine is radius by distance.
+            let rim = (1.0 / distance).asin().tan() * k.fx;
+            let half = 0.5 * f64::from(size[0].min(size[1]));
+            assert!((rim - half).abs() < 1e-6 * half, "{size:?}: {rim} of {half}");
+        }
+    }
+
+    #[test]
+    fn flying_goes_where_the_camera_looks_and_a_pivot_is_seen_in_the_middle() {
+        let mut view = start();
+        let before = view.camera([400, 400]).pose;
+        view.fly([0.0, 0.0, 0.5]);
+        let after = view.camera([400, 400]).pose;
+        assert!((after.centre() - before.centre() - before.forward() * 0.75).length() < 1e-9);
+        let point = DVec3::new(0.5, 0.4, -0.3);
+        view.pivot(point);
+        let camera = view.camera([400, 400]);
+        assert!((camera.pose.centre() - after.centre()).length() < 1e-9, "stays where it is");
+        let (pixel, _) = camera.project(point);
+        assert!((pixel.x - 200.0).abs() < 1e-6 && (pixel.y - 200.0).abs() < 1e-6, "{pixel}");
+    }
+
+    #[test]
+    fn axes_are_looked_along_and_up_can_be_another() {
+        let mut view = start();
+        for axis in [DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z] {
+            view.look_along(axis);
+            let pose = view.camera([400, 400]).pose;
+            // Straight down the camera stops a little before the pole.
+            assert!(pose.forward().dot(axis) > 0.999, "{axis}: {}", pose.forward());
+            assert!((view.target() - DVec3::ZERO).length() < 1e-9);
+        }
+        view.set_up(DVec3::Y);
+        view.look_along(DVec3::X);
+        let pose = view.camera([400, 400]).pose;
+        assert!(pose.rotation().y_axis.dot(DVec3::Y) < -0.999, "y is up in the picture");
     }
 
     #[test]

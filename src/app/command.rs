@@ -35,6 +35,14 @@ pub enum UiCommand {
     PreviousCamera,
     /// Stand at the dataset's next camera.
     NextCamera,
+    /// The camera goes where training is, or stays.
+    RideAlong,
+    /// Clicks measure, or select again.
+    Measure,
+    /// Show the dataset's cameras, or hide them.
+    Cameras,
+    /// Show ground and axes, or hide them.
+    Grid,
     /// Compare with the photograph, or stop doing so.
     ComparePhoto,
     /// Select no splat any more.
@@ -45,7 +53,7 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 17] = [
+    pub const ALL: [UiCommand; 21] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -60,6 +68,10 @@ impl UiCommand {
         UiCommand::ToggleRenderer,
         UiCommand::PreviousCamera,
         UiCommand::NextCamera,
+        UiCommand::RideAlong,
+        UiCommand::Measure,
+        UiCommand::Cameras,
+        UiCommand::Grid,
         UiCommand::ComparePhoto,
         UiCommand::Deselect,
         UiCommand::Help,
@@ -82,6 +94,10 @@ impl UiCommand {
             UiCommand::ToggleRenderer => "Projected/exact",
             UiCommand::PreviousCamera => "‹",
             UiCommand::NextCamera => "›",
+            UiCommand::RideAlong => "Ride along",
+            UiCommand::Measure => "Measure",
+            UiCommand::Cameras => "Cameras",
+            UiCommand::Grid => "Grid",
             UiCommand::ComparePhoto => "Photograph",
             UiCommand::Deselect => "Deselect",
             UiCommand::Help => "Shortcuts",
@@ -107,6 +123,12 @@ impl UiCommand {
             UiCommand::ToggleRenderer => "Switch between the projected and the exact renderer",
             UiCommand::PreviousCamera => "Stand where the dataset's camera before stood",
             UiCommand::NextCamera => "Stand where the dataset's next camera stood",
+            UiCommand::RideAlong => {
+                "Look where the frame in training looks, until you move the camera"
+            }
+            UiCommand::Measure => "Measure between two clicked places",
+            UiCommand::Cameras => "Show where the photographs were taken, or hide it",
+            UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             UiCommand::Deselect => "Select no splat any more; a click on a splat selects it",
             UiCommand::Help => "Show all keyboard and mouse shortcuts",
@@ -137,6 +159,10 @@ impl UiCommand {
                 const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] }
             }
             UiCommand::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
+            UiCommand::RideAlong => const { &[plain(Key::V)] },
+            UiCommand::Measure => const { &[plain(Key::M)] },
+            UiCommand::Cameras => const { &[plain(Key::C)] },
+            UiCommand::Grid => const { &[plain(Key::X)] },
             UiCommand::ComparePhoto => const { &[plain(Key::G)] },
             UiCommand::Deselect => const { &[plain(Key::Escape)] },
             UiCommand::Help => const { &[plain(Key::F1)] },
@@ -183,8 +209,14 @@ impl UiCommand {
             UiCommand::FrameScene
             | UiCommand::Home
             | UiCommand::ToggleRenderer
+            | UiCommand::Measure
+            | UiCommand::Grid
             | UiCommand::Deselect => source != Source::Nothing,
-            UiCommand::PreviousCamera | UiCommand::NextCamera | UiCommand::ComparePhoto => dataset,
+            UiCommand::PreviousCamera
+            | UiCommand::NextCamera
+            | UiCommand::RideAlong
+            | UiCommand::Cameras
+            | UiCommand::ComparePhoto => dataset,
             UiCommand::Help => true,
         }
     }

@@ -65,10 +65,12 @@ pub fn wait_for_file(ui: &Ui, exported: Option<f32>) -> bool {
 }
 
 /// Mouse actions of the viewport, for the help window.
-const MOUSE: [(&str, &str); 5] = [
+const MOUSE: [(&str, &str); 7] = [
     ("Left drag", "Orbit"),
     ("Right or middle drag", "Pan"),
     ("Wheel, pinch", "Dolly"),
+    ("Double click", "Turn about this place of the surface"),
+    ("W A S D, Q E", "Fly, down and up; Shift ten times faster, Ctrl ten times slower"),
     ("Drag a divider", "Wipe from one picture to the other"),
     ("Drop a folder or file", "Open it, or calibrate what is open by it"),
 ];

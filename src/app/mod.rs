@@ -25,6 +25,8 @@ mod path_dialog;
 mod pending;
 mod persistence;
 mod picker;
+pub mod quality;
+mod recent;
 pub mod rescue;
 mod selection;
 mod session_info;

@@ -101,12 +101,14 @@ pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubj
     let notices = notes.chain(warnings).chain(assumed).collect();
     let opened = Opened {
         name: path.map_or_else(|| "Demo: synthetic room".to_owned(), |_| dataset.name.clone()),
+        path: path.map(Path::to_path_buf),
         info: session_info(&session),
         home: home_of(&session),
         files: FileProposal::beside(path),
         serial,
         is_demo: path.is_none(),
         dataset: Some(dataset.clone()),
+        plan: Some(Arc::new(session.plan().clone())),
         available_modes: &[
             ColorMode::Evidence,
             ColorMode::Uncertainty,
@@ -223,6 +225,7 @@ fn view(
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let opened = Opened {
         name,
+        path: Some(path.to_owned()),
         info: vec![
             ("Model".to_owned(), path.display().to_string()),
             ("Splats".to_owned(), splats.len().to_string()),
@@ -233,6 +236,7 @@ fn view(
         serial,
         is_demo: false,
         dataset: None,
+        plan: None,
         available_modes: &[],
         method: None,
         is_native: !is_plain(splats.view()),

@@ -10,6 +10,14 @@ use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Windo
 use std::path::{Path, PathBuf, absolute};
 use std::sync::mpsc::{Receiver, sync_channel};
 
+/// A path that begins with `~`, in the user's own folder, as shells have it.
+fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
+    match (path.strip_prefix("~"), home) {
+        (Ok(rest), Some(home)) => home.join(rest),
+        _ => path.to_owned(),
+    }
+}
+
 /// A native dialog running on its own thread.
 struct NativeDialog(Receiver<Option<PathBuf>>);
 
@@ -93,6 +101,8 @@ pub struct PathDialog {
     replacing: Option<PathBuf>,
     /// Why the path cannot be taken.
     problem: Option<String>,
+    /// Whether the field is to have the keys, since the dialog was just opened.
+    takes_focus: bool,
 }
 
 impl PathDialog {
@@ -122,6 +132,7 @@ impl PathDialog {
             approved: None,
             replacing: None,
             problem: None,
+            takes_focus: false,
         }
     }
 
@@ -133,6 +144,7 @@ impl PathDialog {
     /// Shows the dialog from now on.
     pub fn show(&mut self) {
         self.is_open = true;
+        self.takes_focus = true;
     }
 
     /// Proposes a file of what is open, whose `serial` tells it from what was open before. What the
@@ -181,8 +193,8 @@ impl PathDialog {
 
     /// What is entered, from the root.
     fn entered(&self) -> PathBuf {
-        let path = Path::new(self.path.trim());
-        absolute(path).unwrap_or_else(|_| path.to_owned())
+        let path = at_home(Path::new(self.path.trim()), std::env::home_dir());
+        absolute(&path).unwrap_or(path)
     }
 
     /// Takes the path, or asks about the file that is there.
@@ -235,6 +247,9 @@ impl PathDialog {
         ui.label(self.purpose.hint());
         let field =
             ui.add(TextEdit::singleline(&mut self.path).desired_width(420.0).hint_text("path"));
+        if std::mem::take(&mut self.takes_focus) {
+            field.request_focus();
+        }
         if field.changed() {
             self.problem = None;
         }
@@ -312,5 +327,22 @@ impl PathDialog {
             // In the form that `confirm` compares: absolute, and by way of the text field.
             self.approved = Some(self.entered());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tilde_is_the_users_folder_and_only_as_a_whole_part() {
+        let home = || Some(PathBuf::from("/home/ada"));
+        let found = |path: &str| at_home(Path::new(path), home());
+        assert_eq!(found("~/rooms/a b"), Path::new("/home/ada/rooms/a b"));
+        assert_eq!(found("~"), Path::new("/home/ada"));
+        for same in ["~ada/room", "/data/~", "room~"] {
+            assert_eq!(found(same), Path::new(same));
+        }
+        assert_eq!(at_home(Path::new("~/room"), None), Path::new("~/room"));
     }
 }

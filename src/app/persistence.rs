@@ -1,11 +1,15 @@
 //! What the user chose, stored between sessions.
 
+use super::recent::RecentPaths;
 use super::training::TrainSettings;
 use super::viewer::settings::ViewSettings;
 
 /// Where settings are stored.
 const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
+const RECENT: &str = "recent";
+/// The caveat of an adapter that was told already.
+pub const CAVEAT: &str = "caveat";
 
 /// Everything that was stored.
 #[derive(Default)]
@@ -14,6 +18,8 @@ pub struct StoredSettings {
     pub view: ViewSettings,
     /// Settings of training.
     pub training: TrainSettings,
+    /// Paths that were opened.
+    pub recent: RecentPaths,
     /// What the user should know of what could not be read.
     pub problems: Vec<String>,
 }
@@ -28,6 +34,7 @@ impl StoredSettings {
             stored.view = read;
             stored.problems.extend(problem);
         }
+        stored.recent = text(RECENT).map(|text| RecentPaths::from_text(&text)).unwrap_or_default();
         if let Some(text) = text(TRAINING) {
             let (read, problem) = TrainSettings::from_text(&text);
             stored.training = read;
@@ -38,8 +45,15 @@ impl StoredSettings {
 }
 
 /// Leaves settings for the next session.
-pub fn write(storage: &mut dyn eframe::Storage, view: &ViewSettings, training: &TrainSettings) {
-    for (key, text) in [(VIEWPORT, view.to_text()), (TRAINING, training.to_text())] {
+pub fn write(
+    storage: &mut dyn eframe::Storage,
+    view: &ViewSettings,
+    training: &TrainSettings,
+    recent: &RecentPaths,
+) {
+    let texts =
+        [(VIEWPORT, view.to_text()), (TRAINING, training.to_text()), (RECENT, recent.to_text())];
+    for (key, text) in texts {
         match text {
             Ok(text) => storage.set_string(key, text),
             Err(error) => tracing::warn!("the settings of {key} are not stored: {error}"),

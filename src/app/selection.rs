@@ -4,6 +4,7 @@ use super::picker::Picker;
 use super::state::{Inspected, Snapshot};
 use super::viewer::picture_request::{Partner, PictureRequest};
 use super::worker::Waker;
+use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::compare::Combination;
@@ -17,12 +18,44 @@ const RIMS: [(f64, f32); 2] = [(1.0, 2.0), (2.0, 1.0)];
 /// Seen on every colour of the ramp.
 const LIGHT: Color32 = Color32::from_rgb(255, 90, 220);
 
+/// What a click is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PickPurpose {
+    /// To know more of a splat.
+    Select,
+    /// To turn about the place.
+    Pivot,
+    /// To measure from the place.
+    Measure,
+}
+
+/// The answer to a click.
+#[derive(Clone, Copy, Debug)]
+pub struct PickedSplat {
+    /// What it was for.
+    pub purpose: PickPurpose,
+    /// The camera that was looked through.
+    pub camera: Camera,
+    /// Where it looked, pixels.
+    pub pixel: DVec2,
+    /// The splat seen there, if there is one.
+    pub splat: Option<u32>,
+}
+
 /// The open question of a click.
 #[derive(Default)]
-pub struct SplatSelection(Picker);
+pub struct SplatSelection {
+    picker: Picker,
+    asked: Option<(PickPurpose, Camera, DVec2)>,
+}
 
 impl SplatSelection {
-    /// Asks for the splat under a click and draws the outline of the one that is selected.
+    /// Asks for the splat under a click, where clicks measure or select, and draws the outline of the one
+    /// that is selected.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "what is drawn, what is clicked and what is known"
+    )]
     pub fn ui(
         &mut self,
         ui: &Ui,
@@ -31,6 +64,7 @@ impl SplatSelection {
         splats: &Arc<SplatSet>,
         snapshot: &Snapshot,
         waker: &Waker,
+        measures: bool,
     ) -> std::io::Result<()> {
         if let Some(inspected) = &snapshot.inspected {
             // One outline for both sides of a wipe: it is the same by either renderer.
@@ -41,15 +75,23 @@ impl SplatSelection {
                 let pixel = (at - response.rect.min) * ui.ctx().pixels_per_point();
                 let pixel = DVec2::new(pixel.x.into(), pixel.y.into());
                 let options = options_at(request, pixel);
-                self.0.ask(splats.clone(), request.camera, pixel, options, waker.clone())
+                let purpose = match (response.double_clicked(), measures) {
+                    (true, _) => PickPurpose::Pivot,
+                    (false, true) => PickPurpose::Measure,
+                    (false, false) => PickPurpose::Select,
+                };
+                self.asked = Some((purpose, request.camera, pixel));
+                self.picker.ask(splats.clone(), request.camera, pixel, options, waker.clone())
             }
             None => Ok(()),
         }
     }
 
-    /// What the user clicked at, once: a splat, or `Some(None)` for none.
-    pub fn take_picked(&mut self) -> Option<Option<u32>> {
-        self.0.take()
+    /// What the user clicked at, once.
+    pub fn take_picked(&mut self) -> Option<PickedSplat> {
+        let splat = self.picker.take()?;
+        let (purpose, camera, pixel) = self.asked.take()?;
+        Some(PickedSplat { purpose, camera, pixel, splat })
     }
 }
 

@@ -11,6 +11,7 @@ use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
+use crate::pipeline::plan::Plan;
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
@@ -106,6 +107,8 @@ pub struct HomeView {
 pub struct Opened {
     /// Name shown in the title.
     pub name: String,
+    /// Where it lies; `None` for the demo.
+    pub path: Option<PathBuf>,
     /// Lines for the scene panel: label and value.
     pub info: Vec<(String, String)>,
     /// Where to look at first.
@@ -118,6 +121,8 @@ pub struct Opened {
     pub is_demo: bool,
     /// Its frames, for comparing with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
+    /// Which frames are trained, in their order; `None` for a model.
+    pub plan: Option<Arc<Plan>>,
     /// Colour modes whose values come with its splats, beyond those that every splat has.
     pub available_modes: &'static [ColorMode],
     /// How it is trained; `None` for a model.
@@ -205,6 +210,8 @@ pub struct Snapshot {
     pub doubts: Arc<Vec<String>>,
     /// Trained frames per second of wall time, over the last second or so.
     pub frames_per_s: f64,
+    /// Seconds that its training took, waiting for frames included.
+    pub trained_s: f64,
     /// Bytes of the model.
     pub model_bytes: usize,
     /// Frames trained since the run was last saved or exported.
@@ -261,10 +268,23 @@ pub const HISTORY: usize = 300;
 pub struct Notice {
     /// Increases with every notice, so that dismissed ones stay away.
     pub serial: u64,
+    /// What it is about.
+    pub topic: NoticeTopic,
     /// How bad it is.
     pub kind: NoticeKind,
     /// The text.
     pub text: String,
+}
+
+/// What a notice is about, and so how long it matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoticeTopic {
+    /// What is open: until something else is.
+    Subject,
+    /// The window and its adapter: until another adapter draws.
+    Window,
+    /// Something that was done.
+    Event,
 }
 
 /// How bad a notice is.

@@ -9,7 +9,7 @@ use super::studio::Studio;
 use super::unattended::Unattended;
 use super::window_error::WindowError;
 use super::worker::{Waker, Worker, WorkerOrder};
-use super::{adapter_memory, viewport};
+use super::{adapter_memory, persistence, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
 use std::path::PathBuf;
@@ -182,9 +182,11 @@ fn tell_caveat(
     shown: &Mutex<Option<String>>,
 ) {
     let caveat = creation.wgpu_render_state.as_ref().and_then(viewport::caveat);
+    // An earlier session has told it.
+    let known = creation.storage.and_then(|storage| storage.get_string(persistence::CAVEAT));
     let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
     // A lost device brings the same adapter back, of which the user knows already.
-    if let Some(text) = caveat.clone().filter(|_| *shown != caveat) {
+    if let Some(text) = caveat.clone().filter(|_| *shown != caveat && known != caveat) {
         worker.send(WorkerOrder::Report(NoticeKind::Info, text));
     }
     *shown = caveat;

@@ -1,6 +1,6 @@
 //! Steering the camera.
 
-use super::harness::{dataset, drag, settled, train, wait, window};
+use super::harness::{click, dataset, drag, settled, train, wait, window};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, PointerButton};
 use vbgs_studio::app::Painting;
@@ -14,6 +14,9 @@ fn the_camera_follows_the_pointer_and_keys() {
     let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
     train(&mut window);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    click(&mut window, "×");
+    window.key_press(Key::H);
+    window.step();
     let home = settled(&mut window);
     drag(&mut window, PointerButton::Primary);
     let turned = settled(&mut window);

@@ -17,7 +17,7 @@ use vbgs_studio::export::{ModelFormat, WriteOptions};
 use vbgs_studio::model::splat::splats::Splat;
 
 /// Middle of the viewport.
-const MIDDLE: Pos2 = Pos2::new(325.0, 340.0);
+pub const MIDDLE: Pos2 = Pos2::new(325.0, 340.0);
 
 /// The window on a device of its own, to be lost; `None` where there is no Vulkan and need not be.
 fn window_and_device(subject: Subject, painting: Painting) -> Option<(Window, wgpu::Device)> {
@@ -36,7 +36,7 @@ fn window_and_device(subject: Subject, painting: Painting) -> Option<(Window, wg
     Some((harness, device))
 }
 
-fn click_at(window: &mut Window, pos: Pos2) {
+pub fn click_at(window: &mut Window, pos: Pos2) {
     let button = |pressed| Event::PointerButton {
         pos,
         button: PointerButton::Primary,

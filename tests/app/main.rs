@@ -8,15 +8,18 @@ mod camera;
 mod common;
 mod crash;
 mod files;
+mod first_minute;
 mod following;
 mod harness;
 mod inspect;
 mod opening;
 mod poses;
+mod quality;
 mod saving;
 mod scene;
 mod states;
 mod switching;
+mod tools;
 mod viewer;
 #[cfg(feature = "cli")]
 mod window;

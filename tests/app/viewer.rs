@@ -16,11 +16,12 @@ use vbgs_studio::app::viewer::mode::ViewMode;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::choices::GroundTruth;
+use vbgs_studio::eval::report::ViewReport;
 use vbgs_studio::eval::views::{EvalOptions, evaluate};
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
-use vbgs_studio::render::{Lens, RenderOptions, Renderer};
+use vbgs_studio::render::{Lens, RenderMethod, RenderOptions, Renderer};
 
 const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
 
@@ -158,14 +159,23 @@ pub fn position(window: &Window) -> Option<(usize, usize)> {
 
 /// What `eval` prints for a view, given by its split and index, with the window's settings.
 pub fn evaluated(session: &Session, view: (usize, usize), render: RenderOptions) -> String {
+    format!("PSNR {:.2} dB", measured(session, view, render).psnr)
+}
+
+/// What `eval` measures of a view unless it is asked otherwise.
+pub fn evaluated_on_black(session: &Session, view: (usize, usize)) -> ViewReport {
+    measured(session, view, RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]))
+}
+
+fn measured(session: &Session, view: (usize, usize), render: RenderOptions) -> ViewReport {
     let (split, index) = view;
     let color_camera = session.config().method.any().color_camera();
     let options =
         EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
     let views = [index];
-    let (_, scores) =
+    let (_, mut scores) =
         evaluate(&session.splats(), session.dataset(), split, &views, &options, |_| {}).unwrap();
-    format!("PSNR {:.2} dB", scores[0].psnr)
+    scores.remove(0)
 }
 
 #[test]

@@ -1,11 +1,15 @@
 //! Where the milliseconds go: a stacked area over the latest frames, and a table.
 
+use super::timings::{stage_ms, stages, timings};
 use crate::app::drawing::{DrawHistory, DrawStage, Drawer};
 use crate::app::state::Snapshot;
-use crate::eval::report::{FrameReport, quantile};
-use crate::train::stages::{MAX_STAGES, TrainStage};
-use eframe::egui::{Align, Color32, Grid, Layout, Response, RichText, ScrollArea, Sense, Ui, Vec2};
-use egui_plot::{FilledArea, Plot};
+use crate::eval::report::{FrameReport, Summary, quantile};
+use crate::train::stages::MAX_STAGES;
+use eframe::egui::{
+    Align, Color32, DragValue, Grid, Layout, Response, RichText, ScrollArea, Sense, Ui, Vec2,
+};
+use egui_plot::{FilledArea, HLine, HoverPosition, Plot};
+use std::ops::RangeInclusive;
 
 /// Colours of the stages, in the order they run; told apart by people with red-green blindness too
 /// (Okabe and Ito 2008).
@@ -20,14 +24,26 @@ const COLORS: [Color32; MAX_STAGES] = [
     Color32::from_rgb(153, 153, 153),
 ];
 
-/// Draws the panel.
-pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
-    ScrollArea::vertical().show(ui, |ui| {
+/// Budgets that can be chosen, milliseconds a frame.
+const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
+const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
+
+/// Draws the panel; the timings as CSV where they shall be written to a file.
+pub fn ui(
+    snapshot: &Snapshot,
+    drawn: &DrawHistory,
+    budget_ms: &mut f64,
+    ui: &mut Ui,
+) -> Option<String> {
+    let mut to_write = None;
+    // Both ways: longer figures must not widen the panel, and with it move the picture.
+    ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         if snapshot.recent.is_empty() {
             ui.label("Timings of training appear with the first trained frame.");
         } else {
             ui.label(RichText::new("Milliseconds of training per frame").weak());
-            plot(&snapshot.recent, ui);
+            plot(&snapshot.recent, *budget_ms, ui);
+            budget(&snapshot.recent, budget_ms, ui);
         }
         ui.add_space(6.0);
         Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(
@@ -45,23 +61,28 @@ pub fn ui(snapshot: &Snapshot, drawn: &DrawHistory, ui: &mut Ui) {
             ui.label(RichText::new("This adapter cannot time its passes.").weak());
         }
         ui.add_space(6.0);
-        if ui
-            .button("Copy as CSV")
-            .on_hover_text("Copies the timings of these frames and pictures to the clipboard")
-            .clicked()
-        {
-            ui.ctx().copy_text(csv(&snapshot.recent) + &drawing_csv(drawn));
-        }
+        ui.horizontal(|ui| {
+            let all = || timings(&snapshot.recent, drawn);
+            let copy = "Copies the timings of these frames and pictures to the clipboard";
+            if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
+                ui.ctx().copy_text(all());
+            }
+            let save = "Writes the timings of these frames and pictures beside what is open";
+            if ui.button("Write CSV").on_hover_text(save).clicked() {
+                to_write = Some(all());
+            }
+        });
     });
+    to_write
 }
 
-fn plot(frames: &[FrameReport], ui: &mut Ui) {
+fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
     let x: Vec<f64> = frames.iter().map(|f| f.index as f64).collect();
     let mut below = vec![0.0; frames.len()];
     // The top of the axis leaves out the slowest frames: one hiccup must not flatten the rest.
     let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
     totals.sort_by(f64::total_cmp);
-    let top = 1.25 * quantile(&totals, 0.98);
+    let top = (1.25 * quantile(&totals, 0.98)).max(f64::MIN_POSITIVE);
     Plot::new("latency")
         .height(190.0)
         .include_y(0.0)
@@ -71,6 +92,14 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
         .allow_scroll(false)
         .allow_boxed_zoom(false)
         .x_axis_label("frame")
+        .y_axis_label("ms")
+        .label_formatter(|at| {
+            let x = match at {
+                HoverPosition::NearDataPoint { position, .. }
+                | HoverPosition::Elsewhere { position } => position.x,
+            };
+            frame_at(frames, x).map(described)
+        })
         .show(ui, |plot| {
             plot.set_plot_bounds_y(0.0..=top);
             for (at, stage) in stages(frames).iter().enumerate() {
@@ -81,7 +110,46 @@ fn plot(frames: &[FrameReport], ui: &mut Ui) {
                 plot.add(area);
                 below = above;
             }
+            if budget_ms < top {
+                plot.hline(HLine::new("budget", budget_ms).color(BUDGET).width(1.5));
+            }
         });
+}
+
+/// The frame nearest to a place on the axis.
+fn frame_at(frames: &[FrameReport], x: f64) -> Option<&FrameReport> {
+    let distance = |frame: &FrameReport| (frame.index as f64 - x).abs();
+    frames.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}
+
+/// A frame's name and what its stages took.
+fn described(frame: &FrameReport) -> String {
+    let ms = &frame.ms.stages;
+    let mut text = format!("Frame {} ({}): {:.1} ms", frame.index, frame.frame, ms.train);
+    for (stage, value) in ms.names().iter().zip(ms.values()) {
+        text += &format!("\n{}: {value:.1} ms", stage.label);
+    }
+    text
+}
+
+/// How many of the frames were fast enough, and how fast they were in points.
+fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
+    ui.horizontal_wrapped(|ui| {
+        ui.label("Budget");
+        let value = DragValue::new(budget_ms).range(BUDGETS_MS).speed(0.5).max_decimals(1);
+        ui.add(value.suffix(" ms")).on_hover_text("The red line: what a frame may take");
+        let share = share_inside(frames, *budget_ms);
+        ui.label(format!("{:.0} % of frames inside it", 100.0 * share));
+        let rate = Summary::of_frames(frames, 0.0).points_per_s;
+        ui.separator();
+        ui.label(format!("{:.2} million points/s", rate * 1e-6));
+    });
+}
+
+/// The share of frames whose training took no longer.
+fn share_inside(frames: &[FrameReport], budget_ms: f64) -> f64 {
+    let n = frames.iter().filter(|frame| frame.ms.stages.train <= budget_ms).count();
+    n as f64 / frames.len().max(1) as f64
 }
 
 fn training_rows(frames: &[FrameReport], ui: &mut Ui) {
@@ -146,98 +214,19 @@ fn number(ui: &mut Ui, text: RichText) {
     ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(text));
 }
 
-/// The stages of the preset that trains these frames.
-fn stages(frames: &[FrameReport]) -> &'static [TrainStage] {
-    frames.last().map_or(&[], |frame| frame.ms.stages.names())
-}
-
-/// Milliseconds of the stage at a position in [`stages`], frame by frame; 0 for frames that have
-/// others, such as those that version 0.1.0 trained of a run that goes on.
-fn stage_ms(frames: &[FrameReport], at: usize) -> impl Iterator<Item = f64> {
-    let stages = stages(frames);
-    frames.iter().map(move |frame| match &frame.ms.stages {
-        ms if ms.names() == stages => ms.values()[at],
-        _ => 0.0,
-    })
-}
-
-fn csv(frames: &[FrameReport]) -> String {
-    let names: Vec<&str> = stages(frames).iter().map(|stage| stage.key).collect();
-    let mut text = format!("frame,points,load,prepare,{},train\n", names.join(","));
-    let columns: Vec<Vec<f64>> =
-        (0..names.len()).map(|at| stage_ms(frames, at).collect()).collect();
-    for (i, f) in frames.iter().enumerate() {
-        let stages: Vec<_> = columns.iter().map(|column| format!("{:.4}", column[i])).collect();
-        let line = format!(
-            "{},{},{:.4},{:.4},{},{:.4}\n",
-            f.index,
-            f.points,
-            f.ms.load,
-            f.ms.prepare,
-            stages.join(","),
-            f.ms.stages.train
-        );
-        text.push_str(&line);
-    }
-    text
-}
-
-/// A second block, since pictures are not frames of the training.
-fn drawing_csv(drawn: &DrawHistory) -> String {
-    let names = DrawStage::ALL.map(|stage| format!("{} ms", stage.label())).join(",");
-    let mut text = format!("\npicture,{names},uploaded bytes\n");
-    for (i, sample) in drawn.samples().enumerate() {
-        let cell = |stage| sample.ms(stage).map_or_else(String::new, |ms| format!("{ms:.4}"));
-        let stages = DrawStage::ALL.map(cell).join(",");
-        text.push_str(&format!("{i},{stages},{}\n", sample.uploaded_bytes));
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::app::drawing::DrawSample;
-    use crate::eval::report::FrameMs;
-    use crate::train::stages::PAPER_STAGES;
-    use crate::train::timing::StageMs;
+    use crate::app::panels::timings::tests::frame;
 
     #[test]
-    fn csv_has_a_column_per_heading() {
-        let mut stages = StageMs::new(&PAPER_STAGES);
-        stages.add(0, 1.0);
-        let frame = FrameReport {
-            behind_ms: None,
-            tracked: None,
-            index: 3,
-            frame: "r_3".into(),
-            points: 10,
-            points_dropped: 0,
-            components: 5,
-            used: 2,
-            born: 0,
-            reassigned: 0,
-            merged: 0,
-            elbo_mean: 0.0,
-            photograph: None,
-            ms: FrameMs { load: 0.5, prepare: 0.25, stages },
-        };
-        let text = csv(&[frame]);
-        let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
-        assert!(lines[1].starts_with("3,10,0.5000,0.2500,1.0000,"));
-    }
-
-    #[test]
-    fn pictures_leave_stages_empty_that_did_not_happen() {
-        let mut drawn = DrawHistory::new(Drawer::Gpu);
-        let mut sample = DrawSample::new(640);
-        sample.add(DrawStage::Order, Some(0.5));
-        sample.add(DrawStage::Draw, Some(1.25));
-        drawn.push(sample);
-        let text = drawing_csv(&drawn);
-        let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines[1].split(',').count(), lines[2].split(',').count());
-        assert_eq!(lines[2], "0,,0.5000,,,1.2500,640");
+    fn frames_are_counted_against_the_budget_and_found_under_the_pointer() {
+        let frames: Vec<_> = [(0, 10.0), (1, 20.0), (2, 30.0), (5, 40.0)]
+            .map(|(index, ms)| FrameReport { index, ..frame(ms) })
+            .into();
+        assert_eq!(share_inside(&frames, 20.0), 0.5);
+        assert_eq!(share_inside(&[], 20.0), 0.0);
+        assert_eq!(frame_at(&frames, 3.9).map(|f| f.index), Some(5));
+        assert!(described(&frames[1]).starts_with("Frame 1 (r_3): 20.0 ms\n"));
     }
 }

@@ -1,42 +1,67 @@
-//! What the user should read, over the top of the viewport, until dismissed.
+//! What the user should read, over the top of the viewport, until it is closed. What is merely good to
+//! know goes by itself.
 
 use crate::app::state::{Notice, NoticeKind, Snapshot};
-use eframe::egui::{Align2, Area, Color32, Frame, Id, RichText, Ui, Vec2};
+use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, Ui, Vec2};
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
 
 /// Notices shown at once; the newest come first.
 const SHOWN: usize = 3;
+/// How long something that is good to know stays.
+const FADES_AFTER: Duration = Duration::from_secs(20);
 
-/// Draws the newest notices after `dismissed_up_to`; returns the serial up to which the user has
-/// dismissed them now.
-pub fn ui(snapshot: &Snapshot, dismissed_up_to: u64, ui: &Ui) -> u64 {
-    let waiting: Vec<&Notice> =
-        snapshot.notices.iter().rev().filter(|n| n.serial > dismissed_up_to).take(SHOWN).collect();
-    let mut dismissed = dismissed_up_to;
-    if waiting.is_empty() {
-        return dismissed;
-    }
-    let top = ui.max_rect().center_top() + Vec2::new(0.0, 10.0);
-    Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP).show(
-        ui.ctx(),
-        |ui| {
+/// Which notices were closed, and since when the others are there, by their serials.
+#[derive(Default)]
+pub struct NoticeBoard {
+    closed: BTreeSet<u64>,
+    shown_since: BTreeMap<u64, Instant>,
+}
+
+impl NoticeBoard {
+    /// Draws the newest notices that nobody has closed.
+    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) {
+        self.forget(&snapshot.notices);
+        let open: Vec<&Notice> =
+            snapshot.notices.iter().rev().filter(|n| self.is_open(n)).take(SHOWN).collect();
+        if open.is_empty() {
+            return;
+        }
+        let top = ui.max_rect().center_top() + Vec2::new(0.0, 10.0);
+        let area = Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP);
+        area.show(ui.ctx(), |ui| {
             Frame::popup(ui.style()).show(ui, |ui| {
                 ui.set_max_width(620.0);
-                for notice in &waiting {
+                for notice in open {
                     ui.horizontal(|ui| {
+                        if ui.small_button("×").on_hover_text("Close this notice").clicked() {
+                            self.closed.insert(notice.serial);
+                        }
                         let (word, color) = heading(notice.kind);
                         ui.label(RichText::new(word).strong().color(color));
-                        ui.add(eframe::egui::Label::new(&notice.text).wrap());
+                        ui.add(Label::new(&notice.text).wrap());
                     });
-                }
-                if ui.button("Dismiss").clicked() {
-                    // Older ones too, which there was no room for: else every click
-                    // would bring up three more.
-                    dismissed = snapshot.notices.last().map_or(dismissed, |n| n.serial);
+                    self.shown_since.entry(notice.serial).or_insert_with(Instant::now);
+                    if notice.kind == NoticeKind::Info {
+                        ui.ctx().request_repaint_after(FADES_AFTER);
+                    }
                 }
             });
-        },
-    );
-    dismissed
+        });
+    }
+
+    fn is_open(&self, notice: &Notice) -> bool {
+        let age = self.shown_since.get(&notice.serial).map(Instant::elapsed);
+        let has_faded = notice.kind == NoticeKind::Info && age.is_some_and(|a| a >= FADES_AFTER);
+        !self.closed.contains(&notice.serial) && !has_faded
+    }
+
+    /// What the worker keeps no longer.
+    fn forget(&mut self, notices: &[Notice]) {
+        let oldest = notices.first().map_or(u64::MAX, |notice| notice.serial);
+        self.closed.retain(|&serial| serial >= oldest);
+        self.shown_since.retain(|&serial, _| serial >= oldest);
+    }
 }
 
 fn heading(kind: NoticeKind) -> (&'static str, Color32) {

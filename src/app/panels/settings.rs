@@ -152,7 +152,7 @@ fn reset() -> eframe::egui::Button<'static> {
 fn exposure(settings: &mut ViewSettings, ui: &mut Ui) {
     ui.horizontal(|ui| {
         for (choice, label, tooltip) in [
-            (Exposing::Neutral, "Neutral", "The whole scene as the first frames were exposed"),
+            (Exposing::Neutral, "Neutral", "From everywhere as the first frames were exposed; beside photographs as recorded"),
             (
                 Exposing::Recorded,
                 "As recorded",

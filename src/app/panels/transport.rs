@@ -3,6 +3,7 @@
 use crate::app::command::UiCommand;
 use crate::app::state::{RunState, Snapshot};
 use eframe::egui::{Button, ProgressBar, RichText, Ui};
+use std::path::PathBuf;
 
 /// Buttons in the order they stand.
 const BUTTONS: [&[UiCommand]; 3] = [
@@ -11,8 +12,17 @@ const BUTTONS: [&[UiCommand]; 3] = [
     &[UiCommand::FrameScene, UiCommand::Home, UiCommand::Help],
 ];
 
+/// What the user asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum TransportAnswer {
+    /// A command.
+    Command(UiCommand),
+    /// Something that was open before.
+    Open(PathBuf),
+}
+
 /// Draws the bar.
-pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+pub fn ui(snapshot: &Snapshot, recent: &[PathBuf], ui: &mut Ui) -> Option<TransportAnswer> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
         for (i, group) in BUTTONS.iter().enumerate() {
@@ -26,7 +36,12 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
                     (other, _) => other,
                 };
                 if button(snapshot, ui, command) {
-                    asked = Some(command);
+                    asked = Some(TransportAnswer::Command(command));
+                }
+                if command == UiCommand::Open
+                    && let Some(path) = reopen(snapshot, recent, ui)
+                {
+                    asked = Some(TransportAnswer::Open(path));
                 }
             }
         }
@@ -42,6 +57,25 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
         if matches!(snapshot.state, RunState::Loading | RunState::Waiting) {
             ui.spinner();
         }
+    });
+    asked
+}
+
+/// The menu of what was open before.
+fn reopen(snapshot: &Snapshot, recent: &[PathBuf], ui: &mut Ui) -> Option<PathBuf> {
+    let mut asked = None;
+    let is_legal = UiCommand::Open.is_legal(snapshot.state, snapshot.source) && !recent.is_empty();
+    ui.add_enabled_ui(is_legal, |ui| {
+        ui.menu_button("Recent", |ui| {
+            for path in recent {
+                if ui.button(path.display().to_string()).clicked() {
+                    asked = Some(path.clone());
+                    ui.close();
+                }
+            }
+        })
+        .response
+        .on_hover_text("Open again what was open before");
     });
     asked
 }

@@ -28,6 +28,10 @@ impl Studio {
             | UiCommand::ToggleRenderer
             | UiCommand::PreviousCamera
             | UiCommand::NextCamera
+            | UiCommand::RideAlong
+            | UiCommand::Measure
+            | UiCommand::Cameras
+            | UiCommand::Grid
             | UiCommand::ComparePhoto => {
                 if let Some(opened) = &snapshot.opened {
                     self.view.apply(command, opened);
@@ -46,7 +50,8 @@ impl Studio {
         if asks || ui.ctx().egui_wants_keyboard_input() {
             return;
         }
-        if ui.input(|i| i.key_pressed(Key::Tab)) {
+        let toggles = UiCommand::ToggleRenderer.is_legal(snapshot.state, snapshot.source);
+        if toggles && ui.input(|i| i.key_pressed(Key::Tab)) {
             // The key is a command's; it would also move the focus, and keys with it.
             ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
         }
@@ -55,10 +60,19 @@ impl Studio {
                 continue;
             }
             let keys = command.shortcuts();
+            // With Ctrl a flight goes slowly: its keys neither save nor export meanwhile.
+            if self.view.is_flying() && keys.iter().any(|key| key.modifiers.command) {
+                continue;
+            }
             if ui.input_mut(|i| keys.iter().any(|key| i.consume_shortcut(key))) {
                 self.apply_command(command, snapshot);
             }
         }
+    }
+
+    /// Opens a path, or calibrates what is open by it.
+    pub(super) fn open_path(&mut self, path: PathBuf, snapshot: &Snapshot) {
+        self.discard_then(order_to_open(path), snapshot);
     }
 
     pub(super) fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {

@@ -1,30 +1,34 @@
 //! The application: puts panels together and turns what they answer into orders.
 
+mod cards;
 mod commands;
 mod files;
 mod side_panel;
 
-use super::command::UiCommand;
 use super::device::WindowDevice;
 use super::drawing::Drawer;
 use super::drop_target;
 use super::exit::{Exit, Leave};
 use super::painting::Painting;
-use super::panels::{abandoned, notices, status, transport};
+use super::panels::notices::NoticeBoard;
+use super::panels::quality::QualityPlot;
+use super::panels::transport::TransportAnswer;
+use super::panels::{abandoned, start, status, transport};
 use super::path_dialog::PathDialog;
 use super::pending::Pending;
 use super::persistence::{self, StoredSettings};
+use super::quality::QualityMonitor;
+use super::recent::RecentPaths;
 use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
 use super::training::TrainSettings;
 use super::viewer::painter::ViewPainter;
 use super::viewer::{SceneView, toolbar};
+use super::viewport;
 use super::worker::{Waker, Worker, WorkerOrder};
-use crate::export::endings::{READ_ENDINGS, listed};
 use crate::export::mapping::Mapping;
+use crate::render::Lens;
 use crate::render::attributes::Attribute;
-use eframe::egui::{
-    CentralPanel, Color32, Context, Frame, Panel, RichText, Ui, ViewportCommand, Visuals,
-};
+use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -35,6 +39,7 @@ use std::time::{Duration, Instant};
 enum Tab {
     #[default]
     Latency,
+    Quality,
     Scene,
     Inspector,
     Settings,
@@ -47,6 +52,10 @@ pub struct Studio {
     device: Option<WindowDevice>,
     waker: Waker,
     view: SceneView,
+    quality: QualityMonitor,
+    quality_plot: QualityPlot,
+    /// Serial of what the card after the end was closed for.
+    summary_closed: u64,
     training: TrainSettings,
     /// What the worker was asked to tell of components.
     watched: Option<Attribute>,
@@ -60,7 +69,10 @@ pub struct Studio {
     /// What waits for the user or a file.
     pending: Option<Pending>,
     may_close: bool,
-    dismissed: u64,
+    notices: NoticeBoard,
+    recent: RecentPaths,
+    /// As the window's frame has it.
+    title: String,
     /// File of the abandoned run that the user does not want to be asked about now.
     put_off: Option<PathBuf>,
     started: Instant,
@@ -96,7 +108,8 @@ impl Studio {
         started: Instant,
     ) -> std::io::Result<Self> {
         // The trainer begins while the GPU is made ready.
-        let StoredSettings { view, training, problems } = StoredSettings::read(context.storage);
+        let StoredSettings { view, training, recent, problems } =
+            StoredSettings::read(context.storage);
         // Settings go first, since they hold for what is opened after them.
         worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
         first.into_iter().for_each(|order| worker.send(order));
@@ -111,6 +124,11 @@ impl Studio {
         // Every snapshot repaints the window, which a software adapter does on the cores that train
         // (`rendering.md`, Software adapters).
         worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
+        let mut scene_view = SceneView::new(painter, view, waker.clone());
+        let is_real = |device: &WindowDevice| !viewport::capabilities(&device.state).is_software();
+        if on_cpu && device.as_ref().is_some_and(is_real) {
+            scene_view.note_gpu_failure();
+        }
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
@@ -118,8 +136,11 @@ impl Studio {
             exit,
             device,
             watched: None,
-            view: SceneView::new(painter, view, waker.clone()),
+            view: scene_view,
             training,
+            quality: QualityMonitor::new(waker.clone()),
+            quality_plot: QualityPlot::default(),
+            summary_closed: 0,
             waker,
             adapter,
             tab: Tab::default(),
@@ -130,7 +151,9 @@ impl Studio {
             help_is_open: false,
             pending: None,
             may_close: false,
-            dismissed: 0,
+            notices: NoticeBoard::default(),
+            recent,
+            title: String::new(),
             put_off: None,
             started,
             first_splats_logged: false,
@@ -150,6 +173,11 @@ impl Studio {
     /// The central view.
     pub fn view(&self) -> &SceneView {
         &self.view
+    }
+
+    /// What is known of the quality of what is open.
+    pub fn quality(&self) -> &QualityMonitor {
+        &self.quality
     }
 
     /// Why the window ends, if it does.
@@ -172,19 +200,21 @@ impl Studio {
         let frame = Frame::side_top_panel(ui.style()).fill(Color32::TRANSPARENT);
         let asked = Panel::top("transport").frame(frame).show(ui, |ui| {
             ui.add_space(3.0);
-            let asked = transport::ui(snapshot, ui);
+            let asked = transport::ui(snapshot, self.recent.paths(), ui);
             ui.add_space(3.0);
             asked
         });
-        if let Some(command) = asked.inner {
-            self.apply_command(command, snapshot);
+        match asked.inner {
+            None => {}
+            Some(TransportAnswer::Command(command)) => self.apply_command(command, snapshot),
+            Some(TransportAnswer::Open(path)) => self.open_path(path, snapshot),
         }
         if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_put_off(run)) {
             let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
             self.answer_abandoned(run, answer.inner, snapshot);
         }
         let surroundings = status::StatusContext {
-            adapter: &self.adapter,
+            adapter: &self.drawn_by(),
             n_drawn: self.view.n_drawn(),
             file_progress: self.worker.file_progress(),
         };
@@ -195,7 +225,7 @@ impl Studio {
             self.worker.cancel_file();
         }
         Panel::right("panels")
-            .default_size(340.0)
+            .default_size(370.0)
             .size_range(240.0..=640.0)
             .frame(frame)
             .show(ui, |ui| self.side_panel(ui, snapshot));
@@ -213,12 +243,27 @@ impl Studio {
         // The last panel: egui gives it the room that those before have left.
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
             self.central_view(ui, snapshot);
-            self.dismissed = notices::ui(snapshot, self.dismissed, ui);
+            self.notices.ui(snapshot, ui);
         });
+    }
+
+    /// The title names what is open.
+    fn name_window(&mut self, context: &Context, snapshot: &Snapshot) {
+        let title = match &snapshot.opened {
+            Some(opened) => format!("{} - VBGS Studio", opened.name),
+            None => "VBGS Studio".to_owned(),
+        };
+        if title != self.title {
+            context.send_viewport_cmd(ViewportCommand::Title(title.clone()));
+            self.title = title;
+        }
     }
 
     /// Nothing is shown of what was open before: neither its cameras nor its names for files.
     fn turn_to(&mut self, opened: &Opened) {
+        if let Some(path) = opened.path.as_ref().filter(|_| self.view.is_another(opened)) {
+            self.recent.note(path);
+        }
         self.view.turn_to(opened);
         self.save_dialog.propose(opened.serial, &opened.files);
         self.export_dialog.propose(opened.serial, &opened.files);
@@ -228,15 +273,23 @@ impl Studio {
         // Taken even if nothing is drawn of it: the worker makes the next update
         // when this one is gone.
         for update in self.worker.splat_updates().take() {
+            self.quality.change(&update.change);
             self.view.change(update);
         }
         if snapshot.opened.is_none() && snapshot.state != RunState::Loading {
-            self.empty_view(ui, snapshot);
+            if let Some(command) = start::ui(snapshot, ui) {
+                self.apply_command(command, snapshot);
+            }
             return;
         }
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, message));
         }
+        let settings = &self.view.settings;
+        let method = settings.method(settings.renderer, Lens::Pinhole);
+        let (every, splats) = (settings.quality_every, self.view.learned());
+        self.quality.update(ui.ctx(), snapshot, method, every, splats);
+        self.cards(ui, snapshot);
         // Asked after the view was drawn, which leaves modes that this scene cannot show.
         let watched = self.view.settings.color_mode.attribute();
         if watched != self.watched {
@@ -246,7 +299,7 @@ impl Studio {
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click beside every splat deselects, which is no reason to turn to another tab.
-            if picked.is_some() {
+            if picked.is_some() && !self.view.is_measuring() {
                 self.tab = Tab::Inspector;
             }
         }
@@ -255,30 +308,6 @@ impl Studio {
             // The test of the start-up time reads this line (`tests/app/window.rs`).
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
         }
-    }
-
-    /// Shown while nothing is open.
-    fn empty_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        ui.vertical_centered(|ui| {
-            ui.add_space(ui.available_height() * 0.35);
-            if let Some(followed) = &snapshot.followed {
-                let path = followed.path.display();
-                let waits = format!("Waiting for the first frame of {path}");
-                ui.label(RichText::new(waits).size(22.0));
-                ui.label(followed.problem.as_deref().unwrap_or_default());
-                return;
-            }
-            ui.label(RichText::new("Drop a dataset folder here").size(22.0));
-            let endings = listed(&READ_ENDINGS);
-            ui.label(format!("a checkpoint to go on with, or splats to look at ({endings})"));
-            ui.add_space(12.0);
-            if ui.button(UiCommand::Open.label()).clicked() {
-                self.apply_command(UiCommand::Open, snapshot);
-            }
-            if ui.button("Try the synthetic scene").clicked() {
-                self.apply_command(UiCommand::OpenDemo, snapshot);
-            }
-        });
     }
 }
 
@@ -302,7 +331,9 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        persistence::write(storage, &self.view.settings, &self.training);
+        persistence::write(storage, &self.view.settings, &self.training, &self.recent);
+        let caveat = self.device.as_ref().and_then(|device| viewport::caveat(&device.state));
+        storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
     }
 
     /// Runs before every pass of [`ui`](eframe::App::ui), and alone while the window is hidden or minimised.
@@ -325,6 +356,7 @@ impl eframe::App for Studio {
         if let Some(opened) = &snapshot.opened {
             self.turn_to(opened);
         }
+        self.name_window(ui.ctx(), &snapshot);
         self.take_dropped(ui, &snapshot);
         // Before the dialogs: the Escape that closes one would else find it closed and deselect.
         self.take_keys(ui, &snapshot);

@@ -5,33 +5,56 @@ use crate::app::adapter_memory;
 use crate::app::device::WindowDevice;
 use crate::app::drawing::Drawer;
 use crate::app::exit::Leave;
-use crate::app::panels::{adapter, inspector, latency, scene, settings};
+use crate::app::panels::{adapter, inspector, latency, quality, scene, settings};
 use crate::app::state::{NoticeKind, Snapshot};
 use crate::app::viewer::painter::ViewPainter;
-use crate::app::viewport::GpuViewPainter;
+use crate::app::viewport::{self, GpuViewPainter};
 use crate::app::worker::WorkerOrder;
 use eframe::egui::Ui;
 
 impl Studio {
     pub(super) fn side_panel(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
+            ui.selectable_value(&mut self.tab, Tab::Quality, "Quality");
             ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
             ui.selectable_value(&mut self.tab, Tab::Inspector, "Inspector");
             ui.selectable_value(&mut self.tab, Tab::Settings, "Settings");
         });
         ui.separator();
         match self.tab {
-            Tab::Latency => latency::ui(snapshot, self.view.drawn(), ui),
+            Tab::Latency => self.latency_tab(ui, snapshot),
+            Tab::Quality => self.quality_tab(ui, snapshot),
             Tab::Scene => scene::ui(snapshot, ui),
             Tab::Inspector => inspector::ui(snapshot, ui),
             Tab::Settings => self.settings(ui),
         }
     }
 
+    fn latency_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        let mut budget_ms = self.view.settings.frame_budget_ms;
+        let csv = latency::ui(snapshot, self.view.drawn(), &mut budget_ms, ui);
+        self.view.settings.frame_budget_ms = budget_ms;
+        if let (Some(csv), Some(opened)) = (csv, &snapshot.opened) {
+            self.worker.send(WorkerOrder::WriteText(opened.files.path("latency.csv"), csv));
+        }
+    }
+
+    fn quality_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        let mut every = self.view.settings.quality_every;
+        let opened = snapshot.opened.as_deref();
+        let thumbnails = opened.and_then(|opened| self.view.thumbnails(opened));
+        let (known, plot) = (&self.quality, &mut self.quality_plot);
+        let asked = quality::ui(known, snapshot, thumbnails, plot, &mut every, ui);
+        self.view.settings.quality_every = every;
+        if let (Some(frame), Some(opened)) = (asked, opened) {
+            self.view.compare_at(frame, opened);
+        }
+    }
+
     pub(super) fn settings(&mut self, ui: &mut Ui) {
         let own_fov_deg = self.view.own_fov_deg();
-        let around = settings::SettingsContext { adapter: &self.adapter, own_fov_deg };
+        let around = settings::SettingsContext { adapter: &self.drawn_by(), own_fov_deg };
         let adapters = self.device.as_ref().map(|device| adapter::Adapters {
             there: &device.there,
             current: &device.adapter,
@@ -48,8 +71,20 @@ impl Studio {
             Some(adapter::AdapterRequest::RetryGpu) => self.retry_gpu(),
             Some(adapter::AdapterRequest::Adapter(choice)) => {
                 adapter_memory::remember(&choice);
+                // What was said of this one would be read as if of the next.
+                self.worker.send(WorkerOrder::ForgetReports);
                 self.leave(Leave::Adapter(choice), ui.ctx());
             }
+        }
+    }
+
+    /// Who draws the scene now, whatever was chosen at the start.
+    pub(super) fn drawn_by(&self) -> String {
+        match &self.device {
+            Some(device) if self.view.gpu_failed() => {
+                format!("CPU renderer, since the GPU failed; window by {}", device.adapter)
+            }
+            _ => self.adapter.clone(),
         }
     }
 
@@ -57,7 +92,11 @@ impl Studio {
         let Some(WindowDevice { state, faults, .. }) = &self.device else { return };
         faults.take(); // what went wrong before is known
         match GpuViewPainter::new(state, faults.clone(), self.waker.clone()) {
-            Ok(painter) => self.view.draw_by(ViewPainter::Gpu(Box::new(painter))),
+            Ok(painter) => {
+                self.view.draw_by(ViewPainter::Gpu(Box::new(painter)));
+                self.adapter = viewport::capabilities(state).to_string();
+                self.worker.send(WorkerOrder::ForgetReports);
+            }
             Err(error) => {
                 let text = format!("the GPU still cannot draw the scene: {error}");
                 self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));

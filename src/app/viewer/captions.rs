@@ -3,7 +3,8 @@
 use super::mode::ViewMode;
 use super::photo::PhotoResult;
 use super::picture_request::{ComparedPicture, Partner, PictureRequest};
-use super::{Place, SceneView, overlay, pixel_status};
+use super::stand::Place;
+use super::{SceneView, overlay, pixel_status};
 use crate::render::Renderer;
 use crate::render::compare::Combination;
 use eframe::egui::{Align2, Rect, Ui, Vec2};
@@ -41,9 +42,8 @@ impl SceneView {
         let psnr = known.and_then(|s| s.psnr);
         if let Some(psnr) = psnr {
             let [r, g, b] = self.settings.background.rgb8();
-            let exposure = self.settings.exposing;
             let tooltip = format!(
-                "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure {exposure}` measures it"
+                "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure recorded` measures it"
             );
             let text = format!("PSNR {psnr:.2} dB");
             overlay::plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
@@ -85,6 +85,9 @@ impl SceneView {
             // egui sleeps without input, and the hint would stay.
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
+        }
+        if let Some(hint) = self.measure.hint() {
+            return Some(hint.to_owned());
         }
         let is_away = self.mode.needs_frame() && self.place == Place::Free;
         is_away.then(|| "No photograph was taken from here: [ and ] go to one".to_owned())

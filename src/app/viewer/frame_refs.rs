@@ -4,6 +4,7 @@
 //! it belongs. As bare numbers it outlived its dataset by a picture, and a shorter one had no such
 //! frame.
 
+use crate::app::state::Opened;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::{Dataset, DatasetSplit, FrameEntry};
 use crate::math::camera::{Camera, Intrinsics};
@@ -40,6 +41,18 @@ impl FrameRef {
     pub fn first(dataset: &Arc<Dataset>) -> Option<Self> {
         let split = dataset.splits.iter().position(|split| !split.frames.is_empty())?;
         Some(Self { dataset: dataset.clone(), split, index: 0 })
+    }
+
+    /// The frame at a position of the order of training; `None` for a model.
+    pub fn trained(opened: &Opened, position: usize) -> Option<Self> {
+        let plan = opened.plan.as_ref()?;
+        Self::at(opened.dataset.as_ref()?, plan.split, *plan.frames.get(position)?)
+    }
+
+    /// A frame by its split and its index within the split, `None` if there is none.
+    pub fn at(dataset: &Arc<Dataset>, split: usize, index: usize) -> Option<Self> {
+        dataset.splits.get(split)?.frames.get(index)?;
+        Some(Self { dataset: dataset.clone(), split, index })
     }
 
     /// The same frame of the dataset as it is now, if that has grown since.

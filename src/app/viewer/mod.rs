@@ -1,21 +1,29 @@
 //! The central view: where one stands, what is compared, and painting with whatever the machine
 //! has.
 
+mod axes;
 mod captions;
 pub mod frame_refs;
+mod frusta;
+mod guide;
+pub mod measure;
 pub mod mode;
 mod overlay;
 pub mod painter;
 mod photo;
 pub mod picture_request;
 mod pixel_status;
+mod place;
 pub mod settings;
+mod stand;
 mod steering;
+pub mod thumbnails;
 pub mod toolbar;
+mod world_painter;
 
 use super::camera::ViewCamera;
-use super::command::UiCommand;
 use super::drawing::DrawHistory;
+use super::file_proposal::FileProposal;
 use super::palette::Palette;
 use super::panels::legend;
 use super::selection::SplatSelection;
@@ -26,33 +34,28 @@ use super::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
-use crate::model::splat::splats::framing;
 use crate::render::compare::{Area, Combination};
-use crate::render::{Lens, Renderer};
+use crate::render::{Exposing, Lens, Paint, Renderer};
 use eframe::egui::{Rect, Sense, Ui, Vec2};
-use frame_refs::{Direction, FrameRef, fit};
+use frame_refs::{FrameRef, fit};
+use glam::DVec3;
+use measure::MeasureTool;
 use mode::ViewMode;
 use painter::ViewPainter;
 use photo::{PhotoQuery, PhotoRequests, PhotoResult};
 use picture_request::{ComparedPicture, Partner, PictureRequest};
 use settings::ViewSettings;
+use stand::{GuideStage, Place};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use thumbnails::Thumbnails;
+use world_painter::WorldPainter;
 
 /// How long after the last movement the picture is refined.
 const SETTLE: Duration = Duration::from_millis(150);
 
 /// Place of the legend, from the lower left corner of the viewport, points.
 const LEGEND: Vec2 = Vec2::new(10.0, -10.0);
-
-/// Where the camera stands.
-#[derive(Clone, Debug, PartialEq)]
-enum Place {
-    /// Where it was steered to.
-    Free,
-    /// Exactly where a dataset's camera stood.
-    At(FrameRef),
-}
 
 /// State of the central view.
 pub struct SceneView {
@@ -63,6 +66,16 @@ pub struct SceneView {
     waker: Waker,
     camera: Option<ViewCamera>,
     place: Place,
+    /// What the camera shows by itself; `None` once a hand has moved it.
+    guide: Option<GuideStage>,
+    is_flying: bool,
+    measure: MeasureTool,
+    /// What the camera stays with if it is opened again.
+    kept: Option<FileProposal>,
+    /// Size of the viewport in the last pass, pixels.
+    viewport: [u32; 2],
+    /// Of the dataset with this serial.
+    thumbnails: Option<(u64, Thumbnails)>,
     /// The dataset's camera visited last, from which stepping goes on.
     latest_frame: Option<FrameRef>,
     /// Share of the viewport's width at which a wipe changes over.
@@ -91,6 +104,12 @@ impl SceneView {
             waker,
             camera: None,
             place: Place::Free,
+            guide: Some(GuideStage::Start),
+            is_flying: false,
+            measure: MeasureTool::default(),
+            kept: None,
+            viewport: [1, 1],
+            thumbnails: None,
             latest_frame: None,
             divider: 0.5,
             photos: None,
@@ -101,20 +120,6 @@ impl SceneView {
             moved_at: Instant::now(),
             gpu_failed: false,
         }
-    }
-
-    /// Starts at home where something else is open than before. To be called with every snapshot
-    /// before anything is drawn from it or any key is taken, so that nothing of what was open before
-    /// is met any more: no camera, no comparison, no question after a splat.
-    pub fn turn_to(&mut self, opened: &Opened) {
-        if self.serial == opened.serial {
-            return;
-        }
-        self.serial = opened.serial;
-        self.latest_frame = None;
-        self.mode = ViewMode::Single;
-        self.selection = SplatSelection::default();
-        self.go_home(opened);
     }
 
     /// Hands changed splats over.
@@ -128,14 +133,14 @@ impl SceneView {
         self.painter.change(change, self.palette.splats());
     }
 
-    /// What the user clicked at, once: a splat, or `Some(None)` for none.
-    pub fn take_picked(&mut self) -> Option<Option<u32>> {
-        self.selection.take_picked()
-    }
-
     /// Whether the GPU was given up.
     pub fn gpu_failed(&self) -> bool {
         self.gpu_failed
+    }
+
+    /// A GPU is there and could not be used from the start.
+    pub fn note_gpu_failure(&mut self) {
+        self.gpu_failed = true;
     }
 
     /// Draws with another painter from here on; the scene is handed over again.
@@ -163,6 +168,11 @@ impl SceneView {
         self.mode
     }
 
+    /// The splats as they were learnt, whatever colours show.
+    pub fn learned(&self) -> &SplatSet {
+        self.palette.learned()
+    }
+
     /// The dataset's camera that is looked through.
     pub fn frame_ref(&self) -> Option<&FrameRef> {
         match &self.place {
@@ -176,84 +186,19 @@ impl SceneView {
         self.divider
     }
 
+    /// Where the steered camera stands, world units; `None` while nothing is open.
+    pub fn eye(&self) -> Option<DVec3> {
+        self.camera.map(|camera| camera.camera(self.viewport).pose.centre())
+    }
+
+    /// What the camera turns about, world units; `None` while nothing is open.
+    pub fn target(&self) -> Option<DVec3> {
+        self.camera.map(|camera| camera.target())
+    }
+
     /// Vertical field of view of the scene's own camera, degrees.
     pub fn own_fov_deg(&self) -> f32 {
         self.camera.map_or(45.0, |camera| camera.own_fov_y().to_degrees() as f32)
-    }
-
-    /// Does what a command asks of the view.
-    pub fn apply(&mut self, command: UiCommand, opened: &Opened) {
-        match command {
-            UiCommand::FrameScene => self.frame_scene(),
-            UiCommand::Home => self.go_home(opened),
-            UiCommand::ToggleRenderer => self.toggle_renderer(),
-            UiCommand::PreviousCamera => self.step(opened, Direction::Back),
-            UiCommand::NextCamera => self.step(opened, Direction::Forth),
-            UiCommand::ComparePhoto if self.mode.has_photo() => {
-                self.set_mode(ViewMode::Single, opened);
-            }
-            UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
-            _ => {}
-        }
-    }
-
-    /// Chooses what is compared; photographs are compared where they were taken.
-    pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
-        self.mode = mode;
-        if mode.needs_frame() && self.place == Place::Free {
-            let first = || opened.dataset.as_ref().and_then(FrameRef::first);
-            if let Some(frame) = self.latest_frame.clone().or_else(first) {
-                self.stand_at(frame);
-            }
-        }
-    }
-
-    fn toggle_renderer(&mut self) {
-        if self.settings.lens == Lens::Fisheye {
-            let text = "Only the exact renderer draws a fisheye: choose the pinhole first";
-            self.hint = Some((text.to_owned(), Instant::now()));
-            return;
-        }
-        self.settings.renderer = match self.settings.renderer {
-            Renderer::Projected => Renderer::Exact,
-            Renderer::Exact => Renderer::Projected,
-        };
-    }
-
-    fn frame_scene(&mut self) {
-        self.place = Place::Free;
-        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(self.palette.splats())) {
-            camera.frame(&framing);
-            self.moved_at = Instant::now();
-        }
-    }
-
-    fn go_home(&mut self, opened: &Opened) {
-        self.camera = Some(ViewCamera::home(&opened.home));
-        self.place = Place::Free;
-        self.moved_at = Instant::now();
-    }
-
-    fn step(&mut self, opened: &Opened, direction: Direction) {
-        let frame = match (&self.latest_frame, direction) {
-            // The first step after steering leads back to where one stood, not past it.
-            (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
-            (Some(frame), _) => Some(frame.of_now(opened.dataset.as_ref()).stepped(direction)),
-            (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
-            (None, Direction::Back) => {
-                let first = opened.dataset.as_ref().and_then(FrameRef::first);
-                first.map(|first| first.stepped(direction))
-            }
-        };
-        if let Some(frame) = frame {
-            self.stand_at(frame);
-        }
-    }
-
-    fn stand_at(&mut self, frame: FrameRef) {
-        self.place = Place::At(frame.clone());
-        self.latest_frame = Some(frame);
-        self.moved_at = Instant::now();
     }
 
     /// Draws the view over all space left. Returns a message if the GPU had to be given up.
@@ -266,6 +211,9 @@ impl SceneView {
         if size[0] == 0 || size[1] == 0 {
             return None; // minimised, or squeezed out by the panels
         }
+        self.viewport = size;
+        self.follow_guide(opened, snapshot);
+        self.measure.take(snapshot.inspected.as_deref());
         // Before the camera is asked for: a drag shows in the picture of the same pass.
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
@@ -273,6 +221,7 @@ impl SceneView {
         let request =
             self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
         let message = self.paint(ui, rect, &request, snapshot.state);
+        self.draw_world(ui, rect, &request, opened, snapshot);
         self.decorate(ui, rect, &request, result);
         if let Some((attribute, range)) = self.palette.legend() {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
@@ -280,8 +229,42 @@ impl SceneView {
         // A click is about places, which colours do not change, and these
         // splats are shared uncopied.
         let splats = self.palette.learned();
-        let picked = self.selection.ui(ui, &response, &request, splats, snapshot, &self.waker);
+        let picked = self.selection.ui(
+            ui,
+            &response,
+            &request,
+            splats,
+            snapshot,
+            &self.waker,
+            self.measure.is_on,
+        );
         message.or(picked.err().map(|e| format!("starting the picking thread failed: {e}")))
+    }
+
+    /// What lies in the world beside the splats.
+    fn draw_world(
+        &mut self,
+        ui: &Ui,
+        rect: Rect,
+        request: &PictureRequest,
+        opened: &Opened,
+        snapshot: &Snapshot,
+    ) {
+        let is_pinhole = self.place != Place::Free || self.settings.lens == Lens::Pinhole;
+        if is_pinhole {
+            let radius = opened.home.radius;
+            let world = WorldPainter::new(ui, rect, &request.camera, radius);
+            if self.settings.shows_grid {
+                self.grid(&world, radius);
+            }
+            if self.shows_cameras(snapshot) {
+                self.frusta(ui, &world, opened, snapshot);
+            }
+            self.measure.draw(&world);
+        }
+        if self.place == Place::Free {
+            self.gizmo(ui, rect);
+        }
     }
 
     /// Leaves what this scene or lens cannot show, and colours it as is asked for.
@@ -383,7 +366,13 @@ impl SceneView {
             ViewMode::PhotoWipe | ViewMode::Preparation => photo(wipe),
             ViewMode::PhotoDifference => photo(difference),
         };
-        PictureRequest { camera, options: options(renderer), second }
+        let mut options = options(renderer);
+        if self.mode.has_photo() && self.place != Place::Free && options.look.paint == Paint::Stored
+        {
+            // Beside a photograph the scene is as bright as that was taken.
+            options.exposing = Exposing::Recorded;
+        }
+        PictureRequest { camera, options, second }
     }
 
     fn paint(

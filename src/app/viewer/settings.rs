@@ -1,6 +1,7 @@
 //! What the user chose about the viewport; kept between sessions.
 
 use crate::app::color_mode::ColorMode;
+use crate::app::panels::quality::DEFAULT_EVERY;
 use crate::app::stored_text;
 use crate::render::Exposing;
 use crate::render::{
@@ -52,6 +53,9 @@ impl Background {
     }
 }
 
+/// What a frame may take unless another budget is chosen: the pace of a camera of 30 frames a second.
+const FRAME_BUDGET_MS: f64 = 33.3;
+
 /// Settings of the viewport.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -72,10 +76,20 @@ pub struct ViewSettings {
     pub opacity_cut: f32,
     /// Colour behind the scene.
     pub background: Background,
-    /// How bright a scene is drawn whose cameras exposed by themselves.
+    /// How bright a scene is drawn from anywhere whose cameras exposed by themselves; beside photographs
+    /// it is always as they recorded it.
     pub exposing: Exposing,
     /// Factor on differences.
     pub difference_gain: f32,
+    /// Whether the dataset's cameras are drawn when something else is there to see.
+    pub shows_cameras: bool,
+    /// Whether the ground and the axes are drawn.
+    pub shows_grid: bool,
+    /// Frames between two measurements of held-out views while training goes on; `None` measures at rest
+    /// alone.
+    pub quality_every: Option<usize>,
+    /// What training a frame may take, milliseconds: a line in the plot of latencies.
+    pub frame_budget_ms: f64,
     /// What colours mean. Not kept: the next scene may not tell it.
     #[serde(skip)]
     pub color_mode: ColorMode,
@@ -94,6 +108,10 @@ impl Default for ViewSettings {
             background: Background::Dark,
             exposing: Exposing::Neutral,
             difference_gain: 8.0,
+            shows_cameras: false,
+            shows_grid: false,
+            quality_every: Some(DEFAULT_EVERY),
+            frame_budget_ms: FRAME_BUDGET_MS,
             color_mode: ColorMode::Color,
         }
     }
@@ -127,6 +145,11 @@ impl ViewSettings {
             fisheye_fov_deg: within(self.fisheye_fov_deg, FISHEYE_FOV_DEG, start.fisheye_fov_deg),
             scale: within(self.scale, SCALES, start.scale),
             opacity_cut: within(self.opacity_cut, 0.0..=1.0, start.opacity_cut),
+            quality_every: self.quality_every.map(|every| every.max(1)),
+            frame_budget_ms: match self.frame_budget_ms {
+                ms if ms.is_finite() && ms > 0.0 => ms,
+                _ => FRAME_BUDGET_MS,
+            },
             difference_gain: within(self.difference_gain, GAINS, start.difference_gain),
             ..self
         }
@@ -173,8 +196,7 @@ impl ViewSettings {
     /// The settings by which `eval` would measure the renderer chosen here at a dataset's camera.
     pub fn measured(&self) -> RenderOptions {
         let method = self.method(self.renderer, Lens::Pinhole);
-        let plain = RenderOptions::evaluation(method, self.background.rgb());
-        RenderOptions { exposing: self.exposing, ..plain }
+        RenderOptions::evaluation(method, self.background.rgb())
     }
 }
 

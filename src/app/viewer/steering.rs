@@ -1,19 +1,37 @@
-//! The pointer on the viewport: orbit, pan, dolly.
+//! The pointer and the flying keys on the viewport: orbit, pan, dolly, fly.
 
-use super::{Place, SceneView};
+use super::SceneView;
+use super::stand::Place;
 use crate::app::state::Opened;
-use eframe::egui::{PointerButton, Response, Ui};
+use eframe::egui::{Key, PointerButton, Response, Ui};
 use std::time::Instant;
 
-/// What the pointer asks for in one frame, in points.
+/// What the hand asks for in one frame; drags in points, flights in scene radii.
 struct Gesture {
     turn: [f64; 2],
     pan: [f64; 2],
     dolly: f64,
+    fly: [f64; 3],
 }
 
+/// Keys that fly and where to: right, down, ahead.
+const FLYING: [(Key, [f64; 3]); 6] = [
+    (Key::W, [0.0, 0.0, 1.0]),
+    (Key::S, [0.0, 0.0, -1.0]),
+    (Key::A, [-1.0, 0.0, 0.0]),
+    (Key::D, [1.0, 0.0, 0.0]),
+    (Key::Q, [0.0, 1.0, 0.0]),
+    (Key::E, [0.0, -1.0, 0.0]),
+];
+/// Speed, scene radii a second, and what Shift and Ctrl make of it.
+const SPEED: f64 = 0.5;
+const FAST: f64 = 10.0;
+const SLOW: f64 = 0.1;
+/// Longest time that a flight goes on blindly between two frames, seconds.
+const MAX_STEP_S: f32 = 0.1;
+
 impl Gesture {
-    fn read(ui: &Ui, response: &Response) -> Self {
+    fn read(ui: &Ui, response: &Response, is_flying: &mut bool) -> Self {
         let delta = response.drag_delta();
         let delta = [f64::from(delta.x), f64::from(delta.y)];
         let is_turn = response.dragged_by(PointerButton::Primary);
@@ -32,16 +50,43 @@ impl Gesture {
             turn: if is_turn { delta } else { [0.0; 2] },
             pan: if is_pan && !is_turn { delta } else { [0.0; 2] },
             dolly,
+            fly: flight(ui, is_flying),
         }
     }
 
     fn is_nothing(&self) -> bool {
-        self.turn == [0.0; 2] && self.pan == [0.0; 2] && self.dolly == 0.0
+        self.turn == [0.0; 2] && self.pan == [0.0; 2] && self.dolly == 0.0 && self.fly == [0.0; 3]
     }
 }
 
+/// How far the keys that are held fly in this frame. Ctrl slows a flight that is under way and begins
+/// none: with it these keys save and export.
+fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
+    if ui.ctx().egui_wants_keyboard_input() {
+        *is_flying = false;
+        return [0.0; 3];
+    }
+    let (way, modifiers, dt) = ui.input(|i| {
+        let held = FLYING.iter().filter(|(key, _)| i.key_down(*key));
+        let way = held.fold([0.0; 3], |sum, (_, way)| std::array::from_fn(|k| sum[k] + way[k]));
+        (way, i.modifiers, i.stable_dt.min(MAX_STEP_S))
+    });
+    *is_flying = way != [0.0; 3] && (*is_flying || !modifiers.command);
+    if !*is_flying {
+        return [0.0; 3];
+    }
+    // egui sleeps without input, and held keys are none.
+    ui.ctx().request_repaint();
+    let factor = match (modifiers.shift, modifiers.command) {
+        (true, _) => FAST,
+        (false, true) => SLOW,
+        (false, false) => 1.0,
+    };
+    way.map(|share| share * SPEED * factor * f64::from(dt))
+}
+
 impl SceneView {
-    /// Moves the camera as the pointer asks; from a dataset's camera it starts where that stood.
+    /// Moves the camera as the hand asks; from a dataset's camera it starts where that stood.
     pub(super) fn steer(
         &mut self,
         ui: &Ui,
@@ -49,22 +94,34 @@ impl SceneView {
         opened: &Opened,
         size_px: [u32; 2],
     ) {
-        let gesture = Gesture::read(ui, response);
+        let gesture = Gesture::read(ui, response, &mut self.is_flying);
         if gesture.is_nothing() {
             return;
         }
-        if let Some((stood, _)) = self.camera_now(opened, size_px)
-            && let (Place::At(_), Some(camera)) = (&self.place, &mut self.camera)
-        {
-            camera.visit(&stood);
-            self.place = Place::Free;
-        }
+        self.leave_frame(opened, size_px);
         let Some(camera) = &mut self.camera else { return };
         let size = response.rect.size();
         let size = [f64::from(size.x), f64::from(size.y)];
         camera.turn(gesture.turn, size[1]);
         camera.pan(gesture.pan, size);
         camera.dolly(gesture.dolly);
+        camera.fly(gesture.fly);
         self.moved_at = Instant::now();
+    }
+
+    /// Whether keys fly: those that are held then mean nothing else.
+    pub fn is_flying(&self) -> bool {
+        self.is_flying
+    }
+
+    /// A hand takes the camera over where it stands.
+    pub(super) fn leave_frame(&mut self, opened: &Opened, size_px: [u32; 2]) {
+        self.guide = None;
+        if let Some((stood, _)) = self.camera_now(opened, size_px)
+            && let (Place::At(_), Some(camera)) = (&self.place, &mut self.camera)
+        {
+            camera.visit(&stood);
+            self.place = Place::Free;
+        }
     }
 }

@@ -39,9 +39,11 @@ pub fn ui(
         })
         .response
         .on_hover_text("Lens and field of view");
+        ui.separator();
+        asked = overlays(view, snapshot, ui);
         if opened.dataset.is_some() {
             ui.separator();
-            asked = cameras(view, snapshot, ui);
+            asked = cameras(view, snapshot, ui).or(asked);
         }
     });
     asked
@@ -118,6 +120,23 @@ fn lens_label(lens: Lens) -> &'static str {
     }
 }
 
+/// What is drawn over the picture.
+fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+    let mut asked = None;
+    for (command, is_on) in [
+        (UiCommand::Cameras, view.settings.shows_cameras),
+        (UiCommand::Grid, view.settings.shows_grid),
+        (UiCommand::Measure, view.is_measuring()),
+    ] {
+        let legal = command.is_legal(snapshot.state, snapshot.source);
+        let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
+        if response.on_hover_text(command.hint(ui.ctx())).clicked() {
+            asked = Some(command);
+        }
+    }
+    asked
+}
+
 fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     let mut button = |ui: &mut Ui, command: UiCommand, is_on: bool| {
@@ -140,5 +159,6 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
     }
     button(ui, UiCommand::NextCamera, false);
     button(ui, UiCommand::ComparePhoto, view.mode.has_photo());
+    button(ui, UiCommand::RideAlong, view.is_guided());
     asked
 }

@@ -10,7 +10,7 @@ use crate::export::{
 use crate::pipeline::provenance::file_comments;
 use crate::pipeline::session::Session;
 use glam::DVec3;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 impl WorkerThread {
     pub(super) fn save(&mut self, number: u64, path: &Path) {
@@ -55,6 +55,21 @@ impl WorkerThread {
                 self.notify(NoticeKind::Info, text);
             }
             Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+        }
+    }
+
+    /// Writes a text beside files that have its name already.
+    pub(super) fn write_text(&mut self, path: &Path, text: &str) {
+        let path = unused(path);
+        match std::fs::write(&path, text) {
+            Ok(()) => self.notify(NoticeKind::Info, format!("Wrote {}", path.display())),
+            Err(error) => {
+                let text = format!(
+                    "{}: expected a file that can be written, found: {error}; copy to the clipboard instead",
+                    path.display()
+                );
+                self.notify(NoticeKind::Error, text);
+            }
         }
     }
 
@@ -105,7 +120,32 @@ impl WorkerThread {
     }
 }
 
+/// The path, or the first with a number before its ending that no file has.
+pub fn unused(path: &Path) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    let numbered = (2..).map(|n| path.with_file_name(format!("{stem}-{n}.{ending}")));
+    let mut paths = std::iter::once(path.to_owned()).chain(numbered);
+    paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
+}
+
 /// Whether the dataset's world is in metres.
 fn is_metric(session: &Session) -> bool {
     session.dataset().is_metric()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn older_files_keep_their_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("room.latency.csv");
+        for name in ["room.latency.csv", "room.latency-2.csv", "room.latency-3.csv"] {
+            let free = unused(&path);
+            assert_eq!(free, folder.path().join(name));
+            std::fs::write(free, "").unwrap();
+        }
+    }
 }

@@ -176,7 +176,8 @@ impl WorkerThread {
             opened.dataset.as_ref().is_some_and(|told| Arc::ptr_eq(told, session.dataset()));
         if !is_told {
             let (dataset, info) = (Some(session.dataset().clone()), session_info(session));
-            let opened = Opened { dataset, info, ..Opened::clone(opened) };
+            let plan = Some(Arc::new(session.plan().clone()));
+            let opened = Opened { dataset, plan, info, ..Opened::clone(opened) };
             self.snapshot.opened = Some(Arc::new(opened));
             self.changed = true;
         }

@@ -27,11 +27,15 @@ pub enum WorkerOrder {
     Follow(bool),
     /// Start over with the same subject.
     Reset,
+    /// Start over with the same subject by other settings, and train at once.
+    Retrain(Box<TrainSettings>),
     /// Write a checkpoint of the newest state; the snapshot tells the outcome by this number.
     Save(u64, PathBuf),
     /// Write the newest scene to a file, its outcome told by this number; how it becomes plain splats,
     /// where it is more.
     Export(u64, PathBuf, Mapping),
+    /// Write a text to a file, beside older ones of its name.
+    WriteText(PathBuf, String),
     /// Save what no checkpoint holds yet and tell where: the window has crashed.
     Rescue(SyncSender<Rescue>),
     /// Go on with the run that an earlier window left behind, as the snapshot offers.
@@ -40,6 +44,8 @@ pub enum WorkerOrder {
     GiveUp,
     /// Show something that happened elsewhere in the window.
     Report(NoticeKind, String),
+    /// What was shown so is no longer true: another adapter draws.
+    ForgetReports,
     /// Deliver what is known of components with their splats, from now on; `None` ends that.
     Watch(Option<Attribute>),
     /// Keep what is known of a component in the snapshots; `None` ends that.

@@ -5,7 +5,7 @@ use super::following::is_folder;
 use super::thread::WorkerThread;
 use crate::app::opening::{self, Content};
 use crate::app::splat_updates::SplatChange;
-use crate::app::state::{HISTORY, NoticeKind, RunState, Snapshot, Source, Subject};
+use crate::app::state::{HISTORY, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject};
 use crate::dataset::calibration::Calibration;
 use crate::eval::report::FrameReport;
 use std::sync::Arc;
@@ -58,6 +58,7 @@ impl WorkerThread {
         self.recent.clear();
         self.ends.clear();
         self.dirty = Dirty::default();
+        self.forget_notices(NoticeTopic::Subject);
         let notices = self.snapshot.notices.clone();
         self.snapshot = Snapshot {
             opened: Some(Arc::new(opened.opened)),
@@ -86,6 +87,8 @@ impl WorkerThread {
                     n if n < self.snapshot.n_frames => RunState::Paused,
                     _ => RunState::Finished,
                 };
+                let trained = session.frames().iter().map(|frame| frame.ms.stages.train);
+                self.snapshot.trained_s = 1e-3 * trained.sum::<f64>();
                 let doubted = session.frames().iter().filter_map(FrameReport::doubt);
                 self.snapshot.doubts = Arc::new(doubted.collect());
                 let recent = session.frames().len().saturating_sub(HISTORY);
@@ -104,7 +107,7 @@ impl WorkerThread {
         // the viewport asks for it.
         self.watch(self.watched);
         for (kind, text) in opened.notices {
-            self.notify(kind, text);
+            self.notify_of(NoticeTopic::Subject, kind, text);
         }
         self.refresh_session_info();
     }

@@ -9,7 +9,7 @@ use super::shared::{Shared, Waker};
 use crate::app::opening::Content;
 use crate::app::panic_report::PanicReport;
 use crate::app::rescue::Rescue;
-use crate::app::state::{Notice, NoticeKind, RunState, Snapshot, Subject};
+use crate::app::state::{Notice, NoticeKind, NoticeTopic, RunState, Snapshot, Subject};
 use crate::app::training::TrainSettings;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::pose_check::PoseCheck;
@@ -178,15 +178,15 @@ impl WorkerThread {
             }
             WorkerOrder::Step => {}
             WorkerOrder::Follow(follows) => self.set_follows(follows),
-            WorkerOrder::Reset => {
-                // With its own calibration, but with the settings of now: this is
-                // how they come to hold.
-                if let Some(subject) = self.subject.clone() {
-                    self.open_with(self.calibration.clone(), subject);
-                }
+            WorkerOrder::Reset => self.reset(),
+            WorkerOrder::Retrain(settings) => {
+                self.training = *settings;
+                self.reset();
+                self.set_state(RunState::Training);
             }
             WorkerOrder::Save(number, path) => self.save(number, &path),
             WorkerOrder::Export(number, path, mapping) => self.export(number, &path, mapping),
+            WorkerOrder::WriteText(path, text) => self.write_text(&path, &text),
             WorkerOrder::Rescue(answer) => {
                 // Nobody listens any more if the window has given up waiting.
                 let _ = answer.send(self.rescue());
@@ -194,10 +194,20 @@ impl WorkerThread {
             WorkerOrder::GoOn => self.go_on(),
             WorkerOrder::GiveUp => self.give_up(),
             // The window's own notices are kept here too, so that they outlive it.
-            WorkerOrder::Report(kind, message) => self.notify(kind, message),
+            WorkerOrder::Report(kind, message) => {
+                self.notify_of(NoticeTopic::Window, kind, message);
+            }
+            WorkerOrder::ForgetReports => self.forget_notices(NoticeTopic::Window),
             WorkerOrder::Watch(attribute) => self.watch(attribute),
             WorkerOrder::Inspect(id) => self.inspecting = id,
             WorkerOrder::Deliver => self.deliver_all(),
+        }
+    }
+
+    /// With its own calibration, but with the settings of now: this is how they come to hold.
+    fn reset(&mut self) {
+        if let Some(subject) = self.subject.clone() {
+            self.open_with(self.calibration.clone(), subject);
         }
     }
 
@@ -226,6 +236,16 @@ impl WorkerThread {
     }
 
     pub(super) fn notify(&mut self, kind: NoticeKind, text: String) {
+        self.notify_of(NoticeTopic::Event, kind, text);
+    }
+
+    /// What there was to say of something that is no more.
+    pub(super) fn forget_notices(&mut self, topic: NoticeTopic) {
+        let kept = self.snapshot.notices.iter().filter(|notice| notice.topic != topic);
+        self.snapshot.notices = Arc::new(kept.cloned().collect());
+    }
+
+    pub(super) fn notify_of(&mut self, topic: NoticeTopic, kind: NoticeKind, text: String) {
         match kind {
             NoticeKind::Error => tracing::error!("{text}"),
             NoticeKind::Warning => tracing::warn!("{text}"),
@@ -237,7 +257,7 @@ impl WorkerThread {
             notices.remove(0);
         }
         // What is opened counts with the same numbers: both only have to increase.
-        notices.push(Notice { serial: self.next_serial, kind, text });
+        notices.push(Notice { serial: self.next_serial, topic, kind, text });
         self.next_serial += 1;
         self.snapshot.notices = Arc::new(notices);
     }

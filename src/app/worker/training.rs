@@ -2,7 +2,7 @@
 
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
-use crate::app::state::{HISTORY, NoticeKind, RunState};
+use crate::app::state::{HISTORY, NoticeKind, NoticeTopic, RunState};
 use crate::app::wording;
 use crate::dataset::pose_check::ENOUGH_FRAMES;
 use crate::eval::report::{FrameReport, Summary};
@@ -20,6 +20,7 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &mut self.content else { return };
         // What the frame before told of them is over, whether or not the next one touches them.
         self.dirty.mark(session.learner().component_elbo().components());
+        let started = Instant::now();
         let step = session.step();
         self.changed |= !matches!(step, Ok(Step::Waiting));
         match step {
@@ -29,6 +30,7 @@ impl WorkerThread {
                     Changed::Listed(ids) => self.dirty.mark(ids),
                     Changed::All => self.dirty.mark_all(learner.components()),
                 }
+                self.snapshot.trained_s += started.elapsed().as_secs_f64();
                 self.learned(*frame);
             }
             Ok(Step::Skipped(skipped)) => {
@@ -86,7 +88,8 @@ impl WorkerThread {
             // (`tests/app/window.rs`).
             tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
             for warning in session.learner().warnings() {
-                self.notify(NoticeKind::Warning, wording::warning(&warning));
+                let text = wording::warning(&warning);
+                self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
             }
         }
     }

@@ -1,0 +1,222 @@
+//! How good the scene is: held-out views against frames and seconds, and view by view.
+
+use super::legend::number;
+use crate::app::quality::{QualityMonitor, QualityPoint};
+use crate::app::state::{Opened, Snapshot};
+use crate::app::viewer::frame_refs::FrameRef;
+use crate::app::viewer::thumbnails::Thumbnails;
+use crate::eval::report::ViewReport;
+use eframe::egui::{
+    Button, Color32, DragValue, Grid, Image, Label, RichText, ScrollArea, Ui, Vec2,
+};
+use egui_plot::{Line, Plot, PlotPoints, Points};
+
+/// What is plotted, and against what.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct QualityPlot {
+    metric: Metric,
+    against_seconds: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Metric {
+    #[default]
+    Psnr,
+    Ssim,
+    DepthError,
+    Components,
+}
+
+impl Metric {
+    const ALL: [Self; 4] = [Self::Psnr, Self::Ssim, Self::DepthError, Self::Components];
+
+    fn label(self) -> &'static str {
+        match self {
+            Self::Psnr => "PSNR",
+            Self::Ssim => "SSIM",
+            Self::DepthError => "Depth error",
+            Self::Components => "Components",
+        }
+    }
+
+    fn axis(self) -> &'static str {
+        match self {
+            Self::Psnr => "PSNR, dB",
+            Self::Ssim => "SSIM",
+            Self::DepthError => "depth error, world units",
+            Self::Components => "components",
+        }
+    }
+
+    fn of(self, point: &QualityPoint) -> Option<f64> {
+        match self {
+            Self::Psnr => Some(point.psnr),
+            Self::Ssim => Some(point.ssim),
+            Self::DepthError => point.depth_error,
+            Self::Components => Some(point.components as f64),
+        }
+    }
+}
+
+/// Frames between two measurements that can be chosen.
+const EVERY: std::ops::RangeInclusive<usize> = 1..=1000;
+/// Frames between two measurements unless others are chosen.
+pub const DEFAULT_EVERY: usize = 10;
+const CURVE: Color32 = Color32::from_rgb(86, 180, 233);
+/// Height of a photograph in the table, points.
+const ROW: f32 = 28.0;
+
+/// Draws the panel; the view to fly to, if one was asked for.
+pub fn ui(
+    quality: &QualityMonitor,
+    snapshot: &Snapshot,
+    thumbnails: Option<&mut Thumbnails>,
+    plot: &mut QualityPlot,
+    every: &mut Option<usize>,
+    ui: &mut Ui,
+) -> Option<FrameRef> {
+    let (Some(opened), Some(evaluation)) = (&snapshot.opened, quality.evaluation()) else {
+        ui.label("Quality is measured on the held-out photographs of a dataset; none is open.");
+        return None;
+    };
+    let mut asked = None;
+    // Both ways: longer names must not widen the panel, and with it move the picture.
+    ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+        summary(quality, snapshot, ui);
+        ui.add(Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap());
+        if let Some(problem) = quality.problem() {
+            ui.label(RichText::new(problem).color(Color32::ORANGE));
+        }
+        if !quality.history().is_empty() {
+            curve(quality.history(), plot, ui);
+        }
+        rate(every, ui);
+        if !quality.views().is_empty() {
+            ui.add_space(6.0);
+            ui.label(RichText::new("Views, the worst first").strong());
+            asked = table(quality.views(), opened, evaluation.split, thumbnails, ui);
+        }
+    });
+    asked
+}
+
+/// The newest figures, large.
+fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
+    let (done, all) = quality.progress();
+    let (point, what) = match (quality.result(), quality.history().last()) {
+        (Some(point), _) => (point, format!("mean of {all} views after {} frames", point.frames)),
+        (None, Some(&point)) => {
+            let frames = point.frames;
+            (point, format!("sampled after {frames} frames; {done} of {all} views measured"))
+        }
+        (None, None) => {
+            let text = match snapshot.frames_done {
+                0 => "Appears with the first trained frames.",
+                _ => "Measuring…",
+            };
+            ui.label(text);
+            return;
+        }
+    };
+    ui.label(RichText::new(format!("{:.2} dB", point.psnr)).size(24.0).strong());
+    let mut line = format!("PSNR · SSIM {:.3}", point.ssim);
+    if let Some(error) = point.depth_error {
+        line += &format!(" · depth error {}", number(error));
+    }
+    ui.label(line);
+    ui.label(RichText::new(what).weak());
+}
+
+fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
+    ui.add_space(6.0);
+    ui.horizontal_wrapped(|ui| {
+        for metric in Metric::ALL {
+            let is_known = history.iter().any(|point| metric.of(point).is_some());
+            let button = Button::selectable(chosen.metric == metric, metric.label());
+            if ui.add_enabled(is_known, button).clicked() {
+                chosen.metric = metric;
+            }
+        }
+        ui.separator();
+        ui.selectable_value(&mut chosen.against_seconds, false, "Frames");
+        ui.selectable_value(&mut chosen.against_seconds, true, "Seconds");
+    });
+    let QualityPlot { metric, against_seconds } = *chosen;
+    let x = |point: &QualityPoint| match against_seconds {
+        true => point.seconds,
+        false => point.frames as f64,
+    };
+    let points: Vec<[f64; 2]> =
+        history.iter().filter_map(|point| Some([x(point), metric.of(point)?])).collect();
+    let unit = if against_seconds { "seconds of training" } else { "frames" };
+    Plot::new(("quality", metric.label(), against_seconds))
+        .height(180.0)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .x_axis_label(unit)
+        .y_axis_label(metric.axis())
+        .show(ui, |plot| {
+            plot.line(Line::new(metric.label(), PlotPoints::from(points.clone())).color(CURVE));
+            plot.points(
+                Points::new(metric.label(), PlotPoints::from(points)).radius(2.5).color(CURVE),
+            );
+        });
+}
+
+/// How often it is measured while frames are trained.
+fn rate(every: &mut Option<usize>, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        let mut is_on = every.is_some();
+        let help = "A few views, by one thread that rests fifteen times as long as it measures; all views once training rests";
+        if ui.checkbox(&mut is_on, "While training, every").on_hover_text(help).changed() {
+            *every = is_on.then_some(DEFAULT_EVERY);
+        }
+        let mut shown = every.unwrap_or(DEFAULT_EVERY);
+        let value = DragValue::new(&mut shown).range(EVERY).suffix(" frames");
+        if ui.add_enabled(is_on, value).changed() {
+            *every = Some(shown);
+        }
+    });
+}
+
+fn table(
+    views: &[ViewReport],
+    opened: &Opened,
+    split: usize,
+    mut thumbnails: Option<&mut Thumbnails>,
+    ui: &mut Ui,
+) -> Option<FrameRef> {
+    let mut asked = None;
+    Grid::new("views").num_columns(5).spacing([10.0, 3.0]).striped(true).show(ui, |ui| {
+        for title in ["", "view", "PSNR", "SSIM", "depth"] {
+            ui.label(RichText::new(title).weak());
+        }
+        ui.end_row();
+        for view in views {
+            let frame = opened.dataset.as_ref().and_then(|d| FrameRef::at(d, split, view.index));
+            let known = match (&mut thumbnails, &frame) {
+                (Some(thumbnails), Some(frame)) => thumbnails.get(ui.ctx(), frame, true),
+                _ => None,
+            };
+            match known {
+                Some(texture) => {
+                    let size = texture.size_vec2();
+                    ui.add(Image::new(texture).fit_to_exact_size(size * (ROW / size.y)));
+                }
+                None => drop(ui.allocate_space(Vec2::new(1.3 * ROW, ROW))),
+            }
+            let name = ui.add(Button::selectable(false, &view.frame).truncate());
+            if name.on_hover_text("Fly there and compare with its photograph").clicked() {
+                asked = frame;
+            }
+            ui.label(RichText::new(format!("{:.2}", view.psnr)).monospace());
+            ui.label(RichText::new(format!("{:.3}", view.ssim)).monospace());
+            let depth = view.depth_mae.map_or_else(String::new, number);
+            ui.label(RichText::new(depth).monospace());
+            ui.end_row();
+        }
+    });
+    asked
+}

@@ -1,0 +1,75 @@
+//! What was opened, before anything is trained: what was recognised, the first photograph, and the
+//! one button that matters.
+
+use crate::app::command::UiCommand;
+use crate::app::state::{Opened, Snapshot};
+use crate::app::wording;
+use eframe::egui::{Align2, Area, Button, Frame, Id, Image, Label, Pos2, RichText, Ui, Vec2};
+use eframe::egui::{Color32, TextureHandle};
+
+/// Width of the card, points.
+const WIDTH: f32 = 250.0;
+/// Tallest first photograph, points.
+const PHOTO_HEIGHT: f32 = 170.0;
+
+/// Draws the card with its lower left corner at `at`; whether training is asked for.
+pub fn ui(
+    snapshot: &Snapshot,
+    opened: &Opened,
+    photo: Option<&TextureHandle>,
+    at: Pos2,
+    ui: &Ui,
+) -> Option<UiCommand> {
+    let mut asked = None;
+    let area = Area::new(Id::unique("ready")).fixed_pos(at).pivot(Align2::LEFT_BOTTOM);
+    area.show(ui.ctx(), |ui| {
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.set_width(WIDTH);
+            if let Some(photo) = photo {
+                let size = photo.size_vec2();
+                let scale = (WIDTH / size.x).min(PHOTO_HEIGHT / size.y);
+                ui.add(Image::new(photo).fit_to_exact_size(size * scale))
+                    .on_hover_text("The first photograph");
+            }
+            ui.label(RichText::new(&opened.name).strong().size(16.0));
+            for line in recognised(opened) {
+                ui.add(Label::new(line).wrap().selectable(false));
+            }
+            if let Some(check) = &snapshot.poses {
+                let text = match wording::pose_warning(check) {
+                    Some(warning) => RichText::new(warning).color(Color32::ORANGE),
+                    None => RichText::new(wording::poses(check)).weak(),
+                };
+                ui.add(Label::new(text).wrap().selectable(false));
+            }
+            ui.add_space(4.0);
+            let text = RichText::new(format!("Train {} frames", snapshot.n_frames)).size(18.0);
+            let button = Button::new(text);
+            let fill = ui.visuals().selection.bg_fill;
+            let train = ui.add_sized(Vec2::new(WIDTH, 36.0), button.fill(fill));
+            if train.on_hover_text(UiCommand::Train.hint(ui.ctx())).clicked() {
+                asked = Some(UiCommand::Train);
+            }
+        });
+    });
+    asked
+}
+
+/// Layout, frames, sizes and depth.
+fn recognised(opened: &Opened) -> Vec<String> {
+    let Some(dataset) = &opened.dataset else { return Vec::new() };
+    let trained = opened.plan.as_ref().map(|plan| plan.split);
+    let mut lines = vec![format!("Recognised as {}", dataset.layout.name())];
+    for (i, split) in dataset.splits.iter().enumerate() {
+        let Some(first) = split.frames.first() else { continue };
+        let k = &first.camera.intrinsics;
+        let what = match (split.has_depth, trained == Some(i)) {
+            (_, true) => ", trained",
+            (true, false) => "",
+            (false, false) => ", colour only",
+        };
+        let (name, n) = (&split.name, split.frames.len());
+        lines.push(format!("{name}: {n} frames of {}×{}{what}", k.width, k.height));
+    }
+    lines
+}

@@ -1,0 +1,64 @@
+//! The window before anything is open: what happens here, and the ways to begin.
+
+use crate::app::command::UiCommand;
+use crate::app::state::Snapshot;
+use crate::export::endings::{READ_ENDINGS, listed};
+use eframe::egui::{Button, Color32, RichText, Stroke, StrokeKind, Ui, Vec2};
+
+/// What happens here, in one sentence.
+pub const WHAT_HAPPENS: &str = "Photographs with depth become a scene of splats while you watch, \
+                                each frame learnt once";
+
+/// Draws the page; what the user asks for.
+pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+    let mut asked = None;
+    ui.vertical_centered(|ui| {
+        ui.add_space((ui.available_height() * 0.22).max(10.0));
+        if let Some(followed) = &snapshot.followed {
+            let path = followed.path.display();
+            ui.label(RichText::new(format!("Waiting for the first frame of {path}")).size(22.0));
+            ui.label(followed.problem.as_deref().unwrap_or_default());
+            return;
+        }
+        ui.label(RichText::new("VBGS Studio").size(28.0).strong());
+        ui.label(RichText::new(WHAT_HAPPENS).size(15.0));
+        ui.add_space(18.0);
+        target(ui);
+        ui.add_space(12.0);
+        let big = |text: &str| Button::new(RichText::new(text).size(15.0)).min_size(BUTTON);
+        let open = ui.add(big(UiCommand::Open.label()));
+        if open.on_hover_text(UiCommand::Open.hint(ui.ctx())).clicked() {
+            asked = Some(UiCommand::Open);
+        }
+        let demo = ui.add(big("Try the synthetic scene"));
+        if demo.on_hover_text(UiCommand::OpenDemo.hint(ui.ctx())).clicked() {
+            asked = Some(UiCommand::OpenDemo);
+        }
+    });
+    asked
+}
+
+const BUTTON: Vec2 = Vec2::new(220.0, 32.0);
+
+/// Where a folder is dropped; the whole window takes it.
+fn target(ui: &mut Ui) {
+    let width = (ui.available_width() - 40.0).clamp(100.0, 460.0);
+    ui.allocate_ui(Vec2::new(width, 110.0), |ui| {
+        let rect = ui.max_rect();
+        let line = Stroke::new(1.5, Color32::from_gray(110));
+        ui.painter().rect_stroke(rect, 8.0, line, StrokeKind::Inside);
+        ui.vertical_centered(|ui| {
+            ui.add_space(14.0);
+            ui.label(RichText::new("Your own capture: drop a folder").size(20.0));
+            ui.label("of a depth camera, a phone or a renderer, recognised by its content");
+            let endings = listed(&READ_ENDINGS);
+            ui.label(
+                RichText::new(format!(
+                    "or a checkpoint to go on with, or splats to look at ({endings})"
+                ))
+                .weak(),
+            );
+            ui.add_space(14.0);
+        });
+    });
+}

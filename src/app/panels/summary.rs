@@ -1,0 +1,101 @@
+//! After the last frame: how good, how long, how large, and what can be done with it.
+
+use crate::app::command::UiCommand;
+use crate::app::quality::QualityMonitor;
+use crate::app::state::Snapshot;
+use eframe::egui::{Align2, Area, Button, Frame, Grid, Id, Pos2, RichText, Ui};
+
+/// What the user does about the card.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SummaryAnswer {
+    /// A command.
+    Command(UiCommand),
+    /// The same frames again with a finer structural scale.
+    Finer,
+    /// To the figures of every view.
+    Quality,
+    /// The card has been read.
+    Close,
+}
+
+/// Draws the card with its lower left corner at `at`. `finer` says what the next finer run would be,
+/// where there is one.
+pub fn ui(
+    snapshot: &Snapshot,
+    quality: &QualityMonitor,
+    finer: Option<&str>,
+    at: Pos2,
+    ui: &Ui,
+) -> Option<SummaryAnswer> {
+    let mut answer = None;
+    let area = Area::new(Id::unique("summary")).fixed_pos(at).pivot(Align2::LEFT_BOTTOM);
+    area.show(ui.ctx(), |ui| {
+        Frame::popup(ui.style()).show(ui, |ui| {
+            ui.horizontal(|ui| {
+                // At the fixed corner of the card: figures that come in make it wider.
+                if ui.small_button("×").on_hover_text("Close this card").clicked() {
+                    answer = Some(SummaryAnswer::Close);
+                }
+                let title = format!("{} frames are a scene", snapshot.frames_done);
+                ui.label(RichText::new(title).strong().size(16.0));
+            });
+            Grid::new("summary").num_columns(2).spacing([14.0, 3.0]).show(ui, |ui| {
+                ui.label(RichText::new("Held out").weak());
+                let figures =
+                    ui.link(figures(quality)).on_hover_text("Every view, and how it grew");
+                if figures.clicked() {
+                    answer = Some(SummaryAnswer::Quality);
+                }
+                ui.end_row();
+                for (label, value) in facts(snapshot) {
+                    ui.label(RichText::new(label).weak());
+                    ui.label(value);
+                    ui.end_row();
+                }
+            });
+            ui.add_space(4.0);
+            ui.horizontal(|ui| answer = buttons(finer, ui).or(answer));
+        });
+    });
+    answer
+}
+
+fn buttons(finer: Option<&str>, ui: &mut Ui) -> Option<SummaryAnswer> {
+    let mut answer = None;
+    let mut offer = |ui: &mut Ui, text: &str, hint: &str, then: SummaryAnswer| {
+        if ui.add(Button::new(text)).on_hover_text(hint).clicked() {
+            answer = Some(then);
+        }
+    };
+    let (export, compare) = (UiCommand::Export, UiCommand::ComparePhoto);
+    offer(ui, "Export scene…", &export.hint(ui.ctx()), SummaryAnswer::Command(export));
+    let hint = compare.hint(ui.ctx());
+    offer(ui, "Compare with photographs", &hint, SummaryAnswer::Command(compare));
+    if let Some(finer) = finer {
+        offer(ui, "Again, finer", finer, SummaryAnswer::Finer);
+    }
+    answer
+}
+
+fn figures(quality: &QualityMonitor) -> String {
+    let (done, all) = quality.progress();
+    match (quality.result(), all) {
+        (Some(point), _) => {
+            format!("{:.2} dB, SSIM {:.3} on {all} views", point.psnr, point.ssim)
+        }
+        (None, 0) => "no views".to_owned(),
+        (None, _) => match quality.problem() {
+            Some(_) => "could not be measured".to_owned(),
+            None => format!("measuring: {done} of {all} views"),
+        },
+    }
+}
+
+fn facts(snapshot: &Snapshot) -> [(&'static str, String); 3] {
+    let per_frame = 1e3 * snapshot.trained_s / snapshot.frames_done.max(1) as f64;
+    [
+        ("Time", format!("{:.1} s, {per_frame:.0} ms a frame", snapshot.trained_s)),
+        ("Components", snapshot.used.to_string()),
+        ("Model", format!("{:.1} MB in memory", snapshot.model_bytes as f64 * 1e-6)),
+    ]
+}

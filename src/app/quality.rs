@@ -1,0 +1,339 @@
+//! How well held-out views are reproduced, measured beside training.
+//!
+//! By one thread on a copy of the splats, as photographs are (`viewer/photo.rs`): while frames are
+//! trained a few views are measured again and again, with rests that are many times as long as the
+//! measuring, so that the trainer keeps its cores. At rest every view is measured once. The figures
+//! are those of `vbgs-studio eval`.
+
+use super::splat_updates::SplatChange;
+use super::state::{Opened, RunState, Snapshot};
+use super::view_thread::{Announce, ViewThread};
+use super::worker::Waker;
+use crate::dataset::Dataset;
+use crate::dataset::splits::Evaluation;
+use crate::eval::choices::GroundTruth;
+use crate::eval::metrics::mean_std;
+use crate::eval::report::ViewReport;
+use crate::eval::views::{EvalOptions, evaluate};
+use crate::model::splat::appearance::SplatSet;
+use crate::render::{RenderMethod, RenderOptions};
+use eframe::egui::Context;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Views measured while frames are trained.
+const SAMPLED: usize = 3;
+/// Views measured at rest, evenly chosen, as many as the paper's protocol takes.
+const MAX_VIEWS: usize = 100;
+/// Rest between two measurements while frames are trained, in times of the measuring: on two cores
+/// training slows down by half of one part in so many.
+const REST: u32 = 15;
+/// Shortest rest.
+const MIN_REST: Duration = Duration::from_millis(500);
+
+/// Means over the same few views after some frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QualityPoint {
+    /// Frames trained.
+    pub frames: usize,
+    /// Seconds of training.
+    pub seconds: f64,
+    /// Components with statistics.
+    pub components: usize,
+    /// Mean PSNR, dB.
+    pub psnr: f64,
+    /// Mean SSIM.
+    pub ssim: f64,
+    /// Mean absolute depth error, world units, where the views have depth.
+    pub depth_error: Option<f64>,
+}
+
+/// What is measured: frames of a split of a dataset, with these settings.
+#[derive(Clone)]
+struct QualityQuery {
+    dataset: Arc<Dataset>,
+    split: usize,
+    views: Vec<usize>,
+    options: EvalOptions,
+    /// When: frames, seconds and components.
+    at: (usize, f64, usize),
+}
+
+struct QualityAnswer {
+    query: QualityQuery,
+    scores: Result<Vec<ViewReport>, String>,
+    took: Duration,
+}
+
+/// What is known of the quality of what is open.
+pub struct QualityMonitor {
+    waker: Waker,
+    thread: Option<ViewThread<QualityQuery, QualityAnswer>>,
+    serial: u64,
+    evaluation: Option<Evaluation>,
+    options: Option<EvalOptions>,
+    history: Vec<QualityPoint>,
+    /// Of the scene after [`Self::measured_at`] frames; views of an older scene until they are
+    /// measured again.
+    views: Vec<ViewReport>,
+    measured_at: usize,
+    n_measured: usize,
+    /// Frames of the scene if it is at rest.
+    at_rest: Option<usize>,
+    problem: Option<String>,
+    rest_until: Instant,
+}
+
+impl QualityMonitor {
+    /// Measures nothing yet.
+    pub fn new(waker: Waker) -> Self {
+        Self {
+            waker,
+            thread: None,
+            serial: 0,
+            evaluation: None,
+            options: None,
+            history: Vec::new(),
+            views: Vec::new(),
+            measured_at: 0,
+            n_measured: 0,
+            at_rest: None,
+            problem: None,
+            rest_until: Instant::now(),
+        }
+    }
+
+    /// The views it is measured on; `None` for models.
+    pub fn evaluation(&self) -> Option<&Evaluation> {
+        self.evaluation.as_ref()
+    }
+
+    /// Means over the sampled views, oldest first.
+    pub fn history(&self) -> &[QualityPoint] {
+        &self.history
+    }
+
+    /// Every view measured, worst first.
+    pub fn views(&self) -> &[ViewReport] {
+        &self.views
+    }
+
+    /// How many views of the scene as it is were measured, and how many will be.
+    pub fn progress(&self) -> (usize, usize) {
+        (self.n_measured, self.chosen(MAX_VIEWS).len())
+    }
+
+    /// Means over all views, once the scene at rest was measured on all of them.
+    pub fn result(&self) -> Option<QualityPoint> {
+        let (done, all) = self.progress();
+        let is_new =
+            |at: &&QualityPoint| self.at_rest == Some(at.frames) && at.frames == self.measured_at;
+        let at = self.history.last().filter(is_new)?;
+        (all > 0 && done == all)
+            .then(|| point(&self.views, (at.frames, at.seconds, at.components)))?
+    }
+
+    /// Why nothing can be measured.
+    pub fn problem(&self) -> Option<&str> {
+        self.problem.as_deref()
+    }
+
+    /// Hands changed splats over.
+    pub fn change(&self, change: &SplatChange) {
+        if let Some(thread) = &self.thread {
+            thread.change(change.clone());
+        }
+    }
+
+    /// Measures what is due: while frames are trained, every so many of them; `splats` are all of them.
+    pub fn update(
+        &mut self,
+        context: &Context,
+        snapshot: &Snapshot,
+        method: RenderMethod,
+        every: Option<usize>,
+        splats: &SplatSet,
+    ) {
+        let Some(opened) = &snapshot.opened else { return };
+        self.turn_to(opened, method);
+        self.take_answer();
+        let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
+        self.at_rest = rests.then_some(snapshot.frames_done);
+        if let Some((views, rest)) = self.due(context, snapshot, every) {
+            self.ask(opened, snapshot, views, splats);
+            self.rest_until = Instant::now() + rest;
+        }
+    }
+
+    fn turn_to(&mut self, opened: &Opened, method: RenderMethod) {
+        let black = [0.0; 3];
+        let render = RenderOptions::evaluation(method, black);
+        let options = EvalOptions {
+            color_camera: opened.color_camera(),
+            ..EvalOptions::plain(GroundTruth::Composited, render)
+        };
+        if self.serial != opened.serial || self.options != Some(options) {
+            // The thread keeps its splats; an answer under way is of other settings.
+            let thread = self.thread.take().filter(|_| self.serial == opened.serial);
+            *self = Self { thread, ..Self::new(self.waker.clone()) };
+            (self.serial, self.options) = (opened.serial, Some(options));
+        }
+        // Anew in every pass, which is cheap: a recording that is followed gains views.
+        let (dataset, plan) = (opened.dataset.as_ref(), opened.plan.as_ref());
+        self.evaluation = dataset.zip(plan).map(|(dataset, plan)| dataset.evaluation(plan.split));
+    }
+
+    fn take_answer(&mut self) {
+        let Some(answer) = self.thread.as_ref().and_then(ViewThread::take) else { return };
+        let QualityAnswer { query, scores, took } = answer;
+        if self.options != Some(query.options) {
+            return;
+        }
+        self.rest_until = Instant::now() + (took * REST).max(MIN_REST);
+        match scores {
+            Err(problem) => self.problem = Some(problem),
+            Ok(scores) => {
+                self.problem = None;
+                if query.at.0 != self.measured_at {
+                    (self.measured_at, self.n_measured) = (query.at.0, 0);
+                }
+                if self.n_measured == 0 {
+                    self.history.extend(point(&scores, query.at));
+                }
+                self.n_measured += query.views.len();
+                self.views.retain(|known| scores.iter().all(|new| new.index != known.index));
+                self.views.extend(scores);
+                self.views.sort_by(|a, b| a.psnr.total_cmp(&b.psnr));
+            }
+        }
+    }
+
+    /// The views to measure now, and the least time until the next.
+    fn due(
+        &self,
+        context: &Context,
+        snapshot: &Snapshot,
+        every: Option<usize>,
+    ) -> Option<(Vec<usize>, Duration)> {
+        let frames = snapshot.frames_done;
+        if frames == 0 || self.problem.is_some() {
+            return None;
+        }
+        if self.thread.as_ref().is_some_and(ViewThread::is_busy) {
+            return None; // the answer wakes the window, which asks again
+        }
+        let is_new = self.history.is_empty() || frames != self.measured_at;
+        let sample = self.chosen(SAMPLED);
+        match snapshot.state {
+            RunState::Training => {
+                let is_due = self.history.is_empty() || frames >= self.measured_at + every?;
+                let rest = self.rest_until.saturating_duration_since(Instant::now());
+                if is_due && !rest.is_zero() {
+                    context.request_repaint_after(rest);
+                }
+                (is_due && rest.is_zero()).then_some((sample, MIN_REST))
+            }
+            RunState::Paused | RunState::Finished if is_new => Some((sample, MIN_REST)),
+            RunState::Paused | RunState::Finished => {
+                let others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
+                let next = others.skip(self.n_measured.saturating_sub(sample.len())).next();
+                next.map(|view| (vec![view], Duration::ZERO))
+            }
+            _ => None,
+        }
+        .filter(|(views, _)| !views.is_empty())
+    }
+
+    /// At most so many of the held-out views, evenly chosen.
+    fn chosen(&self, most: usize) -> Vec<usize> {
+        let all = self.evaluation.as_ref().map_or(&[][..], |evaluation| &evaluation.frames);
+        let n = all.len().min(most);
+        // The middle of every n-th part: the ends of a recording are seldom typical.
+        (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
+    }
+
+    fn ask(&mut self, opened: &Opened, snapshot: &Snapshot, views: Vec<usize>, splats: &SplatSet) {
+        let (Some(dataset), Some(evaluation), Some(options)) =
+            (&opened.dataset, &self.evaluation, self.options)
+        else {
+            return;
+        };
+        let query = QualityQuery {
+            dataset: dataset.clone(),
+            split: evaluation.split,
+            views,
+            options,
+            at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
+        };
+        if self.thread.is_none() {
+            match start(self.waker.clone()) {
+                Ok(thread) => {
+                    thread.change(SplatChange::All(splats.clone()));
+                    self.thread = Some(thread);
+                }
+                Err(error) => {
+                    self.problem =
+                        Some(format!("no thread to measure on could be started: {error}"));
+                }
+            }
+        }
+        if let Some(thread) = &self.thread {
+            thread.ask(query, Announce::Wake);
+        }
+    }
+}
+
+fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer>> {
+    // In rayon's global pool measuring would take every core, those of the trainer included.
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let alone = alone.map_err(std::io::Error::other)?;
+    ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
+        let started = Instant::now();
+        let QualityQuery { dataset, split, views, options, .. } = &query;
+        let measured = alone.install(|| evaluate(splats, dataset, *split, views, options, |_| {}));
+        let scores = measured.map(|(_, scores)| scores).map_err(|error| error.to_string());
+        QualityAnswer { scores, took: started.elapsed(), query }
+    })
+}
+
+/// Means over views; `None` for none.
+fn point(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> {
+    let mean = |value: &dyn Fn(&ViewReport) -> Option<f64>| {
+        let values: Vec<f64> = views.iter().filter_map(value).collect();
+        (!values.is_empty()).then(|| mean_std(&values).0)
+    };
+    let (frames, seconds, components) = at;
+    Some(QualityPoint {
+        frames,
+        seconds,
+        components,
+        psnr: mean(&|view| Some(view.psnr))?,
+        ssim: mean(&|view| Some(view.ssim))?,
+        depth_error: mean(&|view| view.depth_mae),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn held_out(n: usize) -> QualityMonitor {
+        let evaluation = Evaluation {
+            split: 0,
+            frames: (100..100 + n).collect(),
+            held_out: false,
+            why: "".into(),
+        };
+        QualityMonitor { evaluation: Some(evaluation), ..QualityMonitor::new(Arc::new(|| {})) }
+    }
+
+    #[test]
+    fn views_are_chosen_evenly_and_once() {
+        assert_eq!(held_out(1).chosen(3), [100]);
+        assert_eq!(held_out(12).chosen(3), [102, 106, 110]);
+        let all = held_out(250).chosen(MAX_VIEWS);
+        assert_eq!(all.len(), MAX_VIEWS);
+        assert!(all.windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(held_out(0).chosen(3).is_empty());
+    }
+}

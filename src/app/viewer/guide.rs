@@ -1,0 +1,118 @@
+//! The camera while nobody steers it: over all cameras before training, at the camera whose frame is
+//! learnt while training goes on, before the whole scene at the end.
+//!
+//! The first move of a hand ends it, and Ride along begins it again. It jumps with the snapshots and
+//! glides nowhere: a picture between two snapshots would cost the trainer a picture's time where the
+//! CPU draws.
+
+use super::SceneView;
+use super::frame_refs::FrameRef;
+use super::stand::{GuideStage, Place};
+use crate::app::camera::ViewCamera;
+use crate::app::state::{Opened, RunState, Snapshot, Source};
+use crate::model::splat::splats::{Framing, framing};
+use glam::DVec3;
+use std::time::Instant;
+
+impl SceneView {
+    /// Whether the camera goes where training is.
+    pub fn is_guided(&self) -> bool {
+        self.guide.is_some()
+    }
+
+    /// Goes where training is, until a hand moves the camera; or no longer.
+    pub(super) fn toggle_guide(&mut self) {
+        self.guide = match self.guide {
+            Some(_) => None,
+            None => Some(GuideStage::Start),
+        };
+    }
+
+    /// Moves a guided camera to where training is now.
+    pub(super) fn follow_guide(&mut self, opened: &Opened, snapshot: &Snapshot) {
+        let Some(shown) = self.guide else { return };
+        let now = match (snapshot.state, snapshot.recent.last()) {
+            (RunState::Finished | RunState::Failed, _) => GuideStage::End,
+            (_, Some(frame)) => GuideStage::Frame(frame.index),
+            (_, None) => GuideStage::Overview,
+        };
+        if now == shown {
+            return;
+        }
+        self.guide = Some(now);
+        self.place = Place::Free;
+        match now {
+            GuideStage::Start => {}
+            GuideStage::Overview => self.look_over(opened),
+            GuideStage::Frame(position) => {
+                let frame = FrameRef::trained(opened, position);
+                if let (Some(frame), Some(camera)) = (frame, &mut self.camera) {
+                    camera.visit(&frame.entry().camera);
+                }
+            }
+            GuideStage::End => self.look_at_the_end(opened, snapshot.source),
+        }
+    }
+
+    /// Steps back until every camera of the dataset is seen.
+    fn look_over(&mut self, opened: &Opened) {
+        let (Some(camera), Some(around)) = (&mut self.camera, framing_of_cameras(opened)) else {
+            return;
+        };
+        camera.look_over(&around, self.viewport);
+        self.moved_at = Instant::now();
+    }
+
+    /// The whole scene where it was taken from outside; a room from inside, where its first camera
+    /// stood: from outside nothing but the backs of its walls is seen.
+    fn look_at_the_end(&mut self, opened: &Opened, source: Source) {
+        let splats = framing(self.palette.splats());
+        let is_inside = match (&splats, source) {
+            (Some(scene), Source::Dataset) => are_inside(&camera_centres(opened), scene),
+            _ => false,
+        };
+        let Some(camera) = &mut self.camera else { return };
+        match splats {
+            Some(scene) if !is_inside => camera.frame(&scene, self.viewport),
+            _ => *camera = ViewCamera::home(&opened.home),
+        }
+        self.moved_at = Instant::now();
+    }
+}
+
+/// Where the cameras of the frames that are trained stand.
+fn camera_centres(opened: &Opened) -> Vec<DVec3> {
+    let (Some(dataset), Some(plan)) = (&opened.dataset, &opened.plan) else { return Vec::new() };
+    let frames = dataset.splits.get(plan.split).map_or(&[][..], |split| split.frames.as_slice());
+    let trained = plan.frames.iter().filter_map(|&index| frames.get(index));
+    trained.map(|frame| frame.camera.pose.centre()).collect()
+}
+
+/// A ball around all cameras and what they look at.
+fn framing_of_cameras(opened: &Opened) -> Option<Framing> {
+    let centres = camera_centres(opened);
+    let mean = centres.iter().copied().sum::<DVec3>() / centres.len().max(1) as f64;
+    let centre = 0.5 * (mean + opened.home.target);
+    let farthest = centres.iter().map(|c| c.distance(centre)).fold(0.0, f64::max);
+    let radius = farthest.max(0.5 * opened.home.radius);
+    (!centres.is_empty()).then_some(Framing { centre, radius })
+}
+
+/// Whether most of the cameras stand within the scene.
+fn are_inside(cameras: &[DVec3], scene: &Framing) -> bool {
+    let n = cameras.iter().filter(|c| c.distance(scene.centre) < scene.radius).count();
+    2 * n > cameras.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cameras_around_an_object_are_outside_and_those_of_a_room_inside() {
+        let scene = Framing { centre: DVec3::ZERO, radius: 1.0 };
+        assert!(!are_inside(&[DVec3::X * 4.0, DVec3::Y * 4.0, DVec3::ZERO], &scene));
+        assert!(are_inside(&[DVec3::X * 0.5, DVec3::ZERO, DVec3::Z * 3.0], &scene));
+        assert!(!are_inside(&[], &scene), "a model without cameras is seen whole");
+    }
+}

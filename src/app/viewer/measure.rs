@@ -1,0 +1,189 @@
+//! The distance between two clicked places, and how well the posterior knows it.
+//!
+//! A click finds the splat that is seen and the place where the pixel's ray meets its plane. The mean of
+//! a component given the points has the covariance `E[Σ]/κ` (`model.md`, Posterior); along the line
+//! between two places the variances of both ends add up.
+
+use super::world_painter::WorldPainter;
+use crate::app::panels::legend::number;
+use crate::app::state::Inspected;
+use crate::math::camera::Camera;
+use crate::math::sym3::Sym3;
+use crate::model::splat::splats::Splat;
+use eframe::egui::{Align2, Color32, FontId, Stroke, Vec2};
+use glam::{DQuat, DVec2, DVec3};
+
+const LINE: Color32 = Color32::from_rgb(255, 210, 70);
+/// How far from its middle a splat's plane is taken for its surface, in its largest deviations.
+const REACH: f64 = 4.0;
+
+/// One of the two places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredPoint {
+    /// Where, world units.
+    pub point: DVec3,
+    /// Covariance of the position there, world units²; `None` for splats of files, behind which no
+    /// posterior stands.
+    pub covariance: Option<Sym3>,
+}
+
+/// A length and its standard deviation, world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredLength {
+    /// Distance between the two places.
+    pub length: f64,
+    /// Its standard deviation, where both ends have a posterior.
+    pub deviation: Option<f64>,
+}
+
+/// The tool: off, or with up to two places.
+#[derive(Clone, Debug, Default)]
+pub struct MeasureTool {
+    /// Whether clicks measure.
+    pub is_on: bool,
+    ends: Vec<MeasuredPoint>,
+    /// A clicked splat of which the trainer has not told yet, and the place on it.
+    waiting: Option<(u32, DVec3)>,
+}
+
+impl MeasureTool {
+    /// On without places, or off.
+    pub fn toggle(&mut self) {
+        *self = Self { is_on: !self.is_on, ..Self::default() };
+    }
+
+    /// A place on a splat, of which the trainer is asked.
+    pub fn aim(&mut self, splat: u32, point: DVec3) {
+        self.waiting = Some((splat, point));
+    }
+
+    /// Takes what the trainer tells of the splat that was clicked; a third place begins anew.
+    pub fn take(&mut self, inspected: Option<&Inspected>) {
+        let (Some((id, point)), Some(inspected)) = (self.waiting, inspected) else { return };
+        if inspected.id() != id {
+            return;
+        }
+        self.waiting = None;
+        if self.ends.len() == 2 {
+            self.ends.clear();
+        }
+        let covariance = match inspected {
+            Inspected::Component(i) => Some(i.covariance.scaled(1.0 / i.posterior.kappa_space)),
+            Inspected::Splat { .. } => None,
+        };
+        self.ends.push(MeasuredPoint { point, covariance });
+    }
+
+    /// Places that are known.
+    pub fn n_ends(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// What was measured, once both places are known.
+    pub fn length(&self) -> Option<MeasuredLength> {
+        let &[a, b] = self.ends.as_slice() else { return None };
+        let line = b.point - a.point;
+        let length = line.length();
+        let along = line / length.max(f64::MIN_POSITIVE);
+        let variance = |end: MeasuredPoint| end.covariance.map(|c| c.quadratic_form(along));
+        let deviation = variance(a).zip(variance(b)).map(|(a, b)| (a + b).sqrt());
+        Some(MeasuredLength { length, deviation })
+    }
+
+    /// What to do next, while there is something to do.
+    pub fn hint(&self) -> Option<&'static str> {
+        match self.ends.len() {
+            _ if !self.is_on => None,
+            0 => Some("Measure: click the first place (M ends it)"),
+            1 => Some("Measure: click the second place"),
+            _ => None,
+        }
+    }
+
+    /// Draws places, line and length.
+    pub fn draw(&self, world: &WorldPainter) {
+        for end in &self.ends {
+            if let Some(at) = world.position(end.point) {
+                world.painter().circle_filled(at, 4.0, LINE);
+            }
+        }
+        let (&[a, b], Some(length)) = (self.ends.as_slice(), self.length()) else { return };
+        world.line([a.point, b.point], Stroke::new(2.0, LINE));
+        if let Some(at) = world.position(0.5 * (a.point + b.point)) {
+            let (painter, font) = (world.painter(), FontId::proportional(15.0));
+            let galley = painter.layout_no_wrap(described(length), font, Color32::WHITE);
+            let size = galley.size() + Vec2::new(12.0, 6.0);
+            let plate = Align2::CENTER_BOTTOM.anchor_size(at - Vec2::new(0.0, 8.0), size);
+            painter.rect_filled(plate, 4.0, Color32::from_black_alpha(190));
+            painter.galley(plate.min + Vec2::new(6.0, 3.0), galley, Color32::WHITE);
+        }
+    }
+}
+
+/// The length in words.
+pub fn described(MeasuredLength { length, deviation }: MeasuredLength) -> String {
+    match deviation {
+        Some(deviation) => format!("{} ± {} world units", number(length), number(deviation)),
+        None => format!("{} world units", number(length)),
+    }
+}
+
+/// The place where a pixel's ray meets the plane of the splat seen there; its centre where the ray
+/// passes the plane by.
+pub fn surface_point(splat: &Splat, camera: &Camera, pixel: DVec2) -> DVec3 {
+    let mean = DVec3::from_array(splat.mean.map(f64::from));
+    let [w, x, y, z] = splat.rotation.map(f64::from);
+    let scale = splat.scale.map(f64::from);
+    let thinnest = (0..3).min_by(|&a, &b| scale[a].total_cmp(&scale[b])).unwrap_or(0);
+    let normal = DQuat::from_xyzw(x, y, z, w).normalize() * DVec3::AXES[thinnest];
+    let k = &camera.intrinsics;
+    let ray = DVec3::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy, 1.0);
+    let (eye, ray) = (camera.pose.centre(), camera.pose.rotation() * ray);
+    let share = normal.dot(mean - eye) / normal.dot(ray);
+    let point = eye + ray * share;
+    let reach = REACH * scale.into_iter().fold(0.0, f64::max);
+    match share.is_finite() && share > 0.0 && point.distance(mean) <= reach {
+        true => point,
+        false => mean,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::camera::Intrinsics;
+    use crate::math::pose::Pose;
+
+    fn end(x: f64, variance: Option<f64>) -> MeasuredPoint {
+        let point = DVec3::new(x, 0.0, 0.0);
+        MeasuredPoint { point, covariance: variance.map(Sym3::diagonal) }
+    }
+
+    #[test]
+    fn variances_of_both_ends_add_up_and_files_know_none() {
+        let ends = vec![end(1.0, Some(9.0)), end(4.0, Some(16.0))];
+        let tool = MeasureTool { is_on: true, ends, waiting: None };
+        assert_eq!(tool.length(), Some(MeasuredLength { length: 3.0, deviation: Some(5.0) }));
+        let ends = vec![end(1.0, Some(9.0)), end(4.0, None)];
+        let tool = MeasureTool { is_on: true, ends, waiting: None };
+        assert_eq!(tool.length(), Some(MeasuredLength { length: 3.0, deviation: None }));
+    }
+
+    #[test]
+    fn a_ray_meets_the_plane_of_a_flat_splat_and_else_its_centre() {
+        let intrinsics = Intrinsics::from_horizontal_fov(100, 100, 1.0);
+        let camera = Camera { intrinsics, pose: Pose::IDENTITY };
+        let flat = Splat {
+            mean: [0.0, 0.0, 2.0],
+            opacity: 1.0,
+            color: [0.0; 3],
+            scale: [1.0, 1.0, 0.01],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let at = surface_point(&flat, &camera, DVec2::new(100.0, 50.0));
+        assert!((at - DVec3::new(2.0 * 0.5f64.tan(), 0.0, 2.0)).length() < 1e-9, "{at}");
+        let small = Splat { scale: [0.1, 0.1, 0.01], ..flat };
+        let at = surface_point(&small, &camera, DVec2::new(100.0, 50.0));
+        assert_eq!(at, DVec3::new(0.0, 0.0, 2.0), "too far out to be this splat's");
+    }
+}

@@ -1,0 +1,175 @@
+//! Commands that place the camera, and clicks that turn it.
+
+use super::SceneView;
+use super::frame_refs::{Direction, FrameRef};
+use super::measure::{MeasureTool, MeasuredLength, surface_point};
+use super::mode::ViewMode;
+use super::stand::{GuideStage, Place};
+use crate::app::camera::ViewCamera;
+use crate::app::command::UiCommand;
+use crate::app::selection::{PickPurpose, SplatSelection};
+use crate::app::state::Opened;
+use crate::model::splat::splats::framing;
+use crate::render::{Lens, Renderer};
+use std::time::Instant;
+
+impl SceneView {
+    /// Starts at home where something else is open than before. To be called with every snapshot
+    /// before anything is drawn from it or any key is taken, so that nothing of what was open before
+    /// is met any more: no camera, no comparison, no question after a splat.
+    pub fn turn_to(&mut self, opened: &Opened) {
+        if self.serial == opened.serial {
+            return;
+        }
+        self.serial = opened.serial;
+        self.latest_frame = None;
+        self.measure = MeasureTool::default();
+        self.mode = ViewMode::Single;
+        self.selection = SplatSelection::default();
+        if self.kept.take().is_some_and(|kept| kept == opened.files) {
+            return;
+        }
+        self.go_home(opened);
+        self.guide = Some(GuideStage::Start);
+    }
+
+    /// Whether something else is shown so far.
+    pub fn is_another(&self, opened: &Opened) -> bool {
+        self.serial != opened.serial
+    }
+
+    /// Stays where it is when the same is opened again, once.
+    pub fn keep_place_of(&mut self, opened: &Opened) {
+        self.kept = Some(opened.files.clone());
+    }
+
+    /// Stands where a dataset's camera stood, beside its photograph.
+    pub fn compare_at(&mut self, frame: FrameRef, opened: &Opened) {
+        self.stand_at(frame);
+        if !self.mode.has_photo() {
+            self.set_mode(ViewMode::PhotoWipe, opened);
+        }
+    }
+
+    /// Whether clicks measure.
+    pub fn is_measuring(&self) -> bool {
+        self.measure.is_on
+    }
+
+    /// Places that were clicked to measure from.
+    pub fn n_measured(&self) -> usize {
+        self.measure.n_ends()
+    }
+
+    /// What was measured, once two places were clicked.
+    pub fn measured(&self) -> Option<MeasuredLength> {
+        self.measure.length()
+    }
+
+    /// The splat that the user wants to know of, once: `Some(None)` for none. A double click turns the
+    /// camera here instead.
+    pub fn take_picked(&mut self) -> Option<Option<u32>> {
+        let picked = self.selection.take_picked()?;
+        if picked.purpose == PickPurpose::Select {
+            return Some(picked.splat);
+        }
+        let splat = self.palette.learned().get(picked.splat? as usize)?;
+        let point = surface_point(splat, &picked.camera, picked.pixel);
+        if picked.purpose == PickPurpose::Measure {
+            self.measure.aim(picked.splat?, point);
+            return Some(picked.splat);
+        }
+        let camera = self.camera.as_mut()?;
+        if self.place != Place::Free {
+            camera.visit(&picked.camera);
+        }
+        camera.pivot(point);
+        (self.place, self.guide) = (Place::Free, None);
+        self.moved_at = Instant::now();
+        None
+    }
+
+    /// Does what a command asks of the view.
+    pub fn apply(&mut self, command: UiCommand, opened: &Opened) {
+        match command {
+            UiCommand::FrameScene => self.frame_scene(),
+            UiCommand::Home => {
+                self.go_home(opened);
+                self.guide = None;
+            }
+            UiCommand::ToggleRenderer => self.toggle_renderer(),
+            UiCommand::PreviousCamera => self.step(opened, Direction::Back),
+            UiCommand::NextCamera => self.step(opened, Direction::Forth),
+            UiCommand::RideAlong => self.toggle_guide(),
+            UiCommand::Measure => self.measure.toggle(),
+            UiCommand::Cameras => {
+                self.settings.shows_cameras = !self.settings.shows_cameras;
+            }
+            UiCommand::Grid => self.settings.shows_grid = !self.settings.shows_grid,
+            UiCommand::ComparePhoto if self.mode.has_photo() => {
+                self.set_mode(ViewMode::Single, opened);
+            }
+            UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
+            _ => {}
+        }
+    }
+
+    /// Chooses what is compared; photographs are compared where they were taken.
+    pub fn set_mode(&mut self, mode: ViewMode, opened: &Opened) {
+        self.mode = mode;
+        if mode.needs_frame() && self.place == Place::Free {
+            let first = || opened.dataset.as_ref().and_then(FrameRef::first);
+            if let Some(frame) = self.latest_frame.clone().or_else(first) {
+                self.stand_at(frame);
+            }
+        }
+    }
+
+    fn toggle_renderer(&mut self) {
+        if self.settings.lens == Lens::Fisheye {
+            let text = "Only the exact renderer draws a fisheye: choose the pinhole first";
+            self.hint = Some((text.to_owned(), Instant::now()));
+            return;
+        }
+        self.settings.renderer = match self.settings.renderer {
+            Renderer::Projected => Renderer::Exact,
+            Renderer::Exact => Renderer::Projected,
+        };
+    }
+
+    fn frame_scene(&mut self) {
+        (self.place, self.guide) = (Place::Free, None);
+        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(self.palette.splats())) {
+            camera.frame(&framing, self.viewport);
+            self.moved_at = Instant::now();
+        }
+    }
+
+    fn go_home(&mut self, opened: &Opened) {
+        self.camera = Some(ViewCamera::home(&opened.home));
+        self.place = Place::Free;
+        self.moved_at = Instant::now();
+    }
+
+    fn step(&mut self, opened: &Opened, direction: Direction) {
+        let frame = match (&self.latest_frame, direction) {
+            // The first step after steering leads back to where one stood, not past it.
+            (Some(frame), _) if self.place == Place::Free => Some(frame.clone()),
+            (Some(frame), _) => Some(frame.of_now(opened.dataset.as_ref()).stepped(direction)),
+            (None, Direction::Forth) => opened.dataset.as_ref().and_then(FrameRef::first),
+            (None, Direction::Back) => {
+                let first = opened.dataset.as_ref().and_then(FrameRef::first);
+                first.map(|first| first.stepped(direction))
+            }
+        };
+        if let Some(frame) = frame {
+            self.stand_at(frame);
+        }
+    }
+
+    fn stand_at(&mut self, frame: FrameRef) {
+        (self.place, self.guide) = (Place::At(frame.clone()), None);
+        self.latest_frame = Some(frame);
+        self.moved_at = Instant::now();
+    }
+}

@@ -1,0 +1,25 @@
+//! Where the camera stands: where a hand steered it, at a dataset's camera, or where training is.
+
+use super::frame_refs::FrameRef;
+
+/// Where the camera stands.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Place {
+    /// Where it was steered to.
+    Free,
+    /// Exactly where a dataset's camera stood.
+    At(FrameRef),
+}
+
+/// What a guided camera shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GuideStage {
+    /// Nothing yet of what was opened.
+    Start,
+    /// Every camera of the dataset.
+    Overview,
+    /// What the frame at this position of the order of training shows.
+    Frame(usize),
+    /// The finished scene.
+    End,
+}

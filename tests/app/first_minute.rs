@@ -1,0 +1,76 @@
+//! What a stranger meets: the start page, an opened dataset, training that is ridden along with.
+
+use super::harness::{PATIENCE, Window, click, dataset, drag, is, wait, wait_for_picture, window};
+use crate::common::adapter::turn;
+use eframe::egui::{Key, PointerButton};
+use egui_kittest::kittest::Queryable;
+use std::time::Instant;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Subject};
+
+#[test]
+fn the_start_page_says_what_happens_and_how_to_begin() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.run_steps(2);
+    window.get_by_label("Your own capture: drop a folder");
+    window.get_by_label_contains("become a scene of splats while you watch");
+    click(&mut window, "Try the synthetic scene");
+    wait(&mut window, "training", is(RunState::Training));
+}
+
+#[test]
+fn an_opened_dataset_is_never_blank_and_one_button_trains_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.run_steps(2);
+    window.get_by_label_contains("Recognised as");
+    window.get_by_label("train: 3 frames of 64×48, trained");
+    // Nothing is trained: what is seen are the cameras and their photographs.
+    wait_for_picture(&mut window);
+    click(&mut window, "Train 3 frames");
+    wait(&mut window, "the end", is(RunState::Finished));
+    assert!(window.query_by_label_contains("Recognised as").is_none(), "the card is gone");
+}
+
+/// Steps until the camera rides along no more, or does again.
+fn wait_for_guide(window: &mut Window, is_guided: bool) {
+    let started = Instant::now();
+    while window.state().view().is_guided() != is_guided {
+        assert!(started.elapsed() < PATIENCE);
+        window.step();
+    }
+}
+
+#[test]
+fn the_camera_rides_along_until_it_is_moved() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    assert!(window.state().view().is_guided());
+    click(&mut window, "Step");
+    wait(&mut window, "one frame", |s| s.snapshot().frames_done == 1);
+    window.run_steps(2);
+    // Where the first frame was taken.
+    let opened = window.state().snapshot().opened.clone().unwrap();
+    let split = opened.plan.as_ref().unwrap().split;
+    let taken = opened.dataset.as_ref().unwrap().splits[split].frames[0].camera.pose;
+    let stands = window.state().view().eye().unwrap();
+    assert!((stands - taken.centre()).length() < 1e-6, "{stands}");
+    drag(&mut window, PointerButton::Primary);
+    wait_for_guide(&mut window, false);
+    let left = window.state().view().eye();
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+    window.run_steps(3);
+    assert_eq!(window.state().view().eye(), left, "the hand's view stays");
+    window.key_press(Key::V);
+    wait_for_guide(&mut window, true);
+    window.run_steps(2);
+    assert_ne!(window.state().view().eye(), left);
+}

@@ -1,0 +1,64 @@
+//! Quality while it is trained and after, and what the card at the end offers.
+
+use super::harness::{click, dataset, is, train, wait, wait_for_label, window};
+use super::viewer::{evaluated_on_black, position, session};
+use crate::common::adapter::turn;
+use egui_kittest::kittest::Queryable;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+use vbgs_studio::train::scene::units::StructuralScale;
+
+#[test]
+fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    click(&mut window, "Quality");
+    train(&mut window);
+    wait(&mut window, "the result", |s| s.quality().result().is_some());
+    let session = session(&path, SceneOverrides::default());
+    let held_out = (session.dataset().evaluation(session.plan().split).split, 0);
+    let expected = evaluated_on_black(&session, held_out);
+    let result = window.state().quality().result().unwrap();
+    assert!((result.psnr - expected.psnr).abs() < 1e-9, "{result:?}");
+    assert_eq!(result.frames, 3);
+    assert!(result.depth_error.is_some() && result.seconds > 0.0);
+    wait_for_label(&mut window, &format!("{:.2} dB", expected.psnr));
+    let name = window.state().quality().views()[0].frame.clone();
+    click(&mut window, &name);
+    assert_eq!(position(&window), Some(held_out));
+    assert!(window.state().view().mode().has_photo());
+}
+
+#[test]
+fn the_card_at_the_end_trains_again_finer_and_the_view_stays() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    window.run_steps(3);
+    window.get_by_label("3 frames are a scene");
+    wait(&mut window, "quality", |s| s.quality().result().is_some());
+    let (before, eye) = (window.state().snapshot(), window.state().view().eye());
+    click(&mut window, "Again, finer");
+    click(&mut window, "Discard");
+    wait(&mut window, "the end of the finer run", |s| {
+        let now = s.snapshot();
+        now.state == RunState::Finished && now.used > before.used
+    });
+    let now = window.state().snapshot();
+    let scale = |opened: &vbgs_studio::app::state::Opened| match opened.scene().unwrap().scale {
+        StructuralScale::Pixels(pixels) => pixels,
+        StructuralScale::World(_) => panic!("pixels"),
+    };
+    let [coarse, fine] = [&before, &now].map(|s| scale(s.opened.as_ref().unwrap()));
+    assert!((fine / coarse - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-9);
+    assert_eq!(window.state().view().eye(), eye);
+    click(&mut window, "×");
+    assert!(window.query_by_label_contains("are a scene").is_none());
+    wait(&mut window, "still", is(RunState::Finished));
+}

@@ -1,0 +1,152 @@
+//! Flying, turning about a place, measuring, and what lies over the picture.
+
+use super::harness::{Window, click, dataset, drop_on, is, train, wait, wait_for_picture, window};
+use super::inspect::{MIDDLE, click_at};
+use crate::common::adapter::turn;
+use eframe::egui::{Event, Key, Modifiers, Vec2, ViewportCommand, ViewportId};
+use egui_kittest::kittest::Queryable;
+use std::path::Path;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+
+fn trained(folder: &Path) -> Option<Window> {
+    let subject = Subject::Path(dataset(folder, 3));
+    let mut window = window(Some(subject), Painting::Auto)?;
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    wait_for_picture(&mut window);
+    Some(window)
+}
+
+fn hold(window: &mut Window, key: Key, pressed: bool, modifiers: Modifiers) {
+    let event = Event::Key { key, physical_key: None, pressed, repeat: false, modifiers };
+    window.event(event);
+    window.step();
+}
+
+#[test]
+fn keys_fly_and_with_ctrl_they_fly_slowly_instead_of_saving() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    let flown = |window: &mut Window, steps: usize| {
+        let before = window.state().view().eye().unwrap();
+        (0..steps).for_each(|_| window.step());
+        (window.state().view().eye().unwrap() - before).length()
+    };
+    hold(&mut window, Key::W, true, Modifiers::NONE);
+    let far = flown(&mut window, 4);
+    assert!(far > 0.0 && !window.state().view().is_guided());
+    window.event(Event::ModifiersChanged(Modifiers::COMMAND));
+    hold(&mut window, Key::S, true, Modifiers::COMMAND);
+    hold(&mut window, Key::W, false, Modifiers::COMMAND);
+    let slowly = flown(&mut window, 4);
+    assert!(slowly > 0.0 && slowly < 0.2 * far, "{slowly} after {far}");
+    assert!(window.query_by_label("Save checkpoint").is_none(), "Ctrl+S flies backwards now");
+    hold(&mut window, Key::S, false, Modifiers::NONE);
+    window.event(Event::ModifiersChanged(Modifiers::NONE));
+    assert_eq!(flown(&mut window, 3), 0.0);
+}
+
+#[test]
+fn a_double_click_turns_about_the_surface_and_two_clicks_measure() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    let eye = window.state().view().eye().unwrap();
+    let aside = MIDDLE + Vec2::new(60.0, 40.0);
+    let target = window.state().view().target().unwrap();
+    click_at(&mut window, aside);
+    click_at(&mut window, aside);
+    wait(&mut window, "another pivot", |s| s.view().target() != Some(target));
+    let stays = (window.state().view().eye().unwrap() - eye).length();
+    assert!(stays < 1e-9, "the camera turns where it stands: {stays}");
+
+    window.key_press(Key::M);
+    window.run_steps(2);
+    assert!(window.state().view().is_measuring());
+    for (at, n) in [(MIDDLE, 1), (MIDDLE - Vec2::new(80.0, 30.0), 2)] {
+        // Slower than a double click.
+        std::thread::sleep(std::time::Duration::from_millis(400));
+        (0..4).for_each(|_| window.step());
+        click_at(&mut window, at);
+        wait(&mut window, "a place", |s| s.view().n_measured() == n);
+    }
+    let measured = window.state().view().measured().unwrap();
+    let deviation = measured.deviation.unwrap();
+    assert!(measured.length > 0.0 && deviation > 0.0 && deviation < measured.length);
+    window.key_press(Key::M);
+    window.run_steps(2);
+    assert!(!window.state().view().is_measuring());
+}
+
+#[test]
+fn cameras_and_grid_are_drawn_over_the_scene() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    for key in [Key::C, Key::X] {
+        let before = window.render().unwrap();
+        window.key_press(key);
+        window.run_steps(2);
+        assert_ne!(before.as_raw(), window.render().unwrap().as_raw(), "{key:?}");
+    }
+    let settings = &window.state().view().settings;
+    assert!(settings.shows_cameras && settings.shows_grid);
+}
+
+#[test]
+fn timings_are_written_beside_the_dataset_and_its_notice_is_closed() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    window.get_by_label_contains("of frames inside it");
+    click(&mut window, "×");
+    click(&mut window, "Write CSV");
+    let file = folder.path().join("room.latency.csv");
+    wait(&mut window, "the file", |_| file.is_file());
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(text.starts_with("frame,points,load,prepare,"), "{text}");
+    wait(&mut window, "the notice", |s| {
+        s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text.contains("Wrote"))
+    });
+    window.run_steps(2);
+    click(&mut window, "×");
+    assert!(window.query_by_label_contains("Wrote").is_none());
+}
+
+#[test]
+fn the_title_names_what_is_open_and_recent_things_open_again() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b] = ["a", "b"].map(|name| {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        dataset(&folder.path().join(name), 2)
+    });
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    let mut titles = Vec::new();
+    for path in [&a, &b] {
+        drop_on(&mut window, path);
+        wait(&mut window, "ready", {
+            let path = path.clone();
+            move |s| s.snapshot().opened.as_ref().is_some_and(|o| o.path.as_ref() == Some(&path))
+        });
+        for _ in 0..3 {
+            let commands = window.output().viewport_output.get(&ViewportId::ROOT);
+            titles.extend(commands.into_iter().flat_map(|v| v.commands.clone()).filter_map(
+                |command| match command {
+                    ViewportCommand::Title(title) => Some(title),
+                    _ => None,
+                },
+            ));
+            window.step();
+        }
+    }
+    assert!(titles.contains(&"room - VBGS Studio".to_owned()), "{titles:?}");
+    click(&mut window, "Recent");
+    click(&mut window, &a.display().to_string());
+    wait(&mut window, "the first again", |s| {
+        s.snapshot().opened.as_ref().is_some_and(|o| o.path.as_ref() == Some(&a))
+    });
+    wait(&mut window, "ready", is(RunState::Ready));
+}
