@@ -9,9 +9,11 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
 use vbgs_studio::dataset::Dataset;
+use vbgs_studio::eval::aligned::AlignedView;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::seen::Seen;
+use vbgs_studio::eval::sharpness::SharpnessBand;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::math::image::RgbImage;
 
@@ -119,7 +121,12 @@ pub fn quality(eval: &EvalReport) -> String {
         eval.psnr_std,
         eval.ssim_mean,
     );
-    let more = [aligned(eval), eval.seen_mean.as_ref().map(seen), eval.cracks.as_ref().map(cracks)];
+    let more = [
+        aligned(eval),
+        eval.pose_aligned_mean.as_ref().map(pose_aligned),
+        eval.seen_mean.as_ref().map(seen),
+        eval.cracks.as_ref().map(cracks),
+    ];
     std::iter::once(plain).chain(more.into_iter().flatten()).collect::<Vec<_>>().join("\n  ")
 }
 
@@ -134,6 +141,24 @@ fn aligned(eval: &EvalReport) -> Option<String> {
         "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}",
         eval.psnr_aligned_covered_mean?, eval.psnr_aligned_mean?, eval.ssim_aligned_mean?
     ))
+}
+
+fn pose_aligned(view: &AlignedView) -> String {
+    let bands = |value: fn(&SharpnessBand) -> f64| {
+        view.bands.iter().map(|band| format!("{:.2}", value(band))).collect::<Vec<_>>().join(", ")
+    };
+    format!(
+        "poses aligned to their photographs (moved by {:.4} and {:.2}° on average): PSNR {:.2} dB, covered {:.2} dB, colours aligned {:.2} dB, SSIM {:.4}, of gradients {:.4}; detail from the finest octave: energy {} of the photograph's, correlation {}",
+        view.shift,
+        view.turn,
+        view.psnr,
+        view.psnr_covered,
+        view.psnr_aligned_covered,
+        view.ssim_aligned,
+        view.gradient_ssim,
+        bands(|band| band.energy_ratio),
+        bands(|band| band.correlation),
+    )
 }
 
 fn seen(seen: &Seen) -> String {

@@ -77,6 +77,7 @@ impl QualityRequest<'_> {
             partial_coverage,
             exposure,
             eval_poses,
+            align_poses,
             eval_scale,
         } = *self.args;
         EvalOptions {
@@ -87,6 +88,7 @@ impl QualityRequest<'_> {
             partial_coverage,
             color_camera: self.color_camera,
             poses: eval_poses,
+            align_poses,
             scale: eval_scale,
             render: RenderOptions {
                 exposing: exposure,
