@@ -6,6 +6,9 @@
 //! what every model has: its picture and the depth behind each pixel. From small images to the whole one,
 //! because slopes of a photograph hold for about a pixel.
 //!
+//! Slopes are the render's, not the photograph's: detail that splats do not show would make the photograph
+//! look steeper than what can match it, and steps that much too short.
+//!
 //! The result is judged, not trusted: of the poses visited the one is taken whose picture is nearest to
 //! the photograph, so that an alignment which fails leaves the recorded pose.
 
@@ -81,6 +84,8 @@ pub fn aligned(
 struct ShownPoint {
     place: DVec3,
     color: [f64; 3],
+    /// How the colour changes by column and row, per pixel.
+    slope: [[f64; 2]; 3],
 }
 
 /// What covered pixels show, at the size of `k`.
@@ -93,18 +98,29 @@ fn shown(
     let Rendered { color, coverage, depth, .. } = &view.rendered;
     let (width, height) = (k.width as usize, k.height as usize);
     let small = area_averaged(color, [width, height]);
+    // Neither depth nor coverage is averaged: between a surface and another behind it there is nothing.
+    let under = |column: usize, row: usize| {
+        [(2 * column + 1) * color.width / (2 * width), (2 * row + 1) * color.height / (2 * height)]
+    };
+    let is_covered = |column: usize, row: usize| {
+        let [x, y] = under(column, row);
+        *coverage.at(x, y) >= COVERED
+    };
     let mut points = Vec::new();
-    for row in 0..height {
-        for column in 0..width {
-            // Depth is not averaged: between a surface and another behind it there is nothing.
-            let at = [
-                (2 * column + 1) * color.width / (2 * width),
-                (2 * row + 1) * color.height / (2 * height),
-            ];
+    // The rim has no slopes, nor has what lies beside a hole, where the background would make an edge.
+    for row in 1..height.saturating_sub(1) {
+        for column in 1..width.saturating_sub(1) {
+            let at = under(column, row);
             let length = f64::from(*depth.at(at[0], at[1]));
-            if *coverage.at(at[0], at[1]) < COVERED || length <= 0.0 {
+            let beside =
+                [(column - 1, row), (column + 1, row), (column, row - 1), (column, row + 1)];
+            let is_inside = beside.iter().all(|&(x, y)| is_covered(x, y));
+            if !is_covered(column, row) || !is_inside || length <= 0.0 {
                 continue;
             }
+            let [left, right, above, below] = beside.map(|(x, y)| small.at(x, y).map(f64::from));
+            let slope =
+                std::array::from_fn(|i| [0.5 * (right[i] - left[i]), 0.5 * (below[i] - above[i])]);
             let ray = full.ray(at[0], at[1]);
             let z = match renderer {
                 Renderer::Projected => length,
@@ -112,14 +128,14 @@ fn shown(
             };
             // Its depth, under the pixel of the smaller image that shows its colour.
             let place = view.pose.transform_point(k.ray(column, row) * z);
-            points.push(ShownPoint { place, color: small.at(column, row).map(f64::from) });
+            points.push(ShownPoint { place, color: small.at(column, row).map(f64::from), slope });
         }
     }
     points
 }
 
-/// A point as the photograph shows it: its colour there and how that changes with the camera's turn and
-/// shift, channel by channel.
+/// A point as the photograph shows it: its colour there, and how the render's changes with the camera's
+/// turn and shift, channel by channel.
 struct PhotographedPoint {
     shown: [f64; 3],
     seen: [f64; 3],
@@ -178,8 +194,7 @@ fn look_up(
     for i in 0..3 {
         let (top, bottom) = (a[i] + (b[i] - a[i]) * s, c[i] + (d[i] - c[i]) * s);
         found.seen[i] = top + (bottom - top) * t;
-        let across = k.fx * ((b[i] - a[i]) * (1.0 - t) + (d[i] - c[i]) * t) / p.z;
-        let down = k.fy * (bottom - top) / p.z;
+        let [across, down] = [k.fx * point.slope[i][0] / p.z, k.fy * point.slope[i][1] / p.z];
         // A camera that moves by `shift` and turns by `turn` sees the point at p − shift − turn × p.
         let place = DVec3::new(across, down, -(across * p.x + down * p.y) / p.z);
         let turn = place.cross(p);
@@ -210,7 +225,9 @@ fn step(
             let mut sums = CameraSums::ZERO;
             for point in points {
                 let trust = 1.0 / (1.0 + (size(point) / scale).powi(2));
-                (0..3).for_each(|i| sums.add(residual(point, i), &point.slope[i], trust));
+                for (i, [gain, _]) in lines.iter().enumerate() {
+                    sums.add(residual(point, i), &point.slope[i].map(|slope| gain * slope), trust);
+                }
             }
             sums
         })
@@ -285,6 +302,7 @@ impl CameraSums {
 mod tests {
     use super::*;
     use crate::math::image::Image;
+    use crate::math::rng::{Purpose, Rng};
 
     const SIZE: (u32, u32) = (96, 72);
 
@@ -327,6 +345,22 @@ mod tests {
         let [before, after] = [&wall(&recorded), &found.rendered]
             .map(|view| aligned_error(&view.color, &view.coverage, &truth).unwrap());
         assert!(after < 0.05 * before, "{before} {after}");
+    }
+
+    /// Slopes of the photograph would hold this detail too, and shorten every step.
+    #[test]
+    fn detail_that_splats_lack_does_not_hide_a_motion() {
+        let real = Pose::IDENTITY.attached(DVec3::new(0.03, -0.02, 0.0), DQuat::IDENTITY);
+        let mut rng = Rng::new(4, Purpose::Synthetic, 0);
+        let mut noisy = |v: f32| v + 0.3 * (rng.uniform() - 0.5) as f32;
+        let truth = wall(&camera(real)).color.map(|p| p.map(&mut noisy));
+        let recorded = camera(Pose::IDENTITY);
+        let found =
+            aligned(&recorded, wall(&recorded), &truth, Renderer::Projected, |c| wall(c)).unwrap();
+        let [before, after] = [&wall(&recorded), &found.rendered].map(|view| {
+            aligned_error(&view.color, &view.coverage, &wall(&camera(real)).color).unwrap()
+        });
+        assert!(after < 0.1 * before, "{before} {after} {:?}", found.pose);
     }
 
     #[test]
