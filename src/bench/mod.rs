@@ -1,6 +1,7 @@
 //! Benches: speed against error, each as a table, JSON, CSV and a plot.
 
 pub mod findings;
+mod folder;
 pub mod paper;
 mod plot;
 pub mod protocol;

@@ -1,14 +1,15 @@
 //! The paper's protocol on every scene of a folder (`pipeline.md`, Paper's protocol): 200 frames with
 //! depth, up to 100 held-out views, both presets, both renderers, latency as the paper counts it.
 //!
-//! Eight scenes of two presets take hours on small machines, so that every finished run is kept in a
-//! file of its own, and a bench that is started again goes on where it stopped.
+//! Eight scenes of two presets take hours on small machines: a bench that is started again goes on where
+//! it stopped.
 
 use super::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use super::folder;
 use super::paper::sample::spaced;
 use super::plot::axis::Axis;
 use super::plot::draw::{self, Mark, Panel, Series};
-use crate::dataset::{self, Dataset, LoadOptions};
+use crate::dataset::Dataset;
 use crate::eval::choices::GroundTruth;
 use crate::eval::spread::Spread;
 use crate::eval::table;
@@ -21,7 +22,7 @@ use crate::pipeline::settings::scene::SceneOverrides;
 use crate::render::{RenderMethod, RenderOptions};
 use crate::train::paper::config::PaperConfig;
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -70,18 +71,10 @@ pub struct ProtocolRow {
     pub ssim: f64,
 }
 
-/// A finished run as it is kept.
-#[derive(Serialize, Deserialize)]
-struct Kept {
-    /// What its rows depend on.
-    of: Value,
-    rows: Vec<ProtocolRow>,
-}
-
 /// Runs what is not kept yet, scene by scene.
 pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError> {
-    let (scenes, left_out) = scenes(&plan.data)?;
-    std::fs::create_dir_all(&plan.kept).map_err(|source| kept(&plan.kept, source))?;
+    let (scenes, left_out) = folder::scenes(&plan.data)?;
+    folder::make(&plan.kept)?;
     let [frames, views] = if plan.options.quick { QUICK } else { PAPER };
     let frames = plan.options.max_frames.unwrap_or(frames);
     let mut rows = Vec::new();
@@ -111,29 +104,6 @@ pub fn run(plan: &ProtocolPlan, progress: Progress) -> Result<Bench, BenchError>
     .into_bench()
 }
 
-/// The scenes of a folder by name, and what was left out and why.
-fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
-    let listing = std::fs::read_dir(data).map_err(|source| kept(data, source))?;
-    let folders = listing.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
-    let mut folders: Vec<PathBuf> = folders.collect();
-    folders.sort();
-    let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
-    for folder in folders {
-        match dataset::open(&folder, &LoadOptions::default()) {
-            Err(error) => left_out.push(format!("left out: {error}")),
-            Ok(dataset) => match dataset.training_split() {
-                Err(error) => left_out.push(format!("left out: {error}")),
-                Ok(_) => scenes.push(Arc::new(dataset)),
-            },
-        }
-    }
-    if scenes.is_empty() {
-        let first = left_out.into_iter().next().unwrap_or_else(|| "it holds no folder".to_owned());
-        return Err(BenchError::NoScene { folder: data.to_owned(), first });
-    }
-    Ok((scenes, left_out))
-}
-
 /// One preset on one scene.
 struct ProtocolRun<'a> {
     scene: &'a Arc<Dataset>,
@@ -145,7 +115,7 @@ struct ProtocolRun<'a> {
 
 impl ProtocolRun<'_> {
     /// The rows in the run's file if they are of this very run, else those of a new one.
-    fn kept_or_new(&self, folder: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
+    fn kept_or_new(&self, kept: &Path) -> Result<Vec<ProtocolRow>, BenchError> {
         let selection = Selection { max_frames: Some(self.frames), ..Selection::everything() };
         let asked: MethodRequest = match self.preset {
             "paper" => PaperConfig { seed: self.seed, ..PaperConfig::paper() }.into(),
@@ -157,15 +127,8 @@ impl ProtocolRun<'_> {
             "settings": session.config(),
             "views": self.views,
         });
-        let file = folder.join(format!("{}-{}.json", self.scene.name, self.preset));
-        let earlier = std::fs::read(&file).ok().and_then(|b| serde_json::from_slice(&b).ok());
-        if let Some(Kept { rows, .. }) = earlier.filter(|kept: &Kept| kept.of == of) {
-            return Ok(rows);
-        }
-        let rows = self.measured(session)?;
-        let text = serde_json::to_vec_pretty(&Kept { of, rows: rows.clone() })?;
-        std::fs::write(&file, text).map_err(|source| kept(&file, source))?;
-        Ok(rows)
+        let file = kept.join(format!("{}-{}.json", self.scene.name, self.preset));
+        folder::kept_or_new(&file, of, || self.measured(session))
     }
 
     fn measured(&self, mut session: Session) -> Result<Vec<ProtocolRow>, BenchError> {
@@ -210,10 +173,6 @@ impl ProtocolRun<'_> {
         let (found, _) = evaluate(splats, self.scene, held_out.split, &views, options, |_| ())?;
         Ok((found.views, found.psnr_mean, found.ssim_mean))
     }
-}
-
-fn kept(path: &Path, source: std::io::Error) -> BenchError {
-    BenchError::File { path: path.to_owned(), source }
 }
 
 fn text(rows: &[ProtocolRow]) -> String {

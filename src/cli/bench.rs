@@ -23,6 +23,8 @@ use vbgs_studio::bench::render::BenchDevice;
 use vbgs_studio::bench::render::{BenchScene, RenderPlan};
 use vbgs_studio::bench::scene;
 use vbgs_studio::bench::scene::AccuracyPlan;
+use vbgs_studio::bench::scene::real;
+use vbgs_studio::bench::scene::real::RecordingsPlan;
 use vbgs_studio::bench::scene::retention;
 use vbgs_studio::dataset::{self, Dataset};
 use vbgs_studio::pipeline::demo;
@@ -52,6 +54,14 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
                 return Err(once("paper"));
             }
             measure(&args.common, |progress| protocol::run(&plan, progress))
+        }
+        BenchName::Real(args) => {
+            let plan = RecordingsPlan {
+                data: args.data.clone(),
+                kept: args.common.out.join("real"),
+                options: args.common.options(args.max_frames),
+            };
+            measure(&args.common, |progress| real::run(&plan, progress))
         }
         BenchName::Retention(args) => {
             if args.common.repeats.is_some() {

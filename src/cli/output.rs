@@ -10,9 +10,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use vbgs_studio::dataset::Dataset;
+use vbgs_studio::eval::aligned::AlignedView;
 use vbgs_studio::eval::cracks::{CrackReport, Cracks};
 use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::seen::Seen;
+use vbgs_studio::eval::sharpness::SharpnessBand;
 use vbgs_studio::export::atomic::write_atomic;
 use vbgs_studio::math::image::RgbImage;
 
@@ -157,6 +159,7 @@ pub fn quality(eval: &EvalReport) -> String {
     let more = [
         learnt(eval),
         aligned(eval),
+        eval.pose_aligned_mean.as_ref().map(pose_aligned),
         eval.seen_mean.as_ref().map(seen),
         eval.cracks.as_ref().map(cracks),
     ];
@@ -182,6 +185,24 @@ fn aligned(eval: &EvalReport) -> Option<String> {
         "colours aligned view by view: covered {:.2} dB, whole frame {:.2} dB, SSIM {:.4}",
         eval.psnr_aligned_covered_mean?, eval.psnr_aligned_mean?, eval.ssim_aligned_mean?
     ))
+}
+
+fn pose_aligned(view: &AlignedView) -> String {
+    let bands = |value: fn(&SharpnessBand) -> f64| {
+        view.bands.iter().map(|band| format!("{:.2}", value(band))).collect::<Vec<_>>().join(", ")
+    };
+    format!(
+        "poses aligned to their photographs (moved by {:.4} and {:.2}° on average): PSNR {:.2} dB, covered {:.2} dB, colours aligned {:.2} dB, SSIM {:.4}, of gradients {:.4}; detail from the finest octave: energy {} of the photograph's, correlation {}",
+        view.shift,
+        view.turn,
+        view.psnr,
+        view.psnr_covered,
+        view.psnr_aligned_covered,
+        view.ssim_aligned,
+        view.gradient_ssim,
+        bands(|band| band.energy_ratio),
+        bands(|band| band.correlation),
+    )
 }
 
 fn seen(seen: &Seen) -> String {

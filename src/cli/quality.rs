@@ -98,6 +98,7 @@ impl QualityRequest<'_> {
             partial_coverage,
             exposure,
             eval_poses,
+            align_poses,
             eval_scale,
             near: _,
         } = *self.args;
@@ -109,6 +110,7 @@ impl QualityRequest<'_> {
             partial_coverage,
             color_camera: self.color_camera,
             poses: eval_poses,
+            align_poses,
             scale: eval_scale,
             render: RenderOptions {
                 exposing: exposure,

@@ -103,8 +103,28 @@ pub fn compare(
     })
 }
 
+/// Mean squared error of the whole frame, all channels, after the colours of covered pixels were aligned.
+///
+/// # Errors
+/// The images differ in size.
+pub(super) fn aligned_error(
+    render: &RgbImage,
+    coverage: &Image<f32>,
+    truth: &RgbImage,
+) -> Result<f64, MetricError> {
+    same_size(render, truth, "ground truth")?;
+    same_size(render, coverage, "coverage")?;
+    let sums = Sums::of(render, coverage, truth);
+    let error = match sums.n_covered {
+        0 => sums.error,
+        _ => Sums::of(&sums.alignment().applied(render, coverage), coverage, truth).error,
+    };
+    Ok(error / (3 * render.data.len()) as f64)
+}
+
 impl Alignment {
-    fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
+    /// The render with the covered pixels' colours aligned, clamped to `[0, 1]`.
+    pub(super) fn applied(&self, render: &RgbImage, coverage: &Image<f32>) -> RgbImage {
         let aligned = render.data.par_iter().zip(&coverage.data).map(|(&pixel, &coverage)| {
             // The background is nobody's colour, and aligning it would reward guessing it.
             if coverage < COVERED {

@@ -1,6 +1,7 @@
 //! Quality of a model, and how runs report themselves.
 #![doc = include_str!("eval.md")]
 
+pub mod aligned;
 pub mod choices;
 pub mod comparison;
 mod control_group;
@@ -14,13 +15,16 @@ pub mod near;
 pub mod report;
 pub mod scale;
 pub mod seen;
+pub mod sharpness;
 pub mod sizes;
 pub mod spread;
 pub mod ssim;
 pub mod surfaces;
 pub mod table;
 pub mod trajectory_error;
+pub mod view_alignment;
 pub mod views;
 
+mod partial_coverage;
 mod reproject;
 mod sweep;

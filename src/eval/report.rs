@@ -4,6 +4,7 @@
 //! the names of its fields stay. Values that may be missing are `Option`, not NaN, which JSON
 //! cannot hold.
 
+use super::aligned::AlignedView;
 use super::choices::{PartialCoverage, ViewPoses};
 use super::cracks::CrackReport;
 use super::scale::EvalScale;
@@ -262,6 +263,9 @@ pub struct EvalReport {
     pub ssim_aligned_mean: Option<f64>,
     /// Means on the pixels where the views' depth cameras saw a surface; `None` without depth.
     pub seen_mean: Option<Seen>,
+    /// Means of the views drawn from where their own photographs say, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_aligned_mean: Option<AlignedView>,
     /// Mean absolute depth error where both have depth, world units: of depth z for the projected
     /// renderer, of distance along the ray for the exact one; `None` without true depth.
     pub depth_mae_mean: Option<f64>,
@@ -296,6 +300,9 @@ pub struct ViewReport {
     pub ssim_aligned: Option<f64>,
     /// On the pixels where the view's depth camera saw a surface; `None` without depth.
     pub seen: Option<Seen>,
+    /// Drawn from where its own photograph says, where that was asked for; `None` if nothing is covered.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pose_aligned: Option<AlignedView>,
     /// Mean absolute depth error, world units, as in [`EvalReport::depth_mae_mean`].
     pub depth_mae: Option<f64>,
 }

@@ -100,7 +100,7 @@ impl fmt::Display for EvalScale {
 
 /// The picture in an image of other, no larger sides: every pixel is the mean of the area it covers,
 /// pixels that are covered in part counting by their share.
-fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> RgbImage {
+pub(super) fn area_averaged(picture: &RgbImage, [width, height]: [usize; 2]) -> RgbImage {
     let (columns, rows) = (spans(picture.width, width), spans(picture.height, height));
     let mut narrow = Image::filled(width, picture.height, [0.0f32; 3]);
     narrow.data.par_chunks_mut(width).zip(picture.data.par_chunks(picture.width)).for_each(

@@ -6,15 +6,18 @@
 //! fatal, but a split without any usable view is an error: an average over nothing would look like
 //! a result.
 
+use super::aligned::AlignedView;
 use super::choices::{GroundTruth, PartialCoverage, ViewPoses};
 use super::comparison::{COVERED, Comparison, compare};
 use super::metrics;
+use super::partial_coverage::divided;
 use super::report::{EvalReport, SkippedFrame, ViewReport};
 use super::scale::EvalScale;
 use super::seen::Seen;
 use super::sizes::MetricError;
 use super::surfaces::Surfaces;
 use super::sweep::over_views;
+use super::view_alignment::aligned;
 use crate::dataset::Dataset;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::error::FrameError;
@@ -25,6 +28,7 @@ use crate::math::image::{Image, RgbImage};
 use crate::model::splat::appearance::SplatView;
 use crate::render::cpu::{CpuRenderer, Rendered};
 use crate::render::{RenderMethod, RenderOptions, Renderer};
+use std::borrow::Cow;
 
 /// How views are rendered and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +41,8 @@ pub struct EvalOptions {
     pub color_camera: Option<ColorCamera>,
     /// Where views are drawn from.
     pub poses: ViewPoses,
+    /// Whether views are also scored from where their own photographs say.
+    pub align_poses: bool,
     /// The fraction of the photographs' sides that views are compared at.
     pub scale: EvalScale,
     /// Settings of the render; its background is the comparison's.
@@ -48,7 +54,8 @@ impl EvalOptions {
     pub fn plain(ground_truth: GroundTruth, render: RenderOptions) -> Self {
         let partial_coverage = PartialCoverage::Composited;
         let (poses, scale) = (ViewPoses::Recorded, EvalScale::FULL);
-        Self { ground_truth, partial_coverage, color_camera: None, poses, scale, render }
+        let (color_camera, align_poses) = (None, false);
+        Self { ground_truth, partial_coverage, color_camera, poses, align_poses, scale, render }
     }
 
     /// The photograph's camera, for the image that is compared.
@@ -119,7 +126,14 @@ pub fn evaluate<'a>(
         let camera = options.photo_camera(&frame);
         let rendered = renderer.render(splats, &camera, &options.render);
         let surfaces = photographed_surfaces(&frame, sensor, options);
-        let score = score(index, &frame, surfaces.as_ref(), &rendered, options);
+        let mut score = score(index, &frame, surfaces.as_ref(), &rendered, options);
+        if let (Ok(view), true) = (&mut score, options.align_poses) {
+            let draw = |camera: &Camera| renderer.render(splats, camera, &options.render);
+            match aligned_view(&frame, rendered, options, draw) {
+                Ok(found) => view.pose_aligned = found,
+                Err(error) => score = Err(error),
+            }
+        }
         Ok(score.map_err(|source| EvalError::Metric { frame: frame.name, source }))
     };
     let split_name = dataset.splits[split].name.clone();
@@ -176,19 +190,14 @@ fn score(
     rendered: &Rendered,
     options: &EvalOptions,
 ) -> Result<ViewReport, MetricError> {
-    let truth = ground_truth(frame, options.ground_truth, options.render.background);
-    let truth = options.scale.photograph(truth, &options.photo_camera(frame).intrinsics);
+    let truth = photograph(frame, options);
     let Rendered { coverage, .. } = rendered;
-    let divided = match options.partial_coverage {
-        PartialCoverage::Composited => None,
-        PartialCoverage::Divided => Some(divided(rendered, options.render.background)),
-    };
-    let shown = divided.as_ref().unwrap_or(&rendered.color);
+    let shown = shown(rendered, options);
     let Comparison { psnr, ssim, coverage: covered_share, covered } =
-        compare(shown, coverage, &truth)?;
+        compare(&shown, coverage, &truth)?;
     let seen = match surfaces {
         None => None,
-        Some(surfaces) => Seen::compare(shown, coverage, &truth, surfaces)?,
+        Some(surfaces) => Seen::compare(&shown, coverage, &truth, surfaces)?,
     };
     let depth_mae = match measured_depth(frame, surfaces, options) {
         // Without a covered pixel the error is a mean over nothing.
@@ -210,23 +219,37 @@ fn score(
         psnr_aligned_covered: covered.map(|c| c.aligned_psnr),
         ssim_aligned: covered.map(|c| c.aligned_ssim),
         seen,
+        pose_aligned: None,
         depth_mae,
     })
 }
 
-/// The splats' colours without the background, where they cover enough of a pixel to know it.
-fn divided(rendered: &Rendered, background: [f32; 3]) -> RgbImage {
-    let (color, coverage) = (&rendered.color, &rendered.coverage);
-    let pixel = |(color, &coverage): (&[f32; 3], &f32)| {
-        // Too little is known of the colour to divide by its share.
-        if coverage < COVERED {
-            return *color;
-        }
-        let behind = background.map(|b| (1.0 - coverage) * b);
-        std::array::from_fn(|i| ((color[i] - behind[i]) / coverage).clamp(0.0, 1.0))
-    };
-    let pixels = color.data.iter().zip(&coverage.data).map(pixel);
-    Image::from_vec(color.width, color.height, pixels.collect())
+/// The view from where its photograph says that its camera stood.
+fn aligned_view(
+    frame: &Frame,
+    rendered: Rendered,
+    options: &EvalOptions,
+    draw: impl FnMut(&Camera) -> Rendered,
+) -> Result<Option<AlignedView>, MetricError> {
+    let (camera, truth) = (options.photo_camera(frame), photograph(frame, options));
+    let found = aligned(&camera, rendered, &truth, options.render.method.renderer(), draw)?;
+    let poses = [&camera.pose, &found.pose];
+    let view = &found.rendered;
+    AlignedView::compare(poses, &shown(view, options), &view.coverage, &truth)
+}
+
+/// What a render is compared with, at its size.
+fn photograph(frame: &Frame, options: &EvalOptions) -> RgbImage {
+    let truth = ground_truth(frame, options.ground_truth, options.render.background);
+    options.scale.photograph(truth, &options.photo_camera(frame).intrinsics)
+}
+
+/// What a render shows where splats cover a pixel in part.
+fn shown<'a>(rendered: &'a Rendered, options: &EvalOptions) -> Cow<'a, RgbImage> {
+    match options.partial_coverage {
+        PartialCoverage::Composited => Cow::Borrowed(&rendered.color),
+        PartialCoverage::Divided => Cow::Owned(divided(rendered, options.render.background)),
+    }
 }
 
 /// What the depth camera saw, in the photograph's image.
@@ -280,6 +303,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         GroundTruth::Rgb => "rgb",
     };
     let seen: Vec<Seen> = scores.iter().filter_map(|s| s.seen).collect();
+    let aligned: Vec<AlignedView> = scores.iter().filter_map(|s| s.pose_aligned).collect();
     EvalReport {
         split,
         renderer: options.render.method.renderer(),
@@ -305,6 +329,7 @@ fn summarise(split: String, scores: &[ViewReport], options: &EvalOptions) -> Eva
         psnr_aligned_covered_mean: mean(|s| s.psnr_aligned_covered),
         ssim_aligned_mean: mean(|s| s.ssim_aligned),
         seen_mean: Seen::mean(&seen),
+        pose_aligned_mean: AlignedView::mean(&aligned),
         depth_mae_mean: mean(|s| s.depth_mae),
         cracks: None,
     }
@@ -382,26 +407,6 @@ mod tests {
             error(RenderMethod::EXACT, &planes[0].1, None) > 0.1,
             "z is no distance along the ray"
         );
-    }
-
-    #[test]
-    fn coverage_is_divided_out_where_it_is_known() {
-        let background = [0.5, 0.0, 1.0];
-        let color = [0.4, 0.2, 0.6];
-        let over = |coverage: f32| -> [f32; 3] {
-            std::array::from_fn(|i| coverage * color[i] + (1.0 - coverage) * background[i])
-        };
-        let shares = [1.0, 0.75, 0.5, 0.25];
-        let image = Rendered {
-            color: Image::from_vec(4, 1, shares.map(over).to_vec()),
-            coverage: Image::from_vec(4, 1, shares.to_vec()),
-            depth: Image::filled(4, 1, 0.0),
-            n_invalid: 0,
-        };
-        let found = divided(&image, background).data;
-        let near = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
-        assert!(found[..3].iter().all(|&pixel| near(pixel, color)), "{found:?}");
-        assert!(near(found[3], over(0.25)));
     }
 
     /// The photograph's own camera draws: half as long a focal length shows twice as much, and its

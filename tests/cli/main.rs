@@ -2,6 +2,7 @@
 #![cfg(all(feature = "cli", feature = "bench"))]
 #![allow(clippy::unwrap_used)]
 
+mod align_poses;
 mod bad_input;
 mod bench;
 mod calibrate;

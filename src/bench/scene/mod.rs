@@ -7,6 +7,7 @@
 //! depend on them: the spread over three orders is what a difference must exceed. All rows are
 //! judged by one camera, whatever they were trained with.
 
+pub mod real;
 mod report;
 pub mod retention;
 mod row;
@@ -24,7 +25,6 @@ use crate::eval::cracks;
 use crate::eval::measure::{self, SEEN_AFTER};
 use crate::eval::report::{EvalReport, SeenReport};
 use crate::eval::views::EvalOptions;
-use crate::math::rng::{Purpose, Rng};
 use crate::pipeline::any_preset::AnyPreset;
 use crate::pipeline::error::SessionError;
 use crate::pipeline::plan::{Plan, Selection};
@@ -32,7 +32,7 @@ use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
 use crate::render::{RenderMethod, RenderOptions};
 use row::Measured;
 use std::sync::Arc;
-use training::{Trained, n_sweeps, train};
+use training::{Trained, n_sweeps, ordered, train};
 use variants::{budgets, constants, parts, scales};
 
 /// How much of the tables is run.
@@ -110,8 +110,7 @@ pub fn run(
     };
     let mut measured: Vec<Vec<Measured>> = runs.iter().map(|_| Vec::new()).collect();
     for order in 0..n_orders {
-        let ordered =
-            Plan { frames: stage.ordered(order, plan.options.seed), ..stage.plan.clone() };
+        let ordered = ordered(&stage.plan, order, plan.options.seed);
         let trained = train(&stage.dataset, &ordered, &runs, &mut step)?;
         for (trained, measured) in trained.into_iter().zip(&mut measured) {
             // Cracks are looked for in one order only: they cost two renders more a view.
@@ -164,17 +163,6 @@ impl AccuracyRuns {
     fn born(&self, base: &SceneRun) -> Result<usize, BenchError> {
         let trained = train(&self.dataset, &self.plan, std::slice::from_ref(base), &mut || ())?;
         Ok(trained.first().map_or(0, |trained| trained.born))
-    }
-
-    /// The training frames as listed, reversed, or in a shuffle of its own.
-    fn ordered(&self, order: usize, seed: u64) -> Vec<usize> {
-        let mut frames = self.plan.frames.clone();
-        match order {
-            0 => {}
-            1 => frames.reverse(),
-            _ => Rng::new(seed, Purpose::Order, order as u64).shuffle(&mut frames),
-        }
-        frames
     }
 
     fn quality(&self, trained: &Trained, with_cracks: bool) -> Result<EvalReport, BenchError> {

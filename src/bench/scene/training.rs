@@ -7,6 +7,7 @@
 use crate::bench::findings::BenchError;
 use crate::dataset::Dataset;
 use crate::dataset::surface::SurfaceSettings;
+use crate::math::rng::{Purpose, Rng};
 use crate::model::splat::appearance::SplatSet;
 use crate::observation::surface::Observation;
 use crate::pipeline::plan::Plan;
@@ -36,6 +37,17 @@ impl Trained {
     pub fn drawn(&self) -> usize {
         self.splats.view().splats().iter().filter(|splat| splat.opacity > 0.0).count()
     }
+}
+
+/// A plan's frames as listed, reversed, or in a shuffle of its own.
+pub fn ordered(plan: &Plan, order: usize, seed: u64) -> Plan {
+    let mut frames = plan.frames.clone();
+    match order {
+        0 => {}
+        1 => frames.reverse(),
+        _ => Rng::new(seed, Purpose::Order, order as u64).shuffle(&mut frames),
+    }
+    Plan { frames, ..plan.clone() }
 }
 
 /// Trains every run from nothing over the frames of a plan, in its order; `done` hears of every

@@ -23,6 +23,8 @@ pub enum BenchName {
     Paper(ProtocolArgs),
     /// Speed against error: one setting at a time
     Pareto(DatasetBenchArgs),
+    /// Every recording of a folder learnt by default: plain figures, corrected and aligned poses, sharpness
+    Real(RecordingsArgs),
     /// What a scene keeps of its frames: each one's own view right after it and at the end
     Retention(DatasetBenchArgs),
     /// Cost against points, components and threads, on the synthetic room
@@ -60,6 +62,19 @@ pub struct ProtocolArgs {
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
     /// Training frames of a scene at most [default: 200]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
+    pub max_frames: Option<usize>,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+#[derive(Args)]
+pub struct RecordingsArgs {
+    /// Folder whose folders are recordings; those without depth are left out, and every 8th frame is held
+    /// out where a recording has no split of its own. --repeats counts orders of the frames [default: 3]
+    #[arg(long, value_name = "DIR")]
+    pub data: PathBuf,
+    /// Training frames of a recording at most, evenly spaced
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     #[command(flatten)]

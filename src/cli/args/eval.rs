@@ -42,6 +42,10 @@ pub struct ComparisonArgs {
     /// from around them, where their poses were corrected
     #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "recorded")]
     pub eval_poses: ViewPoses,
+    /// Score each view also from the pose that its own photograph tells, beside the plain figures: with
+    /// sharpness by octave of detail and SSIM of gradients, which wrong poses would hide
+    #[arg(long)]
+    pub align_poses: bool,
     /// Compare at this fraction of the photographs' width and height, photographs averaged over the
     /// area of each pixel (above 0, at most 1)
     #[arg(long, value_name = "F", default_value = "1", allow_negative_numbers = true)]

@@ -1,0 +1,67 @@
+//! Benches over a folder of scenes: which of its folders are scenes, and what was measured before.
+//!
+//! Several scenes take hours on small machines, so that every finished run is kept in a file of its
+//! own, and a bench that is started again goes on where it stopped.
+
+use super::findings::BenchError;
+use crate::dataset::{self, Dataset, LoadOptions};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A finished run as it is kept.
+#[derive(Serialize, Deserialize)]
+struct Kept<R> {
+    /// What its rows depend on.
+    of: Value,
+    rows: Vec<R>,
+}
+
+/// The rows in a run's file if they are of this very run, else those that `measure` finds, which the
+/// file then holds. `of` is all that the rows depend on.
+pub(super) fn kept_or_new<R: Serialize + DeserializeOwned>(
+    file: &Path,
+    of: Value,
+    measure: impl FnOnce() -> Result<Vec<R>, BenchError>,
+) -> Result<Vec<R>, BenchError> {
+    let earlier = std::fs::read(file).ok().and_then(|b| serde_json::from_slice(&b).ok());
+    if let Some(Kept { rows, .. }) = earlier.filter(|kept: &Kept<R>| kept.of == of) {
+        return Ok(rows);
+    }
+    let kept = Kept { of, rows: measure()? };
+    std::fs::write(file, serde_json::to_vec_pretty(&kept)?)
+        .map_err(|source| BenchError::File { path: file.to_owned(), source })?;
+    Ok(kept.rows)
+}
+
+/// Makes the folder in which finished runs are kept.
+pub(super) fn make(folder: &Path) -> Result<(), BenchError> {
+    std::fs::create_dir_all(folder)
+        .map_err(|source| BenchError::File { path: folder.to_owned(), source })
+}
+
+/// The scenes of a folder by name, and what was left out and why.
+pub(super) fn scenes(data: &Path) -> Result<(Vec<Arc<Dataset>>, Vec<String>), BenchError> {
+    let listing = std::fs::read_dir(data)
+        .map_err(|source| BenchError::File { path: data.to_owned(), source })?;
+    let folders = listing.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| path.is_dir());
+    let mut folders: Vec<PathBuf> = folders.collect();
+    folders.sort();
+    let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
+    for folder in folders {
+        match dataset::open(&folder, &LoadOptions::default()) {
+            Err(error) => left_out.push(format!("left out: {error}")),
+            Ok(dataset) => match dataset.training_split() {
+                Err(error) => left_out.push(format!("left out: {error}")),
+                Ok(_) => scenes.push(Arc::new(dataset)),
+            },
+        }
+    }
+    if scenes.is_empty() {
+        let first = left_out.into_iter().next().unwrap_or_else(|| "it holds no folder".to_owned());
+        return Err(BenchError::NoScene { folder: data.to_owned(), first });
+    }
+    Ok((scenes, left_out))
+}

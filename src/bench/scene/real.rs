@@ -1,0 +1,368 @@
+//! What recordings of real rooms look like when they were learnt (`pipeline.md`, Recordings bench): the
+//! default preset on every recording of a folder, one pass, judged by plain figures and by those that
+//! wrong poses do not hide.
+
+use super::training::{Trained, ordered, train};
+use crate::bench::findings::{Bench, BenchError, BenchOptions, Findings, Progress};
+use crate::bench::folder;
+use crate::bench::paper::sample::spaced;
+use crate::bench::plot::axis::Axis;
+use crate::bench::plot::draw::{self, Mark, Panel, Series};
+use crate::dataset::Dataset;
+use crate::eval::choices::{GroundTruth, ViewPoses};
+use crate::eval::report::EvalReport;
+use crate::eval::spread::Spread;
+use crate::eval::table;
+use crate::eval::views::{EvalOptions, evaluate};
+use crate::pipeline::any_preset::AnyPreset;
+use crate::pipeline::error::SessionError;
+use crate::pipeline::plan::{Plan, Selection};
+use crate::pipeline::settings::scene::{SceneOverrides, SceneRun};
+use crate::render::{RenderMethod, RenderOptions};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Orders of the frames: as listed, reversed, shuffled.
+const ORDERS: usize = 3;
+
+/// What is measured.
+#[derive(Clone, Debug)]
+pub struct RecordingsPlan {
+    /// Every folder in it that can be opened and has depth is a recording.
+    pub data: PathBuf,
+    /// Folder in which finished runs are kept.
+    pub kept: PathBuf,
+    /// What was asked for; repeats are orders of the frames.
+    pub options: BenchOptions,
+}
+
+/// One recording, learnt in one order of its frames or in the median of several: each number by
+/// itself. Means over views; PSNR in dB; without a value where nothing is covered or there is no depth.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct RecordingRow {
+    /// Name of the recording's folder.
+    pub recording: String,
+    /// Frames learnt.
+    pub frames: usize,
+    /// Held-out views drawn.
+    pub views: usize,
+    /// Components that are drawn.
+    pub drawn: f64,
+    /// Median milliseconds of learning a frame.
+    pub train_ms: f64,
+    /// Median milliseconds of preparing a frame, on the thread that decodes.
+    pub prepare_ms: f64,
+    /// PSNR of the whole frame from recorded poses.
+    pub psnr: f64,
+    /// PSNR of covered pixels.
+    pub psnr_covered: Option<f64>,
+    /// PSNR of covered pixels with colours aligned.
+    pub psnr_aligned_covered: Option<f64>,
+    /// SSIM of the whole frame.
+    pub ssim: f64,
+    /// Share of covered pixels.
+    pub coverage: f64,
+    /// Mean absolute depth error, world units.
+    pub depth_error: Option<f64>,
+    /// PSNR of the whole frame from poses corrected as the frames around them were.
+    pub corrected_psnr: f64,
+    /// PSNR of covered pixels from those.
+    pub corrected_psnr_covered: Option<f64>,
+    /// PSNR of covered pixels from those with colours aligned.
+    pub corrected_psnr_aligned_covered: Option<f64>,
+    /// Mean distance of recorded poses from those that the photographs tell, world units; this and all
+    /// that follows from the latter.
+    pub pose_shift: Option<f64>,
+    /// Mean angle between both, degrees.
+    pub pose_turn: Option<f64>,
+    /// PSNR of the whole frame.
+    pub pose_aligned_psnr: Option<f64>,
+    /// PSNR of covered pixels.
+    pub pose_aligned_psnr_covered: Option<f64>,
+    /// PSNR of covered pixels with colours aligned.
+    pub pose_aligned_psnr_aligned_covered: Option<f64>,
+    /// SSIM with colours aligned.
+    pub pose_aligned_ssim_aligned: Option<f64>,
+    /// SSIM of the gradients' lengths with colours aligned.
+    pub gradient_ssim: Option<f64>,
+    /// Energy of the finest octave of detail, of the photograph's.
+    pub energy_1: Option<f64>,
+    /// Energy of the second octave.
+    pub energy_2: Option<f64>,
+    /// Energy of the third octave.
+    pub energy_3: Option<f64>,
+    /// Energy of the fourth octave.
+    pub energy_4: Option<f64>,
+    /// Correlation of the finest octave with the photograph's.
+    pub correlation_1: Option<f64>,
+    /// Correlation of the second octave.
+    pub correlation_2: Option<f64>,
+    /// Correlation of the third octave.
+    pub correlation_3: Option<f64>,
+    /// Correlation of the fourth octave.
+    pub correlation_4: Option<f64>,
+}
+
+/// Learns and judges what is not kept yet, recording by recording and order by order.
+///
+/// # Errors
+/// The folder holds no recording, or one of them cannot be learnt or judged.
+pub fn run(plan: &RecordingsPlan, progress: Progress) -> Result<Bench, BenchError> {
+    let (recordings, left_out) = folder::scenes(&plan.data)?;
+    folder::make(&plan.kept)?;
+    let n_orders = plan.options.repeats.unwrap_or(if plan.options.quick { 1 } else { ORDERS });
+    let (mut rows, mut orders) = (Vec::new(), Vec::new());
+    for (done, dataset) in recordings.iter().enumerate() {
+        let run = RecordingRun::new(dataset, plan.options)?;
+        let mut found = Vec::new();
+        for order in 0..n_orders {
+            progress(done * n_orders + order, recordings.len() * n_orders);
+            let file = plan.kept.join(format!("{}-{order}.json", dataset.name));
+            let of = json!({
+                "program": env!("CARGO_PKG_VERSION"),
+                "settings": run.base,
+                "views": run.views.1,
+                "frames": run.ordered(order).frames,
+            });
+            found.extend(folder::kept_or_new(&file, of, || Ok(vec![run.measured(order)?]))?);
+        }
+        rows.extend(median(&found));
+        orders.extend(found);
+    }
+    let mut notes = vec![format!(
+        "the default preset, one pass, every number the median of {n_orders} orders of the frames; held-out views, projected renderer, black background; corrected: from poses moved as the frames around them were; pose aligned: from the pose that each view's own photograph tells; energy and correlation of luma by octave of detail from the finest, against the photograph."
+    )];
+    notes.extend(left_out);
+    Findings {
+        name: "real",
+        dataset: &plan.data.display().to_string(),
+        adapter: None,
+        options: plan.options,
+        notes,
+        table: text(&rows),
+        plot: draw::draw("Recordings", &panels(&rows))?,
+        summary: json!({ "orders": orders }),
+        rows,
+    }
+    .into_bench()
+}
+
+/// One recording, ready to be learnt.
+struct RecordingRun<'a> {
+    dataset: &'a Arc<Dataset>,
+    plan: Plan,
+    base: SceneRun,
+    /// Split and positions of the held-out views.
+    views: (usize, Vec<usize>),
+    seed: u64,
+}
+
+impl<'a> RecordingRun<'a> {
+    fn new(dataset: &'a Arc<Dataset>, options: BenchOptions) -> Result<Self, BenchError> {
+        let seed = options.seed;
+        let all = Plan::new(dataset, &Selection::everything(), seed).map_err(SessionError::from)?;
+        let evaluation = dataset.evaluation(all.split);
+        let [frames, views] = if options.quick { [12, 4] } else { [usize::MAX; 2] };
+        let frames = spaced(&all.frames, options.max_frames.unwrap_or(frames));
+        let plan = Plan { frames, ..all };
+        let base = SceneRun::new(dataset, &plan, &SceneOverrides::default());
+        let base = base.map_err(SessionError::from)?;
+        let views = (evaluation.split, spaced(&evaluation.frames, views));
+        Ok(Self { dataset, plan, base, views, seed })
+    }
+
+    fn ordered(&self, order: usize) -> Plan {
+        ordered(&self.plan, order, self.seed)
+    }
+
+    fn measured(&self, order: usize) -> Result<RecordingRow, BenchError> {
+        let runs = std::slice::from_ref(&self.base);
+        let trained = train(self.dataset, &self.ordered(order), runs, &mut || ())?;
+        let Some(trained) = trained.into_iter().next() else {
+            let first = "no frame is selected".to_owned();
+            return Err(BenchError::NoFrame { dataset: self.dataset.name.clone(), first });
+        };
+        let render = RenderOptions::evaluation(RenderMethod::PROJECTED, [0.0; 3]);
+        let plain = EvalOptions {
+            color_camera: self.base.color_camera(),
+            ..EvalOptions::plain(GroundTruth::Composited, render)
+        };
+        let recorded = self.quality(&trained, &EvalOptions { align_poses: true, ..plain })?;
+        let corrected =
+            self.quality(&trained, &EvalOptions { poses: ViewPoses::Corrected, ..plain })?;
+        Ok(self.row(&trained, &recorded, &corrected))
+    }
+
+    fn quality(&self, trained: &Trained, options: &EvalOptions) -> Result<EvalReport, BenchError> {
+        let (split, views) = &self.views;
+        let splats = trained.splats.view();
+        Ok(evaluate(splats, self.dataset, *split, views, options, |_| ())?.0)
+    }
+
+    fn row(
+        &self,
+        trained: &Trained,
+        recorded: &EvalReport,
+        corrected: &EvalReport,
+    ) -> RecordingRow {
+        let median = |times: &[f64]| Spread::of(times.to_vec()).median;
+        let aligned = recorded.pose_aligned_mean;
+        let energy = |octave: usize| aligned.map(|view| view.bands[octave].energy_ratio);
+        let correlation = |octave: usize| aligned.map(|view| view.bands[octave].correlation);
+        RecordingRow {
+            recording: self.dataset.name.clone(),
+            frames: trained.train_ms.len(),
+            views: recorded.views,
+            drawn: trained.drawn() as f64,
+            train_ms: median(&trained.train_ms),
+            prepare_ms: median(&trained.prepare_ms),
+            psnr: recorded.psnr_mean,
+            psnr_covered: recorded.psnr_covered_mean,
+            psnr_aligned_covered: recorded.psnr_aligned_covered_mean,
+            ssim: recorded.ssim_mean,
+            coverage: recorded.coverage_mean,
+            depth_error: recorded.depth_mae_mean,
+            corrected_psnr: corrected.psnr_mean,
+            corrected_psnr_covered: corrected.psnr_covered_mean,
+            corrected_psnr_aligned_covered: corrected.psnr_aligned_covered_mean,
+            pose_shift: aligned.map(|view| view.shift),
+            pose_turn: aligned.map(|view| view.turn),
+            pose_aligned_psnr: aligned.map(|view| view.psnr),
+            pose_aligned_psnr_covered: aligned.map(|view| view.psnr_covered),
+            pose_aligned_psnr_aligned_covered: aligned.map(|view| view.psnr_aligned_covered),
+            pose_aligned_ssim_aligned: aligned.map(|view| view.ssim_aligned),
+            gradient_ssim: aligned.map(|view| view.gradient_ssim),
+            energy_1: energy(0),
+            energy_2: energy(1),
+            energy_3: energy(2),
+            energy_4: energy(3),
+            correlation_1: correlation(0),
+            correlation_2: correlation(1),
+            correlation_3: correlation(2),
+            correlation_4: correlation(3),
+        }
+    }
+}
+
+/// Every number's median by itself; `None` for no rows.
+fn median(orders: &[RecordingRow]) -> Option<RecordingRow> {
+    let first = orders.first()?;
+    let of =
+        |value: fn(&RecordingRow) -> f64| Spread::of(orders.iter().map(value).collect()).median;
+    let known = |value: fn(&RecordingRow) -> Option<f64>| {
+        // None if one order has none: a median of the others would not compare.
+        let values: Option<Vec<f64>> = orders.iter().map(value).collect();
+        values.map(|values| Spread::of(values).median)
+    };
+    Some(RecordingRow {
+        recording: first.recording.clone(),
+        frames: first.frames,
+        views: first.views,
+        drawn: of(|row| row.drawn),
+        train_ms: of(|row| row.train_ms),
+        prepare_ms: of(|row| row.prepare_ms),
+        psnr: of(|row| row.psnr),
+        psnr_covered: known(|row| row.psnr_covered),
+        psnr_aligned_covered: known(|row| row.psnr_aligned_covered),
+        ssim: of(|row| row.ssim),
+        coverage: of(|row| row.coverage),
+        depth_error: known(|row| row.depth_error),
+        corrected_psnr: of(|row| row.corrected_psnr),
+        corrected_psnr_covered: known(|row| row.corrected_psnr_covered),
+        corrected_psnr_aligned_covered: known(|row| row.corrected_psnr_aligned_covered),
+        pose_shift: known(|row| row.pose_shift),
+        pose_turn: known(|row| row.pose_turn),
+        pose_aligned_psnr: known(|row| row.pose_aligned_psnr),
+        pose_aligned_psnr_covered: known(|row| row.pose_aligned_psnr_covered),
+        pose_aligned_psnr_aligned_covered: known(|row| row.pose_aligned_psnr_aligned_covered),
+        pose_aligned_ssim_aligned: known(|row| row.pose_aligned_ssim_aligned),
+        gradient_ssim: known(|row| row.gradient_ssim),
+        energy_1: known(|row| row.energy_1),
+        energy_2: known(|row| row.energy_2),
+        energy_3: known(|row| row.energy_3),
+        energy_4: known(|row| row.energy_4),
+        correlation_1: known(|row| row.correlation_1),
+        correlation_2: known(|row| row.correlation_2),
+        correlation_3: known(|row| row.correlation_3),
+        correlation_4: known(|row| row.correlation_4),
+    })
+}
+
+fn text(rows: &[RecordingRow]) -> String {
+    let header = [
+        "recording",
+        "drawn",
+        "ms/frame",
+        "PSNR dB: full / covered / colours aligned",
+        "corrected poses",
+        "aligned poses",
+        "poses off by",
+        "depth error",
+        "SSIM",
+        "of gradients",
+        "energy by octave",
+        "correlation",
+    ];
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    let joined = |values: &[Option<f64>]| {
+        values.iter().map(|value| number(*value, 2)).collect::<Vec<_>>().join(" / ")
+    };
+    let cells = |row: &RecordingRow| {
+        [
+            row.recording.clone(),
+            format!("{:.0}", row.drawn),
+            format!("{:.1}", row.train_ms),
+            joined(&[Some(row.psnr), row.psnr_covered, row.psnr_aligned_covered]),
+            joined(&[
+                Some(row.corrected_psnr),
+                row.corrected_psnr_covered,
+                row.corrected_psnr_aligned_covered,
+            ]),
+            joined(&[
+                row.pose_aligned_psnr,
+                row.pose_aligned_psnr_covered,
+                row.pose_aligned_psnr_aligned_covered,
+            ]),
+            format!("{}, {}°", number(row.pose_shift, 4), number(row.pose_turn, 2)),
+            number(row.depth_error, 4),
+            number(Some(row.ssim), 4),
+            number(row.gradient_ssim, 4),
+            joined(&[row.energy_1, row.energy_2, row.energy_3, row.energy_4]),
+            joined(&[row.correlation_1, row.correlation_2, row.correlation_3, row.correlation_4]),
+        ]
+    };
+    table::text(header, &rows.iter().map(cells).collect::<Vec<_>>())
+}
+
+/// Quality and sharpness by recording.
+fn panels(rows: &[RecordingRow]) -> [Panel; 2] {
+    type Value = fn(&RecordingRow) -> Option<f64>;
+    let names: Vec<String> = rows.iter().map(|row| row.recording.clone()).collect();
+    let panel = |title: &str, x: &str, series: &[(&str, Value)]| {
+        let series = series.iter().map(|(name, value)| {
+            let mark = |(at, row): (usize, &RecordingRow)| {
+                let (x, y) = (Spread::exact(value(row)?), Spread::exact(at as f64));
+                Some(Mark { x, y, label: None })
+            };
+            let marks = rows.iter().enumerate().filter_map(mark).collect();
+            Series { name: (*name).to_owned(), marks, connected: false }
+        });
+        let (x, y) = (Axis::Linear(x.to_owned()), Axis::Names(names.clone()));
+        Panel { title: title.to_owned(), x, y, series: series.collect() }
+    };
+    let quality: [(&str, Value); 3] = [
+        ("recorded poses", |row| row.psnr_aligned_covered),
+        ("corrected poses", |row| row.corrected_psnr_aligned_covered),
+        ("aligned poses", |row| row.pose_aligned_psnr_aligned_covered),
+    ];
+    let sharpness: [(&str, Value); 2] =
+        [("finest octave", |row| row.energy_1), ("second octave", |row| row.energy_2)];
+    [
+        panel("quality", "PSNR, covered, colours aligned, dB", &quality),
+        panel("sharpness", "energy, of the photograph's", &sharpness),
+    ]
+}
