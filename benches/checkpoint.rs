@@ -55,6 +55,7 @@ fn main() {
         },
         visibility: vec![VisibilityCounts { expected: 640, hits: 1, misses: 0 }; n],
         exposures: Vec::new(),
+        trajectory: Vec::new(),
         poses: Vec::new(),
         photometric: None,
     };

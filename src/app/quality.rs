@@ -235,8 +235,8 @@ impl QualityMonitor {
             }
             RunState::Paused | RunState::Finished if is_new => Some((sample, MIN_REST)),
             RunState::Paused | RunState::Finished => {
-                let others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
-                let next = others.skip(self.n_measured.saturating_sub(sample.len())).next();
+                let mut others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
+                let next = others.nth(self.n_measured.saturating_sub(sample.len()));
                 next.map(|view| (vec![view], Duration::ZERO))
             }
             _ => None,

@@ -63,8 +63,8 @@ pub fn bands(
             let [r, t] = [0, 1].map(|image| m * (levels[image][i] - coarser[image][i]));
             (rr, tt, rt) = (rr + r * r, tt + t * t, rt + r * t);
         }
-        // Negated, so that an image of NaN or without pixels has no bands either.
-        if !(tt > MIN_ENERGY * n_covered) {
+        // An image of NaN or without pixels has no bands either.
+        if tt.is_nan() || tt <= MIN_ENERGY * n_covered {
             return None;
         }
         // What is left of a render without detail is rounding, which correlates with anything.

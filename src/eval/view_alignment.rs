@@ -337,8 +337,7 @@ mod tests {
         let real = Pose::IDENTITY.attached(DVec3::new(0.02, -0.015, 0.01), turn);
         let truth = wall(&camera(real)).color.map(|p| p.map(|v| 0.8 * v + 0.05));
         let recorded = camera(Pose::IDENTITY);
-        let found =
-            aligned(&recorded, wall(&recorded), &truth, Renderer::Projected, |c| wall(c)).unwrap();
+        let found = aligned(&recorded, wall(&recorded), &truth, Renderer::Projected, wall).unwrap();
         assert!((found.pose.centre() - real.centre()).length() < 1.5e-3, "{:?}", found.pose);
         let rest = DQuat::from_mat3(&(found.pose.rotation().transpose() * real.rotation()));
         assert!(rest.to_scaled_axis().length() < 8e-4, "{rest:?}");
@@ -355,8 +354,7 @@ mod tests {
         let mut noisy = |v: f32| v + 0.3 * (rng.uniform() - 0.5) as f32;
         let truth = wall(&camera(real)).color.map(|p| p.map(&mut noisy));
         let recorded = camera(Pose::IDENTITY);
-        let found =
-            aligned(&recorded, wall(&recorded), &truth, Renderer::Projected, |c| wall(c)).unwrap();
+        let found = aligned(&recorded, wall(&recorded), &truth, Renderer::Projected, wall).unwrap();
         let [before, after] = [&wall(&recorded), &found.rendered].map(|view| {
             aligned_error(&view.color, &view.coverage, &wall(&camera(real)).color).unwrap()
         });

@@ -32,7 +32,7 @@ impl FrameSample {
         split: usize,
         frames: &[usize],
         surface: &SurfaceSettings,
-    ) -> Result<Self, NoUsableDepth> {
+    ) -> Result<Self, Box<NoUsableDepth>> {
         let mut preparer = Preparer::new();
         let mut observation = Observation::empty();
         let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
@@ -69,7 +69,8 @@ impl FrameSample {
             }
             _ => {
                 let unreadable = unreadable.filter(|_| n == 0);
-                Err(NoUsableDepth { unreadable, ..no_points(dataset, trusted, &mut seen, n) })
+                let none = no_points(dataset, trusted, &mut seen, n);
+                Err(Box::new(NoUsableDepth { unreadable, ..none }))
             }
         }
     }

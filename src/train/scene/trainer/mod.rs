@@ -199,19 +199,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             let photograph = contradiction;
             return FrameOutcome { photograph, tracking, ms, ..FrameOutcome::default() };
         }
-        let mut births = self.give_birth(points);
-        lap(&mut ms, SceneStage::Births);
-        let merged = if births.refused > 0 { self.make_room(births.refused) } else { 0 };
-        lap(&mut ms, SceneStage::Merge);
-        if merged > 0 {
-            // Components of this frame's points may have become parts of others.
-            self.assign(points);
-            let more = self.give_birth(points);
-            births = FrameBirths { born: births.born + more.born, ..more };
-        }
-        self.unassigned.budget += births.refused as u64;
-        self.unassigned.reach += births.out_of_reach as u64;
-        lap(&mut ms, SceneStage::Births);
+        let [born, merged] = self.bear(points, |stage| lap(&mut ms, stage));
         // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
         self.refine(points, frame.tolerance);
@@ -235,7 +223,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Looks and merging change components without points as well.
         self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
         ms.train = wall.elapsed_ms();
-        let (points, born, reassigned) = (n_points, births.born, 0);
+        let (points, reassigned) = (n_points, 0);
         FrameOutcome { points, elbo_mean, born, reassigned, merged, photograph, tracking, ms }
     }
 
@@ -262,6 +250,25 @@ impl<W: SumScalar> SceneTrainer<W> {
             let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
             observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
         }
+    }
+
+    /// Gives points without a component one of their own, after merging others where the budget leaves no
+    /// room; how many were born and how many became part of others.
+    fn bear(&mut self, points: &[SurfacePoint], mut lap: impl FnMut(SceneStage)) -> [usize; 2] {
+        let mut births = self.give_birth(points);
+        lap(SceneStage::Births);
+        let merged = if births.refused > 0 { self.make_room(births.refused) } else { 0 };
+        lap(SceneStage::Merge);
+        if merged > 0 {
+            // Components of this frame's points may have become parts of others.
+            self.assign(points);
+            let more = self.give_birth(points);
+            births = FrameBirths { born: births.born + more.born, ..more };
+        }
+        self.unassigned.budget += births.refused as u64;
+        self.unassigned.reach += births.out_of_reach as u64;
+        lap(SceneStage::Births);
+        [births.born, merged]
     }
 
     /// Gives points without a component one of their own, as far as the budget allows.
