@@ -120,10 +120,13 @@ impl ViewCamera {
     /// Looks along a world direction at what it looks at now.
     pub fn look_along(&mut self, direction: DVec3) {
         let eye = self.orbit.target - direction * self.orbit.distance;
-        // Straight down there is no horizon to keep: a little aside of it.
-        let aside = self.orbit.pose().rotation().y_axis * 1e-3 * self.orbit.distance;
+        // Straight down there is no horizon to keep: a little aside of it, so that what was ahead, or up in
+        // the picture, stays up.
+        let rotation = self.orbit.pose().rotation();
+        let level = [rotation.z_axis, -rotation.y_axis].map(|axis| axis.reject_from(direction));
+        let ahead = if level[0].length() > 0.1 { level[0] } else { level[1] }.normalize_or_zero();
         let is_upright = direction.cross(self.orbit.up).length() < 1e-6;
-        let eye = if is_upright { eye + aside } else { eye };
+        let eye = if is_upright { eye - ahead * 1e-3 * self.orbit.distance } else { eye };
         if let Some(pose) = Pose::look_at(eye, self.orbit.target, self.orbit.up) {
             self.orbit = Orbit::from_pose(&pose, self.orbit.up, self.orbit.distance);
         }

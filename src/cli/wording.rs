@@ -217,6 +217,6 @@ mod tests {
         let text = warning(&TrainingWarning::OverBudget { points: 3 });
         assert!(text.starts_with("3 points") && text.contains("raise --budget"), "{text}");
         let text = warning(&TrainingWarning::OutOfReach { points: 4 });
-        assert!(text.contains("--depth-range"), "{text}");
+        assert!(text.contains("`info` names") && text.contains("widen --scale"), "{text}");
     }
 }

@@ -10,7 +10,7 @@ use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 /// Smallest scale written, so that its logarithm is finite (`export.md`, From splat to file).
-const SCALE_FLOOR: f64 = 1e-7;
+pub(super) const SCALE_FLOOR: f64 = 1e-7;
 /// Where a world's unit makes all of a splat small, this share of its largest scale is written.
 const FLATTEST: f64 = 1e-4;
 /// Opacities are kept this far from 0 and 1 where their logit is written (`export.md`, From splat

@@ -22,7 +22,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-use super::gaussian::{Gaussian, drawable, from_rows, scale_floor};
+use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows, scale_floor};
 use crate::model::splat::appearance::{Appearance, GRADIENT_LIMIT, SplatSet, SplatView};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
@@ -162,7 +162,10 @@ fn split_axes(native: &Gaussian, split: GradientSplit) -> impl DoubleEndedIterat
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| scale[b].total_cmp(&scale[a]));
     // Along an axis without extent the pieces would lie on each other.
-    order.into_iter().take(split.n_axes()).filter(move |&i| scale[i] > scale_floor(scale))
+    order
+        .into_iter()
+        .take(split.n_axes())
+        .filter(move |&i| scale[i] > scale_floor(scale) && scale[i] != SCALE_FLOOR)
 }
 
 /// One of the pieces of a splat, whose centres, covariances and colours together are its own.

@@ -69,6 +69,7 @@ pub mod tests {
     pub fn frame(ms: f64) -> FrameReport {
         let mut stages = StageMs::new(&PAPER_STAGES);
         stages.add(0, ms);
+        stages.train = ms;
         FrameReport {
             behind_ms: None,
             tracked: None,

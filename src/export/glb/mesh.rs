@@ -100,7 +100,7 @@ fn root(mesh: &TriangleMesh, options: &WriteOptions) -> Root {
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
-            extras: Some(extras(options)),
+            extras: extras(options),
         },
         extensions_used: Vec::new(),
         extensions_required: Vec::new(),

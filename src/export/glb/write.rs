@@ -181,7 +181,7 @@ fn root(
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
-            extras: Some(extras(options)),
+            extras: extras(options),
         },
         extensions_used: vec![EXTENSION.to_owned()],
         // Not required: viewers without the extension then draw `COLOR_0` as points.
@@ -215,9 +215,8 @@ fn primitive(columns: &[&Column]) -> Primitive {
 }
 
 /// What `asset.extras` says: how the file stands, its unit where it is known, and its comments.
-pub(super) fn extras(options: &WriteOptions) -> serde_json::Value {
-    // As every glTF file; said because splat tools have other habits.
-    let mut extras = serde_json::Map::from_iter([("up".to_owned(), json!("y"))]);
+pub(super) fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
+    let mut extras = serde_json::Map::new();
     // Of scaled lengths only the caller knows the unit.
     if options.metric && options.unit_scale == 1.0 {
         extras.insert("units".to_owned(), json!("metres"));
@@ -225,5 +224,10 @@ pub(super) fn extras(options: &WriteOptions) -> serde_json::Value {
     if !options.comments.is_empty() {
         extras.insert("comments".to_owned(), json!(options.comments));
     }
-    extras.into()
+    if extras.is_empty() {
+        return None; // of splats that nothing is known of
+    }
+    // As every glTF file; said because splat tools have other habits.
+    extras.insert("up".to_owned(), json!("y"));
+    Some(extras.into())
 }
