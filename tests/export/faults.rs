@@ -4,7 +4,7 @@
 use crate::checkpoint::samples;
 use std::cell::Cell;
 use std::fs::{File, Metadata};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use vbgs_studio::export::atomic::{
