@@ -184,7 +184,6 @@ mod tests {
                 trusted: "range from 0.3 on".into(),
                 found: "no depth at all".into(),
                 frames: 3,
-                unreadable: None,
                 advice,
             })
         };
