@@ -179,14 +179,13 @@ mod tests {
         assert!(text.starts_with("--scale: expected at least"), "{text}");
         assert!(text.ends_with("say so with --depth-scale and --depth-range"), "{text}");
         let points = |advice| {
-            SceneError::from(Box::new(NoUsableDepth {
+            SceneError::from(NoUsableDepth {
                 dataset: "room".into(),
                 trusted: "range from 0.3 on".into(),
                 found: "no depth at all".into(),
                 frames: 3,
-                unreadable: None,
                 advice,
-            }))
+            })
         };
         let unit = DepthAdvice::OtherUnit { unit: "millimetres", factor: 0.001 };
         let text = said(SessionError::from(points(unit)));

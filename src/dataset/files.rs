@@ -39,5 +39,6 @@ pub(super) fn bytes_of(path: &Path, most: u64) -> IoResult<Vec<u8>> {
 /// What the system says, or that it is no file, far too large, or no UTF-8.
 pub fn read_settings(path: &Path) -> IoResult<String> {
     let bytes = bytes_of(path, MAX_SETTINGS_BYTES)?;
-    String::from_utf8(bytes).map_err(|e| Error::new(ErrorKind::InvalidData, e))
+    String::from_utf8(bytes)
+        .map_err(|e| Error::new(ErrorKind::InvalidData, format!("text that is no UTF-8 ({e})")))
 }

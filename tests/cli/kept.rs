@@ -156,9 +156,9 @@ fn signalled(scratch: &Scratch, signal: &str, arguments: &str, awaited: &str) ->
 #[test]
 fn sigterm_and_sighup_are_as_ctrl_c() {
     let scratch = Scratch::empty();
-    scratch.run("synth room --size 64x48 --frames 200 --eval-frames 1").succeeds();
+    scratch.run("synth room --size 64x48 --frames 60 --eval-frames 1").succeeds();
     let train =
-        "train room --preset paper --components 4000 --candidates dense --autosave-frames 1";
+        "train room --preset paper --components 8000 --candidates dense --autosave-frames 1";
     // Whoever runs the tests by `nohup` asked for runs that outlive their terminal.
     let is_hangup_ignored = signals("self", "SigIgn:") & 1 == 1;
     for signal in ["TERM", "HUP"].into_iter().filter(|s| *s == "TERM" || !is_hangup_ignored) {

@@ -130,12 +130,12 @@ fn cameras_of_single_frames_and_both_angles_are_used() {
 
 #[test]
 fn intrinsics_that_are_given_are_used_in_every_layout() {
-    let given = LoadOptions { intrinsics: Some([40.0, 41.0, 7.5, 5.5]), ..LoadOptions::default() };
+    let given = LoadOptions { intrinsics: Some([40.0, 41.0, 7.0, 5.0]), ..LoadOptions::default() };
     for (layout, _) in FIRST {
         let folder = tiny(layout);
         let dataset = open(folder.path(), &given).unwrap();
         let k = dataset.splits[0].frames[0].camera.intrinsics;
-        assert_eq!([k.fx, k.fy, k.cx, k.cy], [40.0, 41.0, 7.5, 5.5], "{layout:?}");
+        assert_eq!([k.fx, k.fy, k.cx, k.cy], [40.0, 41.0, 7.0, 5.0], "{layout:?}");
     }
 }
 

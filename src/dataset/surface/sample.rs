@@ -32,7 +32,7 @@ impl FrameSample {
         split: usize,
         frames: &[usize],
         surface: &SurfaceSettings,
-    ) -> Result<Self, Box<NoUsableDepth>> {
+    ) -> Result<Self, NoUsableDepth> {
         let mut preparer = Preparer::new();
         let mut observation = Observation::empty();
         let (mut footprints, mut depths, mut seen) = (Vec::new(), Vec::new(), Vec::new());
@@ -68,9 +68,11 @@ impl FrameSample {
                 Ok(Self { footprint, tolerance, depths: [near, far] })
             }
             _ => {
-                let unreadable = unreadable.filter(|_| n == 0);
-                let none = no_points(dataset, trusted, &mut seen, n);
-                Err(Box::new(NoUsableDepth { unreadable, ..none }))
+                let error = no_points(dataset, trusted, &mut seen, n);
+                match unreadable.filter(|_| n == 0) {
+                    Some(found) => Err(NoUsableDepth { found, ..error }),
+                    None => Err(error),
+                }
             }
         }
     }
@@ -120,12 +122,10 @@ pub struct NoUsableDepth {
     pub dataset: String,
     /// Interval of lengths that training uses, world units.
     pub trusted: String,
-    /// What the depth images hold, world units.
+    /// What the depth images hold, world units; where none could be looked at, the first reason.
     pub found: String,
     /// Frames looked at.
     pub frames: usize,
-    /// Why the first one could not be looked at, where that is so of all.
-    pub unreadable: Option<String>,
     /// What to do.
     pub advice: DepthAdvice,
 }
@@ -133,10 +133,10 @@ pub struct NoUsableDepth {
 impl NoUsableDepth {
     /// The message with the advice in other words: those of a command line, say.
     pub fn saying(&self, advice: &dyn std::fmt::Display) -> String {
-        let Self { dataset, trusted, found, frames, unreadable, .. } = self;
-        if let Some(first) = unreadable {
+        let Self { dataset, trusted, found, frames, .. } = self;
+        if *frames == 0 {
             return format!(
-                "{dataset}: expected at least one frame with depth, found none that can be read; the first problem: {first}"
+                "{dataset}: expected at least one frame with depth, found none that can be read; the first problem: {found}"
             );
         }
         format!(
@@ -184,7 +184,6 @@ fn no_points(
         trusted: interval(trusted),
         found,
         frames,
-        unreadable: None,
         advice,
     }
 }

@@ -11,7 +11,7 @@ pub enum SceneError {
     Config(#[from] ConfigError),
     /// No pixel of the sampled frames is a point.
     #[error(transparent)]
-    NoPoints(#[from] Box<NoUsableDepth>),
+    NoPoints(#[from] NoUsableDepth),
     /// The structural scale is below what the data can tell apart.
     #[error(
         "structural scale: expected at least {least:.2e} world units, the distance that depth noise makes of one surface here, found {found:.2e}; depths run from {near:.2} to {far:.2}: if they are in another unit, set the depth scale and range in it"
