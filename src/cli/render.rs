@@ -125,7 +125,8 @@ fn render_view(
         let plain = RenderOptions::evaluation(method, args.background);
         RenderOptions { exposing: args.exposure.unwrap_or(plain.exposing), near, ..plain }
     };
-    let camera = entry.photo_camera(photographed.as_ref());
+    let pose = painter.splats.finishing().corrected(&entry.camera.pose);
+    let camera = entry.photo_camera_at(pose, photographed.as_ref());
     let names = painter.draw(&camera, &options, &args.output)?;
     output::line(format!("wrote {names} ({} of `{}`)", entry.name, split.name));
     Ok(())

@@ -14,6 +14,7 @@ use super::surface::sensor::Sensor;
 use super::synthetic::scene::SyntheticScene;
 use crate::math::camera::Camera;
 use crate::math::image::Image;
+use crate::math::pose::Pose;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -121,8 +122,14 @@ impl FrameEntry {
     /// World pose and intrinsics of the camera that took its photograph, given what a calibration
     /// says of it.
     pub fn photo_camera(&self, calibrated: Option<&ColorCamera>) -> Camera {
+        self.photo_camera_at(self.camera.pose, calibrated)
+    }
+
+    /// The same where the camera that measures depth stood at `pose`.
+    pub fn photo_camera_at(&self, pose: Pose, calibrated: Option<&ColorCamera>) -> Camera {
+        let camera = Camera { pose, ..self.camera };
         let color = photographed_by(self.color_camera, calibrated);
-        color.map_or(self.camera, |color| color.beside(&self.camera))
+        color.map_or(camera, |color| color.beside(&camera))
     }
 
     /// File of the colour image, if the frame has files.

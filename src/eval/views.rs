@@ -120,8 +120,8 @@ pub fn evaluate<'a>(
     let sensor = dataset.sensor();
     let visit = |renderer: &mut CpuRenderer, index, loaded: Result<Frame, FrameError>| {
         let mut frame = loaded.map_err(|error| SkippedFrame::from(&error))?;
-        if let (ViewPoses::Corrected, Some(log)) = (options.poses, &splats.finishing().poses) {
-            frame.camera.pose = log.at(&frame.camera.pose);
+        if options.poses == ViewPoses::Corrected {
+            frame.camera.pose = splats.finishing().corrected(&frame.camera.pose);
         }
         let camera = options.photo_camera(&frame);
         let rendered = renderer.render(splats, &camera, &options.render);

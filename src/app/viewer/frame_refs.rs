@@ -8,6 +8,7 @@ use crate::app::state::Opened;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::{Dataset, DatasetSplit, FrameEntry};
 use crate::math::camera::{Camera, Intrinsics};
+use crate::model::splat::appearance::Finishing;
 use crate::render::compare::Area;
 use std::sync::Arc;
 
@@ -115,9 +116,10 @@ impl FrameRef {
     }
 
     /// The camera that took its photograph, given where that stands if it is not the one that
-    /// measured depth.
-    pub fn photo_camera(&self, color_camera: Option<&ColorCamera>) -> Camera {
-        self.entry().photo_camera(color_camera)
+    /// measured depth: where it really stood, as far as the scene tells.
+    pub fn photo_camera(&self, color_camera: Option<&ColorCamera>, scene: &Finishing) -> Camera {
+        let entry = self.entry();
+        entry.photo_camera_at(scene.corrected(&entry.camera.pose), color_camera)
     }
 }
 

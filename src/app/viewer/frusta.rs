@@ -70,7 +70,7 @@ fn frustum(
     color: Color32,
     thumbnails: Option<(&mut Thumbnails, bool)>,
 ) {
-    let camera = frame.photo_camera(None);
+    let camera = frame.entry().photo_camera(None);
     let corners = corners(&camera, length);
     let apex = camera.pose.centre();
     let known = thumbnails.and_then(|(thumbnails, may_decode)| {

@@ -292,7 +292,8 @@ impl SceneView {
         match &self.place {
             Place::At(frame) => {
                 let color_camera = self.color_camera(opened);
-                Some(fit(&frame.photo_camera(color_camera.as_ref()), size))
+                let scene = self.palette.splats().finishing();
+                Some(fit(&frame.photo_camera(color_camera.as_ref(), scene), size))
             }
             Place::Free => Some((camera.camera(size), Area::FULL)),
         }

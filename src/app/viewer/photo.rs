@@ -11,7 +11,6 @@ use crate::dataset::surface::{SurfaceCounts, SurfaceSettings};
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::psnr;
 use crate::eval::views::ground_truth;
-use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
@@ -178,12 +177,11 @@ struct PhotoWorker {
     latest: Option<(PhotoQuery, Photo)>,
 }
 
-/// A photograph and the camera that took it.
+/// A photograph, decoded.
 #[derive(Clone)]
 struct Photo {
     image: Arc<RgbImage>,
     pixel_counts: Option<SurfaceCounts>,
-    camera: Camera,
 }
 
 impl PhotoWorker {
@@ -204,7 +202,9 @@ impl PhotoWorker {
         query: &PhotoQuery,
         question: Question,
     ) -> Result<PhotoResult, String> {
-        let Photo { image, pixel_counts, camera } = self.photo(query)?;
+        let Photo { image, pixel_counts } = self.photo(query)?;
+        let color_camera = query.color_camera.as_ref();
+        let camera = query.frame.photo_camera(color_camera, splats.finishing());
         let renderer = &mut self.renderer;
         let mut measure = || psnr(&renderer.render(splats, &camera, &query.options).color, &image);
         let measured = match question {
@@ -234,8 +234,7 @@ impl PhotoWorker {
                 (image, Some(pixel_counts))
             }
         };
-        let camera = query.frame.photo_camera(query.color_camera.as_ref());
-        let photo = Photo { image: Arc::new(image), pixel_counts, camera };
+        let photo = Photo { image: Arc::new(image), pixel_counts };
         self.latest = Some((query.clone(), photo.clone()));
         Ok(photo)
     }

@@ -38,9 +38,9 @@ pub struct ComparisonArgs {
     /// scene, .2 for rooms and objects in metres; .2 for models of the `paper` preset]
     #[arg(long, value_name = "LENGTH", value_parser = parse_positive)]
     pub near: Option<f64>,
-    /// Where views are drawn from: as recorded, or moved as the frames were that the scene was learnt
-    /// from around them, where their poses were corrected
-    #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "recorded")]
+    /// Where views are drawn from: moved as the frames were that the scene was learnt from around them,
+    /// where their poses were corrected, or as recorded
+    #[arg(long, value_parser = choice::<ViewPoses>(), default_value = "corrected")]
     pub eval_poses: ViewPoses,
     /// Score each view also from the pose that its own photograph tells, beside the plain figures: with
     /// sharpness by octave of detail and SSIM of gradients, which wrong poses would hide

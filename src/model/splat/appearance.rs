@@ -7,6 +7,7 @@
 use super::exposure::ExposureLog;
 use super::pose_log::PoseLog;
 use super::splats::Splat;
+use crate::math::pose::Pose;
 use std::ops::Deref;
 use std::sync::Arc;
 
@@ -83,6 +84,13 @@ pub struct Finishing {
     pub exposures: Option<Arc<ExposureLog>>,
     /// How the poses of these frames were corrected, where they were.
     pub poses: Option<Arc<PoseLog>>,
+}
+
+impl Finishing {
+    /// Where a camera really stood that was recorded at `pose`, as far as the frames behind the splats say.
+    pub fn corrected(&self, pose: &Pose) -> Pose {
+        self.poses.as_ref().map_or(*pose, |log| log.at(pose))
+    }
 }
 
 static PLAIN: Finishing = Finishing { full_coverage: 1.0, exposures: None, poses: None };
