@@ -128,7 +128,8 @@ impl ViewCamera {
         let is_upright = direction.cross(self.orbit.up).length() < 1e-6;
         let eye = if is_upright { eye - ahead * 1e-3 * self.orbit.distance } else { eye };
         if let Some(pose) = Pose::look_at(eye, self.orbit.target, self.orbit.up) {
-            self.orbit = Orbit::from_pose(&pose, self.orbit.up, self.orbit.distance);
+            let distance = eye.distance(self.orbit.target);
+            self.orbit = Orbit::from_pose(&pose, self.orbit.up, distance);
         }
     }
 

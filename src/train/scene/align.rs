@@ -14,13 +14,11 @@
 //! the moved points anew and goes a part of the way; eight rounds are usual. Exact poses are left
 //! alone.
 
-use super::component_sums::{ComponentSums, SumScalar};
-use super::grid::NONE;
+use super::component_sums::SumScalar;
+use super::known_planes::{ColoredPlane, KnownPlanes};
 use super::rigid_equations::{Motion, RigidEquations};
-use super::seed_positions::SeedPositions;
-use crate::model::scene::sums::{SceneSums, outer};
 use crate::observation::surface::{Observation, SurfacePoint};
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
 /// Points of a frame that are looked at, about: neighbours say the same.
@@ -29,10 +27,6 @@ const LOOKED_AT: usize = 16_384;
 pub const ROUNDS: usize = 24;
 /// Movement of a point in a round, units of the structural scale, from which on another is of use.
 const SETTLED: f64 = 0.01;
-/// Fewest points of a component that is trusted as a plane.
-const MIN_POINTS: f64 = 20.0;
-/// Least length of the mean normal of a plane.
-const MIN_AGREEMENT: f64 = 0.8;
 /// Fewest components that determine a motion.
 const MIN_COMPONENTS: usize = 500;
 /// Neighbouring components err together: so many count as one.
@@ -46,34 +40,23 @@ const TURN_DEVIATION: f64 = 0.01;
 /// Gauss–Newton steps for one choice of components.
 const STEPS: usize = 2;
 
-/// Scene and frame as they are before the frame is learnt.
-pub struct PoseAlignment<'a, W> {
-    /// Sums of the components.
-    pub component_sums: &'a ComponentSums<W>,
-    /// Where they stand.
-    pub seed_positions: SeedPositions<'a>,
-    /// Structural scale, world units.
-    pub h: f64,
-    /// Ridge of the regression of colour on position, world units².
-    pub ridge: f64,
+/// A frame before it is learnt, beside what the scene says of where it is.
+pub struct PoseAlignment<'a> {
     /// The frame as recorded, with as many of its points as are [`looked_at`].
     pub frame: &'a Observation,
     /// Component of each of the points where the motion so far takes them.
     pub owners: &'a [u32],
     /// Factors that bring its colours to the scene's exposure.
     pub gain: [f32; 3],
+    /// Structural scale, world units.
+    pub h: f64,
 }
 
 /// What a component expects of the frame, and what the frame shows of it.
 struct Match {
-    normal: DVec3,
+    plane: ColoredPlane,
     /// Variance of the points' mean along the normal, world units².
     variance: f64,
-    /// Mean of the component, world units from the origin.
-    mean: DVec3,
-    color: DVec3,
-    /// One row per channel, in the plane, per world unit.
-    gradient: DMat3,
     /// Means of the frame's points.
     seen: DVec3,
     seen_color: DVec3,
@@ -91,11 +74,15 @@ pub fn looked_at(frame: &Observation) -> Observation {
     }
 }
 
-impl<W: SumScalar> PoseAlignment<'_, W> {
+impl PoseAlignment<'_> {
     /// A more probable motion than the one that the components were found with, and whether it is so near
     /// to it that nothing more can be gained; `None` where too little of the scene is known.
-    pub fn improved(&self, before: &Motion) -> Option<(Motion, bool)> {
-        let matches = self.matches();
+    pub fn improved<W: SumScalar>(
+        &self,
+        before: &Motion,
+        planes: &mut KnownPlanes<'_, W>,
+    ) -> Option<(Motion, bool)> {
+        let matches = self.matches(planes);
         if matches.len() < MIN_COMPONENTS {
             return None;
         }
@@ -116,52 +103,32 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
         Some((motion, moved < SETTLED * self.h))
     }
 
-    /// Matches of the components that own enough points, in ascending order.
-    fn matches(&self) -> Vec<Match> {
-        let known = |owner: u32| owner != NONE && (owner as usize) < self.component_sums.len();
-        let owners = self.owners.iter().enumerate().filter(|(_, owner)| known(**owner));
+    /// Matches of the components that own points, in ascending order.
+    fn matches<W: SumScalar>(&self, planes: &mut KnownPlanes<'_, W>) -> Vec<Match> {
+        let owners = self.owners.iter().enumerate().filter(|(_, owner)| planes.has(**owner));
         let mut order: Vec<u64> =
             owners.map(|(i, &owner)| u64::from(owner) << 32 | i as u64).collect();
         // Runs of one component, each in the order of its points: sums round alike on any machine.
         order.par_sort_unstable();
         let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
-        let runs = runs.par_iter().with_min_len(64);
-        runs.filter_map(|run| self.matched(run)).collect()
+        planes.learn(runs.iter().map(|run| component(run)));
+        let matched = |run: &&[u64]| Some(self.matched(run, planes.of(component(run))?));
+        runs.par_iter().with_min_len(64).filter_map(matched).collect()
     }
 
-    /// What the points of one component say; keys hold the component above the point.
-    fn matched(&self, run: &[u64]) -> Option<Match> {
-        let id = (run[0] >> 32) as usize;
-        let sums = SceneSums::new(&self.component_sums.sums(id), self.h);
-        let normal = sums.normal / sums.count;
-        if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
-            return None;
-        }
-        let normal = normal.normalize();
-        let seed = vector(self.seed_positions.of(id));
+    /// What the points of one component say.
+    fn matched(&self, run: &[u64], plane: &ColoredPlane) -> Match {
         let n = run.len() as f64;
         let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for key in run {
             let point = &self.frame.points[*key as u32 as usize];
-            seen += (point.position_vector() - seed) / n;
+            seen += (point.position_vector() - plane.seed) / n;
             seen_color += self.exposed(point) / n;
             noise += f64::from(point.noise) / n;
         }
-        let covariance = sums.covariance();
-        let gradient = sums.gradient(covariance, self.ridge);
-        Some(Match {
-            normal,
-            // Not divided by the number of points: errors of neighbouring pixels do not average
-            // out.
-            variance: noise * noise + covariance.quadratic_form(normal).max(0.0),
-            mean: seed + sums.mean_offset(),
-            color: sums.color / sums.count,
-            // Across a plane its points say nothing of the colour, so only the part within it is
-            // kept.
-            gradient: gradient - outer(gradient * normal, normal),
-            seen: seed + seen,
-            seen_color,
-        })
+        // Not divided by the number of points: errors of neighbouring pixels do not average out.
+        let variance = noise * noise + plane.variance;
+        Match { plane: *plane, variance, seen: plane.seed + seen, seen_color }
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
@@ -169,20 +136,25 @@ impl<W: SumScalar> PoseAlignment<'_, W> {
     }
 }
 
+/// The component of a run of keys, which hold it above the point.
+fn component(run: &[u64]) -> u32 {
+    (run[0] >> 32) as u32
+}
+
 impl RigidEquations {
     fn add_match(&mut self, matched: &Match, centre: DVec3, motion: &Motion) {
         // About the camera's centre, so that a turn leaves the camera where it is.
         let arm = motion.turn * (matched.seen - centre);
-        let offset = centre + arm + motion.shift - matched.mean;
-        let distance = matched.normal.dot(offset);
+        let offset = centre + arm + motion.shift - matched.plane.mean;
+        let distance = matched.plane.normal.dot(offset);
         let weight = 1.0 / (ALIKE * matched.variance);
         // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
         let trust = 1.0 / (1.0 + distance * distance / (matched.variance * ROBUST));
-        self.add(distance, matched.normal, arm, weight * trust);
-        let color = matched.seen_color - matched.color - matched.gradient * offset;
+        self.add(distance, matched.plane.normal, arm, weight * trust);
+        let color = matched.seen_color - matched.plane.color - matched.plane.gradient * offset;
         let weight = 1.0 / (ALIKE * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
-        let rows = matched.gradient.transpose();
+        let rows = matched.plane.gradient.transpose();
         for channel in 0..3 {
             self.add(color[channel], -rows.col(channel), arm, weight * trust);
         }

@@ -29,6 +29,7 @@ mod components;
 mod fusion;
 mod gain;
 mod grid;
+mod known_planes;
 mod lattice;
 mod merge;
 #[cfg(test)]

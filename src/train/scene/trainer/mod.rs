@@ -336,13 +336,18 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn assign(&mut self, points: &[SurfacePoint]) {
+        let mut owners = std::mem::take(&mut self.owners);
+        self.find_owners(points, &mut owners);
+        self.owners = owners;
+    }
+
+    /// The component of every point, as far as it has one.
+    fn find_owners(&self, points: &[SurfacePoint], owners: &mut Vec<u32>) {
         let (rule, h) = (self.config.births, self.config.h as f32);
         match rule {
-            BirthRule::Seeds => {
-                assign(&self.grid, &self.components, h, points, &mut self.owners);
-            }
+            BirthRule::Seeds => assign(&self.grid, &self.components, h, points, owners),
             BirthRule::Lattice | BirthRule::BodyCentred => {
-                assign_to_lattice(rule, h, &self.grid, &self.components, points, &mut self.owners);
+                assign_to_lattice(rule, h, &self.grid, &self.components, points, owners);
             }
         }
     }
@@ -367,7 +372,11 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn gain(&self, points: &[SurfacePoint]) -> [f32; 3] {
-        if self.config.gain { gain(&self.component_sums, points, &self.owners) } else { [1.0; 3] }
+        self.gain_of(points, &self.owners)
+    }
+
+    fn gain_of(&self, points: &[SurfacePoint], owners: &[u32]) -> [f32; 3] {
+        if self.config.gain { gain(&self.component_sums, points, owners) } else { [1.0; 3] }
     }
 
     /// Everything a component has received, world units about its seed.

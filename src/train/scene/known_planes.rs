@@ -1,0 +1,104 @@
+//! What components say of the points they own, worked out once for all rounds of a frame's alignment.
+
+use super::component_sums::{ComponentSums, SumScalar};
+use super::grid::NONE;
+use super::seed_positions::SeedPositions;
+use crate::model::scene::sums::{SceneSums, outer};
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+/// Fewest points of a component that is trusted as a plane.
+const MIN_POINTS: f64 = 20.0;
+/// Least length of the mean normal of a plane.
+const MIN_AGREEMENT: f64 = 0.8;
+
+/// A component as a plane with a colour that varies over it.
+#[derive(Clone, Copy)]
+pub struct ColoredPlane {
+    /// Where the component's sums are about, world units from the origin.
+    pub seed: DVec3,
+    /// Mean of its points, world units from the origin.
+    pub mean: DVec3,
+    /// Unit normal.
+    pub normal: DVec3,
+    /// Variance of its points along the normal, world units².
+    pub variance: f64,
+    /// Mean colour.
+    pub color: DVec3,
+    /// One row per channel, in the plane, per world unit.
+    pub gradient: DMat3,
+}
+
+impl ColoredPlane {
+    /// Of sums about `seed`; `None` of few points, or points whose normals differ.
+    fn new(sums: &SceneSums, seed: DVec3, ridge: f64) -> Option<Self> {
+        let normal = sums.normal / sums.count;
+        if sums.count < MIN_POINTS || normal.length() < MIN_AGREEMENT {
+            return None;
+        }
+        let normal = normal.normalize();
+        let covariance = sums.covariance();
+        let gradient = sums.gradient(covariance, ridge);
+        Some(Self {
+            seed,
+            mean: seed + sums.mean_offset(),
+            normal,
+            variance: covariance.quadratic_form(normal).max(0.0),
+            color: sums.color / sums.count,
+            // Across a plane its points say nothing of the colour, so only the part within it is
+            // kept.
+            gradient: gradient - outer(gradient * normal, normal),
+        })
+    }
+}
+
+/// The planes of the components that were asked for so far.
+pub struct KnownPlanes<'a, W> {
+    component_sums: &'a ComponentSums<W>,
+    seed_positions: SeedPositions<'a>,
+    /// Structural scale, world units.
+    h: f64,
+    /// Ridge of the regression of colour on position, world units².
+    ridge: f64,
+    /// By component its place among `planes`.
+    places: Vec<u32>,
+    planes: Vec<Option<ColoredPlane>>,
+}
+
+impl<'a, W: SumScalar> KnownPlanes<'a, W> {
+    /// None is known yet.
+    pub fn new(
+        component_sums: &'a ComponentSums<W>,
+        seed_positions: SeedPositions<'a>,
+        h: f64,
+        ridge: f64,
+    ) -> Self {
+        let places = vec![NONE; component_sums.len()];
+        Self { component_sums, seed_positions, h, ridge, places, planes: Vec::new() }
+    }
+
+    /// Whether a component had points before the frame.
+    pub fn has(&self, component: u32) -> bool {
+        (component as usize) < self.places.len()
+    }
+
+    /// Works out those of the listed components that are not known yet.
+    pub fn learn(&mut self, components: impl Iterator<Item = u32>) {
+        let new: Vec<u32> = components.filter(|&id| self.places[id as usize] == NONE).collect();
+        for (&id, place) in new.iter().zip(self.planes.len() as u32..) {
+            self.places[id as usize] = place;
+        }
+        let plane = |&id: &u32| {
+            let sums = SceneSums::new(&self.component_sums.sums(id as usize), self.h);
+            let seed = DVec3::from_array(self.seed_positions.of(id as usize).map(f64::from));
+            ColoredPlane::new(&sums, seed, self.ridge)
+        };
+        let planes: Vec<_> = new.par_iter().with_min_len(64).map(plane).collect();
+        self.planes.extend(planes);
+    }
+
+    /// The plane of a component that was listed; `None` of one that is none.
+    pub fn of(&self, component: u32) -> Option<&ColoredPlane> {
+        self.planes[self.places[component as usize] as usize].as_ref()
+    }
+}
