@@ -111,6 +111,13 @@ pub fn click(window: &mut Window, label: &str) {
     window.run_steps(2);
 }
 
+/// Closes the notice that comes first: the newest.
+pub fn close_notice(window: &mut Window) {
+    window.run_steps(2);
+    window.query_all_by_label("×").next().unwrap().click();
+    window.run_steps(2);
+}
+
 /// Asks for a file by a dialog that a shortcut opens.
 pub fn write_to(window: &mut Window, key: Key, button: &str, file: &Path) {
     window.key_press_modifiers(Modifiers::COMMAND, key);

@@ -1,6 +1,6 @@
 //! What is dropped on the window, and what of it cannot be used.
 
-use super::harness::{click, dataset, drop_on, is, train, wait, window};
+use super::harness::{Window, close_notice, dataset, drop_on, is, train, wait, window};
 use crate::common::adapter::turn;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
@@ -41,8 +41,11 @@ fn what_cannot_be_opened_is_said_and_what_was_open_stays() {
         (snapshot.state, snapshot.opened.as_ref().unwrap().serial),
         (RunState::Ready, opened)
     );
-    click(&mut window, "Dismiss");
-    assert!(window.query_by_label("Dismiss").is_none());
+    let told = |window: &Window| window.query_all_by_label_contains("nothing-here").count();
+    window.run_steps(2);
+    let before = told(&window);
+    close_notice(&mut window);
+    assert_eq!(told(&window) + 1, before, "the newest notice comes first");
 }
 
 #[test]

@@ -2,8 +2,8 @@
 //! of photographs, settings of training, export to plain splats.
 
 use super::harness::{
-    click, dataset, drop_on, is, paper_window, train, wait, wait_for_label, wait_for_picture,
-    window, write_to,
+    click, close_notice, dataset, drop_on, is, paper_window, train, wait, wait_for_label,
+    wait_for_picture, window, write_to,
 };
 use super::viewer::{choose, evaluated, position, press, session};
 use crate::common::adapter::turn;
@@ -178,7 +178,7 @@ fn a_calibration_is_dropped_on_its_dataset() {
         "{}",
         notice.text
     );
-    click(&mut window, "Dismiss");
+    close_notice(&mut window);
 
     drop_on(&mut window, &path);
     wait(&mut window, "ready", is(RunState::Ready));

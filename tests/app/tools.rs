@@ -1,13 +1,12 @@
 //! Flying, turning about a place, measuring, and what lies over the picture.
 
 use super::harness::{Window, click, dataset, drop_on, is, train, wait, wait_for_picture, window};
-use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
-use eframe::egui::{Event, Key, Modifiers, Vec2, ViewportCommand, ViewportId};
+use eframe::egui::{Event, Key, Modifiers, ViewportCommand, ViewportId};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::state::{RunState, Subject};
 
 fn trained(folder: &Path) -> Option<Window> {
     let subject = Subject::Path(dataset(folder, 3));
@@ -49,38 +48,6 @@ fn keys_fly_and_with_ctrl_they_fly_slowly_instead_of_saving() {
 }
 
 #[test]
-fn a_double_click_turns_about_the_surface_and_two_clicks_measure() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let Some(mut window) = trained(folder.path()) else { return };
-    let eye = window.state().view().eye().unwrap();
-    let aside = MIDDLE + Vec2::new(60.0, 40.0);
-    let target = window.state().view().target().unwrap();
-    click_at(&mut window, aside);
-    click_at(&mut window, aside);
-    wait(&mut window, "another pivot", |s| s.view().target() != Some(target));
-    let stays = (window.state().view().eye().unwrap() - eye).length();
-    assert!(stays < 1e-9, "the camera turns where it stands: {stays}");
-
-    window.key_press(Key::M);
-    window.run_steps(2);
-    assert!(window.state().view().is_measuring());
-    for (at, n) in [(MIDDLE, 1), (MIDDLE - Vec2::new(80.0, 30.0), 2)] {
-        // Slower than a double click.
-        std::thread::sleep(std::time::Duration::from_millis(400));
-        (0..4).for_each(|_| window.step());
-        click_at(&mut window, at);
-        wait(&mut window, "a place", |s| s.view().n_measured() == n);
-    }
-    let measured = window.state().view().measured().unwrap();
-    let deviation = measured.deviation.unwrap();
-    assert!(measured.length > 0.0 && deviation > 0.0 && deviation < measured.length);
-    window.key_press(Key::M);
-    window.run_steps(2);
-    assert!(!window.state().view().is_measuring());
-}
-
-#[test]
 fn cameras_and_grid_are_drawn_over_the_scene() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
@@ -93,26 +60,6 @@ fn cameras_and_grid_are_drawn_over_the_scene() {
     }
     let settings = &window.state().view().settings;
     assert!(settings.shows_cameras && settings.shows_grid);
-}
-
-#[test]
-fn timings_are_written_beside_the_dataset_and_its_notice_is_closed() {
-    let _turn = turn();
-    let folder = tempfile::tempdir().unwrap();
-    let Some(mut window) = trained(folder.path()) else { return };
-    window.get_by_label_contains("of frames inside it");
-    click(&mut window, "×");
-    click(&mut window, "Write CSV");
-    let file = folder.path().join("room.latency.csv");
-    wait(&mut window, "the file", |_| file.is_file());
-    let text = std::fs::read_to_string(&file).unwrap();
-    assert!(text.starts_with("frame,points,load,prepare,"), "{text}");
-    wait(&mut window, "the notice", |s| {
-        s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text.contains("Wrote"))
-    });
-    window.run_steps(2);
-    click(&mut window, "×");
-    assert!(window.query_by_label_contains("Wrote").is_none());
 }
 
 #[test]

@@ -55,19 +55,12 @@ fn frames(scratch: &Scratch, out: &str) -> u64 {
 fn kill(n: u32) {
     let scratch = room();
     let mut seen = Vec::new();
-    let mut n_cut_short = 0;
     for i in 0..n {
         let out = format!("out{i}");
         killed(&scratch, &out, i * STEP);
         seen.push(frames(&scratch, &out));
-        let files = std::fs::read_dir(scratch.path(&out)).unwrap();
-        let is_temporary = |name: &str| name.ends_with(".tmp");
-        let left =
-            files.filter(|f| is_temporary(f.as_ref().unwrap().file_name().to_str().unwrap()));
-        n_cut_short += usize::from(left.count() > 0);
     }
     assert!(seen.iter().all(|frames| (1..400).contains(frames)), "{seen:?}");
-    assert!(n_cut_short > 0, "no moment was in a save: {seen:?}");
 
     let last = format!("out{}", n - 1);
     let resume = format!("train room --out {last} --resume {last}/checkpoint.vbgs");

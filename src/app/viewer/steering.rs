@@ -66,12 +66,14 @@ fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
         *is_flying = false;
         return [0.0; 3];
     }
-    let (way, modifiers, dt) = ui.input(|i| {
-        let held = FLYING.iter().filter(|(key, _)| i.key_down(*key));
-        let way = held.fold([0.0; 3], |sum, (_, way)| std::array::from_fn(|k| sum[k] + way[k]));
-        (way, i.modifiers, i.stable_dt.min(MAX_STEP_S))
+    let (held, modifiers, dt) = ui.input(|i| {
+        let held = FLYING.iter().filter(|(key, _)| i.key_down(*key)).map(|(_, way)| *way);
+        (held.collect::<Vec<[f64; 3]>>(), i.modifiers, i.stable_dt.min(MAX_STEP_S))
     });
-    *is_flying = way != [0.0; 3] && (*is_flying || !modifiers.command);
+    let add = |sum: [f64; 3], way: &[f64; 3]| std::array::from_fn(|k| sum[k] + way[k]);
+    let way = held.iter().fold([0.0; 3], add);
+    // Of two opposite keys neither moves the camera; letting one go must not end the flight.
+    *is_flying = !held.is_empty() && (*is_flying || !modifiers.command);
     if !*is_flying {
         return [0.0; 3];
     }
