@@ -208,9 +208,7 @@ impl ColorCamera {
     /// The same lens where the depth camera stood at `depth` and this one at `color`, as of a camera that
     /// moved between the two images.
     pub(super) fn standing(self, depth: &Pose, color: &Pose) -> Self {
-        let back = depth.rotation().transpose();
-        let offset = back * (color.centre() - depth.centre());
-        let turn = DQuat::from_mat3(&(back * color.rotation())).normalize();
+        let (offset, turn) = depth.offset_to(color);
         Self { offset: offset.to_array(), rotation: turn.to_scaled_axis().to_array(), ..self }
     }
 

@@ -120,6 +120,14 @@ impl Pose {
         Self { rotation, translation: self.transform_point(offset) }
     }
 
+    /// What [`Self::attached`] makes `other` of: its centre in this camera's frame, world units, and how its
+    /// axes are turned from this camera's.
+    pub fn offset_to(&self, other: &Self) -> (DVec3, DQuat) {
+        let back = self.rotation.transpose();
+        let turn = DQuat::from_mat3(&(back * other.rotation)).normalize();
+        (back * (other.translation - self.translation), turn)
+    }
+
     /// Camera coordinates to world coordinates.
     pub fn transform_point(&self, camera_point: DVec3) -> DVec3 {
         self.rotation * camera_point + self.translation

@@ -21,13 +21,11 @@ pub struct FramePose {
 impl FramePose {
     /// A frame recorded at one pose and taken from another.
     pub fn new(recorded: &Pose, real: &Pose) -> Self {
-        let (rotation, offset) =
-            (recorded.rotation().transpose(), real.centre() - recorded.centre());
-        let turn = DQuat::from_mat3(&(rotation * real.rotation())).normalize();
+        let (shift, turn) = recorded.offset_to(real);
         Self {
             recorded: Viewpoint::new(recorded),
             turn: turn.to_scaled_axis().to_array(),
-            shift: (rotation * offset).to_array(),
+            shift: shift.to_array(),
         }
     }
 }
