@@ -10,6 +10,7 @@ use vbgs_studio::dataset::{self, Dataset, LoadOptions};
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, triangulate, write_mesh};
 use vbgs_studio::export::{Axes, ModelFormat, WriteOptions, WriteProgress};
 use vbgs_studio::math::sym3::Sym3;
+use vbgs_studio::model::splat::appearance::Finishing;
 use vbgs_studio::pipeline::checkpoint::SavedRun;
 use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
@@ -149,11 +150,13 @@ fn what_is_no_mesh_is_named() {
     assert!(error.contains("ending in .ply, .glb or .obj, found \"stl\""), "{error}");
 }
 
-/// Distance of each point to the nearest depth that any frame measured in the pixel it falls on.
-fn distances_to_depth(points: &[DVec3], dataset: &Dataset) -> Vec<f64> {
+/// Distance of each point to the nearest depth that any frame measured in the pixel it falls on, the
+/// cameras where `scene` says they stood.
+fn distances_to_depth(points: &[DVec3], dataset: &Dataset, scene: &Finishing) -> Vec<f64> {
     let mut nearest = vec![f64::INFINITY; points.len()];
     for entry in dataset.splits.iter().flat_map(|split| &split.frames) {
-        let frame = entry.load().unwrap();
+        let mut frame = entry.load().unwrap();
+        frame.camera.pose = scene.corrected(&frame.camera.pose);
         let depth = frame.depth.as_ref().unwrap();
         let (width, height) = depth.size();
         for (point, nearest) in points.iter().zip(&mut nearest) {
@@ -187,7 +190,8 @@ fn figures_of_a_recorded_room() {
     let revived = SavedRun::read(&checkpoint).unwrap().revive().unwrap();
     let surfels: Vec<Surfel> = surfels(&revived).into_iter().map(|(_, surfel)| surfel).collect();
     let mesh = triangulate(&surfels, half).unwrap();
-    let mut distances = distances_to_depth(&mesh.positions, &dataset);
+    let splats = session.splats();
+    let mut distances = distances_to_depth(&mesh.positions, &dataset, splats.finishing());
     distances.sort_by(f64::total_cmp);
     let within = distances.partition_point(|d| *d <= half) as f64 / distances.len() as f64;
     let at = |share: f64| distances[((distances.len() - 1) as f64 * share) as usize];
