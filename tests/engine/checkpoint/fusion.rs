@@ -2,11 +2,12 @@
 
 use super::*;
 use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::model::scene::photometric::PhotometricDeviations;
 use vbgs_studio::model::scene::state::{QUANTUM, SceneState, StoredSums};
 use vbgs_studio::pipeline::checkpoint::{RunError, merge, merge_onto};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::scene::config::BirthRule;
-use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::photometric::rule::{PhotometricMode, PhotometricRule};
 use vbgs_studio::train::scene::units::Budget;
 
 fn asked(photometric: PhotometricMode) -> SceneOverrides {
@@ -38,6 +39,77 @@ fn count(state: &SceneState, id: usize) -> f64 {
 
 fn points(state: &SceneState) -> f64 {
     (0..state.visibility.len()).map(|id| count(state, id)).sum()
+}
+
+/// Largest difference of any sums of two scenes, quanta.
+fn farthest(a: &StoredSums, b: &StoredSums) -> u32 {
+    let (StoredSums::Mixed { rows: a, .. }, StoredSums::Mixed { rows: b, .. }) = (a, b) else {
+        unreachable!()
+    };
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap()
+}
+
+#[test]
+fn shards_of_one_start_are_as_one_run() {
+    let asked = asked(PhotometricMode::Light);
+    let (start, shards) = shards(&asked, 3);
+    let mut all = reread(&merge_onto(&start, shards.clone()).unwrap().unwrap());
+    let whole = saved(&trained(&asked, Selection::everything()));
+    assert_eq!(all.content.cursor.frames, whole.content.cursor.frames);
+    assert_eq!(all.content.cursor.points, whole.content.cursor.points);
+    assert_eq!(all.config, whole.config);
+    // Every point counts once, and no surface is covered twice.
+    let (fused, one) = (scene(&all), scene(&whole));
+    let added = shards.iter().map(|run| points(scene(run)) - points(scene(&start)));
+    assert_eq!(points(fused), points(scene(&start)) + added.sum::<f64>());
+    let (n, expected) = (fused.seeds.len() as f64, one.seeds.len() as f64);
+    assert!((0.8..1.1).contains(&(n / expected)), "{n} components, {expected} of one run");
+    // More is known of what several shards saw than any of them knows.
+    let known = |run: &SavedRun, id| {
+        let state = scene(run).photometric.as_ref().unwrap();
+        PhotometricDeviations::of(state, id).map(|d| d.color)
+    };
+    // Splats that were young at the start began anew in each.
+    let is_ripe = |id: usize| count(scene(&start), id) >= PhotometricRule::DEFAULT.young;
+    let ids = (0..scene(&start).seeds.len()).filter(|&id| is_ripe(id) && known(&all, id).is_some());
+    let surer = |&id: &usize| {
+        shards
+            .iter()
+            .all(|run| known(run, id).is_none_or(|d| known(&all, id).unwrap() <= d * 1.001))
+    };
+    let (all_ids, surer): (Vec<_>, Vec<_>) = (ids.clone().collect(), ids.filter(surer).collect());
+    assert!(surer.len() * 100 >= all_ids.len() * 98, "{} of {}", surer.len(), all_ids.len());
+    // In whatever order they are named.
+    let mut others = shards;
+    others.rotate_left(1);
+    let again = reread(&merge_onto(&start, others).unwrap().unwrap());
+    assert!(again.content.model == all.content.model);
+    // It goes on: nothing is left.
+    all.path = start.path.clone();
+    assert!(all.resume(room(), &ResumeRequest::default(), false).is_ok());
+}
+
+#[test]
+fn what_one_shard_alone_learnt_is_what_it_learnt() {
+    let asked = asked(PhotometricMode::Light);
+    let (start, shards) = shards(&asked, 2);
+    // The start itself as the other shard: it learnt nothing since.
+    let idle = SavedRun { path: "idle".into(), ..start.clone() };
+    let one = merge_onto(&start, vec![shards[1].clone(), idle]).unwrap().unwrap();
+    let (fused, alone) = (scene(&one), scene(&shards[1]));
+    assert_eq!((&fused.seeds, &fused.visibility), (&alone.seeds, &alone.visibility));
+    // Moments are made definite as they are put together: by few quanta.
+    assert!(fused.seeds.len() > 100 && farthest(&fused.sums, &alone.sums) <= 8);
+    let (fused, alone) = (fused.photometric.as_ref().unwrap(), alone.photometric.as_ref().unwrap());
+    let far = fused
+        .splats
+        .iter()
+        .zip(&alone.splats)
+        .map(|(a, b)| (0..3).map(|k| (a.color[k] - b.color[k]).abs()).fold(0.0f32, f32::max));
+    let mut far: Vec<f32> = far.collect();
+    far.sort_by(f32::total_cmp);
+    assert!(far[far.len() * 9 / 10] < 0.01, "{:?}", &far[far.len() * 9 / 10..]);
 }
 
 #[test]

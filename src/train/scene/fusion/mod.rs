@@ -87,6 +87,10 @@ impl Component {
     fn with_all(&self, later: &[&Self], rule: Option<&PhotometricRule>) -> Self {
         let (mut sums, mut visibility) = (self.sums, self.visibility);
         let before = self.visibility;
+        let has_more = |now: &&&Self| now.sums[0] > self.sums[0];
+        // Splats begin anew while few points stand behind them: nothing of the start is in those.
+        let is_anew = rule.is_some_and(|rule| self.sums[0] < rule.young)
+            && later.iter().any(|now| has_more(&now));
         let mut estimates = Vec::with_capacity(later.len());
         for now in later {
             for ((sum, now), before) in sums.iter_mut().zip(now.sums).zip(self.sums) {
@@ -98,9 +102,11 @@ impl Component {
                 misses: now.visibility.misses.saturating_sub(before.misses),
             };
             visibility = visibility.plus(gained);
-            estimates.extend(now.estimate.map(|estimate| Later { estimate, frames: gained.hits }));
+            let estimate = now.estimate.filter(|_| !is_anew || has_more(&now));
+            estimates.extend(estimate.map(|estimate| Later { estimate, frames: gained.hits }));
         }
-        let estimate = rule.and_then(|rule| estimate::fused(self.estimate, &estimates, rule));
+        let start = self.estimate.filter(|_| !is_anew);
+        let estimate = rule.and_then(|rule| estimate::fused(start, &estimates, rule));
         Self { seed: self.seed, sums, visibility, estimate }
     }
 
