@@ -5,13 +5,14 @@ use super::failure::Failure;
 use super::output;
 use vbgs_studio::export::checkpoint;
 use vbgs_studio::pipeline::checkpoint::{SavedRun, merge, merge_onto};
+use vbgs_studio::train::scene::config::BirthRule;
 
 /// Merges as asked.
 pub fn run(args: &MergeArgs) -> Result<(), Failure> {
     output::check_files(std::slice::from_ref(&args.output))?;
     let runs: Result<Vec<_>, _> = args.checkpoints.iter().map(|p| SavedRun::read(p)).collect();
     let merged = match &args.start {
-        None => merge(runs?)?,
+        None => merge(warned(runs?))?,
         Some(start) => merge_onto(&SavedRun::read(start)?, runs?)?,
     };
     // Never none: clap asks for two checkpoints.
@@ -24,4 +25,15 @@ pub fn run(args: &MergeArgs) -> Result<(), Failure> {
         merged.content.cursor.frames
     ));
     Ok(())
+}
+
+/// The same runs, after a word on what is lost by fusing them.
+fn warned(runs: Vec<SavedRun>) -> Vec<SavedRun> {
+    let first = runs.first().and_then(|run| run.config.method.scene());
+    if first.is_some_and(|scene| scene.engine.births == BirthRule::Seeds) {
+        eprintln!(
+            "warning: setting `births`: expected \"lattice\" or \"body-centred\" of runs that began apart, found \"seeds\": what several of them saw will be blurred; let all go on from one short run (train --resume START --shard K/N) and merge with --start START"
+        );
+    }
+    runs
 }

@@ -85,6 +85,37 @@ fn another_dataset_needs_force() {
 }
 
 #[test]
+fn scenes_are_merged_onto_the_run_they_went_on_from() {
+    let scratch = Scratch::with_room();
+    let saved = |out: &str| format!("{out}/checkpoint.vbgs");
+    scratch.run("train room --births seeds --shard 1/4 --out start").succeeds();
+    let start = saved("start");
+    for k in 1..=2 {
+        let shard = format!("--resume {start} --shard {k}/2 --out s{k}");
+        scratch.run(&format!("train room --births seeds {shard}")).succeeds();
+    }
+    let [a, b] = ["s1", "s2"].map(saved);
+    let onto = scratch.run(&format!("merge --start {start} {b} {a} -o all.vbgs"));
+    let said = onto.succeeds();
+    assert!(said.stdout.contains("wrote all.vbgs: 2 models, 8 frames"), "{}", said.stdout);
+    assert!(said.stderr.is_empty(), "{}", said.stderr);
+    scratch.run("info all.vbgs").succeeds();
+    scratch.run(&format!("merge {a} {b} -o m.vbgs")).fails(1, &["no frame in both", "--start"]);
+    // Runs that began apart become one, not without a word.
+    for k in 1..=2 {
+        let shard = format!("--births seeds --shard {k}/2 --out own{k}");
+        scratch.run(&format!("train room {shard}")).succeeds();
+    }
+    let [c, d] = ["own1", "own2"].map(saved);
+    let apart = scratch.run(&format!("merge {c} {d} -o m.vbgs")).succeeds().stderr;
+    assert!(apart.contains("setting `births`") && apart.contains("--start START"), "{apart}");
+    let parts = [d.as_str(), &start, "other frames at its beginning"];
+    scratch.run(&format!("merge --start {start} {a} {d} -o no.vbgs")).fails(1, &parts);
+    scratch.run(&format!("merge --start none.vbgs {a} {b} -o no.vbgs")).fails(1, &["none.vbgs"]);
+    assert!(!scratch.path("no.vbgs").exists());
+}
+
+#[test]
 fn merged_shards_are_the_run_over_all_frames() {
     let scratch = Scratch::with_room();
     scratch.run(&format!("{TRAIN} --out whole --reassign off")).succeeds();
