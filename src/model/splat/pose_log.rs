@@ -51,23 +51,35 @@ pub struct PoseLog {
 impl PoseLog {
     /// Frames of a scene with structural scale `h`, world units.
     pub fn new(frames: Vec<FramePose>, h: f64) -> Self {
-        Self { frames, reach: DISTANCE * h }
+        Self { frames, reach: reach(h) }
     }
 
-    /// Where a camera really stood that was recorded at `pose`: moved as the frames recorded around it
-    /// were, in the camera's own axes; as recorded without frames.
+    /// Where a camera really stood that was recorded at `pose`: [`corrected`] as the frames were.
     pub fn at(&self, pose: &Pose) -> Pose {
-        let said = |frame: &FramePose| {
-            let [a, b, c] = frame.turn;
-            let [x, y, z] = frame.shift;
-            (frame.recorded, [a, b, c, x, y, z])
-        };
-        match regress(&self.frames, pose, self.reach, said) {
-            None => *pose,
-            Some([a, b, c, x, y, z]) => {
-                let turn = DQuat::from_scaled_axis(DVec3::new(a, b, c));
-                pose.attached(DVec3::new(x, y, z), turn)
-            }
+        corrected(&self.frames, self.reach, pose)
+    }
+}
+
+/// Distance between cameras at which a frame counts for less by `exp(−½)`, world units, in a scene with
+/// structural scale `h`.
+pub fn reach(h: f64) -> f64 {
+    DISTANCE * h
+}
+
+/// A camera recorded at `pose`, moved as the frames recorded around it were, in its own axes; as recorded
+/// without frames. `reach` is the distance between cameras at which a frame counts for less by `exp(−½)`,
+/// world units.
+pub fn corrected(frames: &[FramePose], reach: f64, pose: &Pose) -> Pose {
+    let said = |frame: &FramePose| {
+        let [a, b, c] = frame.turn;
+        let [x, y, z] = frame.shift;
+        (frame.recorded, [a, b, c, x, y, z])
+    };
+    match regress(frames, pose, reach, said) {
+        None => *pose,
+        Some([a, b, c, x, y, z]) => {
+            let turn = DQuat::from_scaled_axis(DVec3::new(a, b, c));
+            pose.attached(DVec3::new(x, y, z), turn)
         }
     }
 }

@@ -11,8 +11,8 @@
 //! along a wall free; colours hold those.
 //!
 //! A component tells of colours no farther than it reaches, so every round searches the components of
-//! the moved points anew and goes a part of the way; eight rounds are usual. Exact poses are left
-//! alone.
+//! the moved points anew and goes a part of the way. Cameras err alike from frame to frame, so the first
+//! round begins where the frames around say; five rounds are usual. Exact poses are left alone.
 
 use super::component_sums::SumScalar;
 use super::known_planes::{ColoredPlane, KnownPlanes};
@@ -22,11 +22,11 @@ use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
 /// Points of a frame that are looked at, about: neighbours say the same.
-const LOOKED_AT: usize = 16_384;
+const LOOKED_AT: usize = 8192;
 /// Searches for components and motions at most, one after the other.
 pub const ROUNDS: usize = 24;
 /// Movement of a point in a round, units of the structural scale, from which on another is of use.
-const SETTLED: f64 = 0.01;
+const SETTLED: f64 = 0.02;
 /// Fewest components that determine a motion.
 const MIN_COMPONENTS: usize = 500;
 /// Neighbouring components err together: so many count as one.
@@ -39,6 +39,8 @@ const ROBUST: f64 = 4.0;
 const TURN_DEVIATION: f64 = 0.01;
 /// Gauss–Newton steps for one choice of components.
 const STEPS: usize = 2;
+/// Matches of one partial sum.
+const PART: usize = 256;
 
 /// A frame before it is learnt, beside what the scene says of where it is.
 pub struct PoseAlignment<'a> {
@@ -92,8 +94,16 @@ impl PoseAlignment<'_> {
         for _ in 0..STEPS {
             // About the recorded pose in every round: about the last one, rounds could wander off.
             let mut normal = RigidEquations::prior(&motion, [TURN_DEVIATION, shift_deviation]);
-            matches.iter().for_each(|matched| normal.add_match(matched, centre, &motion));
+            let part = |matches: &[Match]| {
+                let mut part = RigidEquations::NONE;
+                matches.iter().for_each(|matched| part.add_match(matched, centre, &motion));
+                part
+            };
+            // In parts of one size, added in their order: sums round alike on any number of threads.
+            let parts: Vec<_> = matches.par_chunks(PART).map(part).collect();
+            parts.iter().for_each(|part| normal.join(part));
             let [turn, shift] = normal.solution()?;
+
             motion.turn = (DQuat::from_scaled_axis(turn) * motion.turn).normalize();
             motion.shift += shift;
         }

@@ -7,17 +7,18 @@ use rayon::prelude::*;
 
 /// Fewest points of a component whose colour is trusted.
 const MIN_POINTS: f64 = 20.0;
-/// Fewest points that determine a gain.
-const MIN_MATCHES: f64 = 5000.0;
+/// Fewest points that determine a frame's gain.
+pub const MIN_MATCHES: f64 = 5000.0;
 /// Points of one partial sum: sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 
 /// Per channel the factor that brings the frame's colours closest to those of its points'
-/// components, `Σ c̄·c / Σ c²`; 1 where too few points are known.
+/// components, `Σ c̄·c / Σ c²`; 1 where fewer than `fewest` points are known.
 pub fn gain<W: SumScalar>(
     component_sums: &ComponentSums<W>,
     points: &[SurfacePoint],
     owners: &[u32],
+    fewest: f64,
 ) -> [f32; 3] {
     let sums: Vec<[f64; 7]> = points
         .par_chunks(CHUNK)
@@ -28,7 +29,7 @@ pub fn gain<W: SumScalar>(
         total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
         total
     });
-    if total[6] < MIN_MATCHES {
+    if total[6] < fewest {
         return [1.0; 3];
     }
     // A factor alone: with an offset beside it scores were worse (`scene.md`, Gain).

@@ -34,6 +34,7 @@ mod lattice;
 mod merge;
 #[cfg(test)]
 mod merged_moments_tests;
+mod near_seeds;
 mod observe;
 mod refine;
 mod rigid_equations;

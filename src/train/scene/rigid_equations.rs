@@ -19,9 +19,6 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Everything stays where it is.
-    pub const NONE: Self = Self { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
-
     /// What takes a camera from one pose to another.
     pub fn between(from: &Pose, to: &Pose) -> Self {
         let turn = DQuat::from_mat3(&(to.rotation() * from.rotation().transpose())).normalize();
@@ -53,24 +50,26 @@ impl Motion {
 
 /// Normal equations of a [`Motion`].
 pub(super) struct RigidEquations {
-    /// Row by row; the lower triangle.
-    matrix: [f64; 36],
-    right: [f64; 6],
+    /// By parameter the row of the matrix, the negative right side, and a nought: eight are whole vectors.
+    rows: [[f64; 8]; 6],
 }
 
 impl RigidEquations {
+    /// Nothing is known.
+    pub const NONE: Self = Self { rows: [[0.0; 8]; 6] };
+
     /// What is known of a motion before anything is seen: it is none, give or take the standard
     /// deviations of turn (radians) and shift (world units).
     pub fn prior(motion: &Motion, [turn_deviation, shift_deviation]: [f64; 2]) -> Self {
-        let mut normal = Self { matrix: [0.0; 36], right: [0.0; 6] };
+        let mut normal = Self::NONE;
         let turn = motion.turn.to_scaled_axis();
         for axis in 0..3 {
             for (i, value, deviation) in [
                 (axis, turn[axis], turn_deviation),
                 (axis + 3, motion.shift[axis], shift_deviation),
             ] {
-                normal.matrix[7 * i] = deviation.powi(-2);
-                normal.right[i] = -value * deviation.powi(-2);
+                normal.rows[i][i] = deviation.powi(-2);
+                normal.rows[i][6] = value * deviation.powi(-2);
             }
         }
         normal
@@ -80,18 +79,27 @@ impl RigidEquations {
     /// camera.
     pub fn add(&mut self, residual: f64, slope: DVec3, arm: DVec3, weight: f64) {
         let turn = arm.cross(slope);
-        let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z];
-        for i in 0..6 {
-            self.right[i] -= weight * residual * row[i];
-            for j in 0..=i {
-                self.matrix[6 * i + j] += weight * row[i] * row[j];
-            }
+        let row = [turn.x, turn.y, turn.z, slope.x, slope.y, slope.z, residual, 0.0];
+        for (sums, along) in self.rows.iter_mut().zip(row) {
+            let along = weight * along;
+            sums.iter_mut().zip(row).for_each(|(sum, across)| *sum += along * across);
         }
+    }
+
+    /// Adds what other residuals say.
+    pub fn join(&mut self, part: &Self) {
+        for (sums, more) in self.rows.iter_mut().zip(&part.rows) {
+            sums.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+        }
+    }
+
+    fn matrix(&self) -> [f64; 36] {
+        std::array::from_fn(|i| self.rows[i / 6][i % 6])
     }
 
     /// Turn (axis times angle) and shift; `None` unless all numbers are finite.
     pub fn solution(&self) -> Option<[DVec3; 2]> {
-        let x = Cholesky::new(6, &self.matrix)?.solve(&self.right);
+        let x = Cholesky::new(6, &self.matrix())?.solve(&self.rows.map(|row| -row[6]));
         let [turn, shift] = [DVec3::from_slice(&x[..3]), DVec3::from_slice(&x[3..])];
         // The factor says nothing of the right side: a colour that is no number shows only here.
         (turn.is_finite() && shift.is_finite()).then_some([turn, shift])
@@ -100,7 +108,7 @@ impl RigidEquations {
     /// Standard deviations of turn (radians) and shift (world units) along the axes that are least
     /// certain; `None` unless all numbers are finite.
     pub fn deviations(&self) -> Option<[f64; 2]> {
-        let factor = Cholesky::new(6, &self.matrix)?;
+        let factor = Cholesky::new(6, &self.matrix())?;
         let column =
             |i: usize| factor.solve(&std::array::from_fn::<_, 6, _>(|k| f64::from(k == i)));
         let inverse: [Vec<f64>; 6] = std::array::from_fn(column);

@@ -15,7 +15,7 @@ use super::births::{FrameBirths, Limits, assign_to_lattice, give_birth};
 use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::config::{BirthRule, SceneConfig, VisibilityRule};
-use super::gain::gain;
+use super::gain::{MIN_MATCHES, gain};
 use super::grid::{NONE, SeedGrid, squared_distance};
 use super::merge::merge_down;
 use super::observe::observe;
@@ -372,11 +372,12 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     fn gain(&self, points: &[SurfacePoint]) -> [f32; 3] {
-        self.gain_of(points, &self.owners)
+        self.gain_of(points, &self.owners, MIN_MATCHES)
     }
 
-    fn gain_of(&self, points: &[SurfacePoint], owners: &[u32]) -> [f32; 3] {
-        if self.config.gain { gain(&self.component_sums, points, owners) } else { [1.0; 3] }
+    fn gain_of(&self, points: &[SurfacePoint], owners: &[u32], fewest: f64) -> [f32; 3] {
+        let (is_fitted, sums) = (self.config.gain, &self.component_sums);
+        if is_fitted { gain(sums, points, owners, fewest) } else { [1.0; 3] }
     }
 
     /// Everything a component has received, world units about its seed.

@@ -2,12 +2,21 @@
 
 use super::SceneTrainer;
 use crate::math::camera::Camera;
+use crate::math::pose::Pose;
+use crate::model::splat::pose_log::{corrected, reach};
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::scene::align::{PoseAlignment, ROUNDS, looked_at};
 use crate::train::scene::component_sums::SumScalar;
+use crate::train::scene::config::BirthRule;
 use crate::train::scene::known_planes::KnownPlanes;
+use crate::train::scene::near_seeds::NearSeeds;
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::seed_positions::SeedPositions;
+
+/// Frames before that tell how the next one may err.
+const RECENT: usize = 1000;
+/// Fewest of the points looked at that tell of a frame's exposure.
+const FEWEST: f64 = 1000.0;
 
 impl<W: SumScalar> SceneTrainer<W> {
     /// The frame's points and camera as they stood, if the scene tells better than the recorded pose.
@@ -36,20 +45,32 @@ impl<W: SumScalar> SceneTrainer<W> {
         let ridge = self.config.splat_rule.gradient_ridge * h * h;
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let mut planes = KnownPlanes::new(&self.component_sums, seed_positions, h, ridge);
-        let (mut motion, mut moved) = (Motion::NONE, Vec::new());
+        let (mut motion, mut moved) = (self.likely(&part.camera.pose), Vec::new());
+        motion.apply(part, &mut moved);
+        let near = matches!(self.config.births, BirthRule::Seeds)
+            .then(|| NearSeeds::new(&self.grid, h as f32, &moved));
         for _ in 0..ROUNDS {
-            motion.apply(part, &mut moved);
             // Anew in every round: points that move come to other components, and only those tell how
             // much farther they have to go.
-            self.find_owners(&moved, owners);
-            let gain = self.gain_of(&part.points, owners);
+            match &near {
+                Some(near) => near.assign(&self.components, &moved, owners),
+                None => self.find_owners(&moved, owners),
+            }
+            let gain = self.gain_of(&part.points, owners, FEWEST);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
             let (next, has_settled) = alignment.improved(&motion, &mut planes)?;
             motion = next;
             if has_settled {
                 break;
             }
+            motion.apply(part, &mut moved);
         }
         Some(motion)
+    }
+
+    /// What a frame is likely to be moved by before it is looked at: cameras err alike from frame to frame.
+    fn likely(&self, recorded: &Pose) -> Motion {
+        let recent = &self.poses[self.poses.len().saturating_sub(RECENT)..];
+        Motion::between(recorded, &corrected(recent, reach(self.config.h), recorded))
     }
 }
