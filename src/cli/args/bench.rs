@@ -20,11 +20,11 @@ pub enum BenchName {
     /// What every part of the scene preset brings, and components against quality
     Accuracy(DatasetBenchArgs),
     /// The paper's protocol on every scene of a folder: both presets, both renderers
-    Paper(ProtocolArgs),
+    Paper(FolderBenchArgs),
     /// Speed against error: one setting at a time
     Pareto(DatasetBenchArgs),
     /// Every recording of a folder learnt by default: plain figures, corrected and aligned poses, sharpness
-    Real(RecordingsArgs),
+    Real(FolderBenchArgs),
     /// What a scene keeps of its frames: each one's own view right after it and at the end
     Retention(DatasetBenchArgs),
     /// Cost against points, components and threads, on the synthetic room
@@ -57,24 +57,13 @@ pub struct RenderBenchArgs {
 }
 
 #[derive(Args)]
-pub struct ProtocolArgs {
-    /// Folder whose folders are scenes; those without depth are left out
+pub struct FolderBenchArgs {
+    /// Folder whose folders are scenes; those without depth are left out. `paper` takes 200 training
+    /// frames of a scene at most by default; of a recording without a split to be measured on, `real`
+    /// holds out every 8th frame, and its --repeats counts orders of the frames [default: 3]
     #[arg(long, value_name = "DIR")]
     pub data: PathBuf,
-    /// Training frames of a scene at most [default: 200]
-    #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
-    pub max_frames: Option<usize>,
-    #[command(flatten)]
-    pub common: CommonArgs,
-}
-
-#[derive(Args)]
-pub struct RecordingsArgs {
-    /// Folder whose folders are recordings; those without depth are left out, and every 8th frame is held
-    /// out where a recording has no split of its own. --repeats counts orders of the frames [default: 3]
-    #[arg(long, value_name = "DIR")]
-    pub data: PathBuf,
-    /// Training frames of a recording at most, evenly spaced
+    /// Training frames of a scene at most
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub max_frames: Option<usize>,
     #[command(flatten)]

@@ -30,8 +30,7 @@ pub(super) fn fuse(
     };
     let mut runs = origin.cloned().into_iter().chain(runs);
     let Some(first) = runs.next() else { return Ok(None) };
-    let placeholder = first.content.model.clone();
-    let mut all = runs.try_fold(first, |all, run| together(all, run, placeholder.clone()))?;
+    let mut all = runs.try_fold(first, together)?;
     all.content.model = model;
     Ok(Some(all))
 }

@@ -49,7 +49,8 @@ pub fn merge_onto(origin: &SavedRun, runs: Vec<SavedRun>) -> Result<Option<Saved
 fn add(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     let model = sum(&a.content.model, &b.content.model)
         .map_err(|source| RunError::Add { paths: [a.path.clone(), b.path.clone()], source })?;
-    let merged = together(a, b, model)?;
+    let mut merged = together(a, b)?;
+    merged.content.model = model;
     orderless(&merged)?;
     Ok(merged)
 }

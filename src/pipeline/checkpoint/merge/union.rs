@@ -4,11 +4,11 @@ use super::super::error::RunError;
 use super::super::json::canonical;
 use super::super::saved::{Meta, SavedRun};
 use super::super::snapshot::now_unix_s;
-use crate::export::checkpoint::{Checkpoint, Cursor, StoredModel};
+use crate::export::checkpoint::{Checkpoint, Cursor};
 use crate::pipeline::error::SessionError;
 
-/// The run through the frames of both that has this model.
-pub(super) fn together(a: SavedRun, b: SavedRun, model: StoredModel) -> Result<SavedRun, RunError> {
+/// The run through the frames of both, still with the model of `a`.
+pub(super) fn together(a: SavedRun, b: SavedRun) -> Result<SavedRun, RunError> {
     let config = a.config.whole();
     let (ours, theirs) = (a.content.cursor, b.content.cursor);
     let cursor = Cursor {
@@ -28,7 +28,6 @@ pub(super) fn together(a: SavedRun, b: SavedRun, model: StoredModel) -> Result<S
         // The frames' reports name positions in different orders.
         history: None,
         cursor,
-        model,
         ..a.content
     };
     Ok(SavedRun { config, meta, content, ..a })
