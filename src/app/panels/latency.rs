@@ -27,7 +27,7 @@ const COLORS: [Color32; MAX_STAGES] = [
 /// Budgets that can be chosen, milliseconds a frame.
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Width of a figure in the table, points: columns stay where they are while figures change.
-const FIGURE: f32 = 50.0;
+const FIGURE: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
 /// Draws the panel; the timings as CSV where they shall be written to a file.
@@ -49,7 +49,7 @@ pub fn ui(
         }
         ui.add_space(6.0);
         let table = Grid::new("latency table").num_columns(5).min_col_width(0.0);
-        table.spacing([8.0, 4.0]).striped(true).show(ui, |ui| {
+        table.spacing([6.0, 4.0]).striped(true).show(ui, |ui| {
             if !snapshot.recent.is_empty() {
                 training_rows(&snapshot.recent, ui);
             }
