@@ -47,13 +47,19 @@ pub enum UiCommand {
     ComparePhoto,
     /// Select no splat any more.
     Deselect,
+    /// The command that trains likewise without a window, to the clipboard.
+    CopyCommandLine,
+    /// Find an action by its name.
+    Find,
+    /// The keyboard to the controls, or back to the view.
+    FocusControls,
     /// List of all shortcuts.
     Help,
 }
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 21] = [
+    pub const ALL: [UiCommand; 24] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -74,6 +80,9 @@ impl UiCommand {
         UiCommand::Grid,
         UiCommand::ComparePhoto,
         UiCommand::Deselect,
+        UiCommand::CopyCommandLine,
+        UiCommand::Find,
+        UiCommand::FocusControls,
         UiCommand::Help,
     ];
 
@@ -100,7 +109,19 @@ impl UiCommand {
             UiCommand::Grid => "Grid",
             UiCommand::ComparePhoto => "Photograph",
             UiCommand::Deselect => "Deselect",
+            UiCommand::CopyCommandLine => "Copy as command line",
+            UiCommand::Find => "Find action…",
+            UiCommand::FocusControls => "Controls by keyboard",
             UiCommand::Help => "Shortcuts",
+        }
+    }
+
+    /// Its name where it stands alone, beside no other button.
+    pub fn name(self) -> &'static str {
+        match self {
+            UiCommand::PreviousCamera => "Previous camera",
+            UiCommand::NextCamera => "Next camera",
+            other => other.label().trim_end_matches('…'),
         }
     }
 
@@ -131,6 +152,13 @@ impl UiCommand {
             UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             UiCommand::Deselect => "Select no splat any more; a click on a splat selects it",
+            UiCommand::CopyCommandLine => {
+                "Copy the command that trains what is open by these settings without a window"
+            }
+            UiCommand::Find => "Find every action by some letters of its name",
+            UiCommand::FocusControls => {
+                "Go to the controls, where Tab leads from one to the next, or back to the view"
+            }
             UiCommand::Help => "Show all keyboard and mouse shortcuts",
         }
     }
@@ -145,7 +173,7 @@ impl UiCommand {
         }
         match self {
             UiCommand::Open => const { &[control(Key::O)] },
-            UiCommand::OpenDemo | UiCommand::Follow => &[],
+            UiCommand::OpenDemo | UiCommand::Follow | UiCommand::CopyCommandLine => &[],
             // One key toggles the two, of which one is legal at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
             UiCommand::Step => const { &[plain(Key::Period)] },
@@ -165,6 +193,8 @@ impl UiCommand {
             UiCommand::Grid => const { &[plain(Key::X)] },
             UiCommand::ComparePhoto => const { &[plain(Key::G)] },
             UiCommand::Deselect => const { &[plain(Key::Escape)] },
+            UiCommand::Find => const { &[control(Key::P)] },
+            UiCommand::FocusControls => const { &[plain(Key::F6)] },
             UiCommand::Help => const { &[plain(Key::F1)] },
         }
     }
@@ -180,6 +210,13 @@ impl UiCommand {
             }
         };
         self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
+    }
+
+    /// Whether one of its keys means something to a control that has the focus: pressing it, changing
+    /// its value, or going on to the next.
+    pub fn is_of_controls(self) -> bool {
+        const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];
+        self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
     }
 
     /// What it does and its keys.
@@ -216,8 +253,9 @@ impl UiCommand {
             | UiCommand::NextCamera
             | UiCommand::RideAlong
             | UiCommand::Cameras
+            | UiCommand::CopyCommandLine
             | UiCommand::ComparePhoto => dataset,
-            UiCommand::Help => true,
+            UiCommand::Find | UiCommand::FocusControls | UiCommand::Help => true,
         }
     }
 }

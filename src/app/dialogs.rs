@@ -64,14 +64,15 @@ pub fn wait_for_file(ui: &Ui, exported: Option<f32>) -> bool {
     response.inner || response.should_close()
 }
 
-/// Mouse actions of the viewport, for the help window.
-const MOUSE: [(&str, &str); 7] = [
+/// Actions of mouse and keyboard that are no commands, for the help window.
+const MOUSE: [(&str, &str); 8] = [
     ("Left drag", "Orbit"),
     ("Right or middle drag", "Pan"),
     ("Wheel, pinch", "Dolly"),
     ("Double click", "Turn about this place of the surface"),
     ("W A S D, Q E", "Fly, down and up; Shift ten times faster, Ctrl ten times slower"),
     ("Drag a divider", "Wipe from one picture to the other"),
+    ("Shift+Tab", "Go to the controls, where Tab leads on and Escape back to the view"),
     ("Drop a folder or file", "Open it, or calibrate what is open by it"),
 ];
 

@@ -4,10 +4,13 @@
 //! viewport through [`splat_updates`]. What is legal when stands in [`command`].
 
 pub mod abandoned;
+mod action_finder;
 mod adapter_memory;
 pub mod camera;
 pub mod color_mode;
 pub mod command;
+mod command_line;
+mod detail;
 mod device;
 mod dialogs;
 pub mod drawing;
@@ -15,6 +18,7 @@ mod drop_target;
 mod exit;
 mod export_options;
 pub mod file_proposal;
+mod fuzzy;
 mod guard;
 mod opening;
 mod painting;
@@ -35,6 +39,7 @@ pub mod splat_updates;
 pub mod state;
 mod stored_text;
 mod studio;
+mod tab;
 pub mod training;
 pub mod unattended;
 mod view_thread;

@@ -4,8 +4,9 @@ use super::abandoned::AbandonedRun;
 use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
 use crate::dataset::Dataset;
-use crate::dataset::calibration::ColorCamera;
+use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::pose_check::PoseCheck;
+use crate::dataset::surface::sample::FrameSample;
 use crate::eval::report::{FrameReport, SkippedFrame};
 use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
@@ -143,6 +144,15 @@ impl Opened {
     }
 }
 
+/// Corrections of the cameras that a user gave.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GivenCalibration {
+    /// The corrections.
+    pub calibration: Calibration,
+    /// The file they were read from; `None` where a run that was gone on with brought them.
+    pub file: Option<PathBuf>,
+}
+
 /// What is known of the splat that the user selected.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Inspected {
@@ -222,6 +232,11 @@ pub struct Snapshot {
     pub inspected: Option<Arc<Inspected>>,
     /// How well the dataset's poses agree with its depth, once that is known.
     pub poses: Option<Arc<PoseCheck>>,
+    /// How wide pixels are and how far depth is to be trusted, once that is known of a dataset that the
+    /// scene preset trains.
+    pub sample: Option<FrameSample>,
+    /// What corrects the cameras of what is open, if something was given.
+    pub calibration: Option<Arc<GivenCalibration>>,
     /// A run that an earlier window left behind, to be gone on with.
     pub abandoned: Option<Arc<AbandonedRun>>,
     /// What the user should read, newest last.

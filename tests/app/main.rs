@@ -7,11 +7,13 @@ mod camera;
 #[path = "../common/mod.rs"]
 mod common;
 mod crash;
+mod detail;
 mod files;
 mod first_minute;
 mod following;
 mod harness;
 mod inspect;
+mod keyboard;
 mod opening;
 mod poses;
 mod quality;

@@ -1,12 +1,13 @@
 //! Flying, turning about a place, measuring, and what lies over the picture.
 
 use super::harness::{Window, click, dataset, drop_on, is, train, wait, wait_for_picture, window};
+use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
-use eframe::egui::{Event, Key, Modifiers, ViewportCommand, ViewportId};
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::kittest::Queryable;
 use std::path::Path;
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 
 fn trained(folder: &Path) -> Option<Window> {
     let subject = Subject::Path(dataset(folder, 3));
@@ -45,6 +46,84 @@ fn keys_fly_and_with_ctrl_they_fly_slowly_instead_of_saving() {
     hold(&mut window, Key::S, false, Modifiers::NONE);
     window.event(Event::ModifiersChanged(Modifiers::NONE));
     assert_eq!(flown(&mut window, 3), 0.0);
+}
+
+/// Clicks twice within one pass: between two passes of a test lies nearly the time in which egui takes
+/// clicks for a double one.
+fn double_click_at(window: &mut Window, pos: Pos2) {
+    window.event(Event::PointerMoved(pos));
+    window.step();
+    let button = |pressed| Event::PointerButton {
+        pos,
+        button: PointerButton::Primary,
+        pressed,
+        modifiers: Modifiers::NONE,
+    };
+    window.input_mut().events.extend([true, false, true, false].map(button));
+    window.step();
+}
+
+#[test]
+fn a_double_click_turns_about_the_surface_where_it_is() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    let view = |window: &Window| {
+        let view = window.state().view();
+        (view.eye().unwrap(), view.target().unwrap())
+    };
+    let (eye, target) = view(&window);
+    double_click_at(&mut window, MIDDLE + Vec2::new(60.0, 40.0));
+    wait(&mut window, "another pivot", |s| s.view().target() != Some(target));
+    let (stays, pivot) = view(&window);
+    assert!((stays - eye).length() < 1e-9, "the camera turns where it stands");
+    // On the surface: what is in the middle of the view now is found at the same depth by a click there.
+    double_click_at(&mut window, MIDDLE);
+    wait(&mut window, "the same pivot", |s| s.view().target() != Some(pivot));
+    let (_, again) = view(&window);
+    let distance = (pivot - eye).length();
+    assert!((again - pivot).length() < 0.1 * distance, "{pivot} and then {again}");
+}
+
+#[test]
+fn two_clicks_measure_with_a_standard_deviation() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    window.key_press(Key::M);
+    window.run_steps(2);
+    assert!(window.state().view().is_measuring());
+    for (at, n) in [(MIDDLE, 1), (MIDDLE - Vec2::new(80.0, 30.0), 2)] {
+        click_at(&mut window, at);
+        wait(&mut window, "a place", |s| s.view().n_measured() == n);
+    }
+    let measured = window.state().view().measured().unwrap();
+    let deviation = measured.deviation.unwrap();
+    assert!(measured.length > 0.0 && deviation > 0.0 && deviation < measured.length);
+    window.key_press(Key::M);
+    window.run_steps(2);
+    assert!(!window.state().view().is_measuring());
+}
+
+#[test]
+fn timings_are_written_beside_the_dataset_and_never_over_a_file() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    window.get_by_label_contains("of frames inside it");
+    for name in ["room.latency.csv", "room.latency-2.csv"] {
+        // It may lie below the end of the panel.
+        window.run_steps(2);
+        window.get_by_label("Write CSV").click_accesskit();
+        let file = folder.path().join(name);
+        wait(&mut window, "the notice", |s| {
+            let words = format!("Wrote {}", file.display());
+            s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text == words)
+        });
+        let text = std::fs::read_to_string(&file).unwrap();
+        assert!(text.starts_with("frame,points,load,prepare,"), "{text}");
+        assert!(text.lines().count() > 3, "a line for each of three frames: {text}");
+    }
 }
 
 #[test]

@@ -26,6 +26,8 @@ const COLORS: [Color32; MAX_STAGES] = [
 
 /// Budgets that can be chosen, milliseconds a frame.
 const BUDGETS_MS: RangeInclusive<f64> = 1.0..=10_000.0;
+/// Width of a figure in the table, points: columns stay where they are while figures change.
+const FIGURE: f32 = 54.0;
 const BUDGET: Color32 = Color32::from_rgb(240, 100, 90);
 
 /// Draws the panel; the timings as CSV where they shall be written to a file.
@@ -46,17 +48,15 @@ pub fn ui(
             budget(&snapshot.recent, budget_ms, ui);
         }
         ui.add_space(6.0);
-        Grid::new("latency table").num_columns(5).spacing([12.0, 4.0]).striped(true).show(
-            ui,
-            |ui| {
-                if !snapshot.recent.is_empty() {
-                    training_rows(&snapshot.recent, ui);
-                }
-                if drawn.samples().len() > 0 {
-                    drawing_rows(drawn, ui);
-                }
-            },
-        );
+        let table = Grid::new("latency table").num_columns(5).min_col_width(0.0);
+        table.spacing([6.0, 4.0]).striped(true).show(ui, |ui| {
+            if !snapshot.recent.is_empty() {
+                training_rows(&snapshot.recent, ui);
+            }
+            if drawn.samples().len() > 0 {
+                drawing_rows(drawn, ui);
+            }
+        });
         if drawn.drawer == Drawer::UntimedGpu {
             ui.label(RichText::new("This adapter cannot time its passes.").weak());
         }
@@ -140,10 +140,9 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
         ui.add(value.suffix(" ms")).on_hover_text("The red line: what a frame may take");
         let share = share_inside(frames, *budget_ms);
         ui.label(format!("{:.0} % of frames inside it", 100.0 * share));
-        let rate = Summary::of_frames(frames, 0.0).points_per_s;
-        ui.separator();
-        ui.label(format!("{:.2} million points/s", rate * 1e-6));
     });
+    let rate = Summary::of_frames(frames, 0.0).points_per_s;
+    ui.label(format!("{:.2} million points/s", rate * 1e-6));
 }
 
 /// The share of frames whose training took no longer.
@@ -211,7 +210,8 @@ fn row(
 }
 
 fn number(ui: &mut Ui, text: RichText) {
-    ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(text));
+    let size = Vec2::new(FIGURE, ui.spacing().interact_size.y);
+    ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| ui.label(text));
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 pub mod abandoned;
 pub mod adapter;
+pub mod badge;
+pub mod detail;
 pub mod inspector;
 pub mod latency;
 pub mod legend;
@@ -10,6 +12,7 @@ pub mod quality;
 pub mod ready;
 pub mod scene;
 pub mod settings;
+pub mod signal_color;
 pub mod start;
 pub mod status;
 pub mod summary;

@@ -1,6 +1,7 @@
 //! What the user should read, over the top of the viewport, until it is closed. What is merely good to
 //! know goes by itself.
 
+use super::signal_color::SignalColor;
 use crate::app::state::{Notice, NoticeKind, Snapshot};
 use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, Ui, Vec2};
 use std::collections::{BTreeMap, BTreeSet};
@@ -8,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// Notices shown at once; the newest come first.
 const SHOWN: usize = 3;
+/// Widest text, points.
+const WIDTH: f32 = 620.0;
 /// How long something that is good to know stays.
 const FADES_AFTER: Duration = Duration::from_secs(20);
 
@@ -27,17 +30,19 @@ impl NoticeBoard {
         if open.is_empty() {
             return;
         }
+        // Beside the viewport they would cover the panels, whose controls they would take.
+        let room = ui.max_rect().width() - 40.0;
         let top = ui.max_rect().center_top() + Vec2::new(0.0, 10.0);
         let area = Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP);
         area.show(ui.ctx(), |ui| {
             Frame::popup(ui.style()).show(ui, |ui| {
-                ui.set_max_width(620.0);
+                ui.set_max_width(WIDTH.min(room));
                 for notice in open {
                     ui.horizontal(|ui| {
                         if ui.small_button("×").on_hover_text("Close this notice").clicked() {
                             self.closed.insert(notice.serial);
                         }
-                        let (word, color) = heading(notice.kind);
+                        let (word, color) = heading(notice.kind, ui.visuals().dark_mode);
                         ui.label(RichText::new(word).strong().color(color));
                         ui.add(Label::new(&notice.text).wrap());
                     });
@@ -64,10 +69,10 @@ impl NoticeBoard {
     }
 }
 
-fn heading(kind: NoticeKind) -> (&'static str, Color32) {
+fn heading(kind: NoticeKind, is_dark: bool) -> (&'static str, Color32) {
     match kind {
-        NoticeKind::Info => ("Note", Color32::from_rgb(110, 170, 240)),
-        NoticeKind::Warning => ("Warning", Color32::from_rgb(230, 180, 80)),
-        NoticeKind::Error => ("Error", Color32::from_rgb(240, 100, 90)),
+        NoticeKind::Info => ("Note", SignalColor::Blue.on(is_dark)),
+        NoticeKind::Warning => ("Warning", SignalColor::Yellow.on(is_dark)),
+        NoticeKind::Error => ("Error", SignalColor::Red.on(is_dark)),
     }
 }

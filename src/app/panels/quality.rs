@@ -1,6 +1,7 @@
 //! How good the scene is: held-out views against frames and seconds, and view by view.
 
 use super::legend::number;
+use super::signal_color::SignalColor;
 use crate::app::quality::{QualityMonitor, QualityPoint};
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
@@ -65,6 +66,8 @@ pub const DEFAULT_EVERY: usize = 10;
 const CURVE: Color32 = Color32::from_rgb(86, 180, 233);
 /// Height of a photograph in the table, points.
 const ROW: f32 = 28.0;
+/// Width of a view's name in the table, points.
+const NAME: f32 = 96.0;
 
 /// Draws the panel; the view to fly to, if one was asked for.
 pub fn ui(
@@ -85,7 +88,8 @@ pub fn ui(
         summary(quality, snapshot, ui);
         ui.add(Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap());
         if let Some(problem) = quality.problem() {
-            ui.label(RichText::new(problem).color(Color32::ORANGE));
+            let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+            ui.label(RichText::new(problem).color(color));
         }
         if !quality.history().is_empty() {
             curve(quality.history(), plot, ui);
@@ -103,11 +107,15 @@ pub fn ui(
 /// The newest figures, large.
 fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
     let (done, all) = quality.progress();
+    let after = |point: &QualityPoint| match point.frames {
+        1 => "after 1 frame".to_owned(),
+        n => format!("after {n} frames"),
+    };
     let (point, what) = match (quality.result(), quality.history().last()) {
-        (Some(point), _) => (point, format!("mean of {all} views after {} frames", point.frames)),
+        (Some(point), _) => (point, format!("mean of {all} views {}", after(&point))),
         (None, Some(&point)) => {
-            let frames = point.frames;
-            (point, format!("sampled after {frames} frames; {done} of {all} views measured"))
+            let after = after(&point);
+            (point, format!("sampled {after}; {done} of {all} views measured"))
         }
         (None, None) => {
             let text = match snapshot.frames_done {
@@ -189,7 +197,8 @@ fn table(
     ui: &mut Ui,
 ) -> Option<FrameRef> {
     let mut asked = None;
-    Grid::new("views").num_columns(5).spacing([10.0, 3.0]).striped(true).show(ui, |ui| {
+    let table = Grid::new("views").num_columns(5).min_col_width(0.0);
+    table.spacing([8.0, 3.0]).striped(true).show(ui, |ui| {
         for title in ["", "view", "PSNR", "SSIM", "depth"] {
             ui.label(RichText::new(title).weak());
         }
@@ -207,8 +216,12 @@ fn table(
                 }
                 None => drop(ui.allocate_space(Vec2::new(1.3 * ROW, ROW))),
             }
-            let name = ui.add(Button::selectable(false, &view.frame).truncate());
-            if name.on_hover_text("Fly there and compare with its photograph").clicked() {
+            let hint = format!("{}: fly there and compare with its photograph", view.frame);
+            let name = ui.allocate_ui(Vec2::new(NAME, ROW), |ui| {
+                ui.set_min_width(NAME);
+                ui.add(Button::selectable(false, &view.frame).truncate())
+            });
+            if name.inner.on_hover_text(hint).clicked() {
                 asked = frame;
             }
             ui.label(RichText::new(format!("{:.2}", view.psnr)).monospace());

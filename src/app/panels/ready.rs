@@ -1,16 +1,18 @@
 //! What was opened, before anything is trained: what was recognised, the first photograph, and the
 //! one button that matters.
 
+use super::signal_color::SignalColor;
 use crate::app::command::UiCommand;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::wording;
-use eframe::egui::{Align2, Area, Button, Frame, Id, Image, Label, Pos2, RichText, Ui, Vec2};
-use eframe::egui::{Color32, TextureHandle};
+use eframe::egui::{
+    Align2, Area, Button, Frame, Id, Image, Label, Pos2, RichText, TextureHandle, Ui, Vec2,
+};
 
 /// Width of the card, points.
 const WIDTH: f32 = 250.0;
 /// Tallest first photograph, points.
-const PHOTO_HEIGHT: f32 = 170.0;
+const PHOTO_HEIGHT: f32 = 190.0;
 
 /// Draws the card with its lower left corner at `at`; whether training is asked for.
 pub fn ui(
@@ -37,7 +39,9 @@ pub fn ui(
             }
             if let Some(check) = &snapshot.poses {
                 let text = match wording::pose_warning(check) {
-                    Some(warning) => RichText::new(warning).color(Color32::ORANGE),
+                    Some(warning) => {
+                        RichText::new(warning).color(SignalColor::Yellow.on(ui.visuals().dark_mode))
+                    }
                     None => RichText::new(wording::poses(check)).weak(),
                 };
                 ui.add(Label::new(text).wrap().selectable(false));

@@ -1,10 +1,11 @@
 //! What is open: what is known of the dataset or model, and the frames that were skipped
 //! or doubted.
 
+use super::signal_color::SignalColor;
 use crate::app::state::Snapshot;
 use crate::app::wording;
 use crate::dataset::pose_check::PoseCheck;
-use eframe::egui::{Color32, Grid, RichText, ScrollArea, Ui};
+use eframe::egui::{Grid, RichText, ScrollArea, Ui};
 
 /// Draws the panel.
 pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
@@ -36,7 +37,8 @@ fn poses(check: &PoseCheck, ui: &mut Ui) {
     ui.label(RichText::new("Poses").strong());
     ui.label(wording::poses(check));
     if let Some(warning) = wording::pose_warning(check) {
-        ui.label(RichText::new(warning).color(Color32::ORANGE));
+        let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+        ui.label(RichText::new(warning).color(color));
     }
 }
 

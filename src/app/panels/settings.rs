@@ -1,14 +1,15 @@
 //! How scenes are trained and how the viewport draws them, all in one place.
 
 use super::adapter::{self, AdapterRequest, Adapters};
-use super::training;
+use super::{badge, training};
+use crate::app::command::UiCommand;
 use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
     Background, FISHEYE_FOV_DEG, GAINS, PINHOLE_FOV_DEG, SCALES, ViewSettings,
 };
 use crate::render::Exposing;
 use crate::render::{Antialias, Lens, Renderer};
-use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, Ui};
+use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
 
 /// What the panel says beside the settings.
 pub struct SettingsContext<'a> {
@@ -18,38 +19,38 @@ pub struct SettingsContext<'a> {
     pub own_fov_deg: f32,
 }
 
-/// Draws the panel; what the user asks of the adapters.
+/// What the user asks for beyond settings.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SettingsAnswer {
+    /// Of the adapters.
+    Adapter(AdapterRequest),
+    /// A command.
+    Command(UiCommand),
+}
+
+/// Draws the panel; what the user asks for beyond settings.
 pub fn ui(
     settings: &mut ViewSettings,
     train_settings: &mut TrainSettings,
     surroundings: &SettingsContext<'_>,
     adapters: Option<&Adapters<'_>>,
     ui: &mut Ui,
-) -> Option<AdapterRequest> {
+) -> Option<SettingsAnswer> {
     let mut asked = None;
     ScrollArea::vertical().show(ui, |ui| {
         section(ui, "Training");
         training::ui(train_settings, ui);
-        section(ui, "Renderer");
-        renderer(settings, ui);
-        section(ui, "Lens");
-        lens(settings, surroundings.own_fov_deg, ui);
-        section(ui, "Splats");
-        splats(settings, ui);
-        section(ui, "Background");
-        background(settings, ui);
-        section(ui, "Exposure");
-        exposure(settings, ui);
-        section(ui, "Comparison");
-        ui.add(
-            Slider::new(&mut settings.difference_gain, GAINS)
-                .logarithmic(true)
-                .max_decimals(0)
-                .text("Difference gain"),
-        );
+        let copy = UiCommand::CopyCommandLine;
+        if ui.button(copy.label()).on_hover_text(copy.tooltip()).clicked() {
+            asked = Some(SettingsAnswer::Command(copy));
+        }
+        viewport(settings, surroundings.own_fov_deg, ui);
+        section(ui, "Window");
+        theme(ui);
         section(ui, "Drawn by");
         ui.add(Label::new(surroundings.adapter).wrap());
-        asked = adapters.and_then(|adapters| adapter::ui(adapters, ui));
+        let request = adapters.and_then(|adapters| adapter::ui(adapters, ui));
+        asked = request.map(SettingsAnswer::Adapter).or(asked.take());
         ui.add_space(12.0);
         if ui.button("Reset all").on_hover_text("Back to what a fresh start has").clicked() {
             // What colours mean is chosen above the viewport and never stored, so it stays.
@@ -60,9 +61,77 @@ pub fn ui(
     asked
 }
 
+/// Light or dark; kept by egui, like the sizes of panels.
+fn theme(ui: &mut Ui) {
+    // Not by egui's own buttons: their symbols are in none of the window's fonts.
+    let mut chosen = ui.options(|options| options.theme_preference);
+    ui.horizontal(|ui| {
+        for (theme, label) in [
+            (ThemePreference::System, "System's theme"),
+            (ThemePreference::Dark, "Dark theme"),
+            (ThemePreference::Light, "Light theme"),
+        ] {
+            ui.selectable_value(&mut chosen, theme, label);
+        }
+    });
+    ui.ctx().set_theme(chosen);
+}
+
+/// How the scene is drawn, section by section.
+fn viewport(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
+    let start = ViewSettings::default();
+    marked_section(ui, settings, "Renderer", |s| {
+        (s.renderer, s.antialias) = (start.renderer, start.antialias);
+        // Only the exact renderer draws a fisheye.
+        s.set_lens(s.lens);
+    });
+    renderer(settings, ui);
+    marked_section(ui, settings, "Lens", |s| {
+        (s.lens, s.pinhole_fov_deg) = (start.lens, start.pinhole_fov_deg);
+        s.fisheye_fov_deg = start.fisheye_fov_deg;
+    });
+    lens(settings, own_fov_deg, ui);
+    marked_section(ui, settings, "Splats", |s| {
+        (s.scale, s.opacity_cut) = (start.scale, start.opacity_cut);
+    });
+    splats(settings, ui);
+    marked_section(ui, settings, "Background", |s| s.background = start.background);
+    background(settings, ui);
+    marked_section(ui, settings, "Exposure", |s| s.exposing = start.exposing);
+    exposure(settings, ui);
+    marked_section(ui, settings, "Comparison", |s| {
+        s.difference_gain = start.difference_gain;
+    });
+    ui.add(
+        Slider::new(&mut settings.difference_gain, GAINS)
+            .logarithmic(true)
+            .max_decimals(0)
+            .text("Difference gain"),
+    );
+}
+
 fn section(ui: &mut Ui, title: &str) {
     ui.add_space(8.0);
     ui.label(RichText::new(title).strong());
+    ui.add_space(2.0);
+}
+
+/// The title of a section with a mark if something in it is not as by default; `reset` takes it back.
+fn marked_section(
+    ui: &mut Ui,
+    settings: &mut ViewSettings,
+    title: &str,
+    reset: impl Fn(&mut ViewSettings),
+) {
+    let mut default = *settings;
+    reset(&mut default);
+    ui.add_space(8.0);
+    ui.horizontal(|ui| {
+        ui.label(RichText::new(title).strong());
+        if badge::ui(title, "the default", default != *settings, ui) {
+            *settings = default;
+        }
+    });
     ui.add_space(2.0);
 }
 

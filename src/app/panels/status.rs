@@ -1,5 +1,6 @@
 //! The line at the bottom: state, speed, components, memory, adapter.
 
+use super::signal_color::SignalColor;
 use crate::app::state::{Followed, RunState, Snapshot};
 use crate::eval::machine;
 use crate::eval::report::quantile;
@@ -19,7 +20,8 @@ pub struct StatusContext<'a> {
 /// Draws the line; whether the user wants the file being exported no more.
 pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> bool {
     let line = ui.horizontal(|ui| {
-        ui.label(RichText::new(snapshot.state.label()).strong().color(color(snapshot.state)));
+        let color = color(snapshot.state, ui.visuals().dark_mode);
+        ui.label(RichText::new(snapshot.state.label()).strong().color(color));
         let is_cancelled = surroundings.file_progress.is_some_and(|share| file(share, ui));
         if let Some(followed) = &snapshot.followed {
             ui.separator();
@@ -48,7 +50,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> boo
             let first = &snapshot.skipped[0].message;
             ui.label(
                 RichText::new(format!("{} frames skipped", snapshot.skipped.len()))
-                    .color(Color32::ORANGE),
+                    .color(SignalColor::Yellow.on(ui.visuals().dark_mode)),
             )
             .on_hover_text(format!("The first: {first}"));
         }
@@ -94,12 +96,12 @@ fn components(snapshot: &Snapshot) -> String {
     }
 }
 
-fn color(state: RunState) -> Color32 {
+fn color(state: RunState, is_dark: bool) -> Color32 {
     match state {
         RunState::Empty | RunState::Loading => Color32::GRAY,
-        RunState::Ready | RunState::Paused | RunState::Waiting => Color32::from_rgb(230, 180, 80),
-        RunState::Training => Color32::from_rgb(110, 200, 120),
-        RunState::Finished => Color32::from_rgb(110, 170, 240),
-        RunState::Failed => Color32::from_rgb(240, 100, 90),
+        RunState::Ready | RunState::Paused | RunState::Waiting => SignalColor::Yellow.on(is_dark),
+        RunState::Training => SignalColor::Green.on(is_dark),
+        RunState::Finished => SignalColor::Blue.on(is_dark),
+        RunState::Failed => SignalColor::Red.on(is_dark),
     }
 }

@@ -1,5 +1,7 @@
 //! How what is opened or reset next is trained.
 
+use super::badge;
+use super::signal_color::SignalColor;
 use crate::app::training::{AUTOSAVE_S, TrainSettings};
 use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::scene::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
@@ -8,12 +10,10 @@ use crate::train::scene::units::{Budget, DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::Preset;
 use crate::train::setting::table::{Setting, SettingLayer, Spelling};
 use crate::train::setting::value::{Choice, SettingValue};
-use eframe::egui::{Button, DragValue, Grid, RichText, Ui};
+use eframe::egui::{CollapsingHeader, DragValue, Grid, RichText, TextEdit, Ui};
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-/// Structural scales that can be chosen, pixels.
-const SCALES_PX: RangeInclusive<f64> = 0.5..=20.0;
 /// Components of a budget when one is first set.
 const FIRST_BUDGET: usize = 25_000;
 
@@ -31,7 +31,10 @@ pub fn ui(settings: &mut TrainSettings, ui: &mut Ui) {
         }
     });
     if settings.preset == Preset::Scene {
-        ui.collapsing("Details", |ui| details(&mut settings.scene, ui));
+        let n = listed().filter(|setting| differs(setting, &settings.scene)).count();
+        let title = if n == 0 { "Details".to_owned() } else { format!("Details: {n} changed") };
+        let details = CollapsingHeader::new(title).id_salt("details");
+        details.show(ui, |ui| self::details(&mut settings.scene, ui));
     }
     ui.label(RichText::new("Holds for what is opened next, and after Reset").weak());
     autosave(&mut settings.autosave_s, ui);
@@ -53,12 +56,36 @@ fn autosave(seconds: &mut Option<u32>, ui: &mut Ui) {
     });
 }
 
-/// The settings that the table gives a label: first those with values, then what is on or off.
+/// The settings that the table gives a label.
+fn listed() -> impl Iterator<Item = &'static Setting<SceneOverrides>> {
+    SceneOverrides::TABLE.iter().filter(|setting| setting.about.label.is_some())
+}
+
+/// Whether a setting is given, and not as it is by default.
+fn differs(setting: &Setting<SceneOverrides>, scene: &SceneOverrides) -> bool {
+    (setting.given)(scene).is_some_and(|value| value != setting.about.default)
+}
+
+/// The mark of a setting that differs from its default; a click takes it back.
+fn mark(setting: &Setting<SceneOverrides>, scene: &mut SceneOverrides, ui: &mut Ui) {
+    let about = &setting.about;
+    let default = match about.field {
+        "budget" => "no budget",
+        _ => about.default,
+    };
+    let is_back = badge::ui(about.label.unwrap_or_default(), default, differs(setting, scene), ui);
+    if is_back {
+        (setting.clear)(scene);
+    }
+}
+
+/// First the settings with values, then what is on or off.
 fn details(scene: &mut SceneOverrides, ui: &mut Ui) {
-    let listed = || SceneOverrides::TABLE.iter().filter(|setting| setting.about.label.is_some());
     let is_part = |setting: &&Setting<_>| matches!(setting.about.spelling, Spelling::Part(_));
-    Grid::new("training").num_columns(2).show(ui, |ui| {
-        for Setting { about, .. } in listed().filter(|setting| !is_part(setting)) {
+    Grid::new("training").num_columns(3).min_col_width(0.0).show(ui, |ui| {
+        for setting in listed().filter(|setting| !is_part(setting)) {
+            let about = &setting.about;
+            mark(setting, scene, ui);
             ui.label(about.label.unwrap_or_default()).on_hover_text(about.help());
             match about.field {
                 "scale" => scale(scene, ui),
@@ -75,20 +102,28 @@ fn details(scene: &mut SceneOverrides, ui: &mut Ui) {
     listed().filter(is_part).for_each(|setting| part(setting, scene, ui));
 }
 
+/// Typed as on the command line: pixels with `px`, else world units.
 fn scale(scene: &mut SceneOverrides, ui: &mut Ui) {
-    ui.horizontal(|ui| {
-        let mut pixels = match scene.scale {
-            Some(StructuralScale::Pixels(n)) => n,
-            Some(StructuralScale::World(_)) | None => DEFAULT_PIXELS,
-        };
-        let value = DragValue::new(&mut pixels).range(SCALES_PX).speed(0.02).suffix(" px");
-        if ui.add(value.max_decimals(2)).changed() {
-            scene.scale = Some(StructuralScale::Pixels(pixels));
+    let id = ui.make_persistent_id("scale as typed");
+    let stored = String::from(scene.scale.unwrap_or(StructuralScale::Pixels(DEFAULT_PIXELS)));
+    // Kept while it is typed: half a number is none, and must not be overwritten.
+    let typed: Option<String> = ui.data(|data| data.get_temp(id));
+    let mut text = typed.unwrap_or(stored);
+    let field = ui.add(TextEdit::singleline(&mut text).desired_width(80.0));
+    let field = field.on_hover_text("Pixels such as 2.5px, or world units such as 0.02");
+    let parsed = text.parse::<StructuralScale>();
+    if field.changed() {
+        if let Ok(scale) = &parsed {
+            scene.scale = Some(*scale);
         }
-        if ui.add_enabled(scene.scale.is_some(), Button::new("Reset scale")).clicked() {
-            scene.scale = None;
-        }
-    });
+        ui.data_mut(|data| data.insert_temp(id, text));
+    }
+    if !field.has_focus() {
+        ui.data_mut(|data| data.remove::<String>(id));
+    } else if let Err(problem) = parsed {
+        let color = SignalColor::Red.on(ui.visuals().dark_mode);
+        ui.label(RichText::new(problem).color(color));
+    }
 }
 
 /// One of few values; the default is left to the preset.
@@ -126,10 +161,14 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
 
 /// What is on unless it is left out.
 fn part(setting: &Setting<SceneOverrides>, scene: &mut SceneOverrides, ui: &mut Ui) {
-    let Some(part) = (setting.flag)(scene) else { return };
+    let Some(&mut part) = (setting.flag)(scene) else { return };
     let mut is_on = part.unwrap_or(true);
-    let checkbox = ui.checkbox(&mut is_on, setting.about.label.unwrap_or_default());
-    if checkbox.on_hover_text(setting.about.help()).changed() {
-        *part = (!is_on).then_some(false);
-    }
+    ui.horizontal(|ui| {
+        let checkbox = ui.checkbox(&mut is_on, setting.about.label.unwrap_or_default());
+        let is_changed = checkbox.on_hover_text(setting.about.help()).changed();
+        if is_changed && let Some(part) = (setting.flag)(scene) {
+            *part = (!is_on).then_some(false);
+        }
+        mark(setting, scene, ui);
+    });
 }

@@ -1,7 +1,9 @@
-//! The bar at the top: name, transport buttons, progress.
+//! The bar at the top: transport buttons, name, progress, detail.
 
+use super::detail;
 use crate::app::command::UiCommand;
 use crate::app::state::{RunState, Snapshot};
+use crate::train::scene::units::StructuralScale;
 use eframe::egui::{Button, ProgressBar, RichText, Ui};
 use std::path::PathBuf;
 
@@ -19,10 +21,17 @@ pub enum TransportAnswer {
     Command(UiCommand),
     /// Something that was open before.
     Open(PathBuf),
+    /// The same frames again, as fine as is chosen now.
+    Again,
 }
 
-/// Draws the bar.
-pub fn ui(snapshot: &Snapshot, recent: &[PathBuf], ui: &mut Ui) -> Option<TransportAnswer> {
+/// Draws the bar. `scale` is the structural scale of the next run, `None` as the one that is open has it.
+pub fn ui(
+    snapshot: &Snapshot,
+    recent: &[PathBuf],
+    scale: &mut Option<StructuralScale>,
+    ui: &mut Ui,
+) -> Option<TransportAnswer> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
         for (i, group) in BUTTONS.iter().enumerate() {
@@ -56,6 +65,9 @@ pub fn ui(snapshot: &Snapshot, recent: &[PathBuf], ui: &mut Ui) -> Option<Transp
         }
         if matches!(snapshot.state, RunState::Loading | RunState::Waiting) {
             ui.spinner();
+        }
+        if detail::ui(scale, snapshot, ui) {
+            asked = Some(TransportAnswer::Again);
         }
     });
     asked

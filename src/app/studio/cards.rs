@@ -1,11 +1,12 @@
 //! What lies over the viewport when something has just been opened or finished.
 
-use super::{Studio, Tab};
+use super::Studio;
 use crate::app::color_mode::ColorMode;
+use crate::app::detail::{finer, trained_by};
 use crate::app::panels::ready;
 use crate::app::panels::summary::{self, SummaryAnswer};
 use crate::app::state::{Opened, RunState, Snapshot, Source};
-use crate::app::training::TrainSettings;
+use crate::app::tab::SideTab;
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::mode::ViewMode;
 use crate::app::worker::WorkerOrder;
@@ -14,9 +15,6 @@ use eframe::egui::{Pos2, Ui, Vec2};
 
 /// Distance of cards from the edge of the viewport, points.
 const MARGIN: Vec2 = Vec2::new(12.0, -12.0);
-/// What the structural scale of a finer run is of this one's: twice as many components, for their number
-/// goes with the square.
-const FINER: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 impl Studio {
     /// The card that goes with the state, if one does.
@@ -47,33 +45,48 @@ impl Studio {
     }
 
     fn summary_card(&mut self, opened: &Opened, corner: Pos2, ui: &Ui, snapshot: &Snapshot) {
-        let finer = finer(&self.training, opened);
-        let forecast = finer.as_ref().map(|(_, pixels)| {
-            let components = (snapshot.used as f64 / (FINER * FINER)).round();
+        let finer = finer(snapshot);
+        let forecast = finer.map(|scale| {
+            let scale = match scale {
+                StructuralScale::Pixels(n) => format!("{n:.2} pixels"),
+                StructuralScale::World(length) => format!("{length:.2e} world units"),
+            };
             format!(
-                "The same frames again with a structural scale of {pixels:.2} pixels: some {components} components. The view stays"
+                "The same frames again with a structural scale of {scale}: some {} components. The view stays",
+                2 * snapshot.used
             )
         });
         match summary::ui(snapshot, &self.quality, forecast.as_deref(), corner, ui) {
             None => {}
             Some(SummaryAnswer::Close) => self.summary_closed = opened.serial,
-            Some(SummaryAnswer::Quality) => self.tab = Tab::Quality,
+            Some(SummaryAnswer::Quality) => self.tab = SideTab::Quality,
             Some(SummaryAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(SummaryAnswer::Finer) => {
-                let Some((settings, _)) = finer else { return };
-                self.training = settings.clone();
-                self.view.keep_place_of(opened);
-                self.discard_then(WorkerOrder::Retrain(Box::new(settings)), snapshot);
+                self.training.scene.scale = finer;
+                self.train_again(snapshot);
             }
         }
     }
-}
 
-/// The settings of a finer run and its structural scale, pixels; `None` where the preset has none or
-/// it is given in world units.
-fn finer(training: &TrainSettings, opened: &Opened) -> Option<(TrainSettings, f64)> {
-    let StructuralScale::Pixels(pixels) = opened.scene()?.scale else { return None };
-    let mut settings = training.clone();
-    settings.scene.scale = Some(StructuralScale::Pixels(FINER * pixels));
-    Some((settings, FINER * pixels))
+    /// Trains the same frames by the settings of now; the view stays.
+    pub(super) fn train_again(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let settings = Box::new(self.training.clone());
+        // Also where the scene in training is not given up for it: they hold for the next run then.
+        self.worker.send(WorkerOrder::TrainBy(settings.clone()));
+        self.view.keep_place_of(opened);
+        self.discard_then(WorkerOrder::Retrain(settings), snapshot);
+    }
+
+    /// Before the first frame of what is open: lets the detail hold that was chosen since it was opened.
+    pub(super) fn take_detail(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let (Some(run), Some(chosen)) = (trained_by(opened), self.training.scene.scale) else {
+            return;
+        };
+        if snapshot.state == RunState::Ready && run.scale != chosen {
+            self.view.keep_place_of(opened);
+            self.worker.send(WorkerOrder::Reset);
+        }
+    }
 }

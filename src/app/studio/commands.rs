@@ -1,9 +1,11 @@
 //! Keys, buttons and the window's own events.
 
 use super::Studio;
+use crate::app::action_finder::Action;
 use crate::app::command::UiCommand;
+use crate::app::command_line::command_line;
 use crate::app::pending::{Continuation, Pending};
-use crate::app::state::{Snapshot, Subject};
+use crate::app::state::{NoticeKind, Snapshot, Subject};
 use crate::app::worker::WorkerOrder;
 use eframe::egui::{Context, FocusDirection, Key, Ui, ViewportCommand};
 use std::path::PathBuf;
@@ -16,9 +18,15 @@ impl Studio {
         match command {
             UiCommand::Open => self.open_dialog.show(),
             UiCommand::OpenDemo => self.discard_then(WorkerOrder::Open(Subject::Demo), snapshot),
-            UiCommand::Train => self.worker.send(WorkerOrder::Train),
+            UiCommand::Train => {
+                self.take_detail(snapshot);
+                self.worker.send(WorkerOrder::Train);
+            }
             UiCommand::Pause => self.worker.send(WorkerOrder::Pause),
-            UiCommand::Step => self.worker.send(WorkerOrder::Step),
+            UiCommand::Step => {
+                self.take_detail(snapshot);
+                self.worker.send(WorkerOrder::Step);
+            }
             UiCommand::Follow => self.worker.send(WorkerOrder::Follow(!snapshot.follows)),
             UiCommand::Reset => self.discard_then(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.save_dialog.show(),
@@ -38,25 +46,76 @@ impl Studio {
                 }
             }
             UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
+            UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
+            UiCommand::Find => self.finder.show(),
+            UiCommand::FocusControls => self.egui.memory_mut(|memory| match memory.focused() {
+                Some(control) => memory.surrender_focus(control),
+                None => memory.move_focus(FocusDirection::Next),
+            }),
             UiCommand::Help => self.help_is_open = !self.help_is_open,
         }
     }
 
-    /// Keys are left to text fields and open questions.
+    fn copy_command_line(&self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let line = command_line(opened, &self.training, snapshot.calibration.as_deref());
+        let (kind, text) = match line {
+            Ok(line) => {
+                let text = format!("Copied: {line}");
+                self.egui.copy_text(line);
+                (NoticeKind::Info, text)
+            }
+            Err(error) => (NoticeKind::Warning, error.to_string()),
+        };
+        self.worker.send(WorkerOrder::Report(kind, text));
+    }
+
+    /// Whether an action makes sense now.
+    pub(super) fn is_possible(&self, action: Action, snapshot: &Snapshot) -> bool {
+        match (action, &snapshot.opened) {
+            (Action::Command(command), _) => command.is_legal(snapshot.state, snapshot.source),
+            (Action::Tab(_), _) => true,
+            (Action::Mode(mode), Some(opened)) => {
+                mode.why_not(self.view.settings.lens, opened).is_none()
+            }
+            (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes).is_none(),
+            (Action::Mode(_) | Action::Color(_), None) => false,
+        }
+    }
+
+    pub(super) fn apply_action(&mut self, action: Action, snapshot: &Snapshot) {
+        match (action, &snapshot.opened) {
+            (Action::Command(command), _) => self.apply_command(command, snapshot),
+            (Action::Tab(tab), _) => self.tab = tab,
+            (Action::Mode(mode), Some(opened)) => self.view.set_mode(mode, opened),
+            (Action::Color(mode), _) => self.view.settings.color_mode = mode,
+            (Action::Mode(_), None) => {}
+        }
+    }
+
+    /// Keys are left to text fields and open questions; a control that has the focus takes those that
+    /// press it, change it or lead on to the next one.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dialogs = [&self.open_dialog, &self.save_dialog, &self.export_dialog];
-        let asks = self.pending.is_some() || dialogs.iter().any(|dialog| dialog.is_open());
-        // egui says so of any widget that has the focus, not of text fields alone.
-        if asks || ui.ctx().egui_wants_keyboard_input() {
+        let asks = self.pending.is_some()
+            || self.finder.is_open()
+            || dialogs.iter().any(|dialog| dialog.is_open());
+        if asks || ui.ctx().text_edit_focused() {
             return;
         }
+        // Shift+Tab leads to the controls whatever Tab is taken for.
+        let leads_on = ui.input(|i| i.modifiers.shift && i.key_pressed(Key::Tab));
+        let is_of_controls = leads_on || ui.memory(|memory| memory.focused().is_some());
         let toggles = UiCommand::ToggleRenderer.is_legal(snapshot.state, snapshot.source);
-        if toggles && ui.input(|i| i.key_pressed(Key::Tab)) {
+        if toggles && !is_of_controls && ui.input(|i| i.key_pressed(Key::Tab)) {
             // The key is a command's; it would also move the focus, and keys with it.
             ui.memory_mut(|memory| memory.move_focus(FocusDirection::None));
         }
         for command in UiCommand::ALL {
             if !command.is_legal(snapshot.state, snapshot.source) {
+                continue;
+            }
+            if is_of_controls && command.is_of_controls() {
                 continue;
             }
             let keys = command.shortcuts();

@@ -76,6 +76,12 @@ impl Studio {
             }
         }
         dialogs::help(ui, &mut self.help_is_open);
+        let mut finder = std::mem::take(&mut self.finder);
+        let chosen = finder.ui(ui, |action| self.is_possible(action, snapshot));
+        self.finder = finder;
+        if let Some(action) = chosen {
+            self.apply_action(action, snapshot);
+        }
         // After the dialogs: a file that was named in this pass is waited for from now on.
         self.go_on(ui, snapshot);
     }

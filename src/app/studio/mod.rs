@@ -5,6 +5,7 @@ mod commands;
 mod files;
 mod side_panel;
 
+use super::action_finder::ActionFinder;
 use super::device::WindowDevice;
 use super::drawing::Drawer;
 use super::drop_target;
@@ -20,6 +21,7 @@ use super::persistence::{self, StoredSettings};
 use super::quality::QualityMonitor;
 use super::recent::RecentPaths;
 use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
+use super::tab::SideTab;
 use super::training::TrainSettings;
 use super::viewer::painter::ViewPainter;
 use super::viewer::{SceneView, toolbar};
@@ -34,23 +36,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Tabs of the side panel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Tab {
-    #[default]
-    Latency,
-    Quality,
-    Scene,
-    Inspector,
-    Settings,
-}
-
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
     worker: Arc<Worker>,
     exit: Exit,
     device: Option<WindowDevice>,
     waker: Waker,
+    egui: Context,
     view: SceneView,
     quality: QualityMonitor,
     quality_plot: QualityPlot,
@@ -60,7 +52,8 @@ pub struct Studio {
     /// What the worker was asked to tell of components.
     watched: Option<Attribute>,
     adapter: String,
-    tab: Tab,
+    tab: SideTab,
+    finder: ActionFinder,
     open_dialog: PathDialog,
     save_dialog: PathDialog,
     export_dialog: PathDialog,
@@ -79,6 +72,8 @@ pub struct Studio {
     first_splats_logged: bool,
 }
 
+/// Narrowest side panel, points.
+const NARROWEST_PANEL: f32 = 240.0;
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
@@ -91,8 +86,7 @@ impl Studio {
         painting: Painting,
         started: Instant,
     ) -> std::io::Result<Self> {
-        let egui = context.egui_ctx.clone();
-        let worker = Arc::new(Worker::start(Arc::new(move || egui.request_repaint()))?);
+        let worker = Arc::new(Worker::start(waker_of(&context.egui_ctx))?);
         let first = subject.map_or(WorkerOrder::Deliver, WorkerOrder::Open);
         Self::attach(context, worker, vec![first], Exit::default(), painting, started)
     }
@@ -113,11 +107,9 @@ impl Studio {
         // Settings go first, since they hold for what is opened after them.
         worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
         first.into_iter().for_each(|order| worker.send(order));
-        for problem in problems {
-            worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
-        }
-        let egui = context.egui_ctx.clone();
-        let waker: Waker = Arc::new(move || egui.request_repaint());
+        let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
+        problems.into_iter().for_each(warn);
+        let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
         let on_cpu = painter.drawer() == Drawer::Cpu;
@@ -142,8 +134,10 @@ impl Studio {
             quality_plot: QualityPlot::default(),
             summary_closed: 0,
             waker,
+            egui: context.egui_ctx.clone(),
             adapter,
-            tab: Tab::default(),
+            tab: SideTab::default(),
+            finder: ActionFinder::default(),
             open_dialog: PathDialog::open(),
             save_dialog: PathDialog::save(),
             export_dialog: PathDialog::export(),
@@ -200,7 +194,7 @@ impl Studio {
         let frame = Frame::side_top_panel(ui.style()).fill(Color32::TRANSPARENT);
         let asked = Panel::top("transport").frame(frame).show(ui, |ui| {
             ui.add_space(3.0);
-            let asked = transport::ui(snapshot, self.recent.paths(), ui);
+            let asked = self.transport(ui, snapshot);
             ui.add_space(3.0);
             asked
         });
@@ -208,6 +202,7 @@ impl Studio {
             None => {}
             Some(TransportAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(TransportAnswer::Open(path)) => self.open_path(path, snapshot),
+            Some(TransportAnswer::Again) => self.train_again(snapshot),
         }
         if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_put_off(run)) {
             let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
@@ -224,9 +219,11 @@ impl Studio {
         if cancelled.inner {
             self.worker.cancel_file();
         }
+        // Of a small window most stays the picture's.
+        let widest = (0.42 * ui.max_rect().width()).clamp(NARROWEST_PANEL, 640.0);
         Panel::right("panels")
             .default_size(370.0)
-            .size_range(240.0..=640.0)
+            .size_range(NARROWEST_PANEL..=widest)
             .frame(frame)
             .show(ui, |ui| self.side_panel(ui, snapshot));
         if let Some(opened) = &snapshot.opened {
@@ -245,6 +242,16 @@ impl Studio {
             self.central_view(ui, snapshot);
             self.notices.ui(snapshot, ui);
         });
+    }
+
+    fn transport(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<TransportAnswer> {
+        let scale = &mut self.training.scene.scale;
+        let before = *scale;
+        let asked = transport::ui(snapshot, self.recent.paths(), scale, ui);
+        if *scale != before {
+            self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
+        }
+        asked
     }
 
     /// The title names what is open.
@@ -300,7 +307,7 @@ impl Studio {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click beside every splat deselects, which is no reason to turn to another tab.
             if picked.is_some() && !self.view.is_measuring() {
-                self.tab = Tab::Inspector;
+                self.tab = SideTab::Inspector;
             }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
@@ -309,6 +316,12 @@ impl Studio {
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
         }
     }
+}
+
+/// Draws the window again when something has come that it does not wait for.
+fn waker_of(context: &Context) -> Waker {
+    let context = context.clone();
+    Arc::new(move || context.request_repaint())
 }
 
 impl Drop for Studio {

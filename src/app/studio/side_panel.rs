@@ -1,12 +1,15 @@
 //! The tabs beside the viewport, and what they ask of the window.
 
-use super::{Studio, Tab};
+use super::Studio;
 use crate::app::adapter_memory;
 use crate::app::device::WindowDevice;
 use crate::app::drawing::Drawer;
 use crate::app::exit::Leave;
-use crate::app::panels::{adapter, inspector, latency, quality, scene, settings};
+use crate::app::panels::adapter::{self, AdapterRequest};
+use crate::app::panels::settings::SettingsAnswer;
+use crate::app::panels::{inspector, latency, quality, scene, settings};
 use crate::app::state::{NoticeKind, Snapshot};
+use crate::app::tab::SideTab;
 use crate::app::viewer::painter::ViewPainter;
 use crate::app::viewport::{self, GpuViewPainter};
 use crate::app::worker::WorkerOrder;
@@ -15,19 +18,19 @@ use eframe::egui::Ui;
 impl Studio {
     pub(super) fn side_panel(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         ui.horizontal_wrapped(|ui| {
-            ui.selectable_value(&mut self.tab, Tab::Latency, "Latency");
-            ui.selectable_value(&mut self.tab, Tab::Quality, "Quality");
-            ui.selectable_value(&mut self.tab, Tab::Scene, "Scene");
-            ui.selectable_value(&mut self.tab, Tab::Inspector, "Inspector");
-            ui.selectable_value(&mut self.tab, Tab::Settings, "Settings");
+            // Close enough to stand in one row.
+            ui.spacing_mut().item_spacing.x = 2.0;
+            for tab in SideTab::ALL {
+                ui.selectable_value(&mut self.tab, tab, tab.label());
+            }
         });
         ui.separator();
         match self.tab {
-            Tab::Latency => self.latency_tab(ui, snapshot),
-            Tab::Quality => self.quality_tab(ui, snapshot),
-            Tab::Scene => scene::ui(snapshot, ui),
-            Tab::Inspector => inspector::ui(snapshot, ui),
-            Tab::Settings => self.settings(ui),
+            SideTab::Latency => self.latency_tab(ui, snapshot),
+            SideTab::Quality => self.quality_tab(ui, snapshot),
+            SideTab::Scene => scene::ui(snapshot, ui),
+            SideTab::Inspector => inspector::ui(snapshot, ui),
+            SideTab::Settings => self.settings(ui, snapshot),
         }
     }
 
@@ -52,7 +55,7 @@ impl Studio {
         }
     }
 
-    pub(super) fn settings(&mut self, ui: &mut Ui) {
+    fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let own_fov_deg = self.view.own_fov_deg();
         let around = settings::SettingsContext { adapter: &self.drawn_by(), own_fov_deg };
         let adapters = self.device.as_ref().map(|device| adapter::Adapters {
@@ -68,8 +71,9 @@ impl Studio {
         }
         match asked {
             None => {}
-            Some(adapter::AdapterRequest::RetryGpu) => self.retry_gpu(),
-            Some(adapter::AdapterRequest::Adapter(choice)) => {
+            Some(SettingsAnswer::Command(command)) => self.apply_command(command, snapshot),
+            Some(SettingsAnswer::Adapter(AdapterRequest::RetryGpu)) => self.retry_gpu(),
+            Some(SettingsAnswer::Adapter(AdapterRequest::Adapter(choice))) => {
                 adapter_memory::remember(&choice);
                 // What was said of this one would be read as if of the next.
                 self.worker.send(WorkerOrder::ForgetReports);

@@ -203,7 +203,9 @@ impl SceneView {
 
     /// Draws the view over all space left. Returns a message if the GPU had to be given up.
     pub fn ui(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<String> {
-        let (rect, response) = ui.allocate_exact_size(ui.available_size(), Sense::click_and_drag());
+        // No stop of Tab: it has keys of its own, which the focus would take from it.
+        let sense = Sense::CLICK | Sense::DRAG;
+        let (rect, response) = ui.allocate_exact_size(ui.available_size(), sense);
         let opened = snapshot.opened.as_ref()?;
         self.fall_back(opened);
         let pixels = rect.size() * ui.ctx().pixels_per_point();

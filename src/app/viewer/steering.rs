@@ -62,7 +62,7 @@ impl Gesture {
 /// How far the keys that are held fly in this frame. Ctrl slows a flight that is under way and begins
 /// none: with it these keys save and export.
 fn flight(ui: &Ui, is_flying: &mut bool) -> [f64; 3] {
-    if ui.ctx().egui_wants_keyboard_input() {
+    if ui.ctx().text_edit_focused() {
         *is_flying = false;
         return [0.0; 3];
     }

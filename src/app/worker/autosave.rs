@@ -9,7 +9,7 @@ use super::thread::WorkerThread;
 use crate::app::abandoned::{self, AbandonedRun, AutosaveSlot};
 use crate::app::opening::{self, Content};
 use crate::app::rescue::Rescue;
-use crate::app::state::{NoticeKind, RunState, Subject};
+use crate::app::state::{GivenCalibration, NoticeKind, RunState, Subject};
 use crate::pipeline::autosave::{Autosave, AutosaveInterval, SaveOutcome};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -133,7 +133,10 @@ impl WorkerThread {
         let Some(Content::Session(session)) = &self.content else { return };
         let method = &session.config().method;
         let is_given = !method.assumes_calibration(session.dataset());
-        self.calibration = method.any().calibration().filter(|_| is_given).cloned();
+        let calibration = method.any().calibration().filter(|_| is_given).cloned();
+        self.calibration =
+            calibration.map(|calibration| Arc::new(GivenCalibration { calibration, file: None }));
+        self.snapshot.calibration = self.calibration.clone();
         let path = slot.path().to_owned();
         let autosave = Autosave::new(path, AutosaveInterval::default(), session);
         self.saver = RunAutosave::On(autosave, slot);

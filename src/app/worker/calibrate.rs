@@ -1,10 +1,11 @@
 //! Starting over with corrected cameras.
 
 use super::thread::WorkerThread;
-use crate::app::state::{NoticeKind, Subject};
+use crate::app::state::{GivenCalibration, NoticeKind, Subject};
 use crate::dataset::calibration::Calibration;
 use crate::train::setting::Preset;
 use std::path::Path;
+use std::sync::Arc;
 
 impl WorkerThread {
     pub(super) fn calibrate(&mut self, path: &Path) {
@@ -15,7 +16,10 @@ impl WorkerThread {
             Err(why) => Err(format!("{}: {why}", path.display())),
         };
         match read {
-            Ok((subject, calibration)) => self.open_with(Some(calibration), subject),
+            Ok((subject, calibration)) => {
+                let given = GivenCalibration { calibration, file: Some(path.to_owned()) };
+                self.open_with(Some(Arc::new(given)), subject);
+            }
             Err(text) => self.notify(NoticeKind::Error, text),
         }
     }

@@ -5,9 +5,10 @@ use super::thread::WorkerThread;
 use crate::app::opening::{self, Content};
 use crate::app::session_info::session_info;
 use crate::app::splat_updates::SplatChange;
-use crate::app::state::{Followed, NoticeKind, Opened, RunState, Snapshot, Subject};
+use crate::app::state::{
+    Followed, GivenCalibration, NoticeKind, Opened, RunState, Snapshot, Subject,
+};
 use crate::dataset::LoadOptions;
-use crate::dataset::calibration::Calibration;
 use crate::export::checkpoint::is_checkpoint;
 use crate::model::splat::appearance::SplatSet;
 use crate::pipeline::follow::Follow;
@@ -72,7 +73,7 @@ impl WorkerThread {
     pub(super) fn await_recording(
         &mut self,
         path: &Path,
-        calibration: Option<Calibration>,
+        calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) {
         let selection = Selection { follow: true, ..Selection::everything() };
@@ -82,7 +83,7 @@ impl WorkerThread {
                 (self.subject, self.calibration) = (Some(subject), calibration);
                 (self.content, self.dirty) = (None, Dirty::default());
                 self.forget_autosave();
-                self.pose_check = None;
+                self.first_look = None;
                 self.shared.updates.push(SplatChange::All(SplatSet::default()).into());
                 self.snapshot = Snapshot {
                     state: RunState::Waiting,
@@ -102,7 +103,7 @@ impl WorkerThread {
     pub(super) fn look_for_the_first(&mut self) {
         let Some(follow) = &mut self.awaited else { return };
         let mut training = self.training.clone();
-        training.scene.calibration = self.calibration.clone();
+        training.scene.calibration = self.calibration.as_ref().map(|c| c.calibration.clone());
         let begun = match follow.more() {
             Ok(None) => Ok(None),
             Ok(Some(dataset)) => {

@@ -5,13 +5,18 @@ use super::following::is_folder;
 use super::thread::WorkerThread;
 use crate::app::opening::{self, Content};
 use crate::app::splat_updates::SplatChange;
-use crate::app::state::{HISTORY, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject};
-use crate::dataset::calibration::Calibration;
+use crate::app::state::{
+    GivenCalibration, HISTORY, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject,
+};
 use crate::eval::report::FrameReport;
 use std::sync::Arc;
 
 impl WorkerThread {
-    pub(super) fn open_with(&mut self, calibration: Option<Calibration>, subject: Subject) {
+    pub(super) fn open_with(
+        &mut self,
+        calibration: Option<Arc<GivenCalibration>>,
+        subject: Subject,
+    ) {
         if self.snapshot.follows
             && let Subject::Path(path) = subject.clone()
             && is_folder(&subject)
@@ -20,7 +25,7 @@ impl WorkerThread {
         }
         let mut training = self.training.clone();
         // Into the copy: settings outlive the dataset that the calibration belongs to.
-        training.scene.calibration = calibration.clone();
+        training.scene.calibration = calibration.as_ref().map(|c| c.calibration.clone());
         let before = self.snapshot.state;
         self.snapshot.state = RunState::Loading;
         // Told at once: while something is opened this thread tells nothing more.
@@ -67,6 +72,7 @@ impl WorkerThread {
             latest_write: self.snapshot.latest_write,
             abandoned: self.snapshot.abandoned.take(),
             follows: self.snapshot.follows,
+            calibration: self.calibration.clone(),
             ..Snapshot::default()
         };
         (self.frames_since_checkpoint, self.rescued) = (0, None);
@@ -102,7 +108,7 @@ impl WorkerThread {
             }
         }
         self.content = Some(opened.content);
-        self.check_poses();
+        self.look_at_frames();
         // The splats above went without what is known of them; it follows if
         // the viewport asks for it.
         self.watch(self.watched);

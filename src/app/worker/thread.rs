@@ -9,10 +9,12 @@ use super::shared::{Shared, Waker};
 use crate::app::opening::Content;
 use crate::app::panic_report::PanicReport;
 use crate::app::rescue::Rescue;
-use crate::app::state::{Notice, NoticeKind, NoticeTopic, RunState, Snapshot, Subject};
+use crate::app::state::{
+    GivenCalibration, Notice, NoticeKind, NoticeTopic, RunState, Snapshot, Subject,
+};
 use crate::app::training::TrainSettings;
-use crate::dataset::calibration::Calibration;
 use crate::dataset::pose_check::PoseCheck;
+use crate::dataset::surface::sample::FrameSample;
 use crate::eval::report::FrameReport;
 use crate::pipeline::follow::Follow;
 use crate::render::attributes::Attribute;
@@ -24,6 +26,14 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
+/// What a look at the frames of what was opened has found.
+pub struct FirstLook {
+    /// Whether poses agree with depth.
+    pub(super) poses: Option<PoseCheck>,
+    /// How wide pixels are and what noise hides.
+    pub(super) sample: Option<FrameSample>,
+}
+
 /// The thread's own state.
 pub struct WorkerThread {
     pub(super) inbox: Receiver<WorkerOrder>,
@@ -32,7 +42,7 @@ pub struct WorkerThread {
     pub(super) published: Instant,
     pub(super) training: TrainSettings,
     /// Of what is open.
-    pub(super) calibration: Option<Calibration>,
+    pub(super) calibration: Option<Arc<GivenCalibration>>,
     pub(super) subject: Option<Subject>,
     pub(super) content: Option<Content>,
     pub(super) snapshot: Snapshot,
@@ -53,8 +63,8 @@ pub struct WorkerThread {
     pub(super) rescue_folders: Vec<PathBuf>,
     /// What became of the newest state after a panic.
     pub(super) rescued: Option<Rescue>,
-    /// Checks the poses of what is open, until that is known.
-    pub(super) pose_check: Option<JoinHandle<Option<PoseCheck>>>,
+    /// Looks at the frames of what is open, until that is done.
+    pub(super) first_look: Option<JoinHandle<FirstLook>>,
     /// How what is open is saved on its way.
     pub(super) saver: RunAutosave,
     /// A recording that no session was begun on yet.
@@ -99,7 +109,7 @@ impl WorkerThread {
             frames_since_checkpoint: 0,
             rescue_folders,
             rescued: None,
-            pose_check: None,
+            first_look: None,
             saver: RunAutosave::Off,
             awaited: None,
             waiting_since: None,
@@ -153,7 +163,7 @@ impl WorkerThread {
             None => {}
         }
         self.autosave();
-        self.take_poses();
+        self.take_first_look();
         // The first frame is shown as soon as it is there.
         let is_first = self.snapshot.frames_done == 1 && self.changed;
         self.publish(acted || is_first);

@@ -60,7 +60,7 @@ impl WorkerThread {
         self.recent.push_back(frame);
         self.snapshot.frames_done += 1;
         if self.snapshot.followed.is_some() && self.snapshot.frames_done == ENOUGH_FRAMES {
-            self.check_poses();
+            self.look_at_frames();
         }
         self.snapshot.unsaved_frames += 1;
         self.frames_since_checkpoint += 1;

@@ -130,6 +130,8 @@ pub struct Setting<L: SettingLayer> {
     pub ron: fn(&L) -> Result<Option<String>, ron::Error>,
     /// Gives it the value that a text says.
     pub parse: fn(&mut L, &OsStr) -> Result<(), ValueError>,
+    /// Leaves it to the layer below.
+    pub clear: fn(&mut L),
     /// Its slot in a layer, if it is on or off.
     pub flag: fn(&mut L) -> Option<&mut Option<bool>>,
     /// Puts the value, if one is given, into a run's settings.
@@ -265,6 +267,7 @@ macro_rules! settings {
                             Some($crate::train::setting::value::SettingValue::parse(text)?);
                         Ok(())
                     },
+                    clear: |layer| layer.$field = None,
                     flag: |layer| {
                         $crate::train::setting::value::SettingValue::flag(&mut layer.$field)
                     },

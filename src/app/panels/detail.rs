@@ -1,0 +1,93 @@
+//! How fine the next run is trained: a slider on the bar with what it would bring.
+
+use super::signal_color::SignalColor;
+use crate::app::detail::{COARSEST_PX, EffectiveScale, FINEST_PX, effective, forecast, trained_by};
+use crate::app::state::{RunState, Snapshot};
+use crate::train::scene::units::StructuralScale;
+use eframe::egui::{Label, RichText, Slider, Tooltip, Ui};
+
+/// Width of the slider, points.
+const WIDTH: f32 = 90.0;
+
+/// Draws slider and, where another run would differ from the one that is open, its button; whether that
+/// run is asked for. `chosen` is the scale of the next run, `None` as the one that is open has it.
+pub fn ui(chosen: &mut Option<StructuralScale>, snapshot: &Snapshot, ui: &mut Ui) -> bool {
+    let Some(run) = snapshot.opened.as_deref().and_then(trained_by) else { return false };
+    ui.separator();
+    let sample = snapshot.sample.as_ref();
+    let asked = chosen.unwrap_or(run.scale);
+    let finest = sample.map_or(FINEST_PX, |s| s.tolerance / s.footprint);
+    let finest = finest.clamp(FINEST_PX, COARSEST_PX);
+    let mut pixels = match (asked, sample) {
+        (StructuralScale::Pixels(n), _) => n,
+        (StructuralScale::World(length), Some(sample)) => length / sample.footprint,
+        (StructuralScale::World(_), None) => finest,
+    };
+    // Said here: outside its range the slider would set the value to its end.
+    pixels = pixels.clamp(finest, COARSEST_PX);
+    let name = ui.label("Detail");
+    ui.spacing_mut().slider_width = WIDTH;
+    let slider = Slider::new(&mut pixels, COARSEST_PX..=finest).logarithmic(true).show_value(false);
+    let slider = ui.add(slider).labelled_by(name.id);
+    if slider.changed() {
+        *chosen = Some(StructuralScale::Pixels((100.0 * pixels).round() / 100.0));
+    }
+    let asked = chosen.unwrap_or(run.scale);
+    let next = sample.map(|sample| effective(asked, sample));
+    let mut card = Tooltip::for_widget(&slider);
+    card.popup = card.popup.open(slider.hovered() || slider.dragged() || slider.has_focus());
+    card.show(|ui| described(asked, next, snapshot, ui));
+    let is_same = next.map_or(asked == run.scale, |next| is_near(next.length, run.engine.h));
+    let is_trained = snapshot.frames_done > 0 && snapshot.state != RunState::Loading;
+    if is_same || !is_trained {
+        return false;
+    }
+    let is_finer = next.is_none_or(|next| next.length < run.engine.h);
+    let text = if is_finer { "Again, finer" } else { "Again, coarser" };
+    ui.button(text)
+        .on_hover_text("The same frames again with this detail; the view stays")
+        .clicked()
+}
+
+/// Lengths that round to one.
+fn is_near(a: f64, b: f64) -> bool {
+    (a / b - 1.0).abs() < 1e-3
+}
+
+fn described(
+    asked: StructuralScale,
+    next: Option<EffectiveScale>,
+    snapshot: &Snapshot,
+    ui: &mut Ui,
+) {
+    ui.label(RichText::new("From coarse to fine").strong());
+    let scale = match asked {
+        StructuralScale::Pixels(n) => format!("Structural scale {n:.2} pixels"),
+        StructuralScale::World(length) => format!("Structural scale {length} world units"),
+    };
+    ui.label(scale);
+    let Some(next) = next else { return };
+    if next.is_held {
+        let text = format!(
+            "The depth sensor's noise holds it at {:.2e} world units; Settings take world units down to half of that",
+            next.length
+        );
+        let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+        ui.add(Label::new(RichText::new(text).color(color)).wrap());
+    }
+    match forecast(snapshot, next.length) {
+        Some(forecast) => {
+            let text = format!(
+                "About {:.0} components, {:.1} MB and {:.0} ms a frame after {} frames",
+                forecast.components,
+                1e-6 * forecast.model_bytes,
+                forecast.frame_ms,
+                snapshot.frames_done
+            );
+            ui.add(Label::new(text).wrap());
+        }
+        None => {
+            ui.label(RichText::new("A forecast comes with the first trained frame").weak());
+        }
+    }
+}

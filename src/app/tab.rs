@@ -1,0 +1,34 @@
+//! Tabs of the side panel.
+
+/// What the side panel shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SideTab {
+    /// What training and drawing take.
+    #[default]
+    Latency,
+    /// How good the scene is.
+    Quality,
+    /// What is open.
+    Scene,
+    /// The selected splat.
+    Inspector,
+    /// How is trained and drawn.
+    Settings,
+}
+
+impl SideTab {
+    /// Every tab, in the order they stand.
+    pub const ALL: [SideTab; 5] =
+        [SideTab::Latency, SideTab::Quality, SideTab::Scene, SideTab::Inspector, SideTab::Settings];
+
+    /// As it is named in the window.
+    pub fn label(self) -> &'static str {
+        match self {
+            SideTab::Latency => "Latency",
+            SideTab::Quality => "Quality",
+            SideTab::Scene => "Scene",
+            SideTab::Inspector => "Inspector",
+            SideTab::Settings => "Settings",
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! A look at frames of what was opened: whether their poses agree with their depth, how wide their
+//! pixels are, and what noise hides. On a thread of its own, since it decodes some twenty frames while
+//! the first ones are trained.
+
+use super::thread::{FirstLook, WorkerThread};
+use crate::app::opening::Content;
+use crate::app::state::NoticeKind;
+use crate::app::wording;
+use crate::dataset::pose_check;
+use crate::dataset::surface::sample::FrameSample;
+use std::sync::Arc;
+use std::thread;
+
+impl WorkerThread {
+    /// Begins to look at what was just opened. The look at what was open before ends unheard.
+    pub(super) fn look_at_frames(&mut self) {
+        self.first_look = None;
+        let Some(Content::Session(session)) = &self.content else { return };
+        let (dataset, split) = (session.dataset().clone(), session.plan().split);
+        let surface = session.config().method.scene().map(|run| run.surface.clone());
+        let frames = session.plan().first_pass();
+        let look = move || FirstLook {
+            sample: surface
+                .and_then(|surface| FrameSample::of(&dataset, split, &frames, &surface).ok()),
+            // The built-in scene is right by construction.
+            poses: dataset.path.as_ref().and_then(|_| pose_check::check(&dataset, split)),
+        };
+        match thread::Builder::new().name("first look".into()).spawn(look) {
+            Ok(thread) => self.first_look = Some(thread),
+            Err(error) => tracing::warn!("frames are not looked at: {error}"),
+        }
+    }
+
+    /// Tells what was found, once.
+    pub(super) fn take_first_look(&mut self) {
+        let Some(thread) = self.first_look.take_if(|thread| thread.is_finished()) else { return };
+        // A panic of a decoder was reported where it happened.
+        let Ok(look) = thread.join() else { return };
+        self.changed = true;
+        self.snapshot.sample = look.sample;
+        let Some(check) = look.poses else { return };
+        if let Some(warning) = wording::pose_warning(&check) {
+            self.notify(NoticeKind::Warning, warning);
+        }
+        self.snapshot.poses = Some(Arc::new(check));
+    }
+}

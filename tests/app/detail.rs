@@ -1,0 +1,115 @@
+//! How fine is trained next: on the bar, in Settings with marks of what was changed, and as a command.
+
+use super::harness::{Window, click, dataset, is, wait, window};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Key, OutputCommand};
+use egui_kittest::kittest::Queryable;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::train::scene::units::StructuralScale;
+
+/// The structural scale that what is open was asked for with, pixels.
+fn pixels(window: &Window) -> f64 {
+    let snapshot = window.state().snapshot();
+    match snapshot.opened.as_ref().unwrap().scene().unwrap().scale {
+        StructuralScale::Pixels(pixels) => pixels,
+        StructuralScale::World(_) => panic!("pixels"),
+    }
+}
+
+/// Moves the slider of the detail by so many points towards the fine end.
+fn refine(window: &mut Window, n: usize) {
+    window.get_by_role(Role::Slider).focus();
+    window.run_steps(2);
+    for _ in 0..n {
+        window.key_press(Key::ArrowRight);
+        window.run_steps(1);
+    }
+    window.run_steps(2);
+}
+
+#[test]
+fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(dataset(folder.path(), 3));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    wait(&mut window, "a look at its frames", |s| s.snapshot().sample.is_some());
+    let before = pixels(&window);
+    refine(&mut window, 5);
+    window.get_by_label_contains("A forecast comes with the first trained frame");
+    click(&mut window, "Train");
+    wait(&mut window, "the end", is(RunState::Finished));
+    let first = pixels(&window);
+    assert!(first < before, "{first} pixels after {before}");
+    click(&mut window, "×");
+    assert!(window.query_by_label("Again, finer").is_none(), "nothing else was chosen");
+
+    let used = window.state().snapshot().used;
+    refine(&mut window, 12);
+    window.get_by_label_contains("ms a frame after 3 frames");
+    click(&mut window, "Again, finer");
+    click(&mut window, "Discard");
+    wait(&mut window, "the end of a finer run", |s| {
+        let now = s.snapshot();
+        now.state == RunState::Finished && now.used > used
+    });
+    assert!(pixels(&window) < first);
+}
+
+/// What the window copies when the button is pressed.
+fn copied(window: &mut Window, label: &str) -> String {
+    window.run_steps(2);
+    window.get_by_label(label).click_accesskit();
+    for _ in 0..5 {
+        window.step();
+        for command in &window.output().platform_output.commands {
+            if let OutputCommand::CopyText(text) = command {
+                return text.clone();
+            }
+        }
+    }
+    panic!("nothing is copied");
+}
+
+#[test]
+#[cfg(all(unix, feature = "cli"))]
+fn changed_settings_are_marked_and_copied_as_a_command_that_trains_so() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().join("it's mine");
+    std::fs::create_dir(&folder).unwrap();
+    let subject = Subject::Path(dataset(&folder, 2));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    let press = |window: &mut Window, label: &str| {
+        window.get_by_label(label).click_accesskit();
+        window.run_steps(3);
+    };
+    click(&mut window, "Settings");
+    press(&mut window, "Details");
+    press(&mut window, "Drop slanted surfaces");
+    press(&mut window, "Fit planes");
+    window.get_by_label("Details: 2 changed");
+    press(&mut window, "Fit planes: back to true");
+    window.get_by_label("Details: 1 changed");
+    assert!(window.query_by_label("Fit planes: back to true").is_none());
+
+    let line = copied(&mut window, "Copy as command line");
+    assert!(
+        line.starts_with("vbgs-studio train '") && line.contains(" --without cosine"),
+        "{line}"
+    );
+    let program = std::path::Path::new(env!("CARGO_BIN_EXE_vbgs-studio"));
+    let paths =
+        format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
+    let output =
+        std::process::Command::new("sh").args(["-c", &line]).env("PATH", paths).output().unwrap();
+    assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    let report = std::fs::read_to_string(folder.join("room.run/report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["frames"].as_array().unwrap().len(), 2);
+    assert!(report.to_string().contains("\"cosine\":false"), "trained by these settings");
+}

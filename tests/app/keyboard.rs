@@ -1,0 +1,97 @@
+//! Everything by the keyboard: actions found by their names, and controls reached one after another.
+
+use super::harness::{Window, dataset, train, wait, window};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers, Theme};
+use egui_kittest::kittest::Queryable;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::Subject;
+use vbgs_studio::render::Renderer;
+
+/// Opens the list of actions and types into it.
+fn find(window: &mut Window, typed: &str) {
+    window.key_press_modifiers(Modifiers::COMMAND, Key::P);
+    window.run_steps(3);
+    window.event(Event::Text(typed.to_owned()));
+    window.run_steps(2);
+}
+
+#[test]
+fn actions_are_found_by_letters_of_their_names_and_show_their_keys() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    find(&mut window, "");
+    assert!(window.query_all_by_label_contains("Ctrl+O").next().is_some(), "the keys of Open");
+    window.event(Event::Text("tbset".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    window.get_by_label("Scene preset");
+    assert!(window.query_by_role(Role::TextInput).is_none(), "the list is closed");
+
+    find(&mut window, "export");
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    window.get_by_role(Role::TextInput);
+    window.key_press(Key::Escape);
+    window.run_steps(2);
+    assert!(window.query_by_role(Role::TextInput).is_none(), "nothing is open to export");
+    // The second of those found, by the arrow keys.
+    find(&mut window, "tab:");
+    window.key_press(Key::ArrowDown);
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    window.get_by_label_contains("Quality is measured");
+}
+
+#[test]
+fn tab_is_the_renderers_until_controls_have_the_keyboard() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(dataset(folder.path(), 2));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    let press = |window: &mut Window, key| {
+        window.key_press(key);
+        window.run_steps(2);
+    };
+    let renderer = |window: &Window| window.state().view().settings.renderer;
+    let focused = |window: &Window| window.ctx.memory(|memory| memory.focused());
+    press(&mut window, Key::Tab);
+    assert_eq!((renderer(&window), focused(&window)), (Renderer::Exact, None));
+
+    press(&mut window, Key::F6);
+    let first = focused(&window).expect("a control has the keyboard");
+    press(&mut window, Key::Tab);
+    let second = focused(&window).expect("the next one has it");
+    assert_ne!(second, first);
+    assert_eq!(renderer(&window), Renderer::Exact, "Tab led on");
+    press(&mut window, Key::M);
+    assert!(window.state().view().is_measuring(), "letters still mean the view");
+
+    press(&mut window, Key::F6);
+    assert_eq!(focused(&window), None);
+    press(&mut window, Key::Tab);
+    assert_eq!(renderer(&window), Renderer::Projected);
+    window.key_press_modifiers(Modifiers::SHIFT, Key::Tab);
+    window.run_steps(2);
+    assert!(focused(&window).is_some(), "Shift+Tab goes to the controls");
+    assert_eq!(renderer(&window), Renderer::Projected);
+}
+
+#[test]
+fn the_window_is_light_or_dark_as_is_chosen() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    find(&mut window, "tab: settings");
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    for (label, theme) in [("Light theme", Theme::Light), ("Dark theme", Theme::Dark)] {
+        window.get_by_label(label).click_accesskit();
+        window.run_steps(2);
+        assert_eq!(window.ctx.theme(), theme);
+    }
+}
