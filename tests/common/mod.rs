@@ -6,6 +6,7 @@ pub mod adapter;
 pub mod agreement;
 pub mod exactness;
 pub mod golden;
+pub mod mutation;
 pub mod oracle;
 pub mod ray;
 pub mod render_cases;

@@ -28,6 +28,11 @@ impl Files {
         Self(files)
     }
 
+    /// Every file's path below the folder and its bytes.
+    pub fn iter(&self) -> impl Iterator<Item = (&Path, &[u8])> {
+        self.0.iter().map(|(path, bytes)| (path.as_path(), bytes.as_slice()))
+    }
+
     /// Into a folder, beside what is there.
     pub fn write(&self, folder: &Path) {
         for (relative, bytes) in &self.0 {

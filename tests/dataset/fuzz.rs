@@ -1,58 +1,12 @@
 //! Seeded mutations of the text files: a clean dataset or a precise error, never a panic.
 
+use crate::common::mutation::mutate;
 use crate::common::scratch::{open_plain, tiny, tiny_blender, tiny_seven_scenes};
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 const ROUNDS: u64 = 400;
-
-/// What mutations insert: the awkward numbers, the syntax, and noise.
-const TOKENS: [&str; 20] = [
-    "NaN",
-    "null",
-    "-1e308",
-    "1e999",
-    "0",
-    "1e-320",
-    "\"\"",
-    "[]",
-    "{}",
-    "]",
-    "}",
-    ",",
-    "..",
-    "/",
-    "true",
-    "\u{fffd}",
-    "\0",
-    "inf",
-    "-",
-    "999999999999999999999999",
-];
-
-fn mutate(bytes: &[u8], rng: &mut Rng) -> Vec<u8> {
-    let mut out = bytes.to_vec();
-    for _ in 0..=rng.below(4) {
-        let at = rng.below(out.len().max(1)).min(out.len());
-        let end = (at + rng.below(12)).min(out.len());
-        match rng.below(6) {
-            0 => out.truncate(at),
-            1 => drop(out.drain(at..end)),
-            2 => {
-                let token = TOKENS[rng.below(TOKENS.len())];
-                out.splice(at..end, token.bytes());
-            }
-            3 => {
-                let copy = out[at..end].to_vec();
-                out.splice(at..at, copy);
-            }
-            4 => out.iter_mut().skip(at).take(1).for_each(|b| *b ^= 1 << rng.below(8)),
-            _ => out.iter_mut().skip(at).take(1).for_each(|b| *b = b'0' + rng.below(10) as u8),
-        }
-    }
-    out
-}
 
 /// Opens and loads everything; counts how it ended.
 fn exercise(root: &Path) -> bool {

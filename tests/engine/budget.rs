@@ -11,10 +11,10 @@ use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
 use vbgs_studio::train::scene::engine;
 
 /// Structural scale, world units.
-const H: f64 = 0.05;
+pub const H: f64 = 0.05;
 
 /// Points anywhere in a box of so many structural scales, on a wall along an axis of it or not.
-fn frame(most: usize) -> impl Strategy<Value = Observation> {
+pub fn frame(most: usize) -> impl Strategy<Value = Observation> {
     let places = vec([0.0..1.0f32, 0.0..1.0, 0.0..1.0], 1..most);
     (places, 1.0..30.0f32, 0..4usize, 0.0..1.0f32).prop_map(|(places, extent, flat, wall)| {
         let point = |mut place: [f32; 3]| {
@@ -34,7 +34,7 @@ fn frame(most: usize) -> impl Strategy<Value = Observation> {
     })
 }
 
-fn births() -> impl Strategy<Value = BirthRule> {
+pub fn births() -> impl Strategy<Value = BirthRule> {
     prop_oneof![Just(BirthRule::Seeds), Just(BirthRule::Lattice), Just(BirthRule::BodyCentred)]
 }
 

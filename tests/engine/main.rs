@@ -11,10 +11,14 @@ mod candidates;
 mod checkpoint;
 #[path = "../common/mod.rs"]
 mod common;
+#[path = "../../fuzz/entries/mod.rs"]
+mod entries;
+mod fuzz;
 mod inference;
 mod kinect;
 mod lego;
 mod photometric;
+mod properties;
 mod published;
 #[cfg(feature = "bench")]
 mod stability;

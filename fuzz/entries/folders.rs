@@ -1,0 +1,204 @@
+//! Recordings: whole folders, and single files of folders that are sound otherwise.
+
+use crate::common::scratch::Files;
+use std::path::{Component, Path};
+use std::sync::{Arc, OnceLock};
+use vbgs_studio::dataset::fingerprint::Fingerprint;
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+use vbgs_studio::dataset::wild_poses::wild_poses;
+use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open, pose_check, range};
+use vbgs_studio::pipeline::plan::Selection;
+use vbgs_studio::pipeline::session::{Session, Step};
+use vbgs_studio::pipeline::settings::scene::SceneOverrides;
+
+/// What begins a file of a folder in one text, before its path.
+pub const MARK: &[u8] = b"\n=== ";
+const MAX_FILES: usize = 24;
+const MAX_FRAMES: usize = 3;
+
+/// What the synthetic scene is written in, each once.
+pub const LAYOUTS: [SyntheticLayout; 13] = [
+    SyntheticLayout::Blender(DepthBits::Eight),
+    SyntheticLayout::Blender(DepthBits::Sixteen),
+    SyntheticLayout::SevenScenes,
+    SyntheticLayout::Tum,
+    SyntheticLayout::Open3d,
+    SyntheticLayout::Replica,
+    SyntheticLayout::Scannet,
+    SyntheticLayout::Nerfstudio,
+    SyntheticLayout::Record3d,
+    SyntheticLayout::Record3dArchive,
+    SyntheticLayout::StrayScanner,
+    SyntheticLayout::Arkit,
+    SyntheticLayout::RtabMap,
+];
+
+/// Text files with poses, lists and intrinsics, with the layout that has them.
+pub const POSE_FILES: [(SyntheticLayout, &str); 18] = [
+    (SyntheticLayout::Tum, "groundtruth.txt"),
+    (SyntheticLayout::Tum, "rgb.txt"),
+    (SyntheticLayout::Tum, "camera-intrinsics.txt"),
+    (SyntheticLayout::Open3d, "trajectory.log"),
+    (SyntheticLayout::Open3d, "camera.json"),
+    (SyntheticLayout::Replica, "traj.txt"),
+    (SyntheticLayout::Replica, "cam_params.json"),
+    (SyntheticLayout::Scannet, "pose/1.txt"),
+    (SyntheticLayout::Scannet, "intrinsic/intrinsic_color.txt"),
+    (SyntheticLayout::SevenScenes, "train/frame-000001.pose.txt"),
+    (SyntheticLayout::Blender(DepthBits::Eight), "transforms_train.json"),
+    (SyntheticLayout::Nerfstudio, "transforms.json"),
+    (SyntheticLayout::Record3d, "metadata.json"),
+    (SyntheticLayout::StrayScanner, "odometry.csv"),
+    (SyntheticLayout::StrayScanner, "camera_matrix.csv"),
+    (SyntheticLayout::Arkit, "frames.jsonl"),
+    (SyntheticLayout::RtabMap, "poses.txt"),
+    (SyntheticLayout::RtabMap, "calib/1.yaml"),
+];
+
+/// Photographs, depth and confidence.
+pub const IMAGE_FILES: [(SyntheticLayout, &str); 6] = [
+    (SyntheticLayout::Blender(DepthBits::Eight), "train/r_0.png"),
+    (SyntheticLayout::Blender(DepthBits::Eight), "train/r_0_depth_0001.png"),
+    (SyntheticLayout::Replica, "results/frame000000.jpg"),
+    (SyntheticLayout::Replica, "results/depth000000.png"),
+    (SyntheticLayout::StrayScanner, "confidence/000000.png"),
+    (SyntheticLayout::Arkit, "depth/000000.bin"),
+];
+
+/// A folder in one text: [`MARK`], a path, a new line, the file's bytes, and so on.
+pub fn layout(data: &[u8]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut rest = data;
+    for _ in 0..MAX_FILES {
+        let Some(start) = position(rest, MARK) else { break };
+        rest = &rest[start + MARK.len()..];
+        let end = position(rest, MARK).unwrap_or(rest.len());
+        let (file, behind) = rest.split_at(end);
+        rest = behind;
+        let Some(line) = file.iter().position(|b| *b == b'\n') else { continue };
+        let Ok(name) = std::str::from_utf8(&file[..line]) else { continue };
+        put(folder.path(), Path::new(name), &file[line + 1..]);
+    }
+    exercise(folder.path());
+}
+
+/// Puts a file below a folder, if there can be one.
+fn put(folder: &Path, name: &Path, bytes: &[u8]) {
+    if !name.components().all(|part| matches!(part, Component::Normal(_))) {
+        return;
+    }
+    let path = folder.join(name);
+    // A name that is too long, or below a file: then it is not there.
+    let _ = path.parent().map(std::fs::create_dir_all);
+    let _ = std::fs::write(path, bytes);
+}
+
+fn position(data: &[u8], wanted: &[u8]) -> Option<usize> {
+    data.windows(wanted.len()).position(|window| window == wanted)
+}
+
+/// The first byte chooses which file of poses the others are.
+pub fn poses(data: &[u8]) {
+    chosen(&POSE_FILES, data);
+}
+
+/// The first byte chooses which image the others are.
+pub fn images(data: &[u8]) {
+    chosen(&IMAGE_FILES, data);
+}
+
+/// Depth of Record3D.
+pub fn exr(data: &[u8]) {
+    in_place(SyntheticLayout::Record3d, "depth/0.exr", data);
+}
+
+/// Depth of nerfstudio as arrays of NumPy, or TIFF: the content says which.
+pub fn npy(data: &[u8]) {
+    in_place(SyntheticLayout::Nerfstudio, "depths/frame_00001.png", data);
+}
+
+/// An archive of Record3D.
+pub fn r3d(data: &[u8]) {
+    in_place(SyntheticLayout::Record3dArchive, "recording.r3d", data);
+}
+
+fn chosen(files: &[(SyntheticLayout, &str)], data: &[u8]) {
+    let Some((first, rest)) = data.split_first() else { return };
+    let (layout, file) = files[usize::from(*first) % files.len()];
+    in_place(layout, file, rest);
+}
+
+/// A sound folder in which one file holds other bytes.
+fn in_place(layout: SyntheticLayout, file: &str, data: &[u8]) {
+    let folder = tempfile::tempdir().expect("a folder");
+    sound(layout).write(folder.path());
+    let path = folder.path().join(file);
+    assert!(path.exists(), "{layout:?} has no {file}");
+    std::fs::write(path, data).expect("a file");
+    exercise(folder.path());
+}
+
+/// The smallest recording of a layout.
+pub fn sound(layout: SyntheticLayout) -> &'static Files {
+    static KEPT: [OnceLock<Files>; LAYOUTS.len()] = [const { OnceLock::new() }; LAYOUTS.len()];
+    let slot = LAYOUTS.iter().position(|other| *other == layout).expect("a known layout");
+    KEPT[slot].get_or_init(|| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let params = SyntheticParams {
+            width: 16,
+            height: 12,
+            n_train: 2,
+            n_eval: 1,
+            seed: 4,
+            depth_noise: 0.0,
+        };
+        write(&params, folder.path(), layout, &mut |_, _| ()).expect("a recording");
+        Files::read(folder.path())
+    })
+}
+
+/// Opens a folder with its poses and without, looks at all that is looked at before training, and
+/// learns some frames.
+fn exercise(folder: &Path) {
+    let blind = LoadOptions { track: true, geometry_only: true, ..LoadOptions::default() };
+    for options in [LoadOptions::default(), blind] {
+        match open(folder, &options) {
+            Ok(dataset) => examine(Arc::new(dataset)),
+            Err(error) => short(&error.to_string()),
+        }
+    }
+}
+
+fn examine(dataset: Arc<Dataset>) {
+    for warning in &dataset.warnings {
+        short(&warning.to_string());
+    }
+    for (s, split) in dataset.splits.iter().enumerate() {
+        assert!(split.frames.iter().all(|frame| frame.camera.pose.to_opencv().is_finite()));
+        let _ = wild_poses(split);
+        let _ = capture_check::check(split);
+        let _ = pose_check::check(&dataset, s);
+        let _ = range::estimate(&dataset, s);
+        let _ = Fingerprint::of(&dataset, s);
+        assert!(dataset.up(s).is_finite());
+        for frame in split.frames.iter().take(MAX_FRAMES) {
+            if let Err(error) = frame.load() {
+                short(&error.to_string());
+            }
+        }
+    }
+    let selection = Selection { max_frames: Some(MAX_FRAMES), ..Selection::everything() };
+    let Ok(mut session) = Session::new(dataset, SceneOverrides::default(), selection) else {
+        return;
+    };
+    while let Ok(Step::Trained(_) | Step::Skipped(_)) = session.step() {}
+    let splats = session.stored_splats();
+    let drawn = splats.iter().filter(|splat| splat.opacity > 0.0);
+    drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
+}
+
+/// No file may fill a screen with itself.
+fn short(message: &str) {
+    assert!(message.len() < 2000, "a message of {} bytes: {message:.200}", message.len());
+}

@@ -1,0 +1,238 @@
+//! What holds of every scene, whatever it saw: how it may be put together, what it may not lose, and
+//! that the place, the turn and the unit of the world are nobody's business.
+
+use super::budget::{H, births, frame};
+use glam::{DMat4, DQuat, DVec3};
+use proptest::collection::vec;
+use proptest::prelude::*;
+use std::sync::OnceLock;
+use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
+use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
+use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
+use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::model::scene::merging::add;
+use vbgs_studio::model::scene::state::SceneState;
+use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
+use vbgs_studio::train::scene::engine;
+use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::scene::sum_form::SumForm;
+
+/// A scene that learnt from frames.
+fn learnt(config: &SceneConfig, frames: &[Observation]) -> Box<dyn SceneLearner> {
+    let mut scene = engine::begin(config, DVec3::ZERO);
+    for frame in frames {
+        scene.learn(frame).unwrap();
+    }
+    scene
+}
+
+fn state(scene: &dyn SceneLearner) -> SceneState {
+    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    state
+}
+
+/// Settings by which only the frames matter, not their order.
+fn lattice(births: BirthRule) -> SceneConfig {
+    let (refine, visibility) = (false, VisibilityRule::Returned);
+    SceneConfig { births, refine, visibility, ..SceneConfig::fine(H) }
+}
+
+fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap().install(work)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Shards, merged in any tree and either order, are the run over all frames in any order.
+    #[test]
+    fn merging_lattices_is_commutative_and_associative(
+        births in prop_oneof![Just(BirthRule::Lattice), Just(BirthRule::BodyCentred)],
+        frames in (frame(120), frame(120), frame(120)),
+    ) {
+        let config = lattice(births);
+        let [a, b, c] = [&frames.0, &frames.1, &frames.2];
+        let one = |frame: &Observation| state(&*learnt(&config, std::slice::from_ref(frame)));
+        let (x, y, z) = (one(a), one(b), one(c));
+        let xy = add(&x, &y).unwrap();
+        prop_assert!(xy == add(&y, &x).unwrap());
+        let whole = add(&xy, &z).unwrap();
+        prop_assert!(whole == add(&x, &add(&y, &z).unwrap()).unwrap());
+        prop_assert!(whole == add(&add(&z, &x).unwrap(), &y).unwrap());
+        let run = |order: [&Observation; 3]| state(&*learnt(&config, &order.map(Clone::clone)));
+        prop_assert!(run([a, b, c]) == whole);
+        prop_assert!(run([c, a, b]) == whole);
+    }
+
+    /// Every point that a frame says it taught is in a component, merged or not, and every component
+    /// has a shape.
+    #[test]
+    fn evidence_is_conserved_and_covariances_are_definite(
+        births in births(),
+        sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
+        budget in 1..100usize,
+        frames in vec(frame(200), 1..4),
+    ) {
+        let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
+        let mut scene = engine::begin(&config, DVec3::ZERO);
+        let mut points = 0;
+        for frame in &frames {
+            points += scene.learn(frame).unwrap().points;
+            let posteriors = || (0..scene.components()).map(|k| scene.posterior(k));
+            prop_assert_eq!(posteriors().map(|p| p.count).sum::<f64>(), points as f64);
+            for posterior in posteriors().filter(|p| p.count > 0.0) {
+                let least = posterior.expected_covariance().eigen().values.min_element();
+                prop_assert!(least > 0.0, "{posterior:?}");
+            }
+        }
+    }
+
+    /// Whatever the sums are kept in.
+    #[test]
+    fn any_number_of_threads_gives_the_same_scene(
+        births in births(),
+        sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
+        budget in 20..200usize,
+        frames in vec(frame(200), 2..4),
+    ) {
+        let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
+        let run = |n_threads| with_threads(n_threads, || state(&*learnt(&config, &frames)));
+        prop_assert!(run(1) == run(5));
+    }
+}
+
+/// A world told otherwise: turned, made larger and moved.
+#[derive(Clone, Copy, Debug)]
+struct Similarity {
+    scale: f64,
+    turn: DQuat,
+    shift: DVec3,
+}
+
+impl Similarity {
+    const NONE: Self = Self { scale: 1.0, turn: DQuat::IDENTITY, shift: DVec3::ZERO };
+
+    fn apply(&self, p: DVec3) -> DVec3 {
+        self.turn * p * self.scale + self.shift
+    }
+}
+
+fn room() -> &'static [Frame] {
+    static ROOM: OnceLock<Vec<Frame>> = OnceLock::new();
+    ROOM.get_or_init(|| {
+        let params = SyntheticParams {
+            width: 64,
+            height: 48,
+            n_train: 24,
+            n_eval: 0,
+            depth_noise: 1.0,
+            ..SyntheticParams::demo()
+        };
+        let room = dataset(&params).unwrap();
+        (0..4).map(|i| room.load(0, i).unwrap()).collect()
+    })
+}
+
+/// The frame as a camera in the other world takes it.
+fn seen_in(frame: &Frame, world: &Similarity) -> Frame {
+    let pose = frame.camera.pose;
+    let turn = world.turn * DQuat::from_mat3(&pose.rotation());
+    let depth = frame.depth_z().unwrap();
+    let lengths: Vec<f32> =
+        depth.data.iter().map(|z| (f64::from(*z) * world.scale) as f32).collect();
+    let [near, far] = frame.depth.as_ref().unwrap().trusted;
+    let trusted = [near * world.scale, far * world.scale];
+    let mut seen = Frame::from_memory(
+        &frame.name,
+        frame.camera.intrinsics,
+        DMat4::from_rotation_translation(turn, world.apply(pose.centre())),
+        ColorBuffer::Rgba8(frame.color.data.as_flattened()),
+        Some(DepthBuffer { lengths: &lengths, kind: DepthKind::Z, trusted }),
+    )
+    .unwrap();
+    seen.depth.as_mut().unwrap().metre = world.scale;
+    seen
+}
+
+/// What a scene in another world says of this one.
+struct Said {
+    used: f64,
+    points: f64,
+    /// Of the drawn splats, world units: weighted by their points, the mean and the mean square of
+    /// where they lie; the mean of their scales; the mean of opacities and of colours.
+    mean: DVec3,
+    spread: f64,
+    scale: f64,
+    opacity: f64,
+    color: DVec3,
+}
+
+fn said_in(world: &Similarity) -> Said {
+    let config = SceneConfig {
+        photometric: PhotometricMode::Light.rule(),
+        ..SceneConfig::coarse(0.06 * world.scale)
+    };
+    let mut surface = SurfaceSettings::of_sensor(Sensor::Kinect, world.shift);
+    surface.photograph = true;
+    let mut scene = engine::begin(&config, surface.origin);
+    let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
+    let mut points = 0;
+    for frame in room() {
+        preparer.prepare(&seen_in(frame, world), &surface, &mut seen).unwrap();
+        points += scene.learn(&seen).unwrap().points;
+    }
+    let back = |p: DVec3| world.turn.inverse() * (p - world.shift) / world.scale;
+    let (mut mean, mut spread, mut scale, mut opacity) = (DVec3::ZERO, 0.0, 0.0, 0.0);
+    let (mut color, mut n) = (DVec3::ZERO, 0.0);
+    let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
+    for k in 0..scene.components() {
+        let (splat, _) = scene.splat(k);
+        if splat.opacity > 0.0 {
+            let at = back(vector(splat.mean));
+            n += 1.0;
+            mean += at;
+            spread += at.length_squared();
+            scale += f64::from(splat.scale.iter().sum::<f32>()) / world.scale;
+            opacity += f64::from(splat.opacity);
+            color += vector(splat.color);
+        }
+    }
+    Said {
+        used: scene.used() as f64,
+        points: points as f64,
+        mean: mean / n,
+        spread: spread / n,
+        scale: scale / n,
+        opacity: opacity / n,
+        color: color / n,
+    }
+}
+
+fn unit() -> impl Strategy<Value = DVec3> {
+    [-1.0..1.0f64, -1.0..1.0, -1.0..1.0].prop_map(DVec3::from_array)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 8, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn the_world_may_be_told_otherwise(
+        power in -4.0..4.0f64,
+        turn in unit(),
+        shift in unit(),
+    ) {
+        let scale = 10f64.powf(power);
+        let turn = DQuat::from_scaled_axis(turn * 3.0);
+        let world = Similarity { scale, turn, shift: shift * 100.0 * scale };
+        let (here, there) = (said_in(&Similarity::NONE), said_in(&world));
+        let ratio = |a: f64, b: f64| (b / a - 1.0).abs();
+        prop_assert!(ratio(here.used, there.used) < 0.01, "{} {}", here.used, there.used);
+        prop_assert!(ratio(here.points, there.points) < 0.001, "{} {}", here.points, there.points);
+        prop_assert!(here.mean.distance(there.mean) < 0.01, "{} {}", here.mean, there.mean);
+        prop_assert!(ratio(here.spread, there.spread) < 0.01, "{} {}", here.spread, there.spread);
+        prop_assert!(ratio(here.scale, there.scale) < 0.01, "{} {}", here.scale, there.scale);
+        prop_assert!(ratio(here.opacity, there.opacity) < 0.01, "{} {}", here.opacity, there.opacity);
+        prop_assert!(here.color.distance(there.color) < 0.005, "{} {}", here.color, there.color);
+    }
+}
