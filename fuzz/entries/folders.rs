@@ -17,23 +17,6 @@ pub const MARK: &[u8] = b"\n=== ";
 const MAX_FILES: usize = 24;
 const MAX_FRAMES: usize = 3;
 
-/// What the synthetic scene is written in, each once.
-pub const LAYOUTS: [SyntheticLayout; 13] = [
-    SyntheticLayout::Blender(DepthBits::Eight),
-    SyntheticLayout::Blender(DepthBits::Sixteen),
-    SyntheticLayout::SevenScenes,
-    SyntheticLayout::Tum,
-    SyntheticLayout::Open3d,
-    SyntheticLayout::Replica,
-    SyntheticLayout::Scannet,
-    SyntheticLayout::Nerfstudio,
-    SyntheticLayout::Record3d,
-    SyntheticLayout::Record3dArchive,
-    SyntheticLayout::StrayScanner,
-    SyntheticLayout::Arkit,
-    SyntheticLayout::RtabMap,
-];
-
 /// Text files with poses, lists and intrinsics, with the layout that has them.
 pub const POSE_FILES: [(SyntheticLayout, &str); 18] = [
     (SyntheticLayout::Tum, "groundtruth.txt"),
@@ -141,8 +124,10 @@ fn in_place(layout: SyntheticLayout, file: &str, data: &[u8]) {
 
 /// The smallest recording of a layout.
 pub fn sound(layout: SyntheticLayout) -> &'static Files {
-    static KEPT: [OnceLock<Files>; LAYOUTS.len()] = [const { OnceLock::new() }; LAYOUTS.len()];
-    let slot = LAYOUTS.iter().position(|other| *other == layout).expect("a known layout");
+    static KEPT: [OnceLock<Files>; SyntheticLayout::ALL.len()] =
+        [const { OnceLock::new() }; SyntheticLayout::ALL.len()];
+    let slot =
+        SyntheticLayout::ALL.iter().position(|other| *other == layout).expect("a known layout");
     KEPT[slot].get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
         let params = SyntheticParams {

@@ -1,7 +1,7 @@
 //! Sound inputs that fuzzing begins with and the replay keeps alive: an entry that refuses them all
 //! finds nothing.
 
-use super::folders::{IMAGE_FILES, LAYOUTS, MARK, POSE_FILES, sound};
+use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
@@ -26,7 +26,7 @@ pub fn layouts() -> Vec<Vec<u8>> {
             [&text[..], MARK, name, b"\n", bytes].concat()
         })
     };
-    LAYOUTS.iter().map(text).collect()
+    SyntheticLayout::ALL.iter().map(text).collect()
 }
 
 /// Every file of poses behind its number.

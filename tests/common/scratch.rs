@@ -54,28 +54,11 @@ fn collect(root: &Path, relative: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
     }
 }
 
-/// What `synth` writes.
-pub const ALL_LAYOUTS: [SyntheticLayout; 13] = [
-    SyntheticLayout::Blender(DepthBits::Eight),
-    SyntheticLayout::Blender(DepthBits::Sixteen),
-    SyntheticLayout::SevenScenes,
-    SyntheticLayout::Tum,
-    SyntheticLayout::Open3d,
-    SyntheticLayout::Replica,
-    SyntheticLayout::Scannet,
-    SyntheticLayout::Nerfstudio,
-    SyntheticLayout::Record3d,
-    SyntheticLayout::Record3dArchive,
-    SyntheticLayout::StrayScanner,
-    SyntheticLayout::Arkit,
-    SyntheticLayout::RtabMap,
-];
-
 /// A fresh copy of [`TINY`] in a layout; rendered once per test run.
 pub fn tiny(layout: SyntheticLayout) -> TempDir {
-    static KEPT: [OnceLock<Files>; ALL_LAYOUTS.len()] =
-        [const { OnceLock::new() }; ALL_LAYOUTS.len()];
-    let slot = ALL_LAYOUTS.iter().position(|other| *other == layout).unwrap();
+    static KEPT: [OnceLock<Files>; SyntheticLayout::ALL.len()] =
+        [const { OnceLock::new() }; SyntheticLayout::ALL.len()];
+    let slot = SyntheticLayout::ALL.iter().position(|other| *other == layout).unwrap();
     let files = KEPT[slot].get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
         write(&TINY, folder.path(), layout, &mut |_, _| ()).unwrap();

@@ -1,6 +1,6 @@
 //! Every layout of a sequence: what `synth` writes is read back, poses, depth and colours.
 
-use crate::common::scratch::{ALL_LAYOUTS, open_plain};
+use crate::common::scratch::open_plain;
 use crate::common::shared;
 use glam::DMat4;
 use std::path::Path;
@@ -89,7 +89,11 @@ fn what_is_written_is_read_back() {
             }
         }
     }
-    assert_eq!(ALL_LAYOUTS.len(), SEQUENCES.len() + 3, "every layout is read back somewhere");
+    assert_eq!(
+        SyntheticLayout::ALL.len(),
+        SEQUENCES.len() + 3,
+        "every layout is read back somewhere"
+    );
 }
 
 #[test]

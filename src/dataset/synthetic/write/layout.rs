@@ -31,3 +31,22 @@ pub enum SyntheticLayout {
     /// RTAB-Map's export, millimetres.
     RtabMap,
 }
+
+impl SyntheticLayout {
+    /// Each of them; Blender's by both depths.
+    pub const ALL: [Self; 13] = [
+        Self::Blender(DepthBits::Eight),
+        Self::Blender(DepthBits::Sixteen),
+        Self::SevenScenes,
+        Self::Tum,
+        Self::Open3d,
+        Self::Replica,
+        Self::Scannet,
+        Self::Nerfstudio,
+        Self::Record3d,
+        Self::Record3dArchive,
+        Self::StrayScanner,
+        Self::Arkit,
+        Self::RtabMap,
+    ];
+}
