@@ -26,7 +26,7 @@ pub fn checkpoint(data: &[u8]) {
 }
 
 /// The file with the checksums of what it holds, as far as its table says where that is.
-fn sealed(data: &[u8]) -> Vec<u8> {
+pub fn sealed(data: &[u8]) -> Vec<u8> {
     let mut data = data.to_vec();
     let at = |data: &[u8], place: usize| {
         let bytes = data.get(place..place + 8)?.first_chunk()?;

@@ -3,7 +3,7 @@
 //! cannot be right.
 
 mod bytes;
-mod checkpoint;
+pub mod checkpoint;
 mod folders;
 mod models;
 mod seeds;

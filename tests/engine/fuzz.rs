@@ -2,10 +2,12 @@
 //! are fuzzed (`fuzz/README.md`): no panic, no hang, nothing that cannot be right.
 
 use crate::common::mutation::mutate;
+use crate::entries::checkpoint::sealed;
 use crate::entries::{TARGETS, Target};
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
+use vbgs_studio::export::checkpoint::parse;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
 /// Far more than the slowest input takes without optimisation, seconds: a hang, not a slow machine.
@@ -56,5 +58,19 @@ fn nothing_breaks_on_damaged_inputs() {
             feed(target, &input, &format!("round {round}"));
         }
         eprintln!("{}: {} seeds, {:.1} s", target.name, sound.len(), start.elapsed().as_secs_f64());
+    }
+}
+
+/// Else damaged checkpoints would be refused for their checksums alone.
+#[test]
+fn checksums_are_put_where_checkpoints_have_them() {
+    let target = TARGETS.iter().find(|target| target.name == "checkpoint").unwrap();
+    for sound in (target.seeds)() {
+        assert_eq!(sealed(&sound), sound);
+        let mut wrong = sound.clone();
+        // The first section's checksum, as the table names it.
+        wrong[48] ^= 1;
+        assert!(parse(&wrong).is_err());
+        assert_eq!(sealed(&wrong), sound);
     }
 }
