@@ -132,12 +132,14 @@ fn frames_that_cannot_be_placed_are_named_and_teach_nothing() {
         }
     }
     let found = trajectory(&session);
-    for lost in ["00002", "00004"] {
+    for lost in ["00002", "00003", "00004"] {
         let skipped = found.skipped();
         assert!(skipped.iter().any(|frame| *frame == lost), "{:?}", session.skipped());
     }
     let dark = &session.skipped()[0].message;
     assert!(dark.contains("brightness"), "{dark}");
+    let blank = &session.skipped()[1].message;
+    assert!(blank.contains("00003") && blank.contains("one plain wall"), "{blank}");
     // What follows is where it is without them.
     let mut undisturbed = self::session(whole.path(), 3);
     finish(&mut undisturbed);

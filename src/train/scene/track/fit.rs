@@ -49,7 +49,10 @@ struct Residual {
     /// From the camera, world axes.
     arm: DVec3,
     distance: f64,
+    /// Of the surface that the scene shows.
     normal: DVec3,
+    /// Of the frame's own surface.
+    own_normal: DVec3,
     variance: f64,
     brightness: f64,
     shown: f64,
@@ -73,6 +76,7 @@ impl Residual {
             arm,
             distance: (texel.depth - seen.z) / length,
             normal: rotation * (slope / length),
+            own_normal: pose.rotation() * sample.normal,
             variance: sample.noise * sample.noise + surface * surface,
             brightness: sample.brightness,
             shown: texel.brightness,
@@ -97,6 +101,43 @@ fn gain(residuals: &[Residual]) -> f64 {
         (above + trust * r.brightness * r.shown, below + trust * r.brightness * r.brightness)
     });
     if below > 0.0 { above / below } else { 1.0 }
+}
+
+/// How much of the contrast that the scene shows the frame has as well, 0 to 1: the slope of its brightness
+/// over the scene's. A frame of one colour tells nothing by its brightness, however painted the scene is.
+fn contrast(residuals: &[Residual], gain: f64) -> f64 {
+    let mut sums = [0.0; 5];
+    for r in residuals {
+        let (trust, seen) = (r.depth_trust(), gain * r.brightness);
+        let terms = [1.0, r.shown, seen, r.shown * r.shown, r.shown * seen];
+        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += trust * term);
+    }
+    let [n, shown, seen, shown_twice, both] = sums;
+    let (variance, covariance) = (shown_twice * n - shown * shown, both * n - shown * seen);
+    if variance > 0.0 { (covariance / variance).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// Standard deviations of turn (radians) and centre (world units) along the axes that the residuals of one
+/// pose leave least certain, by the frame's own surfaces and contrast: where it shows another thing than the
+/// scene, the scene's would tell of a pose that the frame knows nothing of. `None` unless all numbers are
+/// finite.
+fn certain(
+    residuals: &[Residual],
+    gain: f64,
+    alike: f64,
+    deviations: [f64; 2],
+) -> Option<[f64; 2]> {
+    let still = Motion { turn: DQuat::IDENTITY, shift: DVec3::ZERO };
+    let mut equations = RigidEquations::prior(&still, deviations);
+    let contrast = contrast(residuals, gain);
+    for r in residuals {
+        let (depth_trust, trust) = (r.depth_trust(), r.brightness_trust(gain));
+        equations.add(r.distance, r.own_normal, r.arm, depth_trust / (alike * r.variance));
+        let weight = trust * depth_trust / (alike * BRIGHTNESS * BRIGHTNESS);
+        let apart = r.shown - gain * r.brightness;
+        equations.add(apart, contrast * r.slope, r.arm, weight);
+    }
+    equations.deviations()
 }
 
 /// Moves a frame from `start` to where its samples fit the scene as drawn from `from`, in at most so
@@ -132,7 +173,7 @@ pub fn fit(
                 pose,
                 overlap: n / samples.len().max(1) as f64,
                 agreement: agreement / n.max(1.0),
-                deviations: equations.deviations()?,
+                deviations: certain(&residuals, gain, *alike, deviations)?,
             });
         }
         let step = Motion { turn: DQuat::from_scaled_axis(turn), shift };

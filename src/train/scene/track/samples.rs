@@ -18,6 +18,8 @@ const ONE_SURFACE: f32 = 0.03;
 pub struct Sample {
     /// In the axes of the depth camera, world units from its centre.
     pub position: DVec3,
+    /// Unit normal of the surface, in the same axes; zero where it is not known.
+    pub normal: DVec3,
     /// Brightness in `[0, 1]`.
     pub brightness: f64,
     /// Half-width of the depth noise, world units.
@@ -56,6 +58,7 @@ struct Block {
     range: f32,
     n: f64,
     position: DVec3,
+    normal: DVec3,
     brightness: f64,
     noise: f64,
 }
@@ -91,12 +94,14 @@ fn samples(frame: &Observation, block: usize) -> SampleLevel {
         }
         block.n += 1.0;
         block.position += point.position_vector();
+        block.normal += point.normal_vector();
         block.brightness += brightness(point.color);
         block.noise += f64::from(point.noise);
     }
     let (rotation, shift) = frame.camera.pose.inverse();
     let sample = |block: &Block| Sample {
         position: rotation * (block.position / block.n + frame.origin) + shift,
+        normal: (rotation * block.normal).normalize_or_zero(),
         brightness: block.brightness / block.n,
         noise: block.noise / block.n,
     };
