@@ -59,7 +59,14 @@ impl eframe::egui::DroppedFile for Dropped {
 }
 
 pub fn drop_on(window: &mut Window, path: &Path) {
-    window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_owned())));
+    drop_all_on(window, &[path]);
+}
+
+/// Drops several things at once.
+pub fn drop_all_on(window: &mut Window, paths: &[&Path]) {
+    for path in paths {
+        window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.to_path_buf())));
+    }
     window.step();
 }
 

@@ -1,6 +1,8 @@
 //! What is dropped on the window, and what of it cannot be used.
 
-use super::harness::{Window, close_notice, dataset, drop_on, is, train, wait, window};
+use super::harness::{
+    Window, close_notice, dataset, drop_all_on, drop_on, is, train, wait, window,
+};
 use crate::common::adapter::turn;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
@@ -46,6 +48,35 @@ fn what_cannot_be_opened_is_said_and_what_was_open_stays() {
     let before = told(&window);
     close_notice(&mut window);
     assert_eq!(told(&window) + 1, before, "the newest notice comes first");
+}
+
+#[test]
+fn of_several_things_dropped_the_first_that_can_be_opened_is_and_the_others_are_named() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let [first, last] = ["no-such-a", "no-such-b"].map(|name| folder.path().join(name));
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.run_steps(2);
+    let newest = |s: &Studio| s.snapshot().notices.last().map(|n| (n.kind, n.text.clone()));
+
+    drop_all_on(&mut window, &[&first, &last]);
+    wait(&mut window, "the refusal", |s| {
+        newest(s).is_some_and(|(kind, text)| {
+            kind == NoticeKind::Error && text.contains("none of 2") && text.contains("no-such-a")
+        })
+    });
+    assert_eq!(window.state().snapshot().state, RunState::Empty);
+
+    drop_all_on(&mut window, &[&first, &path, &last]);
+    wait(&mut window, "ready", is(RunState::Ready));
+    wait(&mut window, "what is left out", |s| {
+        newest(s).is_some_and(|(_, text)| text.contains("left out"))
+    });
+    let (kind, text) = newest(window.state()).unwrap();
+    assert_eq!(kind, NoticeKind::Warning);
+    assert!(text.contains("no-such-a") && text.contains("no-such-b"), "{text}");
+    assert_eq!(window.state().snapshot().opened.as_ref().unwrap().path, Some(path));
 }
 
 #[test]

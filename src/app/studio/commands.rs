@@ -135,10 +135,12 @@ impl Studio {
     }
 
     pub(super) fn take_dropped(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        // The first of several: only one thing is open at a time.
-        let dropped = ui.input(|i| i.raw.dropped_files.first().map(|f| f.path().to_owned()));
-        if let Some(path) = dropped {
-            self.discard_then(order_to_open(path), snapshot);
+        let paths: Vec<PathBuf> =
+            ui.input(|i| i.raw.dropped_files.iter().map(|file| file.path().to_owned()).collect());
+        match <[PathBuf; 1]>::try_from(paths) {
+            Ok([path]) => self.discard_then(order_to_open(path), snapshot),
+            Err(none) if none.is_empty() => {}
+            Err(several) => self.discard_then(WorkerOrder::OpenFirst(several), snapshot),
         }
     }
 

@@ -75,7 +75,7 @@ impl WorkerThread {
         path: &Path,
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
-    ) {
+    ) -> Result<(), String> {
         let selection = Selection { follow: true, ..Selection::everything() };
         match Follow::new(path, &LoadOptions::default(), &selection) {
             Ok(follow) => {
@@ -94,8 +94,9 @@ impl WorkerThread {
                     ..Snapshot::default()
                 };
                 self.tell_of_recording();
+                Ok(())
             }
-            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
+            Err(error) => Err(error.to_string()),
         }
     }
 

@@ -15,6 +15,8 @@ pub enum WorkerOrder {
     TrainBy(Box<TrainSettings>),
     /// Open something and, for the demo, train it at once.
     Open(Subject),
+    /// Open the first of these that can be opened, and say which are left out.
+    OpenFirst(Vec<PathBuf>),
     /// Start over with what is open, its cameras corrected by a file.
     Calibrate(PathBuf),
     /// Train until paused or done.

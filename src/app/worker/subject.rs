@@ -9,6 +9,7 @@ use crate::app::state::{
     GivenCalibration, HISTORY, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject,
 };
 use crate::eval::report::FrameReport;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 impl WorkerThread {
@@ -17,6 +18,47 @@ impl WorkerThread {
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) {
+        if let Err(error) = self.try_open(calibration, subject) {
+            self.notify(NoticeKind::Error, error);
+        }
+    }
+
+    /// Opens the first that can be opened, since only one thing is open at a time, and says what became
+    /// of the others.
+    pub(super) fn open_first(&mut self, paths: &[PathBuf]) {
+        // One notice for all: somebody may drop all photographs of a capture instead of its folder.
+        let mut problem = None;
+        for (i, path) in paths.iter().enumerate() {
+            match self.try_open(None, Subject::Path(path.clone())) {
+                Err(error) => problem = problem.or(Some(error)),
+                Ok(()) if paths.len() == 1 => return,
+                Ok(()) => {
+                    let others = paths.iter().enumerate().filter(|(j, _)| *j != i);
+                    let others: Vec<&PathBuf> = others.map(|(_, path)| path).collect();
+                    let reason = problem.map(|p| format!(" ({p})")).unwrap_or_default();
+                    let text = format!(
+                        "{} is open, one thing at a time; left out: {}{reason}",
+                        path.display(),
+                        named(&others)
+                    );
+                    return self.notify(NoticeKind::Warning, text);
+                }
+            }
+        }
+        if let Some(problem) = problem {
+            let text = match paths.len() {
+                1 => problem,
+                n => format!("none of {n} things can be opened; the first: {problem}"),
+            };
+            self.notify(NoticeKind::Error, text);
+        }
+    }
+
+    fn try_open(
+        &mut self,
+        calibration: Option<Arc<GivenCalibration>>,
+        subject: Subject,
+    ) -> Result<(), String> {
         if self.snapshot.follows
             && let Subject::Path(path) = subject.clone()
             && is_folder(&subject)
@@ -42,10 +84,11 @@ impl WorkerThread {
                 if self.snapshot.follows {
                     self.set_follows(true);
                 }
+                Ok(())
             }
             Err(error) => {
                 self.restore_state(before);
-                self.notify(NoticeKind::Error, error.to_string());
+                Err(error.to_string())
             }
         }
     }
@@ -116,5 +159,16 @@ impl WorkerThread {
             self.notify_of(NoticeTopic::Subject, kind, text);
         }
         self.refresh_session_info();
+    }
+}
+
+/// The first few paths and how many more there are.
+fn named(paths: &[&PathBuf]) -> String {
+    const NAMED: usize = 3;
+    let names: Vec<String> =
+        paths.iter().take(NAMED).map(|path| path.display().to_string()).collect();
+    match paths.len().saturating_sub(NAMED) {
+        0 => names.join(", "),
+        more => format!("{} and {more} more", names.join(", ")),
     }
 }

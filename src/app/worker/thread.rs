@@ -173,6 +173,7 @@ impl WorkerThread {
         match order {
             WorkerOrder::TrainBy(settings) => self.training = *settings,
             WorkerOrder::Open(subject) => self.open_with(None, subject),
+            WorkerOrder::OpenFirst(paths) => self.open_first(&paths),
             WorkerOrder::Calibrate(path) => self.calibrate(&path),
             WorkerOrder::Train => self.set_state(RunState::Training),
             WorkerOrder::Pause => {
