@@ -1,5 +1,6 @@
 //! Where the milliseconds go: a stacked area over the latest frames, and a table.
 
+use super::plot_axes::numbered;
 use super::timings::{stage_ms, stages, timings};
 use crate::app::drawing::{DrawHistory, DrawStage, Drawer};
 use crate::app::state::Snapshot;
@@ -61,16 +62,19 @@ pub fn ui(
             ui.label(RichText::new("This adapter cannot time its passes.").weak());
         }
         ui.add_space(6.0);
-        ui.horizontal(|ui| {
-            let all = || timings(&snapshot.recent, drawn);
-            let copy = "Copies the timings of these frames and pictures to the clipboard";
-            if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
-                ui.ctx().copy_text(all());
-            }
-            let save = "Writes the timings of these frames and pictures beside what is open";
-            if ui.button("Write CSV").on_hover_text(save).clicked() {
-                to_write = Some(all());
-            }
+        let has_timings = !snapshot.recent.is_empty() || drawn.samples().len() > 0;
+        ui.add_enabled_ui(has_timings, |ui| {
+            ui.horizontal(|ui| {
+                let all = || timings(&snapshot.recent, drawn);
+                let copy = "Copies the timings of these frames and pictures to the clipboard";
+                if ui.button("Copy as CSV").on_hover_text(copy).clicked() {
+                    ui.ctx().copy_text(all());
+                }
+                let save = "Writes the timings of these frames and pictures beside what is open";
+                if ui.button("Write CSV").on_hover_text(save).clicked() {
+                    to_write = Some(all());
+                }
+            });
         });
     });
     to_write
@@ -83,7 +87,7 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
     let mut totals: Vec<f64> = frames.iter().map(|f| f.ms.stages.train).collect();
     totals.sort_by(f64::total_cmp);
     let top = (1.25 * quantile(&totals, 0.98)).max(f64::MIN_POSITIVE);
-    Plot::new("latency")
+    numbered(Plot::new("latency"), ["frame", "ms"])
         .height(190.0)
         .include_y(0.0)
         // No gestures: the wheel scrolls the panel, and the bounds follow the newest frames.
@@ -91,8 +95,6 @@ fn plot(frames: &[FrameReport], budget_ms: f64, ui: &mut Ui) {
         .allow_zoom(false)
         .allow_scroll(false)
         .allow_boxed_zoom(false)
-        .x_axis_label("frame")
-        .y_axis_label("ms")
         .label_formatter(|at| {
             let x = match at {
                 HoverPosition::NearDataPoint { position, .. }

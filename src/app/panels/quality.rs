@@ -1,6 +1,7 @@
 //! How good the scene is: held-out views against frames and seconds, and view by view.
 
 use super::legend::number;
+use super::plot_axes::numbered;
 use super::signal_color::SignalColor;
 use crate::app::quality::{QualityMonitor, QualityPoint};
 use crate::app::state::{Opened, Snapshot};
@@ -157,14 +158,12 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
     let points: Vec<[f64; 2]> =
         history.iter().filter_map(|point| Some([x(point), metric.of(point)?])).collect();
     let unit = if against_seconds { "seconds of training" } else { "frames" };
-    Plot::new(("quality", metric.label(), against_seconds))
+    numbered(Plot::new(("quality", metric.label(), against_seconds)), [unit, metric.axis()])
         .height(180.0)
         .allow_drag(false)
         .allow_zoom(false)
         .allow_scroll(false)
         .allow_boxed_zoom(false)
-        .x_axis_label(unit)
-        .y_axis_label(metric.axis())
         .show(ui, |plot| {
             plot.line(Line::new(metric.label(), PlotPoints::from(points.clone())).color(CURVE));
             plot.points(

@@ -1,0 +1,50 @@
+//! Axes of plots with round numbers along them, however narrow the panel is.
+
+use egui_plot::{GridInput, GridMark, Plot, uniform_grid_spacer};
+
+/// Least distance of two numbers, in the closest grid lines that a plot would draw (8 points): numbers are
+/// wide and not high.
+const APART: [f64; 2] = [10.0, 4.0];
+
+/// A plot with names and numbers along its axes.
+pub fn numbered<'a>(plot: Plot<'a>, [x, y]: [&'a str; 2]) -> Plot<'a> {
+    plot.x_axis_label(x)
+        .y_axis_label(y)
+        .x_grid_spacer(uniform_grid_spacer(|input| steps(&input, APART[0])))
+        .y_grid_spacer(uniform_grid_spacer(|input| steps(&input, APART[1])))
+        .x_axis_formatter(|mark, _| number(&mark))
+        .y_axis_formatter(|mark, _| number(&mark))
+}
+
+/// Steps of 1, 2 or 5 times a power of ten. By powers of ten alone a low plot may have room for a single
+/// number.
+fn steps(input: &GridInput, apart: f64) -> [f64; 3] {
+    let least = apart * input.base_step_size;
+    let power = 10f64.powf(least.log10().floor());
+    let round = [1.0, 2.0, 5.0].map(|n| n * power).into_iter().find(|step| *step >= least);
+    let step = round.unwrap_or(10.0 * power);
+    [step, 10.0 * step, 100.0 * step]
+}
+
+/// With as many decimals as its step has.
+fn number(mark: &GridMark) -> String {
+    let decimals = (-mark.step_size.log10()).ceil().max(0.0) as usize;
+    format!("{:.decimals$}", mark.value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_round_and_apart() {
+        for (base, expected) in [(0.011, 0.05), (0.4, 2.0), (1.0, 5.0), (2.4, 10.0), (19.0, 100.0)]
+        {
+            let input = GridInput { bounds: (0.0, 20.0 * base), base_step_size: base };
+            let [step, ..] = steps(&input, 4.0);
+            assert!((step - expected).abs() < 1e-9 * expected, "{base}: {step}");
+        }
+        let said = |value, step_size| number(&GridMark { value, step_size });
+        assert_eq!([said(0.5, 0.5), said(20.0, 20.0), said(0.05, 0.05)], ["0.5", "20", "0.05"]);
+    }
+}
