@@ -7,6 +7,7 @@ use eframe::egui::{Grid, Ui};
 pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
     ui.add_space(4.0);
     ui.label("Other programs draw plain splats: opacity up to 1, one colour.");
+    ui.weak("Trained with Splats: Plain (Settings), a scene is written exactly as it was learnt.");
     Grid::new("mapping").num_columns(2).show(ui, |ui| {
         ui.label("Splats for each");
         ui.horizontal(|ui| {

@@ -24,12 +24,10 @@
 
 use super::gaussian::{Gaussian, SCALE_FLOOR, drawable, from_rows, scale_floor};
 use crate::model::splat::appearance::{Appearance, GRADIENT_LIMIT, SplatSet, SplatView};
+use crate::model::splat::plain::{OPAQUE, PLAIN_WIDTH, of_equal_area};
 use crate::model::splat::splats::Splat;
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
-
-/// Largest opacity of a mapped splat; renderers cap alpha there too.
-const OPAQUE: f64 = 0.99;
 
 /// How native splats become plain ones; `default()` writes one splat for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,13 +74,13 @@ impl Mapping {
         Self { opacity, split }
     }
 
-    /// Factor on standard deviations. Single splats without a gradient look best wider than native
-    /// ones: at 1.3 and 1.5 times the deviation of the points where those have 1.2. What crack filling adds
+    /// Factor on standard deviations. Clipped splats without a gradient look best wider than such of equal
+    /// area: at 1.5 times the deviation of the points where native ones have 1.2. What crack filling adds
     /// to opacity widens a splat too, by less than it would if its neighbours were not there.
     fn scale(self, full_coverage: f64) -> f64 {
         let narrower = full_coverage.powf(0.25);
         match (self.split, self.opacity) {
-            (GradientSplit::One, OpacityMapping::EqualArea) => 1.3 / 1.2 * narrower,
+            (GradientSplit::One, OpacityMapping::EqualArea) => PLAIN_WIDTH * narrower,
             (GradientSplit::One, OpacityMapping::Clip) => 1.5 / 1.2,
             (GradientSplit::Two | GradientSplit::Four, _) => narrower,
         }
@@ -193,9 +191,8 @@ fn plain_of(splat: Gaussian, full_coverage: f64, mapping: Mapping) -> Gaussian {
     let mut factor = mapping.scale(full_coverage);
     // Where one splat alone covers a pixel, that is what crack filling makes of it.
     let splat = Gaussian { opacity: splat.opacity / full_coverage, ..splat };
-    if splat.opacity > OPAQUE && mapping.opacity == OpacityMapping::EqualArea {
-        // ∫ min(c, o·exp(−r²/2)) dA = 2πc·(1 + ln(o/c)): a Gaussian of peak c covers 2πc.
-        factor *= (1.0 + (splat.opacity / OPAQUE).ln()).sqrt();
+    if mapping.opacity == OpacityMapping::EqualArea {
+        factor *= of_equal_area(splat.opacity).1;
     }
     Gaussian { opacity: splat.opacity.min(OPAQUE), scale: splat.scale * factor, ..splat }
 }

@@ -130,6 +130,20 @@ fn a_preset_is_a_file_by_its_name() {
 }
 
 #[test]
+fn plain_splats_have_nothing_native() {
+    let scratch = Scratch::with_room();
+    for part in ["gradient", "crack-filling"] {
+        let run = scratch.run(&format!("train room --out out --splats plain --with {part}"));
+        run.fails(2, &["--splats", &format!("expected native beside {part}"), "found plain"]);
+    }
+    let run = scratch.run("train room --out out --max-frames 2 --splats plane");
+    run.fails(2, &["--splats", "plane", "native, plain"]);
+    scratch.run("train room --out out --max-frames 2 --splats plain").succeeds();
+    let run = scratch.run("export out/checkpoint.vbgs -o b.ply --export-split 2").succeeds();
+    assert!(run.stderr.contains("changes nothing"), "{}", run.stderr);
+}
+
+#[test]
 fn options_of_the_other_preset_are_wrong_usage() {
     let scratch = Scratch::with_room();
     for (options, option, preset) in [

@@ -8,6 +8,8 @@ use vbgs_studio::dataset::surface::Preparer;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::eval::choices::GroundTruth;
 use vbgs_studio::eval::views::{EvalOptions, evaluate};
+use vbgs_studio::export::mapping::{Mapping, is_plain, to_plain};
+use vbgs_studio::model::scene::splat_rule::SplatKind;
 use vbgs_studio::model::splat::appearance::SplatSet;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::pipeline::checkpoint::{ResumeRequest, SavedRun};
@@ -31,10 +33,43 @@ fn room() -> Arc<Dataset> {
 }
 
 fn trained(mode: PhotometricMode) -> SplatSet {
-    let asked = SceneOverrides { photometric: Some(mode), ..SceneOverrides::default() };
+    trained_with(SceneOverrides { photometric: Some(mode), ..SceneOverrides::default() })
+}
+
+/// Splats of the room.
+fn trained_with(asked: SceneOverrides) -> SplatSet {
     let mut session = Session::new(room(), asked, Selection::everything()).unwrap();
     while !matches!(session.step().unwrap(), Step::Finished) {}
     session.stored_splats()
+}
+
+#[test]
+fn plain_splats_learn_what_files_hold() {
+    let plain = trained_with(SceneOverrides {
+        splats: Some(SplatKind::Plain),
+        ..SceneOverrides::default()
+    });
+    assert!(is_plain(plain.view()), "as learnt");
+    let native = trained(PhotometricMode::Full);
+    let mapped = to_plain(native.view(), Mapping::default()).expect("native splats");
+    let [learnt, mapped] = [psnr(&plain), psnr(&mapped)];
+    println!("plain {learnt:.2} dB, native as plain {mapped:.2} dB");
+    assert!(learnt > mapped + 0.5, "plain {learnt:.2} dB, native as plain {mapped:.2} dB");
+}
+
+#[test]
+fn photographs_leave_alone_what_splats_do_not_have() {
+    let without_gradient = SceneOverrides { gradient: Some(false), ..SceneOverrides::default() };
+    let splats = trained_with(without_gradient);
+    let looks = splats.view().appearance();
+    assert!(looks.iter().all(|look| look.gradient == [[0.0; 3]; 3]));
+    assert!(looks.iter().any(|look| look.directional != [[0.0; 3]; 3]));
+    let without_direction =
+        SceneOverrides { directional: Some(false), ..SceneOverrides::default() };
+    let splats = trained_with(without_direction);
+    let looks = splats.view().appearance();
+    assert!(looks.iter().all(|look| look.directional == [[0.0; 3]; 3]));
+    assert!(looks.iter().any(|look| look.gradient != [[0.0; 3]; 3]));
 }
 
 /// Mean PSNR over the views that no frame was, dB.

@@ -69,12 +69,13 @@ const PARTS: [PresetChange; 12] = [
 ];
 
 /// Changes beside leaving one part out.
-const CHANGES: [PresetChange; 9] = [
+const CHANGES: [PresetChange; 10] = [
     ("one colour per component", |run| {
         run.engine.splat_rule.gradient = false;
         run.engine.splat_rule.directional = false;
     }),
     ("opacity from the number of points alone", opacity_of_count),
+    ("plain splats", |run| run.engine.splat_rule = run.engine.splat_rule.plain()),
     ("looks counted by returns", |run| run.engine.visibility = VisibilityRule::Returned),
     ("no prior of the covariance", |run| run.engine.splat_rule.prior_points = 0.0),
     ("loose inliers, no calibration", |run| {

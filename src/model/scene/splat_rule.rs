@@ -5,9 +5,31 @@ use super::opacity::{DensityOpacity, early};
 use super::sums::{SceneSums, outer};
 use crate::math::sym3::Sym3;
 use crate::model::splat::appearance::Appearance;
+use crate::model::splat::plain::{PLAIN_WIDTH, of_equal_area};
 use crate::model::splat::splats::{CovarianceForm, Splat, decompose};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
+use strum::{Display, EnumString, VariantNames};
+
+/// What splats are.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames,
+)]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum SplatKind {
+    /// With flat tops, colour gradients and filled cracks, which this program draws.
+    Native,
+    /// Gaussians of an opacity up to 1 that every viewer draws alike.
+    Plain,
+}
+
+impl SplatKind {
+    /// Of the splats that a rule makes.
+    pub fn of(rule: &SplatRule) -> Self {
+        if rule.flat_top { Self::Native } else { Self::Plain }
+    }
+}
 
 /// How sums become a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +43,10 @@ pub struct SplatRule {
     /// Coverage from which on a pixel counts as covered in full, in `(0, 1]`.
     #[serde(default = "open", rename = "closing")]
     pub full_coverage: f64,
+    /// Whether opacities may exceed 1, which gives splats a flat top.
+    // Left out where it is on, so that files of native scenes are what they were.
+    #[serde(default = "yes", skip_serializing_if = "Clone::clone")]
+    pub flat_top: bool,
     /// Least standard deviation, units of `h`.
     pub least_scale: f64,
     /// Standard deviation of the points that every component starts with, units of `h`.
@@ -51,6 +77,12 @@ pub struct SplatContext {
 }
 
 impl SplatRule {
+    /// The rule of splats that files and other viewers hold as they are.
+    pub fn plain(self) -> Self {
+        let scale = self.scale * PLAIN_WIDTH;
+        Self { flat_top: false, gradient: false, full_coverage: 1.0, scale, ..self }
+    }
+
     /// The splat of a component and its appearance; an empty slot if it is not to be drawn.
     pub fn splat(&self, sums: &SceneSums, context: &SplatContext) -> (Splat, Appearance) {
         let opacity = self.opacity.opacity(sums.count, context.expected, context.frames);
@@ -63,7 +95,10 @@ impl SplatRule {
         let covariance = sums.covariance();
         let (scale, rotation) =
             decompose(self.regular(covariance, sums.count, context.h), CovarianceForm::Eigen);
-        let scale = (scale * self.scale).max(DVec3::splat(self.least_scale * context.h));
+        let (opacity, widened) =
+            if self.flat_top { (opacity, 1.0) } else { of_equal_area(opacity) };
+        let scale =
+            (scale * (self.scale * widened)).max(DVec3::splat(self.least_scale * context.h));
         let mut color = sums.color / sums.count;
         let mut appearance = Appearance::default();
         if self.gradient {
@@ -117,6 +152,11 @@ impl SplatRule {
 /// Of scenes written before cracks were filled.
 fn open() -> f64 {
     1.0
+}
+
+/// Of scenes written before splats could be plain, and of native ones.
+fn yes() -> bool {
+    true
 }
 
 fn rows(m: DMat3) -> [[f32; 3]; 3] {

@@ -114,6 +114,7 @@ impl SceneConfig {
                 // 1.2 before cracks were filled in finished pixels: width blurs what splats show.
                 scale: 1.12,
                 full_coverage: 0.9,
+                flat_top: true,
                 least_scale: 0.05,
                 prior_scale: 0.3,
                 prior_points: 2.0,
@@ -149,6 +150,11 @@ impl SceneConfig {
             ..fine.splat_rule
         };
         Self { align: true, gain: true, splat_rule, ..fine }
+    }
+
+    /// How splats learn from photographs, given what they are.
+    pub fn photometric_rule(&self) -> Option<PhotometricRule> {
+        self.photometric.map(|rule| rule.of_splats(&self.splat_rule))
     }
 
     /// Seeds at most: merged components keep theirs, and a lattice is merged only when it is drawn.

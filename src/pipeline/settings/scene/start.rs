@@ -12,6 +12,7 @@ use crate::dataset::Dataset;
 use crate::dataset::surface::sample::FrameSample;
 use crate::dataset::surface::{Sensor, SurfaceSettings};
 use crate::dataset::wild_poses::wild_poses;
+use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
 use crate::train::scene::config::{SceneConfig, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
@@ -32,6 +33,7 @@ impl SceneRun {
         overrides: &SceneOverrides,
     ) -> Result<Self, SceneError> {
         let mut run = Self::defaults(dataset, plan, overrides);
+        nothing_native_of_plain(overrides)?;
         overrides.apply(&mut run);
         SceneOverrides::check(&run)?;
         let sample = FrameSample::of(dataset, plan.split, &plan.first_pass(), &run.surface)?;
@@ -69,6 +71,20 @@ impl SceneRun {
         }
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }
+    }
+}
+
+/// Refuses what plain splats are asked for and cannot have.
+fn nothing_native_of_plain(overrides: &SceneOverrides) -> Result<(), ConfigError> {
+    let asked = [(overrides.gradient, "gradient"), (overrides.crack_filling, "crack-filling")];
+    let asked = asked.into_iter().find(|(asked, _)| *asked == Some(true));
+    match (overrides.splats, asked) {
+        (Some(SplatKind::Plain), Some((_, part))) => Err(ConfigError {
+            setting: "splats",
+            expected: format!("native beside {part}, which plain splats cannot have"),
+            found: "plain".to_owned(),
+        }),
+        _ => Ok(()),
     }
 }
 

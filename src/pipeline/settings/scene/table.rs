@@ -3,6 +3,7 @@
 use super::run::SceneRun;
 use crate::dataset::calibration::Calibration;
 use crate::dataset::surface::Sensor;
+use crate::model::scene::splat_rule::SplatKind;
 use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
 use crate::train::scene::sum_form::SumForm;
@@ -63,6 +64,19 @@ settings! {
         default by "light; off with lattices";
         get |run| Some(PhotometricMode::of(run.engine.photometric));
         set |run, mode| run.engine.photometric = mode.rule();
+    }
+    /// What splats are: native ones are drawn best by this program; plain ones are what every viewer draws,
+    /// and files hold them as they were learnt.
+    splats: SplatKind {
+        option "--splats" "KIND";
+        label "Splats";
+        default "native";
+        get |run| Some(SplatKind::of(&run.engine.splat_rule));
+        set |run, kind| {
+            if kind == SplatKind::Plain {
+                run.engine.splat_rule = run.engine.splat_rule.plain();
+            }
+        };
     }
     /// How it is counted how often a component could have been seen: by projecting it into every
     /// frame, or by the frames that brought it points.
@@ -135,7 +149,7 @@ settings! {
     crack_filling: bool {
         part "crack-filling";
         was "closing";
-        default "true";
+        default by "on; off with plain splats";
         get |run| Some(run.engine.splat_rule.full_coverage < 1.0);
         set |run, fills| {
             if !fills {
@@ -146,7 +160,7 @@ settings! {
     /// Colour that varies over a splat.
     gradient: bool {
         part "gradient";
-        default "true";
+        default by "on; off with plain splats";
         at |run| run.engine.splat_rule.gradient;
     }
     /// Colour that depends on the view direction.
@@ -175,6 +189,24 @@ impl SettingValue for BirthRule {
         text.to_string_lossy().parse().map_err(|_| {
             let text = text.display();
             ValueError::Text(format!("expected seeds, lattice or body-centred, found `{text}`"))
+        })
+    }
+}
+
+impl SettingValue for SplatKind {
+    fn choices() -> Vec<Choice> {
+        let native =
+            "With flat tops and colour gradients, cracks between them filled: sharpest here";
+        let plain = "As every viewer draws them: files hold exactly what was learnt";
+        vec![
+            Choice { name: "native", label: "Native", help: native },
+            Choice { name: "plain", label: "Plain", help: plain },
+        ]
+    }
+
+    fn parse(text: &OsStr) -> Result<Self, ValueError> {
+        text.to_string_lossy().parse().map_err(|_| {
+            ValueError::Text(format!("expected native or plain, found `{}`", text.display()))
         })
     }
 }

@@ -15,7 +15,7 @@ use crate::model::scene::photometric::{
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::train::scene::photometric::rule::PhotometricRule;
-use crate::train::scene::photometric::{OPACITY, prior_precision};
+use crate::train::scene::photometric::{LEAST_OPACITY, prior_precision};
 use glam::{DQuat, DVec3};
 
 /// Largest turn between two estimates of one splat whose forms are compared, radians: beyond it their
@@ -89,7 +89,7 @@ impl Estimate {
         [self.splat.color[channel], a, b, c, d, e, f]
     }
 
-    fn reform(&mut self, step: &[f64], precision: &[f64]) {
+    fn reform(&mut self, step: &[f64], precision: &[f64], most_opacity: f64) {
         let splat = &mut self.splat;
         for i in 0..3 {
             splat.mean[i] = (f64::from(splat.mean[i]) + step[i]) as f32;
@@ -99,7 +99,7 @@ impl Estimate {
         let turned = (rotation(splat) * turn).normalize();
         splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
         let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
-        splat.opacity = opacity.clamp(OPACITY[0], OPACITY[1]) as f32;
+        splat.opacity = opacity.clamp(LEAST_OPACITY, most_opacity) as f32;
         put_triangle::<N_FORM>(&mut self.form, precision);
     }
 
@@ -135,7 +135,7 @@ pub fn fused(start: Option<Estimate>, later: &[Later], rule: &PhotometricRule) -
     }
     let mut result = base;
     if let Some(([step], precision)) = form.solved(&base.form, &form_prior, known) {
-        result.reform(&step, &precision);
+        result.reform(&step, &precision, rule.most_opacity);
     }
     if let Some((steps, precision)) = color.solved(&base.color, &color_prior, known) {
         result.recolor(&steps, &precision);

@@ -32,7 +32,7 @@ pub fn fuse<W: SumScalar>(
     let all = all?;
     let of_start = shared.par_iter().enumerate().map(|(id, start)| {
         let later: Vec<&Component> = all.iter().filter_map(|scene| scene.get(id)).collect();
-        start.with_all(&later, config.photometric.as_ref())
+        start.with_all(&later, config.photometric_rule().as_ref())
     });
     let mut fused = Fused::new(config.h, of_start.collect());
     for scene in all {

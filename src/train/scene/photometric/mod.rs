@@ -25,8 +25,8 @@ use agreement::FrameAgreement;
 use comparers::Comparers;
 use rayon::prelude::*;
 use rule::PhotometricRule;
+pub use step::{LEAST_OPACITY, prior_precision};
 use step::{LearnRun, SplatRun};
-pub use step::{OPACITY, prior_precision};
 
 /// Weight of a splat over the pixels from which on a photograph says anything of it, px.
 const MIN_SEEN: f32 = 0.5;

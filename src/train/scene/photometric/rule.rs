@@ -1,5 +1,7 @@
 //! Constants of the photometric step (`photometric.md`, Constants).
 
+use crate::model::scene::splat_rule::SplatRule;
+use crate::model::splat::plain::OPAQUE;
 use crate::render::cpu::photometric::RowChoice;
 use crate::train::setting::value::{Choice, SettingValue, ValueError};
 use serde::{Deserialize, Serialize};
@@ -39,13 +41,25 @@ pub struct PhotometricRule {
     pub young: f64,
     /// Standard deviations of the prior.
     pub prior: PriorDeviations,
+    /// Largest opacity that a step leaves.
+    // What splats are says it, and their rule holds that.
+    #[serde(skip, default = "flat")]
+    pub most_opacity: f64,
+}
+
+/// Largest opacity of a splat with a flat top.
+const MOST_OPACITY: f64 = 3.0;
+
+fn flat() -> f64 {
+    MOST_OPACITY
 }
 
 fn every_row() -> u32 {
     1
 }
 
-/// How far a splat's parameters may lie from what the points say.
+/// How far a splat's parameters may lie from what the points say; those of colour by direction or by place
+/// stay as they are where it is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PriorDeviations {
     /// Of the mean, units of the largest scale.
@@ -65,6 +79,19 @@ pub struct PriorDeviations {
 }
 
 impl PhotometricRule {
+    /// With what splats of a rule do not have left alone.
+    pub fn of_splats(self, splats: &SplatRule) -> Self {
+        let of = |has: bool, deviation: f64| if has { deviation } else { 0.0 };
+        let gradient = of(splats.gradient, self.prior.gradient);
+        let directional = of(splats.directional, self.prior.directional);
+        let most_opacity = if splats.flat_top { MOST_OPACITY } else { OPAQUE };
+        Self {
+            prior: PriorDeviations { gradient, directional, ..self.prior },
+            most_opacity,
+            ..self
+        }
+    }
+
     /// Every how many rows of an image of so many pixels are learnt.
     pub fn rows_of(&self, pixels: usize) -> u32 {
         match self.rows {
@@ -100,6 +127,7 @@ impl PhotometricRule {
             directional: 0.2,
             gradient: 0.15,
         },
+        most_opacity: MOST_OPACITY,
     };
 }
 

@@ -10,8 +10,11 @@ use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{Compared, ParameterSums, SeenSplat};
 use glam::{DQuat, DVec3};
 
-/// Bounds of an opacity: a splat that photographs call transparent stays in sight of later ones.
-pub const OPACITY: [f64; 2] = [0.01, 3.0];
+/// Least opacity: a splat that photographs call transparent stays in sight of later ones.
+pub const LEAST_OPACITY: f64 = 0.01;
+/// Deviation of a coefficient of colour that stays as it is, colour units: its row in a block decides
+/// nothing then.
+const HELD: f64 = 1e-4;
 /// Largest standard deviation over the smallest: thinner needles would be no surface.
 const MAX_ASPECT: f64 = 1e4;
 
@@ -110,12 +113,12 @@ impl SplatRun<'_> {
             let (splat, look) = (&mut self.splats[row], &mut self.appearance[row]);
             let extent = largest(splat);
             if form_is_sound & (1 << lane) != 0 {
-                reform(splat, std::array::from_fn(|i| f64::from(step[i][lane])), rule.trust);
+                reform(splat, std::array::from_fn(|i| f64::from(step[i][lane])), rule);
             }
             if color_is_sound & (1 << lane) != 0 {
                 for (k, recolored) in recolor.iter().enumerate() {
                     let step = std::array::from_fn(|i| f64::from(recolored[i][lane]));
-                    repaint(splat, look, k, step, 3.0 * rule.trust, extent);
+                    repaint(splat, look, k, step, rule, extent);
                 }
             }
         }
@@ -188,11 +191,11 @@ fn solved<V: Vector, const N: usize, const P: usize>(
 }
 
 /// Moves and forms a splat anew, the whole step shortened to the trust region.
-fn reform(splat: &mut Splat, step: [f64; N_FORM], trust: f64) {
+fn reform(splat: &mut Splat, step: [f64; N_FORM], rule: &PhotometricRule) {
     let extent = largest(splat);
     let mean = DVec3::new(step[0], step[1], step[2]);
     let far = step[3..9].iter().fold(mean.length() / extent, |far, x| far.max(x.abs()));
-    let far = far.max(step[9].abs() / 3.0) / trust;
+    let far = far.max(step[9].abs() / 3.0) / rule.trust;
     if !far.is_finite() {
         return;
     }
@@ -210,20 +213,27 @@ fn reform(splat: &mut Splat, step: [f64; N_FORM], trust: f64) {
     let turned = (DQuat::from_xyzw(x, y, z, w) * turn).normalize();
     splat.rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
     let opacity = f64::from(splat.opacity) * libm::exp(step[9]);
-    splat.opacity = opacity.clamp(OPACITY[0], OPACITY[1]) as f32;
+    splat.opacity = opacity.clamp(LEAST_OPACITY, rule.most_opacity) as f32;
 }
 
-/// Colours a channel of a splat of so large an extent anew, the step shortened to `limit`.
+/// Colours a channel of a splat of so large an extent anew, the step shortened to the trust region.
 fn repaint(
     splat: &mut Splat,
     look: &mut Appearance,
     channel: usize,
-    step: [f64; N_COLOR],
-    limit: f64,
+    mut step: [f64; N_COLOR],
+    rule: &PhotometricRule,
     extent: f64,
 ) {
+    if rule.prior.directional == 0.0 {
+        step[1..4].fill(0.0);
+    }
+    if rule.prior.gradient == 0.0 {
+        step[4..].fill(0.0);
+    }
     let squared = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>();
-    let far = (squared(&step[..4]) + squared(&step[4..]) * extent * extent).sqrt() / limit;
+    let far =
+        (squared(&step[..4]) + squared(&step[4..]) * extent * extent).sqrt() / (3.0 * rule.trust);
     if !far.is_finite() {
         return;
     }
@@ -244,7 +254,8 @@ pub fn prior_precision(splat: &Splat, prior: &PriorDeviations) -> ([f64; N_FORM]
     let extent = largest(splat);
     let per = |deviation: f64| 1.0 / (deviation * deviation);
     let (mean, scale, turn) = (per(prior.mean * extent), per(prior.scale), per(prior.turn));
-    let (directional, gradient) = (per(prior.directional), per(prior.gradient / extent));
+    let directional = per(prior.directional.max(HELD));
+    let gradient = per(prior.gradient.max(HELD) / extent);
     let form = [mean, mean, mean, scale, scale, scale, turn, turn, turn, per(prior.opacity)];
     let color =
         [per(prior.color), directional, directional, directional, gradient, gradient, gradient];

@@ -88,7 +88,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         camera: &Camera,
         gain: [f32; 3],
     ) -> Option<PhotographOutcome> {
-        let (rule, photograph) = (self.config.photometric?, frame.photograph.as_ref()?);
+        let (rule, photograph) = (self.config.photometric_rule()?, frame.photograph.as_ref()?);
         // Taken out meanwhile: new splats are made of the sums that stay behind.
         let mut photometric = std::mem::take(&mut self.photometric);
         let splat = |id| self.splat_of_points(id);
