@@ -137,7 +137,7 @@ fn plain_splats_have_nothing_native() {
         run.fails(2, &["--splats", &format!("expected native beside {part}"), "found plain"]);
     }
     let run = scratch.run("train room --out out --max-frames 2 --splats plane");
-    run.fails(2, &["--splats", "plane", "native, plain"]);
+    run.fails(2, &["--splats", "plane"]);
     scratch.run("train room --out out --max-frames 2 --splats plain").succeeds();
     let run = scratch.run("export out/checkpoint.vbgs -o b.ply --export-split 2").succeeds();
     assert!(run.stderr.contains("changes nothing"), "{}", run.stderr);
