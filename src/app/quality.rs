@@ -11,10 +11,12 @@ use super::view_thread::{Announce, ViewThread};
 use super::worker::Waker;
 use crate::dataset::Dataset;
 use crate::dataset::splits::Evaluation;
-use crate::eval::choices::GroundTruth;
+use crate::eval::choices::{GroundTruth, ViewPoses};
 use crate::eval::metrics::mean_std;
+use crate::eval::near::near_plane;
 use crate::eval::report::ViewReport;
 use crate::eval::views::{EvalOptions, evaluate};
+use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::{RenderMethod, RenderOptions};
 use eframe::egui::Context;
@@ -42,6 +44,8 @@ pub struct QualityPoint {
     pub components: usize,
     /// Mean PSNR, dB.
     pub psnr: f64,
+    /// The same where splats cover the view, and the share that they cover.
+    pub covered: Option<(f64, f64)>,
     /// Mean SSIM.
     pub ssim: f64,
     /// Mean absolute depth error, world units, where the views have depth.
@@ -54,9 +58,21 @@ struct QualityQuery {
     dataset: Arc<Dataset>,
     split: usize,
     views: Vec<usize>,
+    /// All that will be measured: the near plane is one for them.
+    all: Vec<usize>,
     options: EvalOptions,
     /// When: frames, seconds and components.
     at: (usize, f64, usize),
+}
+
+impl QualityQuery {
+    /// With a near plane that follows the scene.
+    fn options_for(&self, splats: &SplatSet) -> EvalOptions {
+        let frames = &self.dataset.splits[self.split].frames;
+        let cameras: Vec<Camera> = self.all.iter().map(|&view| frames[view].camera).collect();
+        let near = near_plane(splats.view(), &cameras);
+        EvalOptions { render: RenderOptions { near, ..self.options.render }, ..self.options }
+    }
 }
 
 struct QualityAnswer {
@@ -170,6 +186,8 @@ impl QualityMonitor {
         let render = RenderOptions::evaluation(method, black);
         let options = EvalOptions {
             color_camera: opened.color_camera(),
+            // As everywhere that photographs are compared: where no pose was corrected, the recorded one.
+            poses: ViewPoses::Corrected,
             ..EvalOptions::plain(GroundTruth::Composited, render)
         };
         if self.serial != opened.serial || self.options != Some(options) {
@@ -262,6 +280,7 @@ impl QualityMonitor {
             dataset: dataset.clone(),
             split: evaluation.split,
             views,
+            all: self.chosen(MAX_VIEWS),
             options,
             at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
         };
@@ -289,8 +308,9 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
     let alone = alone.map_err(std::io::Error::other)?;
     ViewThread::start("quality", waker, move |splats: &SplatSet, query: QualityQuery| {
         let started = Instant::now();
-        let QualityQuery { dataset, split, views, options, .. } = &query;
-        let measured = alone.install(|| evaluate(splats, dataset, *split, views, options, |_| {}));
+        let QualityQuery { dataset, split, views, .. } = &query;
+        let options = query.options_for(splats);
+        let measured = alone.install(|| evaluate(splats, dataset, *split, views, &options, |_| {}));
         let scores = measured.map(|(_, scores)| scores).map_err(|error| error.to_string());
         QualityAnswer { scores, took: started.elapsed(), query }
     })
@@ -308,6 +328,7 @@ fn point(views: &[ViewReport], at: (usize, f64, usize)) -> Option<QualityPoint> 
         seconds,
         components,
         psnr: mean(&|view| Some(view.psnr))?,
+        covered: mean(&|view| view.psnr_covered).zip(mean(&|view| Some(view.coverage))),
         ssim: mean(&|view| Some(view.ssim))?,
         depth_error: mean(&|view| view.depth_mae),
     })

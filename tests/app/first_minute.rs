@@ -28,7 +28,7 @@ fn an_opened_dataset_is_never_blank_and_one_button_trains_it() {
     wait(&mut window, "ready", is(RunState::Ready));
     window.run_steps(2);
     window.get_by_label_contains("Recognised as");
-    window.get_by_label("train: 3 frames of 64×48, trained");
+    window.get_by_label("train: 3 frames of 64×48, all for training");
     // Nothing is trained: what is seen are the cameras and their photographs.
     wait_for_picture(&mut window);
     click(&mut window, "Train 3 frames");

@@ -4,8 +4,12 @@ use super::harness::{click, dataset, is, train, wait, wait_for_label, window};
 use super::viewer::{evaluated_on_black, position, session};
 use crate::common::adapter::turn;
 use egui_kittest::kittest::Queryable;
+use std::fs;
+use std::path::Path;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::train::scene::units::StructuralScale;
 
@@ -31,6 +35,56 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     click(&mut window, &name);
     assert_eq!(position(&window), Some(held_out));
     assert!(window.state().view().mode().has_photo());
+}
+
+/// Moves the poses of a recording by up to 2 cm along x, as a loose tracker does.
+fn sway(poses: &Path) {
+    let text = fs::read_to_string(poses).unwrap();
+    let lines = text.lines().enumerate().map(|(i, line)| {
+        let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+        if let Some(Ok(x)) = words.get(1).map(|x| x.parse::<f64>()) {
+            words[1] = (x + 0.02 * (0.5 * i as f64).sin()).to_string();
+        }
+        words.join(" ") + "\n"
+    });
+    fs::write(poses, lines.collect::<String>()).unwrap();
+}
+
+#[test]
+fn views_of_a_camera_whose_poses_were_corrected_are_drawn_from_where_it_stood() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room");
+    let params = SyntheticParams {
+        width: 128,
+        height: 96,
+        n_train: 52,
+        n_eval: 0,
+        seed: 1,
+        depth_noise: 0.0,
+    };
+    write(&params, &path, SyntheticLayout::Tum, &mut |_, _| {}).unwrap();
+    sway(&path.join("groundtruth.txt"));
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    train(&mut window);
+    wait(&mut window, "the result", |s| s.quality().result().is_some());
+    let session = session(&path, SceneOverrides::default());
+    let evaluation = session.dataset().evaluation(session.plan().split);
+    let held_out = evaluation
+        .frames
+        .iter()
+        .map(|&index| evaluated_on_black(&session, (evaluation.split, index)).psnr);
+    let expected = held_out.clone().sum::<f64>() / held_out.len() as f64;
+    let (splats, frames) = (session.splats(), &session.dataset().splits[evaluation.split].frames);
+    let was_corrected = |&index: &usize| {
+        let pose = frames[index].camera.pose;
+        splats.finishing().corrected(&pose) != pose
+    };
+    assert!(evaluation.frames.iter().any(was_corrected));
+    let result = window.state().quality().result().unwrap();
+    assert!((result.psnr - expected).abs() < 1e-9, "{result:?}, expected {expected}");
+    assert!(result.covered.is_some());
 }
 
 #[test]

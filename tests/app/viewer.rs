@@ -15,7 +15,7 @@ use vbgs_studio::app::state::Subject;
 use vbgs_studio::app::viewer::mode::ViewMode;
 use vbgs_studio::app::{Painting, Studio};
 use vbgs_studio::dataset::{self, LoadOptions};
-use vbgs_studio::eval::choices::GroundTruth;
+use vbgs_studio::eval::choices::{GroundTruth, ViewPoses};
 use vbgs_studio::eval::report::ViewReport;
 use vbgs_studio::eval::views::{EvalOptions, evaluate};
 use vbgs_studio::pipeline::plan::Selection;
@@ -170,8 +170,9 @@ pub fn evaluated_on_black(session: &Session, view: (usize, usize)) -> ViewReport
 fn measured(session: &Session, view: (usize, usize), render: RenderOptions) -> ViewReport {
     let (split, index) = view;
     let color_camera = session.config().method.any().color_camera();
+    let poses = ViewPoses::Corrected;
     let options =
-        EvalOptions { color_camera, ..EvalOptions::plain(GroundTruth::Composited, render) };
+        EvalOptions { color_camera, poses, ..EvalOptions::plain(GroundTruth::Composited, render) };
     let views = [index];
     let (_, mut scores) =
         evaluate(&session.splats(), session.dataset(), split, &views, &options, |_| {}).unwrap();

@@ -213,7 +213,11 @@ fn row(
 
 fn number(ui: &mut Ui, text: RichText) {
     let size = Vec2::new(FIGURE, ui.spacing().interact_size.y);
-    ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| ui.label(text));
+    ui.allocate_ui_with_layout(size, Layout::right_to_left(Align::Center), |ui| {
+        // What is used of the place is its column's width.
+        ui.set_min_width(FIGURE);
+        ui.label(text)
+    });
 }
 
 #[cfg(test)]

@@ -133,6 +133,9 @@ fn summary(quality: &QualityMonitor, snapshot: &Snapshot, ui: &mut Ui) {
         line += &format!(" · depth error {}", number(error));
     }
     ui.label(line);
+    if let Some((psnr, share)) = point.covered {
+        ui.label(format!("{psnr:.2} dB where covered, {:.0} % of the pixels", 100.0 * share));
+    }
     ui.label(RichText::new(what).weak());
 }
 

@@ -62,17 +62,18 @@ pub fn ui(
 /// Layout, frames, sizes and depth.
 fn recognised(opened: &Opened) -> Vec<String> {
     let Some(dataset) = &opened.dataset else { return Vec::new() };
-    let trained = opened.plan.as_ref().map(|plan| plan.split);
     let mut lines = vec![format!("Recognised as {}", dataset.layout.name())];
     for (i, split) in dataset.splits.iter().enumerate() {
         let Some(first) = split.frames.first() else { continue };
         let k = &first.camera.intrinsics;
-        let what = match (split.has_depth, trained == Some(i)) {
-            (_, true) => ", trained",
-            (true, false) => "",
-            (false, false) => ", colour only",
-        };
         let (name, n) = (&split.name, split.frames.len());
+        let trained = opened.plan.as_ref().filter(|plan| plan.split == i);
+        let what = match (split.has_depth, trained.map(|plan| plan.first_pass().len())) {
+            (_, Some(trained)) if trained == n => ", all for training".to_owned(),
+            (_, Some(trained)) => format!(", {trained} of them for training"),
+            (true, None) => String::new(),
+            (false, None) => ", colour only".to_owned(),
+        };
         lines.push(format!("{name}: {n} frames of {}×{}{what}", k.width, k.height));
     }
     lines

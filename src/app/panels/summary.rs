@@ -47,6 +47,11 @@ pub fn ui(
                     answer = Some(SummaryAnswer::Quality);
                 }
                 ui.end_row();
+                if let Some((psnr, share)) = quality.result().and_then(|result| result.covered) {
+                    ui.label(RichText::new("Where covered").weak());
+                    ui.label(format!("{psnr:.2} dB over {:.0} % of the pixels", 100.0 * share));
+                    ui.end_row();
+                }
                 for (label, value) in facts(snapshot) {
                     ui.label(RichText::new(label).weak());
                     ui.label(value);
@@ -81,7 +86,8 @@ fn figures(quality: &QualityMonitor) -> String {
     let (done, all) = quality.progress();
     match (quality.result(), all) {
         (Some(point), _) => {
-            format!("{:.2} dB, SSIM {:.3} on {all} views", point.psnr, point.ssim)
+            let views = if all == 1 { "view" } else { "views" };
+            format!("{:.2} dB, SSIM {:.3} on {all} {views}", point.psnr, point.ssim)
         }
         (None, 0) => "no views".to_owned(),
         (None, _) => match quality.problem() {
