@@ -77,12 +77,14 @@ fn a_double_click_turns_about_the_surface_where_it_is() {
     wait(&mut window, "another pivot", |s| s.view().target() != Some(target));
     let (stays, pivot) = view(&window);
     assert!((stays - eye).length() < 1e-9, "the camera turns where it stands");
-    // On the surface: what is in the middle of the view now is found at the same depth by a click there.
+    // On the surface: what is in the middle of the view now is found at about the same depth by a click
+    // there, which may meet another one of the coarse splats.
     double_click_at(&mut window, MIDDLE);
     wait(&mut window, "the same pivot", |s| s.view().target() != Some(pivot));
     let (_, again) = view(&window);
     let distance = (pivot - eye).length();
-    assert!((again - pivot).length() < 0.1 * distance, "{pivot} and then {again}");
+    let apart = (again - pivot).length() / distance;
+    assert!(apart < 0.2, "{pivot} and then {again}, {apart:.2} of the distance away");
 }
 
 #[test]
