@@ -5,7 +5,9 @@
 //! follows from the step of its code: lengths alone would have lost all three. Depth that never was
 //! a file has no codes and is kept as the lengths themselves.
 
+use super::distortion::Distortion;
 use super::error::FrameProblem;
+use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 
 /// Distance of code 0 in the classic 8-bit export, world units: `ℓ = 8·(1 − d/255)`.
@@ -100,6 +102,33 @@ impl Depth {
             DepthCodes::Inverse8(codes) => punched(&mut codes.data, 0, is_hole),
             DepthCodes::Linear16 { codes, .. } => punched(&mut codes.data, 0, is_hole),
             DepthCodes::Lengths(lengths) => punched(&mut lengths.data, 0.0, is_hole),
+        }
+    }
+
+    /// Makes it what the pinhole `k` sees.
+    pub(super) fn straighten(&mut self, lens: &Distortion, k: &Intrinsics) {
+        fn replace<T>(image: &mut Image<T>, new: impl Fn(&Image<T>) -> Option<Image<T>>) {
+            if let Some(new) = new(image) {
+                *image = new;
+            }
+        }
+        let scaled = |factor: f64| if self.kind == DepthKind::Z { factor } else { 1.0 };
+        match &mut self.codes {
+            DepthCodes::Inverse8(codes) => {
+                // Along rays, whose length no turn of the camera changes.
+                replace(codes, |codes| lens.straighten_depth(k, codes, 0, |code, _| code));
+            }
+            DepthCodes::Linear16 { codes, .. } => {
+                let along_axis = |code: u16, factor| match code {
+                    0 | HOLE16 => code,
+                    code => (f64::from(code) * scaled(factor)).round() as u16,
+                };
+                replace(codes, |codes| lens.straighten_depth(k, codes, 0, along_axis));
+            }
+            DepthCodes::Lengths(lengths) => {
+                let along_axis = |length, factor| length * scaled(factor) as f32;
+                replace(lengths, |lengths| lens.straighten_depth(k, lengths, 0.0, along_axis));
+            }
         }
     }
 

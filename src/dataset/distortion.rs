@@ -1,27 +1,39 @@
-//! Lenses that bend straight lines, made straight when a frame is loaded.
+//! Lenses that bend straight lines, and images read row by row, made straight when a frame is loaded.
 //!
 //! Everything behind a frame is a pinhole, and stays one: the image is resampled to the pinhole of
 //! the same intrinsics, colours by the mean of four texels, depth by the nearest, since the mean of
 //! two surfaces is neither. Radial and tangential terms are those of Brown and Conrady as OpenCV
 //! has them: `r² = x² + y²`, `x' = x(1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²)`.
 
+use super::rolling_shutter::RollingShutter;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use glam::DVec2;
+use rayon::prelude::*;
 
-/// Coefficients of a lens, for slopes (pixels over focal length).
+/// What bends the images of a frame: a lens, and rows that were read at different times.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Distortion {
-    /// `k₁`, `k₂`, `k₃`.
+    /// `k₁`, `k₂`, `k₃`, for slopes (pixels over focal length).
     pub radial: [f64; 3],
     /// `p₁`, `p₂`.
     pub tangential: [f64; 2],
+    /// Of the photograph.
+    pub color: RollingShutter,
+    /// Of the depth image.
+    pub depth: RollingShutter,
+}
+
+/// A place in an image that was taken, pixels, and the factor on a depth along the axis there.
+struct Source {
+    at: DVec2,
+    factor: f64,
 }
 
 impl Distortion {
-    /// Whether it bends nothing.
-    pub fn is_none(&self) -> bool {
-        *self == Self::default()
+    /// Whether the lens bends nothing.
+    fn is_pinhole(&self) -> bool {
+        (self.radial, self.tangential) == ([0.0; 3], [0.0; 2])
     }
 
     /// Where the lens puts what a pinhole sees at a slope.
@@ -37,54 +49,81 @@ impl Distortion {
             )
     }
 
-    /// The colours that the pinhole `k` sees, transparent where the lens saw nothing.
-    pub fn straighten_color(&self, k: &Intrinsics, image: &Image<[u8; 4]>) -> Image<[u8; 4]> {
-        self.resample(k, image, [0; 4], |at| {
-            let corner = at - 0.5;
+    /// The colours that the pinhole `k` sees, transparent where its lens saw nothing, and those of the image's
+    /// edge where rows that were read late, or early, had passed what it sees. `None` if they are those of
+    /// the image.
+    pub fn straighten_color(
+        &self,
+        k: &Intrinsics,
+        image: &Image<[u8; 4]>,
+    ) -> Option<Image<[u8; 4]>> {
+        let beyond = !self.color.is_none(k) && self.is_pinhole();
+        self.resample(k, (self.color, beyond), image, [0; 4], |Source { at, .. }| {
             let last = DVec2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
-            let corner = corner.clamp(DVec2::ZERO, last);
+            let corner = (at - 0.5).clamp(DVec2::ZERO, last);
             let (x, y) = (corner.x as usize, corner.y as usize);
-            let t = corner - corner.floor();
+            let t = (corner - corner.floor()).as_vec2();
             let (right, below) = ((x + 1).min(image.width - 1), (y + 1).min(image.height - 1));
-            let four = [[x, y], [right, y], [x, below], [right, below]];
-            let weights =
-                [(1.0 - t.x) * (1.0 - t.y), t.x * (1.0 - t.y), (1.0 - t.x) * t.y, t.x * t.y];
+            let (upper, lower) = (
+                [image.at(x, y), image.at(right, y)],
+                [image.at(x, below), image.at(right, below)],
+            );
             std::array::from_fn(|channel| {
-                let texels = four.iter().map(|&[x, y]| f64::from(image.at(x, y)[channel]));
-                texels.zip(weights).map(|(v, w)| v * w).sum::<f64>().round() as u8
+                let mix = |[left, right]: [&[u8; 4]; 2]| {
+                    let (left, right) = (f32::from(left[channel]), f32::from(right[channel]));
+                    left + t.x * (right - left)
+                };
+                let (upper, lower) = (mix(upper), mix(lower));
+                (upper + t.y * (lower - upper) + 0.5) as u8
             })
         })
     }
 
-    /// The nearest values that the pinhole `k` sees, `hole` where the lens saw nothing.
-    pub fn straighten_nearest<T: Copy>(
+    /// The nearest depths that the pinhole `k` sees, `hole` where the camera saw nothing; `None` if they
+    /// are those of the image. `along_axis` makes of a depth along the axis, as seen by its own row, the
+    /// one along the axis at the time of the middle row: it takes a value and a factor.
+    pub fn straighten_depth<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
         image: &Image<T>,
         hole: T,
-    ) -> Image<T> {
-        self.resample(k, image, hole, |at| *image.at(at.x as usize, at.y as usize))
+        along_axis: impl Fn(T, f64) -> T + Sync,
+    ) -> Option<Image<T>> {
+        self.resample(k, (self.depth, false), image, hole, |Source { at, factor }| {
+            along_axis(*image.at(at.x as usize, at.y as usize), factor)
+        })
     }
 
-    fn resample<T: Copy>(
+    /// `beyond` says whether values are asked for outside the image too.
+    fn resample<T: Copy + Send + Sync>(
         &self,
         k: &Intrinsics,
+        (shutter, beyond): (RollingShutter, bool),
         image: &Image<T>,
         hole: T,
-        value: impl Fn(DVec2) -> T,
-    ) -> Image<T> {
+        value: impl Fn(Source) -> T + Sync,
+    ) -> Option<Image<T>> {
+        let is_still = shutter.is_none(k);
+        if is_still && self.is_pinhole() {
+            return None;
+        }
         let (focal, principal) = (DVec2::new(k.fx, k.fy), DVec2::new(k.cx, k.cy));
         let size = DVec2::new(image.width as f64, image.height as f64);
         let mut out = Image::filled(image.width, image.height, hole);
-        for (i, out) in out.data.iter_mut().enumerate() {
-            let slope = k.ray(i % image.width, i / image.width).truncate();
-            let at = self.apply(slope) * focal + principal;
-            // Negated, so that NaN is outside.
-            if at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all() {
-                *out = value(at);
+        let (is_pinhole, lens) = (self.is_pinhole(), *self);
+        out.data.par_chunks_mut(image.width.max(1)).enumerate().for_each(|(row, out)| {
+            for (column, out) in out.iter_mut().enumerate() {
+                let slope = k.ray(column, row).truncate();
+                let (slope, factor) = if is_still { (slope, 1.0) } else { shutter.apply(k, slope) };
+                let slope = if is_pinhole { slope } else { lens.apply(slope) };
+                let at = slope * focal + principal;
+                // So that NaN is outside.
+                if beyond || at.cmpge(DVec2::ZERO).all() && at.cmplt(size).all() {
+                    *out = value(Source { at, factor });
+                }
             }
-        }
-        out
+        });
+        Some(out)
     }
 }
 
@@ -98,15 +137,20 @@ mod tests {
         let pixels = (0..16 * 12).map(|i| [i as u8, 7, 9, 255]).collect();
         let image = Image::from_vec(16, 12, pixels);
         let none = Distortion::default();
-        assert!(none.is_none());
-        assert_eq!(none.straighten_color(&k, &image), image);
-        assert_eq!(none.straighten_nearest(&k, &image, [0; 4]), image);
+        assert_eq!(none.straighten_color(&k, &image), None);
+        assert_eq!(none.straighten_depth(&k, &image, [0; 4], |v, _| v), None);
+        let hardly = Distortion { radial: [1e-12, 0.0, 0.0], ..none };
+        assert_eq!(hardly.straighten_color(&k, &image), Some(image));
     }
 
     /// OpenCV's documentation, worked by hand at (0.2, −0.1).
     #[test]
     fn terms_are_those_of_opencv() {
-        let lens = Distortion { radial: [0.1, -0.02, 0.003], tangential: [0.001, -0.002] };
+        let lens = Distortion {
+            radial: [0.1, -0.02, 0.003],
+            tangential: [0.001, -0.002],
+            ..Distortion::default()
+        };
         let found = lens.apply(DVec2::new(0.2, -0.1));
         let radial = 1.0 + 0.1 * 0.05 - 0.02 * 0.0025 + 0.003 * 0.000125;
         let x = 0.2 * radial + 2.0 * 0.001 * -0.02 - 0.002 * (0.05 + 0.08);

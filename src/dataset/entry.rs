@@ -5,7 +5,7 @@
 
 use super::calibration::ColorCamera;
 use super::decode::{self, DepthEncoding};
-use super::depth::{Depth, DepthCodes};
+use super::depth::Depth;
 use super::distortion::Distortion;
 use super::error::{FrameError, FrameProblem};
 use super::frame::{Frame, photographed_by};
@@ -65,7 +65,7 @@ pub(super) enum FrameSource {
 pub(super) struct FrameFiles {
     pub color: ByteSource,
     pub depth: Option<DepthSource>,
-    /// The lens of both cameras.
+    /// The lens of both cameras, and how they turned while they read their images.
     pub lens: Distortion,
 }
 
@@ -196,10 +196,7 @@ impl FrameEntry {
         let k = self.photo_camera(None).intrinsics;
         let size = (k.width, k.height);
         let color = decode::color(&files.color, size).map_err(|p| self.fail(&files.color, p))?;
-        Ok(match files.lens.is_none() {
-            true => color,
-            false => files.lens.straighten_color(&k, &color),
-        })
+        Ok(files.lens.straighten_color(&k, &color).unwrap_or(color))
     }
 
     fn depth(&self, files: &FrameFiles) -> Result<Option<Depth>, FrameError> {
@@ -216,20 +213,7 @@ impl FrameEntry {
             // Nothing may be left where the sensor trusts nothing: said of the depth.
             depth.check(size).map_err(|p| self.fail(map, p))?;
         }
-        if !files.lens.is_none() {
-            depth.codes = match depth.codes {
-                DepthCodes::Inverse8(codes) => {
-                    DepthCodes::Inverse8(files.lens.straighten_nearest(k, &codes, 0))
-                }
-                DepthCodes::Linear16 { codes, unit } => {
-                    let codes = files.lens.straighten_nearest(k, &codes, 0);
-                    DepthCodes::Linear16 { codes, unit }
-                }
-                DepthCodes::Lengths(lengths) => {
-                    DepthCodes::Lengths(files.lens.straighten_nearest(k, &lengths, 0.0))
-                }
-            };
-        }
+        depth.straighten(&files.lens, k);
         Ok(Some(depth))
     }
 

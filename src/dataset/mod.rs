@@ -50,6 +50,7 @@ mod options;
 pub mod pace;
 mod pose_convention;
 mod position_range;
+mod rolling_shutter;
 mod sharpness;
 mod source;
 mod video;

@@ -13,6 +13,7 @@ mod layouts;
 mod memory;
 mod odd_ones;
 mod real;
+mod rolling_shutter;
 mod sequences;
 mod surface;
 mod synthetic;

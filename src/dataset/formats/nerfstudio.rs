@@ -236,6 +236,7 @@ impl FrameList<'_> {
         Ok(Distortion {
             radial: [term("k1")?, term("k2")?, term("k3")?],
             tangential: [term("p1")?, term("p2")?],
+            ..Distortion::default()
         })
     }
 

@@ -8,6 +8,9 @@
 //! nearest one. Between depth image and photograph, 18 ms apart, it turns by two degrees, or 18 pixels: the
 //! photograph was taken by a camera that stood where the trajectory was at its own time.
 //!
+//! Nor was an image taken at one time: the makers' cameras, which recordings without intrinsics are taken
+//! for, read it row by row, and the trajectory says how they turned meanwhile.
+//!
 //! The recordings do not hold their intrinsics. The default of the makers projects their depth better
 //! than the calibration that is published for each colour camera.
 
@@ -23,9 +26,11 @@ use crate::dataset::error::{DatasetError, FrameProblem};
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
+use crate::dataset::rolling_shutter::{KINECT_COLOR, KINECT_DEPTH, RollingShutter};
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::pose::Pose;
+use glam::DVec3;
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -76,21 +81,28 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         false => Some(trajectory(&mut recording)?),
         true => None,
     };
-    let Some(cameras) = cameras(&mut recording, &colors, &depths)? else {
+    let Some((cameras, is_kinect)) = cameras(&mut recording, &colors, &depths)? else {
         return Ok(recording.finish());
     };
+    if is_kinect && trajectory.is_some() {
+        recording.note("a Kinect reads an image in 26 ms and depth in 31 ms: their rows are put where the trajectory says");
+    }
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
     let is_growing = folder.is_growing();
     for depth in depths.iter().filter(|depth| !folder.has_taken(frame_name(&depth.name))) {
         // Poses and photographs come in the order of time: the one behind may be the nearer.
         let is_passed = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
-        let has_pose = trajectory.as_ref().is_none_or(|poses| is_passed(poses.end()));
+        // Of a Kinect, until the last row was read.
+        let read = if is_kinect { 0.5 * KINECT_DEPTH } else { 0.0 };
+        let end = |poses: &Trajectory| poses.end().map(|end| end - read);
+        let has_pose = trajectory.as_ref().is_none_or(|poses| is_passed(end(poses)));
         if is_growing && !(has_pose && is_passed(colors.last().map(|color| color.time))) {
             continue;
         }
         let convention = options.poses;
-        let poses = trajectory.as_ref().map(|trajectory| Poses { trajectory, convention });
+        let poses =
+            trajectory.as_ref().map(|trajectory| Poses { trajectory, convention, is_kinect });
         match frame(depth, &colors, poses, cameras, encoding) {
             Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
@@ -183,22 +195,25 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     Ok(trajectory)
 }
 
-/// Intrinsics from an option, a file or the known cameras; `None` if no image can be read.
+/// Intrinsics from an option, a file or the known cameras, and whether these are the makers' own; `None`
+/// if no image can be read.
 fn cameras(
     recording: &mut Recording,
     colors: &[TimedImage],
     depths: &[TimedImage],
-) -> Result<Option<Cameras>, DatasetError> {
+) -> Result<Option<(Cameras, bool)>, DatasetError> {
     let source = |image: &TimedImage| ByteSource::File(image.path.clone());
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
+    let mut is_kinect = false;
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,
         None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
         None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
             recording
                 .note("no intrinsics in the folder: the makers' 525, 525, 319.5, 239.5 are used");
+            is_kinect = true;
             (file, PRIMESENSE)
         }
         None => {
@@ -207,7 +222,7 @@ fn cameras(
             return Err(wrong(&file, &expected, found, "write them, or give the intrinsics"));
         }
     };
-    recording.one_lens(&k, size, depth_size, &file).map(Some)
+    recording.one_lens(&k, size, depth_size, &file).map(|cameras| Some((cameras, is_kinect)))
 }
 
 /// Where the camera was, and what the numbers mean.
@@ -216,18 +231,48 @@ struct Poses<'a> {
     trajectory: &'a Trajectory,
     /// What the user says; `None` for the layout's own.
     convention: Option<PoseConvention>,
+    /// Whether images are read row by row, as the makers' cameras do.
+    is_kinect: bool,
 }
 
 impl Poses<'_> {
+    /// The world pose at a time, where the trajectory says it.
+    fn at(&self, time: f64) -> Option<Pose> {
+        let convention = self.convention.unwrap_or(FORMAT.poses);
+        self.trajectory.at(time).ok().and_then(|matrix| convention.pose(matrix).ok())
+    }
+
+    /// How the camera turned while it read an image, the middle row at `time`, in `seconds`.
+    fn shutter(&self, time: f64, seconds: f64) -> RollingShutter {
+        let ends = (self.at(time - 0.5 * seconds), self.at(time + 0.5 * seconds));
+        let turn = match ends {
+            (Some(first), Some(last)) => first.offset_to(&last).1.to_scaled_axis(),
+            _ => DVec3::ZERO,
+        };
+        RollingShutter { turn }
+    }
+
+    /// What bends the images taken at these times.
+    fn lens(&self, [depth, color]: [f64; 2]) -> Distortion {
+        match self.is_kinect {
+            true => Distortion {
+                color: self.shutter(color, KINECT_COLOR),
+                depth: self.shutter(depth, KINECT_DEPTH),
+                ..Distortion::default()
+            },
+            false => Distortion::default(),
+        }
+    }
+
     /// The colour camera beside the depth camera as it stood at another time; as it is where the
     /// trajectory does not say.
     fn apart(&self, cameras: Cameras, size: [u32; 2], times: [f64; 2]) -> Cameras {
         if (times[0] - times[1]).abs() < SIMULTANEOUS {
             return cameras;
         }
-        let convention = self.convention.unwrap_or(FORMAT.poses);
-        let pose = |time| self.trajectory.at(time).ok().and_then(|m| convention.pose(m).ok());
-        let (Some(depth), Some(color)) = (pose(times[0]), pose(times[1])) else { return cameras };
+        let (Some(depth), Some(color)) = (self.at(times[0]), self.at(times[1])) else {
+            return cameras;
+        };
         let lens = cameras.color.unwrap_or_else(|| ColorCamera::resampled(&cameras.depth, size));
         Cameras { color: Some(lens.standing(&depth, &color)), ..cameras }
     }
@@ -246,10 +291,9 @@ fn frame(
     };
     let color = nearest(colors, depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
-    let cameras = match poses {
-        Some(poses) => poses.apart(cameras, size, [depth.time, color.time]),
-        None => cameras,
-    };
+    let times = [depth.time, color.time];
+    let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
+    let cameras = poses.map_or(cameras, |poses| poses.apart(cameras, size, times));
     let file = ByteSource::File(depth.path.clone());
     Ok(RecordedFrame {
         name: frame_name(&depth.name).into(),
@@ -258,7 +302,7 @@ fn frame(
         cameras,
         color: ByteSource::File(color.path.clone()),
         depth: Some(DepthSource { file, encoding, confidence: None }),
-        lens: Distortion::default(),
+        lens,
     })
 }
 
