@@ -4,7 +4,7 @@ use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
 use super::session_info::session_info;
 use super::state::{HomeView, NoticeKind, Opened, Subject};
-use super::training::TrainSettings;
+use super::training::{RefusedSetting, TrainSettings};
 use crate::dataset::error::DatasetError;
 use crate::dataset::{self, LoadOptions};
 use crate::export::checkpoint::is_checkpoint;
@@ -61,6 +61,9 @@ pub enum OpenError {
     /// A checkpoint.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// How it is to be trained.
+    #[error(transparent)]
+    Setting(#[from] RefusedSetting),
 }
 
 /// Opens a subject, to be trained as is said unless it brings its own settings; `serial` numbers
@@ -71,12 +74,12 @@ pub fn open(
     serial: u64,
 ) -> Result<OpenedSubject, OpenError> {
     match subject {
-        Subject::Demo => Ok(session(demo::session(training.request())?, serial, None)),
+        Subject::Demo => Ok(session(demo::session(training.request()?)?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
-            let opened = Session::new(dataset, training.request(), Selection::everything())?;
+            let opened = Session::new(dataset, training.request()?, Selection::everything())?;
             Ok(session(opened, serial, Some(path)))
         }
     }
