@@ -9,7 +9,7 @@ use crate::dataset::error::DatasetError;
 use crate::dataset::{self, LoadOptions};
 use crate::export::checkpoint::is_checkpoint;
 use crate::export::mapping::is_plain;
-use crate::export::{self, ExportError};
+use crate::export::{self, ExportError, Imported};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
@@ -196,6 +196,22 @@ fn continued(run: &SavedRun) -> Result<Session, OpenError> {
 fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let model = export::read(path)?;
     let up = model.up().unwrap_or(DVec3::Z);
+    let notices = notices_of(&model, path);
+    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+}
+
+/// The splats of a checkpoint or a model file, and what the user should know about them.
+pub fn splats_of(path: &Path) -> Result<(SplatSet, Vec<(NoticeKind, String)>), OpenError> {
+    if is_checkpoint(path) {
+        let splats = SavedRun::read(path)?.splats()?;
+        return Ok((drawable(&splats), Vec::new()));
+    }
+    let model = export::read(path)?;
+    let notices = notices_of(&model, path);
+    Ok((model.splats, notices))
+}
+
+fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
     let mut notices: Vec<_> =
         model.notes.iter().map(|n| (NoticeKind::Info, n.to_string())).collect();
     if model.skipped > 0 {
@@ -203,7 +219,7 @@ fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+    notices
 }
 
 /// Splats to look at.
