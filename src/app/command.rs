@@ -45,6 +45,10 @@ pub enum UiCommand {
     Grid,
     /// Compare with the photograph, or stop doing so.
     ComparePhoto,
+    /// Choose a second model to compare with.
+    CompareModel,
+    /// Compare with no second model any more.
+    RemoveModel,
     /// Select no splat any more.
     Deselect,
     /// The command that trains likewise without a window, to the clipboard.
@@ -59,7 +63,7 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 24] = [
+    pub const ALL: [UiCommand; 26] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -79,6 +83,8 @@ impl UiCommand {
         UiCommand::Cameras,
         UiCommand::Grid,
         UiCommand::ComparePhoto,
+        UiCommand::CompareModel,
+        UiCommand::RemoveModel,
         UiCommand::Deselect,
         UiCommand::CopyCommandLine,
         UiCommand::Find,
@@ -108,6 +114,8 @@ impl UiCommand {
             UiCommand::Cameras => "Cameras",
             UiCommand::Grid => "Grid",
             UiCommand::ComparePhoto => "Photograph",
+            UiCommand::CompareModel => "Compare with a model…",
+            UiCommand::RemoveModel => "Remove second model",
             UiCommand::Deselect => "Deselect",
             UiCommand::CopyCommandLine => "Copy as command line",
             UiCommand::Find => "Find action…",
@@ -151,6 +159,10 @@ impl UiCommand {
             UiCommand::Cameras => "Show where the photographs were taken, or hide it",
             UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
+            UiCommand::CompareModel => {
+                "Open a checkpoint or a file of splats beside the scene, to wipe between the two"
+            }
+            UiCommand::RemoveModel => "Compare with the second model no longer",
             UiCommand::Deselect => "Select no splat any more; a click on a splat selects it",
             UiCommand::CopyCommandLine => {
                 "Copy the command that trains what is open by these settings without a window"
@@ -173,7 +185,11 @@ impl UiCommand {
         }
         match self {
             UiCommand::Open => const { &[control(Key::O)] },
-            UiCommand::OpenDemo | UiCommand::Follow | UiCommand::CopyCommandLine => &[],
+            UiCommand::OpenDemo
+            | UiCommand::Follow
+            | UiCommand::CompareModel
+            | UiCommand::RemoveModel
+            | UiCommand::CopyCommandLine => &[],
             // One key toggles the two, of which one is legal at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
             UiCommand::Step => const { &[plain(Key::Period)] },
@@ -248,6 +264,8 @@ impl UiCommand {
             | UiCommand::ToggleRenderer
             | UiCommand::Measure
             | UiCommand::Grid
+            | UiCommand::CompareModel
+            | UiCommand::RemoveModel
             | UiCommand::Deselect => source != Source::Nothing,
             UiCommand::PreviousCamera
             | UiCommand::NextCamera

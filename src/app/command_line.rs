@@ -2,7 +2,6 @@
 
 use super::state::{GivenCalibration, Opened};
 use super::training::TrainSettings;
-use crate::pipeline::settings::scene::SceneOverrides;
 use crate::train::setting::Preset;
 use crate::train::setting::table::{SettingLayer, Spelling};
 use std::path::{Path, PathBuf, absolute};
@@ -58,10 +57,16 @@ pub fn command_line(
 
 fn settings(training: &TrainSettings) -> Vec<String> {
     if training.preset == Preset::Paper {
-        return ["--preset", "paper"].map(str::to_owned).into();
+        let preset = ["--preset", "paper"].map(str::to_owned);
+        return preset.into_iter().chain(words(&training.paper)).collect();
     }
-    let given = SceneOverrides::TABLE.iter().filter_map(|setting| {
-        let value = (setting.given)(&training.scene)?;
+    words(&training.scene)
+}
+
+/// What is given of a preset's settings.
+fn words<L: SettingLayer>(layer: &L) -> Vec<String> {
+    let given = L::TABLE.iter().filter_map(|setting| {
+        let value = (setting.given)(layer)?;
         match setting.about.spelling {
             Spelling::Option(option, _) => Some([option.to_owned(), value]),
             Spelling::Part(part) => {
@@ -97,6 +102,8 @@ fn quoted(word: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::settings::scene::SceneOverrides;
+    use crate::train::paper::config::Candidates;
     use crate::train::scene::config::BirthRule;
     use crate::train::scene::units::StructuralScale;
 
@@ -130,5 +137,9 @@ mod tests {
         assert_eq!(settings(&training).join(" "), words);
         training.preset = Preset::Paper;
         assert_eq!(settings(&training), ["--preset", "paper"]);
+        training.paper.components = Some(2000);
+        training.paper.candidates = Some(Candidates::Dense);
+        let words = "--preset paper --components 2000 --candidates dense";
+        assert_eq!(settings(&training).join(" "), words);
     }
 }

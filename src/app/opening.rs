@@ -4,12 +4,12 @@ use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
 use super::session_info::session_info;
 use super::state::{HomeView, NoticeKind, Opened, Subject};
-use super::training::TrainSettings;
+use super::training::{RefusedSetting, TrainSettings};
 use crate::dataset::error::DatasetError;
 use crate::dataset::{self, LoadOptions};
 use crate::export::checkpoint::is_checkpoint;
 use crate::export::mapping::is_plain;
-use crate::export::{self, ExportError};
+use crate::export::{self, ExportError, Imported};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
@@ -61,6 +61,9 @@ pub enum OpenError {
     /// A checkpoint.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// How it is to be trained.
+    #[error(transparent)]
+    Setting(#[from] RefusedSetting),
 }
 
 /// Opens a subject, to be trained as is said unless it brings its own settings; `serial` numbers
@@ -71,12 +74,12 @@ pub fn open(
     serial: u64,
 ) -> Result<OpenedSubject, OpenError> {
     match subject {
-        Subject::Demo => Ok(session(demo::session(training.request())?, serial, None)),
+        Subject::Demo => Ok(session(demo::session(training.request()?)?, serial, None)),
         Subject::Path(path) if is_checkpoint(path) => checkpoint(path, serial),
         Subject::Path(path) if path.is_file() && !dataset::is_archive(path) => model(path, serial),
         Subject::Path(path) => {
             let dataset = Arc::new(dataset::open(path, &LoadOptions::default())?);
-            let opened = Session::new(dataset, training.request(), Selection::everything())?;
+            let opened = Session::new(dataset, training.request()?, Selection::everything())?;
             Ok(session(opened, serial, Some(path)))
         }
     }
@@ -193,6 +196,22 @@ fn continued(run: &SavedRun) -> Result<Session, OpenError> {
 fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let model = export::read(path)?;
     let up = model.up().unwrap_or(DVec3::Z);
+    let notices = notices_of(&model, path);
+    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+}
+
+/// The splats of a checkpoint or a model file, and what the user should know about them.
+pub fn splats_of(path: &Path) -> Result<(SplatSet, Vec<(NoticeKind, String)>), OpenError> {
+    if is_checkpoint(path) {
+        let splats = SavedRun::read(path)?.splats()?;
+        return Ok((drawable(&splats), Vec::new()));
+    }
+    let model = export::read(path)?;
+    let notices = notices_of(&model, path);
+    Ok((model.splats, notices))
+}
+
+fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
     let mut notices: Vec<_> =
         model.notes.iter().map(|n| (NoticeKind::Info, n.to_string())).collect();
     if model.skipped > 0 {
@@ -200,7 +219,7 @@ fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+    notices
 }
 
 /// Splats to look at.

@@ -42,6 +42,7 @@ impl NativeDialog {
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Purpose {
     Open,
+    Compare,
     Save,
     Export,
 }
@@ -51,6 +52,7 @@ impl Purpose {
     fn label(self) -> &'static str {
         match self {
             Purpose::Open => "Open",
+            Purpose::Compare => "Compare",
             Purpose::Save => "Save",
             Purpose::Export => "Export",
         }
@@ -62,15 +64,24 @@ impl Purpose {
                 "A dataset folder, a checkpoint, a calibration or splats ({})",
                 listed(&READ_ENDINGS)
             ),
+            Purpose::Compare => format!(
+                "A second model in the scene's world: a checkpoint or splats ({})",
+                listed(&READ_ENDINGS)
+            ),
             Purpose::Save => "A file name ending in .vbgs".to_owned(),
             Purpose::Export => format!("A file name ending in {}", listed(&WRITTEN_ENDINGS)),
         }
     }
 
+    /// Whether a file is to be written.
+    fn writes(self) -> bool {
+        matches!(self, Purpose::Save | Purpose::Export)
+    }
+
     /// The proposed file's ending; nothing is proposed to open.
     fn ending(self) -> Option<&'static str> {
         match self {
-            Purpose::Open => None,
+            Purpose::Open | Purpose::Compare => None,
             Purpose::Save => Some("vbgs"),
             Purpose::Export => Some(WRITTEN_ENDINGS[0]),
         }
@@ -109,6 +120,11 @@ impl PathDialog {
     /// What to open.
     pub fn open() -> Self {
         Self::new(Purpose::Open)
+    }
+
+    /// What to compare with.
+    pub fn compare() -> Self {
+        Self::new(Purpose::Compare)
     }
 
     /// Where to save a checkpoint.
@@ -200,7 +216,7 @@ impl PathDialog {
     /// Takes the path, or asks about the file that is there.
     fn confirm(&mut self) -> Option<PathAnswer> {
         let path = self.entered();
-        if self.purpose != Purpose::Open {
+        if self.purpose.writes() {
             if path.is_dir() {
                 let path = path.display();
                 self.problem = Some(format!("{path} is a folder: add the name of a file"));
@@ -255,7 +271,7 @@ impl PathDialog {
         }
         // Enter makes a field of one line give up the focus, so that it is told only here.
         let mut confirmed = field.lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
-        if self.purpose != Purpose::Open
+        if self.purpose.writes()
             && let Some(folder) = self.entered().parent()
         {
             ui.label(RichText::new(format!("Folder: {}", folder.display())).weak());
@@ -279,10 +295,10 @@ impl PathDialog {
     fn native_dialogs(&mut self, ui: &mut Ui, waker: &Waker) {
         let entered = self.entered();
         let mut dialog = rfd::FileDialog::new();
-        if let (Some(folder), true) = (entered.parent(), self.purpose != Purpose::Open) {
+        if let (Some(folder), true) = (entered.parent(), self.purpose.writes()) {
             dialog = dialog.set_directory(folder);
         }
-        if let (Some(name), true) = (entered.file_name(), self.purpose != Purpose::Open) {
+        if let (Some(name), true) = (entered.file_name(), self.purpose.writes()) {
             dialog = dialog.set_file_name(name.to_string_lossy());
         }
         match self.purpose {
@@ -292,6 +308,11 @@ impl PathDialog {
                 let endings = [&["vbgs", "ron"], &READ_ENDINGS[..]].concat();
                 let files = dialog.add_filter("models and calibrations", &endings);
                 self.browse(ui, waker, "Browse files…", || files.pick_file());
+            }
+            Purpose::Compare => {
+                let endings = [&["vbgs"], &READ_ENDINGS[..]].concat();
+                let files = dialog.add_filter("models", &endings);
+                self.browse(ui, waker, "Browse…", || files.pick_file());
             }
             Purpose::Save => {
                 let files = dialog.add_filter("checkpoints", &["vbgs"]);

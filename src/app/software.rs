@@ -171,6 +171,10 @@ fn picture(
                 let other = renderer.render(splats, &camera, options).color;
                 combine(&mut first, &other, second.area, second.how);
             }
+            Partner::Model(model, options) => {
+                let other = renderer.render(&model.splats, &camera, options).color;
+                combine(&mut first, &other, second.area, second.how);
+            }
             Partner::Photo(photo) => combine(&mut first, photo, second.area, second.how),
         }
     }

@@ -4,6 +4,7 @@
 use super::drawing::{DrawSample, DrawStage, Drawer};
 use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
+use super::viewer::compared_model::ComparedModel;
 use super::viewer::picture_request::{ComparedPicture, Partner, PictureRequest};
 use super::worker::Waker;
 use crate::math::camera::Camera;
@@ -112,6 +113,7 @@ pub struct GpuViewPainter {
     /// For the other picture of a comparison; made when first needed.
     second: Option<SplatRenderer>,
     photo: Option<(Arc<RgbImage>, PhotoTexture)>,
+    model: Option<GpuModel>,
     compositor: Arc<Mutex<Compositor>>,
     /// Changes the GPU has not got yet; `None` while all of it must be uploaded.
     pending: Option<Vec<u32>>,
@@ -123,12 +125,19 @@ pub struct GpuViewPainter {
     n_drawn: usize,
 }
 
-/// A view, and how it is drawn: once, or twice for a comparison.
-type SortRequest = (Camera, RenderOptions, Option<RenderOptions>);
+/// A second model, which has a scene and a renderer of its own.
+struct GpuModel {
+    model: Arc<ComparedModel>,
+    scene: GpuScene,
+    renderer: SplatRenderer,
+}
+
+/// A view, and how it is drawn: once, or twice for a comparison with other splats.
+type SortRequest = (Camera, RenderOptions, Option<Partner>);
 
 struct Sorted {
     first: Vec<u32>,
-    second: Option<Vec<u32>>,
+    second: Option<(Partner, Vec<u32>)>,
     ms: f64,
 }
 
@@ -146,9 +155,18 @@ impl GpuViewPainter {
         let sort = move |splats: &SplatSet, (camera, first, second): SortRequest| {
             let started = Instant::now();
             // Copied out of the scratch, since the order leaves this thread and the memory stays.
-            let mut order =
-                |options| back_to_front(splats, &camera, &options, &mut scratch).to_vec();
-            let (first, second) = (order(first), second.map(order));
+            let mut order = |splats: &SplatSet, options: &RenderOptions| {
+                back_to_front(splats, &camera, options, &mut scratch).to_vec()
+            };
+            let first = order(splats, &first);
+            let second = second.map(|partner| {
+                let order = match &partner {
+                    Partner::Splats(options) => order(splats, options),
+                    Partner::Model(model, options) => order(&model.splats, options),
+                    Partner::Photo(_) => Vec::new(),
+                };
+                (partner, order)
+            });
             Sorted { first, second, ms: started.elapsed().as_secs_f64() * 1e3 }
         };
         let sorter = ViewThread::start("sorting", waker, sort)?;
@@ -157,6 +175,7 @@ impl GpuViewPainter {
             renderer: SplatRenderer::new(&device, &queue, OrderOf::First)?,
             second: None,
             photo: None,
+            model: None,
             compositor: Arc::new(Mutex::new(Compositor::new(&device, state.target_format))),
             drawer: if capabilities.has_timestamps { Drawer::Gpu } else { Drawer::UntimedGpu },
             device,
@@ -217,6 +236,7 @@ impl GpuViewPainter {
         // Uploaded before an order is set, which is refused if it names splats
         // that are not there yet.
         let mut sample = DrawSample::new(self.upload(splats)?);
+        self.turn_to_model(request)?;
         self.sort(request);
         sample.add(DrawStage::Order, self.sort_ms);
         self.draw(request, &mut sample)?;
@@ -231,7 +251,7 @@ impl GpuViewPainter {
     fn draw(&mut self, request: &PictureRequest, sample: &mut DrawSample) -> Result<(), GpuError> {
         let Self { device, queue, scene, .. } = self;
         let mut encoder = device.create_command_encoder(&Default::default());
-        let mut draw = |renderer: &mut SplatRenderer, options: &RenderOptions| {
+        let mut draw = |renderer: &mut SplatRenderer, scene: &GpuScene, options: &RenderOptions| {
             renderer.render(device, queue, &mut encoder, scene, &request.camera, options)?;
             let times = renderer.gpu_times();
             sample.add(DrawStage::Preprocess, times.and_then(|times| times.preprocess));
@@ -239,16 +259,24 @@ impl GpuViewPainter {
             sample.add(DrawStage::Draw, times.map(|times| times.draw));
             Ok(())
         };
-        draw(&mut self.renderer, &request.options)?;
+        draw(&mut self.renderer, scene, &request.options)?;
         // A second renderer and not the first again: a renderer holds one camera and one
         // image for each submission.
-        if let Some(ComparedPicture { partner: Partner::Splats(options), .. }) = &request.second {
-            if self.second.is_none() {
-                self.second = Some(SplatRenderer::new(device, queue, OrderOf::Second)?);
+        match request.second.as_ref().map(|second| &second.partner) {
+            Some(Partner::Splats(options)) => {
+                if self.second.is_none() {
+                    self.second = Some(SplatRenderer::new(device, queue, OrderOf::Second)?);
+                }
+                if let Some(second) = &mut self.second {
+                    draw(second, scene, options)?;
+                }
             }
-            if let Some(second) = &mut self.second {
-                draw(second, options)?;
+            Some(Partner::Model(_, options)) => {
+                if let Some(GpuModel { scene, renderer, .. }) = &mut self.model {
+                    draw(renderer, scene, options)?;
+                }
             }
+            Some(Partner::Photo(_)) | None => {}
         }
         // Before egui submits the window's pass, which reads these images from the same queue.
         queue.submit([encoder.finish()]);
@@ -266,6 +294,10 @@ impl GpuViewPainter {
             let (view, finish) = match second.partner {
                 Partner::Splats(_) => {
                     let target = self.second.as_ref()?.target();
+                    (target.view(), target.finish())
+                }
+                Partner::Model(..) => {
+                    let target = self.model.as_ref()?.renderer.target();
                     (target.view(), target.finish())
                 }
                 Partner::Photo(_) => (self.photo.as_ref()?.1.view(), Finish::NONE),
@@ -298,28 +330,57 @@ impl GpuViewPainter {
         Ok(bytes)
     }
 
+    /// Uploads the second model that is asked for, and lets go of one that is not.
+    fn turn_to_model(&mut self, request: &PictureRequest) -> Result<(), GpuError> {
+        let asked = match &request.second {
+            Some(ComparedPicture { partner: Partner::Model(model, _), .. }) => model,
+            _ => {
+                self.model = None;
+                return Ok(());
+            }
+        };
+        if self.model.as_ref().is_none_or(|there| !Arc::ptr_eq(&there.model, asked)) {
+            let (device, queue) = (&self.device, &self.queue);
+            self.model = Some(GpuModel {
+                model: asked.clone(),
+                scene: GpuScene::new(device, queue, &asked.splats)?,
+                renderer: SplatRenderer::new(device, queue, OrderOf::First)?,
+            });
+            // An order found for it before went with its scene.
+            self.is_stale = true;
+        }
+        Ok(())
+    }
+
     /// Takes a finished order and asks for the next one if the view or the splats changed.
     fn sort(&mut self, request: &PictureRequest) {
-        let second = match &request.second {
-            Some(ComparedPicture { partner: Partner::Splats(options), .. }) => Some(*options),
-            _ => None,
-        };
+        let second = request.second.as_ref().map(|second| second.partner.clone());
+        let second = second.filter(|partner| !matches!(partner, Partner::Photo(_)));
         let asked = (request.camera, request.options, second);
         // It may be of an older view, which nobody sees for a frame or two
         // (`rendering.md`, Uploads).
         if let Some(sorted) = self.sorter.take() {
             self.sort_ms = Some(sorted.ms);
-            let orders = [(OrderOf::First, Some(sorted.first)), (OrderOf::Second, sorted.second)];
-            for (of, order) in orders {
-                let set = order.map(|order| self.scene.set_order(&self.queue, of, &order));
-                // After the scene shrank meanwhile, a new order is needed.
-                self.is_stale |= set.is_some_and(|set| set.is_err());
-            }
+            let set = self.scene.set_order(&self.queue, OrderOf::First, &sorted.first);
+            // After the scene shrank meanwhile, a new order is needed.
+            self.is_stale |= set.is_err();
+            let set = match (&sorted.second, &mut self.model) {
+                (Some((Partner::Splats(_), order)), _) => {
+                    self.scene.set_order(&self.queue, OrderOf::Second, order)
+                }
+                (Some((Partner::Model(of, _), order)), Some(there))
+                    if Arc::ptr_eq(of, &there.model) =>
+                {
+                    there.scene.set_order(&self.queue, OrderOf::First, order)
+                }
+                _ => Ok(()),
+            };
+            self.is_stale |= set.is_err();
         }
         // Not while one is being sought: that wakes the window, which then
         // asks for the newest view.
-        if (self.is_stale || self.sorted_for != Some(asked)) && !self.sorter.is_busy() {
-            self.sorter.ask(asked, Announce::Wake);
+        if (self.is_stale || self.sorted_for.as_ref() != Some(&asked)) && !self.sorter.is_busy() {
+            self.sorter.ask(asked.clone(), Announce::Wake);
             self.sorted_for = Some(asked);
             self.is_stale = false;
         }

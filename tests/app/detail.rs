@@ -1,12 +1,14 @@
 //! How fine is trained next: on the bar, in Settings with marks of what was changed, and as a command.
 
-use super::harness::{Window, click, dataset, is, wait, window};
+use super::harness::{Window, click, dataset, drop_on, is, wait, window};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Key, OutputCommand};
+use eframe::egui::{Event, Key, Modifiers, OutputCommand};
 use egui_kittest::kittest::Queryable;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::pipeline::settings::method::Method;
+use vbgs_studio::train::paper::config::{Candidates, Init, ReassignPolicy};
 use vbgs_studio::train::scene::units::StructuralScale;
 
 /// The structural scale that what is open was asked for with, pixels.
@@ -112,4 +114,61 @@ fn changed_settings_are_marked_and_copied_as_a_command_that_trains_so() {
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["frames"].as_array().unwrap().len(), 2);
     assert!(report.to_string().contains("\"cosine\":false"), "trained by these settings");
+}
+
+/// Types a value into the field of a setting.
+fn type_into(window: &mut Window, label: &str, text: &str) {
+    window.get_by_role_and_label(Role::TextInput, label).focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(Event::Text(text.to_owned()));
+    window.run_steps(2);
+}
+
+#[test]
+#[cfg(unix)]
+fn the_papers_settings_are_typed_in_the_panel_trained_by_and_copied() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    let press = |window: &mut Window, label: &str| {
+        window.get_by_label(label).click_accesskit();
+        window.run_steps(3);
+    };
+    click(&mut window, "Settings");
+    press(&mut window, "Paper preset");
+    press(&mut window, "Details");
+    // Digit by digit, of which all but the last are a number that would do.
+    type_into(&mut window, "Components", "2000000");
+    for digit in ["0", "0"] {
+        window.event(Event::Text(digit.to_owned()));
+        window.run_steps(2);
+    }
+    window.get_by_label_contains("components: expected 1 to");
+    window.get_by_label("Details");
+    type_into(&mut window, "Components", "2000");
+    type_into(&mut window, "Candidates", "dense");
+    press(&mut window, "First frame");
+    window.get_by_label("Details: 3 changed");
+    press(&mut window, "Initial means: back to random");
+    window.get_by_role_and_label(Role::ComboBox, "Reassignment").click_accesskit();
+    window.run_steps(3);
+    press(&mut window, "Forwarded");
+    window.get_by_label("Details: 3 changed");
+
+    drop_on(&mut window, &path);
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Train");
+    wait(&mut window, "the end", is(RunState::Finished));
+    let snapshot = window.state().snapshot();
+    assert_eq!(snapshot.components, 2000);
+    let Some(Method::Paper(config)) = &snapshot.opened.as_ref().unwrap().method else {
+        panic!("trained by the paper's preset")
+    };
+    assert_eq!(config.candidates, Candidates::Dense);
+    assert_eq!((config.init, config.reassign), (Init::Random, ReassignPolicy::Forwarded));
+    let line = copied(&mut window, "Copy as command line");
+    let given = "--preset paper --components 2000 --candidates dense --reassign forwarded";
+    assert!(line.contains(given), "{line}");
 }

@@ -6,6 +6,7 @@ mod abandoned;
 mod camera;
 #[path = "../common/mod.rs"]
 mod common;
+mod compared;
 mod crash;
 mod detail;
 mod files;

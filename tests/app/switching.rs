@@ -105,7 +105,7 @@ fn stand(window: &mut Window, stand: Stand) {
             press(window, Key::ArrowLeft);
             let opened = window.state().snapshot().opened.clone().unwrap();
             let lens = window.state().view().settings.lens;
-            if mode.why_not(lens, &opened).is_none() && mode != ViewMode::Single {
+            if mode.why_not(lens, &opened, None).is_none() && mode != ViewMode::Single {
                 choose(window, 0, mode.label());
                 assert_eq!(window.state().view().mode(), mode);
             }

@@ -12,6 +12,7 @@ pub mod plot_axes;
 pub mod quality;
 pub mod ready;
 pub mod scene;
+pub mod setting_rows;
 pub mod settings;
 pub mod signal_color;
 pub mod start;

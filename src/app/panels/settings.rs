@@ -37,7 +37,8 @@ pub fn ui(
     ui: &mut Ui,
 ) -> Option<SettingsAnswer> {
     let mut asked = None;
-    ScrollArea::vertical().show(ui, |ui| {
+    // Both ways: rows wider than a narrow panel must not reach over the picture.
+    ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         section(ui, "Training");
         training::ui(train_settings, ui);
         let copy = UiCommand::CopyCommandLine;

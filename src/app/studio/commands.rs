@@ -45,6 +45,8 @@ impl Studio {
                     self.view.apply(command, opened);
                 }
             }
+            UiCommand::CompareModel => self.compare_dialog.show(),
+            UiCommand::RemoveModel => self.view.remove_compared(),
             UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
             UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
             UiCommand::Find => self.finder.show(),
@@ -73,11 +75,10 @@ impl Studio {
     /// Whether an action makes sense now.
     pub(super) fn is_possible(&self, action: Action, snapshot: &Snapshot) -> bool {
         match (action, &snapshot.opened) {
+            (Action::Command(UiCommand::RemoveModel), _) => self.view.compared().is_some(),
             (Action::Command(command), _) => command.is_legal(snapshot.state, snapshot.source),
             (Action::Tab(_), _) => true,
-            (Action::Mode(mode), Some(opened)) => {
-                mode.why_not(self.view.settings.lens, opened).is_none()
-            }
+            (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened).is_none(),
             (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes).is_none(),
             (Action::Mode(_) | Action::Color(_), None) => false,
         }
@@ -96,7 +97,8 @@ impl Studio {
     /// Keys are left to text fields and open questions; a control that has the focus takes those that
     /// press it, change it or lead on to the next one.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        let dialogs = [&self.open_dialog, &self.save_dialog, &self.export_dialog];
+        let dialogs =
+            [&self.open_dialog, &self.compare_dialog, &self.save_dialog, &self.export_dialog];
         let asks = self.pending.is_some()
             || self.finder.is_open()
             || dialogs.iter().any(|dialog| dialog.is_open());

@@ -8,7 +8,7 @@ use crate::app::export_options;
 use crate::app::panels::abandoned::Answer;
 use crate::app::path_dialog::PathAnswer;
 use crate::app::pending::{AfterWrite, Continuation, Pending};
-use crate::app::state::Snapshot;
+use crate::app::state::{NoticeKind, Snapshot};
 use crate::app::worker::WorkerOrder;
 use eframe::egui::{Ui, ViewportCommand};
 
@@ -51,6 +51,12 @@ impl Studio {
         // Nothing ever waits for this dialog, so it does not matter that it was cancelled.
         if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
             self.discard_then(order_to_open(path), snapshot);
+        }
+        if let Some(PathAnswer::Path(path)) = self.compare_dialog.ui(ui, &self.waker, |_| ())
+            && let Err(error) = self.view.compare_with(path)
+        {
+            let text = format!("no thread to read a model on could be started: {error}");
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
         match self.save_dialog.ui(ui, &self.waker, |_| ()) {
             None => {}

@@ -24,6 +24,7 @@ use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
 use super::tab::SideTab;
 use super::training::TrainSettings;
 use super::viewer::painter::ViewPainter;
+use super::viewer::settings::ViewSettings;
 use super::viewer::{SceneView, toolbar};
 use super::viewport;
 use super::worker::{Waker, Worker, WorkerOrder};
@@ -55,6 +56,7 @@ pub struct Studio {
     tab: SideTab,
     finder: ActionFinder,
     open_dialog: PathDialog,
+    compare_dialog: PathDialog,
     save_dialog: PathDialog,
     export_dialog: PathDialog,
     mapping: Mapping,
@@ -116,11 +118,7 @@ impl Studio {
         // Every snapshot repaints the window, which a software adapter does on the cores that train
         // (`rendering.md`, Software adapters).
         worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
-        let mut scene_view = SceneView::new(painter, view, waker.clone());
-        let is_real = |device: &WindowDevice| !viewport::capabilities(&device.state).is_software();
-        if on_cpu && device.as_ref().is_some_and(is_real) {
-            scene_view.note_gpu_failure();
-        }
+        let view = scene_view(painter, view, waker.clone(), device.as_ref());
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
@@ -128,7 +126,7 @@ impl Studio {
             exit,
             device,
             watched: None,
-            view: scene_view,
+            view,
             training,
             quality: QualityMonitor::new(waker.clone()),
             quality_plot: QualityPlot::default(),
@@ -139,6 +137,7 @@ impl Studio {
             tab: SideTab::default(),
             finder: ActionFinder::default(),
             open_dialog: PathDialog::open(),
+            compare_dialog: PathDialog::compare(),
             save_dialog: PathDialog::save(),
             export_dialog: PathDialog::export(),
             mapping: Mapping::default(),
@@ -289,6 +288,9 @@ impl Studio {
             }
             return;
         }
+        for (kind, text) in self.view.take_compared() {
+            self.worker.send(WorkerOrder::Report(kind, text));
+        }
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, message));
         }
@@ -316,6 +318,22 @@ impl Studio {
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
         }
     }
+}
+
+/// The central view, which knows whether a real GPU is there that does not draw it.
+fn scene_view(
+    painter: ViewPainter,
+    settings: ViewSettings,
+    waker: Waker,
+    device: Option<&WindowDevice>,
+) -> SceneView {
+    let on_cpu = painter.drawer() == Drawer::Cpu;
+    let mut view = SceneView::new(painter, settings, waker);
+    let is_real = |device: &WindowDevice| !viewport::capabilities(&device.state).is_software();
+    if on_cpu && device.is_some_and(is_real) {
+        view.note_gpu_failure();
+    }
+    view
 }
 
 /// Draws the window again when something has come that it does not wait for.

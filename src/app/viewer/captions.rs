@@ -45,7 +45,9 @@ impl SceneView {
             let tooltip = format!(
                 "The whole photograph at its own size, as `vbgs-studio eval --background #{r:02x}{g:02x}{b:02x} --exposure recorded` measures it"
             );
-            let text = format!("PSNR {psnr:.2} dB");
+            let compared = known.and_then(|s| s.compared_psnr).zip(self.compared());
+            let compared = compared.map(|(psnr, model)| format!(" · {} {psnr:.2} dB", model.name));
+            let text = format!("PSNR {psnr:.2} dB{}", compared.unwrap_or_default());
             overlay::plate(ui, inner.right_bottom(), Align2::RIGHT_BOTTOM, &text, &tooltip);
         }
         if let Some(text) = self.hint_now(ui, result) {
@@ -58,6 +60,12 @@ impl SceneView {
         let gain = self.settings.difference_gain.round();
         let (left, right) = match (&second.partner, second.how) {
             (Partner::Splats(_), Combination::Wipe(_)) => ("Projected".into(), Some("Exact")),
+            (Partner::Model(model, _), Combination::Wipe(_)) => {
+                ("Scene".to_owned(), Some(model.name.as_str()))
+            }
+            (Partner::Model(model, _), Combination::Difference(_)) => {
+                (format!("|Scene − {}| × {gain}", model.name), None)
+            }
             (Partner::Photo(_), Combination::Wipe(_)) if self.mode == ViewMode::Preparation => {
                 (own.to_owned(), Some("Preparation"))
             }

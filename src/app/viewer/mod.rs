@@ -3,6 +3,8 @@
 
 mod axes;
 mod captions;
+pub mod compared_model;
+mod comparison;
 pub mod frame_refs;
 mod frusta;
 mod guide;
@@ -31,22 +33,21 @@ use super::software::Effort;
 use super::splat_updates::{SplatChange, SplatUpdate};
 use super::state::{Opened, RunState, Snapshot};
 use super::worker::Waker;
-use crate::dataset::calibration::ColorCamera;
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
-use crate::render::compare::{Area, Combination};
-use crate::render::{Exposing, Lens, Paint, Renderer};
+use crate::render::Lens;
+use crate::render::compare::Area;
+use compared_model::ModelSlot;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
 use frame_refs::{FrameRef, fit};
 use glam::DVec3;
 use measure::MeasureTool;
 use mode::ViewMode;
 use painter::ViewPainter;
-use photo::{PhotoQuery, PhotoRequests, PhotoResult};
-use picture_request::{ComparedPicture, Partner, PictureRequest};
+use photo::PhotoRequests;
+use picture_request::PictureRequest;
 use settings::ViewSettings;
 use stand::{GuideStage, Place};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thumbnails::Thumbnails;
 use world_painter::WorldPainter;
@@ -80,6 +81,7 @@ pub struct SceneView {
     latest_frame: Option<FrameRef>,
     /// Share of the viewport's width at which a wipe changes over.
     divider: f32,
+    compared: ModelSlot,
     /// Starts with the first photograph.
     photos: Option<PhotoRequests>,
     hint: Option<(String, Instant)>,
@@ -112,6 +114,7 @@ impl SceneView {
             thumbnails: None,
             latest_frame: None,
             divider: 0.5,
+            compared: ModelSlot::default(),
             photos: None,
             hint: None,
             serial: 0,
@@ -271,7 +274,7 @@ impl SceneView {
 
     /// Leaves what this scene or lens cannot show, and colours it as is asked for.
     fn fall_back(&mut self, opened: &Opened) {
-        if self.mode.why_not(self.settings.lens, opened).is_some() {
+        if self.why_not(self.mode, opened).is_some() {
             self.mode = ViewMode::Single;
         }
         if self.settings.color_mode.why_not(opened.available_modes).is_some() {
@@ -299,83 +302,6 @@ impl SceneView {
             }
             Place::Free => Some((camera.camera(size), Area::FULL)),
         }
-    }
-
-    /// The camera whose photographs are looked at, where it is not the one that measured depth, to
-    /// whose pixels preparation belongs.
-    fn color_camera(&self, opened: &Opened) -> Option<ColorCamera> {
-        opened.color_camera().filter(|_| self.mode != ViewMode::Preparation)
-    }
-
-    /// The photograph taken from here, if it is compared with.
-    fn look_at_photo(
-        &mut self,
-        ui: &Ui,
-        opened: &Opened,
-        is_training: bool,
-    ) -> Option<Result<PhotoResult, String>> {
-        let (true, Place::At(frame)) = (self.mode.needs_frame(), &self.place) else { return None };
-        let query = PhotoQuery {
-            frame: frame.clone(),
-            color_camera: self.color_camera(opened),
-            prepared: match self.mode {
-                ViewMode::Preparation => Some(Arc::new(opened.scene()?.surface.clone())),
-                _ => None,
-            },
-            options: self.settings.measured(),
-        };
-        if self.photos.is_none() {
-            match PhotoRequests::new(self.waker.clone(), SplatSet::clone(self.palette.learned())) {
-                Ok(requests) => self.photos = Some(requests),
-                Err(error) => {
-                    return Some(Err(format!(
-                        "no thread for photographs could be started: {error}"
-                    )));
-                }
-            }
-        }
-        self.photos.as_mut()?.look(ui, &query, is_training).cloned()
-    }
-
-    /// What to draw.
-    fn picture_request(
-        &self,
-        camera: Camera,
-        area: Area,
-        result: Option<&PhotoResult>,
-    ) -> PictureRequest {
-        let settings = &self.settings;
-        let (radius, distance) = self
-            .camera
-            .map_or((1.0, 1.0), |view| (view.radius(), view.distance_to_middle(&camera)));
-        // A dataset's camera is a pinhole whatever else is looked through.
-        let lens = if self.place == Place::Free { settings.lens } else { Lens::Pinhole };
-        let options =
-            |renderer| settings.options(settings.method(renderer, lens), radius, distance);
-        let wipe = Combination::Wipe(self.divider);
-        let difference = Combination::Difference(settings.difference_gain);
-        let renderers = |how| {
-            let partner = Partner::Splats(options(Renderer::Exact));
-            (Renderer::Projected, Some(ComparedPicture { partner, area: Area::FULL, how }))
-        };
-        let photo = |how| {
-            let partner = result.map(|result| Partner::Photo(result.image.clone()));
-            (settings.renderer, partner.map(|partner| ComparedPicture { partner, area, how }))
-        };
-        let (renderer, second) = match self.mode {
-            ViewMode::Single => (settings.renderer, None),
-            ViewMode::Wipe => renderers(wipe),
-            ViewMode::Difference => renderers(difference),
-            ViewMode::PhotoWipe | ViewMode::Preparation => photo(wipe),
-            ViewMode::PhotoDifference => photo(difference),
-        };
-        let mut options = options(renderer);
-        if self.mode.has_photo() && self.place != Place::Free && options.look.paint == Paint::Stored
-        {
-            // Beside a photograph the scene is as bright as that was taken.
-            options.exposing = Exposing::Recorded;
-        }
-        PictureRequest { camera, options, second }
     }
 
     fn paint(

@@ -1,5 +1,6 @@
 //! What the viewport compares.
 
+use super::compared_model::ComparedModel;
 use crate::app::state::Opened;
 use crate::render::Lens;
 
@@ -17,18 +18,24 @@ pub enum ViewMode {
     PhotoWipe,
     /// What differs between the chosen renderer and the photograph.
     PhotoDifference,
+    /// The scene left of a divider, a second model right of it.
+    ModelWipe,
+    /// What differs between the scene and a second model.
+    ModelDifference,
     /// The chosen renderer left of a divider, what training makes of the photograph right of it.
     Preparation,
 }
 
 impl ViewMode {
     /// Every mode, in the order of the menu.
-    pub const ALL: [ViewMode; 6] = [
+    pub const ALL: [ViewMode; 8] = [
         ViewMode::Single,
         ViewMode::Wipe,
         ViewMode::Difference,
         ViewMode::PhotoWipe,
         ViewMode::PhotoDifference,
+        ViewMode::ModelWipe,
+        ViewMode::ModelDifference,
         ViewMode::Preparation,
     ];
 
@@ -40,6 +47,8 @@ impl ViewMode {
             ViewMode::Difference => "Renderer difference",
             ViewMode::PhotoWipe => "Wipe photograph",
             ViewMode::PhotoDifference => "Photograph difference",
+            ViewMode::ModelWipe => "Wipe models",
+            ViewMode::ModelDifference => "Model difference",
             ViewMode::Preparation => "Preparation",
         }
     }
@@ -52,6 +61,10 @@ impl ViewMode {
             ViewMode::Difference => "What differs between projected and exact, amplified",
             ViewMode::PhotoWipe => "The render left of a divider, the photograph right of it",
             ViewMode::PhotoDifference => "What differs between render and photograph, amplified",
+            ViewMode::ModelWipe => "The scene left of a divider, the second model right of it",
+            ViewMode::ModelDifference => {
+                "What differs between the scene and the second model, amplified"
+            }
             ViewMode::Preparation => {
                 "Which pixels of the photograph become points, and why the others do not"
             }
@@ -63,6 +76,11 @@ impl ViewMode {
         matches!(self, ViewMode::PhotoWipe | ViewMode::PhotoDifference)
     }
 
+    /// Whether a second model is part of it.
+    pub fn has_model(self) -> bool {
+        matches!(self, ViewMode::ModelWipe | ViewMode::ModelDifference)
+    }
+
     /// Whether it is seen from a dataset's camera only.
     pub fn needs_frame(self) -> bool {
         self.has_photo() || self == ViewMode::Preparation
@@ -70,12 +88,20 @@ impl ViewMode {
 
     /// Whether it shows a difference.
     pub fn is_difference(self) -> bool {
-        matches!(self, ViewMode::Difference | ViewMode::PhotoDifference)
+        matches!(self, ViewMode::Difference | ViewMode::PhotoDifference | ViewMode::ModelDifference)
     }
 
     /// Why it cannot be chosen, if so.
-    pub fn why_not(self, lens: Lens, opened: &Opened) -> Option<&'static str> {
+    pub fn why_not(
+        self,
+        lens: Lens,
+        opened: &Opened,
+        compared: Option<&ComparedModel>,
+    ) -> Option<&'static str> {
         match self {
+            _ if self.has_model() && compared.is_none() => {
+                Some("There is no second model: choose “Compare with a model…” first")
+            }
             ViewMode::Wipe | ViewMode::Difference if lens == Lens::Fisheye => {
                 Some("Only the exact renderer draws a fisheye; choose the pinhole in Settings")
             }

@@ -1,6 +1,7 @@
 //! Photographs, how well the scene reproduces them and what training makes of their pixels, found on
 //! a thread of their own.
 
+use super::compared_model::ComparedModel;
 use super::frame_refs::FrameRef;
 use super::pixel_status::PixelStatusPainter;
 use crate::app::splat_updates::SplatChange;
@@ -10,6 +11,7 @@ use crate::dataset::calibration::ColorCamera;
 use crate::dataset::surface::{SurfaceCounts, SurfaceSettings};
 use crate::eval::choices::GroundTruth;
 use crate::eval::metrics::psnr;
+use crate::eval::sizes::MetricError;
 use crate::eval::views::ground_truth;
 use crate::math::image::RgbImage;
 use crate::model::splat::appearance::SplatSet;
@@ -33,6 +35,8 @@ pub struct PhotoQuery {
     pub prepared: Option<Arc<SurfaceSettings>>,
     /// Settings of the measurement; its background shows through transparent photographs.
     pub options: RenderOptions,
+    /// A second model that is measured as well.
+    pub compared: Option<Arc<ComparedModel>>,
 }
 
 impl PhotoQuery {
@@ -41,6 +45,17 @@ impl PhotoQuery {
         self.frame == other.frame
             && self.prepared == other.prepared
             && self.options.background == other.options.background
+    }
+
+    fn is_same_model(&self, other: &Self) -> bool {
+        match (&self.compared, &other.compared) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (a, b) => a.is_none() && b.is_none(),
+        }
+    }
+
+    fn is_same_measurement(&self, other: &Self) -> bool {
+        self.is_same_photo(other) && self.options == other.options && self.is_same_model(other)
     }
 }
 
@@ -53,6 +68,8 @@ pub struct PhotoResult {
     pub pixel_counts: Option<SurfaceCounts>,
     /// PSNR of the scene against it in dB, once measured.
     pub psnr: Option<f64>,
+    /// That of the second model, likewise.
+    pub compared_psnr: Option<f64>,
 }
 
 /// How much of a question to answer.
@@ -118,12 +135,12 @@ impl PhotoRequests {
     fn turn_to(&mut self, query: &PhotoQuery) {
         match &self.query {
             Some(now) if now.is_same_photo(query) => {
-                if now.options != query.options {
+                if !now.is_same_measurement(query) {
                     self.is_stale = true;
-                    // The photograph stays on screen; only the figure was
+                    // The photograph stays on screen; only the figures were
                     // measured by other settings.
                     if let Some(Ok(result)) = &mut self.result {
-                        result.psnr = None;
+                        (result.psnr, result.compared_psnr) = (None, None);
                     }
                 }
             }
@@ -138,7 +155,7 @@ impl PhotoRequests {
     fn take_answer(&mut self) {
         let (Some(answer), Some(query)) = (self.thread.take(), &self.query) else { return };
         // The user may have stepped on while it was made.
-        if answer.query.is_same_photo(query) && answer.query.options == query.options {
+        if answer.query.is_same_measurement(query) {
             self.result = Some(answer.result);
         }
     }
@@ -175,6 +192,8 @@ struct PhotoWorker {
     painter: PixelStatusPainter,
     /// The photograph looked at last.
     latest: Option<(PhotoQuery, Photo)>,
+    /// What was measured of the second model last, which does not change as the scene does.
+    latest_compared: Option<(PhotoQuery, f64)>,
 }
 
 /// A photograph, decoded.
@@ -193,6 +212,7 @@ impl PhotoWorker {
             alone,
             painter: PixelStatusPainter::new(),
             latest: None,
+            latest_compared: None,
         })
     }
 
@@ -203,17 +223,34 @@ impl PhotoWorker {
         question: Question,
     ) -> Result<PhotoResult, String> {
         let Photo { image, pixel_counts } = self.photo(query)?;
-        let color_camera = query.color_camera.as_ref();
-        let camera = query.frame.photo_camera(color_camera, splats.finishing());
+        if question == Question::Show {
+            return Ok(PhotoResult { image, pixel_counts, psnr: None, compared_psnr: None });
+        }
+        let known = self.latest_compared.take();
+        let known = known.filter(|(measured, _)| measured.is_same_measurement(query));
         let renderer = &mut self.renderer;
-        let mut measure = || psnr(&renderer.render(splats, &camera, &query.options).color, &image);
-        let measured = match question {
-            Question::Show => None,
-            Question::MeasureAside => Some(self.alone.install(measure)),
-            Question::Measure => Some(measure()),
+        let mut measure = |splats: &SplatSet| {
+            let color_camera = query.color_camera.as_ref();
+            // By its own corrections of the cameras, which differ from model to model.
+            let camera = query.frame.photo_camera(color_camera, splats.finishing());
+            psnr(&renderer.render(splats, &camera, &query.options).color, &image)
         };
-        let psnr = measured.transpose().map_err(|error| error.to_string())?;
-        Ok(PhotoResult { image, pixel_counts, psnr })
+        let both = || {
+            let scene = measure(splats)?;
+            let compared = match (known, &query.compared) {
+                (Some((_, psnr)), _) => Some(psnr),
+                (None, Some(model)) => Some(measure(&model.splats)?),
+                (None, None) => None,
+            };
+            Ok((scene, compared))
+        };
+        let measured = match question {
+            Question::MeasureAside => self.alone.install(both),
+            Question::Show | Question::Measure => both(),
+        };
+        let (scene, compared_psnr) = measured.map_err(|error: MetricError| error.to_string())?;
+        self.latest_compared = compared_psnr.map(|psnr| (query.clone(), psnr));
+        Ok(PhotoResult { image, pixel_counts, psnr: Some(scene), compared_psnr })
     }
 
     fn photo(&mut self, query: &PhotoQuery) -> Result<Photo, String> {

@@ -1,5 +1,6 @@
 //! What the viewport is asked to show: one picture, or two and how they are compared.
 
+use super::compared_model::ComparedModel;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
 use crate::render::RenderOptions;
@@ -33,15 +34,19 @@ pub struct ComparedPicture {
 pub enum Partner {
     /// The same splats, drawn otherwise.
     Splats(RenderOptions),
+    /// Another model, drawn by itself.
+    Model(Arc<ComparedModel>, RenderOptions),
     /// The photograph that was taken from here.
     Photo(Arc<RgbImage>),
 }
 
 impl PartialEq for Partner {
-    /// Photographs are the same if they are one in memory: their pixels are never compared.
+    /// Photographs and models are the same if they are one in memory: what they hold is never
+    /// compared.
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Splats(a), Self::Splats(b)) => a == b,
+            (Self::Model(a, drawn), Self::Model(b, other)) => Arc::ptr_eq(a, b) && drawn == other,
             (Self::Photo(a), Self::Photo(b)) => Arc::ptr_eq(a, b),
             _ => false,
         }

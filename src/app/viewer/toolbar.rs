@@ -10,6 +10,9 @@ use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
 use eframe::egui::{Button, ComboBox, DragValue, RichText, Ui};
 
+/// Most height of the menu of comparisons, points: all of it, without scrolling.
+const MENU: f32 = 400.0;
+
 /// Draws the strip; what the user asked for beyond it.
 pub fn ui(
     view: &mut SceneView,
@@ -21,7 +24,7 @@ pub fn ui(
     ui.horizontal_wrapped(|ui| {
         renderers(view, ui);
         ui.separator();
-        modes(view, opened, ui);
+        asked = modes(view, opened, ui);
         if view.mode.is_difference() {
             let gain = DragValue::new(&mut view.settings.difference_gain)
                 .range(GAINS)
@@ -40,7 +43,7 @@ pub fn ui(
         .response
         .on_hover_text("Lens and field of view");
         ui.separator();
-        asked = overlays(view, snapshot, ui);
+        asked = overlays(view, snapshot, ui).or(asked);
         if opened.dataset.is_some() {
             ui.separator();
             asked = cameras(view, snapshot, ui).or(asked);
@@ -68,13 +71,16 @@ fn renderers(view: &mut SceneView, ui: &mut Ui) {
     }
 }
 
-fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
+/// What is compared; what was asked for of the second model.
+fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand> {
+    let mut asked = None;
     ComboBox::from_id_salt("view mode")
         .width(150.0)
+        .height(MENU)
         .selected_text(view.mode.label())
         .show_ui(ui, |ui| {
             for mode in ViewMode::ALL {
-                let why_not = mode.why_not(view.settings.lens, opened);
+                let why_not = view.why_not(mode, opened);
                 let button = Button::selectable(view.mode == mode, mode.label());
                 let response = ui.add_enabled(why_not.is_none(), button);
                 if response
@@ -85,9 +91,19 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {
                     view.set_mode(mode, opened);
                 }
             }
+            ui.separator();
+            for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
+                let is_possible = command == UiCommand::CompareModel || view.compared().is_some();
+                let button = Button::selectable(false, command.label());
+                let response = ui.add_enabled(is_possible, button);
+                if response.on_hover_text(command.tooltip()).clicked() {
+                    asked = Some(command);
+                }
+            }
         })
         .response
         .on_hover_text("What is compared");
+    asked
 }
 
 fn colors(view: &mut SceneView, opened: &Opened, ui: &mut Ui) {

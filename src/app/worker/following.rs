@@ -105,16 +105,17 @@ impl WorkerThread {
         let Some(follow) = &mut self.awaited else { return };
         let mut training = self.training.clone();
         training.scene.calibration = self.calibration.as_ref().map(|c| c.calibration.clone());
-        let begun = match follow.more() {
-            Ok(None) => Ok(None),
-            Ok(Some(dataset)) => {
-                match Session::new(dataset, training.request(), follow.selection().clone()) {
+        let begun = match (follow.more(), training.request()) {
+            (Ok(None), _) => Ok(None),
+            (Ok(Some(dataset)), Ok(request)) => {
+                match Session::new(dataset, request, follow.selection().clone()) {
                     Ok(session) => Ok(Some(session)),
                     Err(error) if follow.forgives(&error) => Ok(None),
                     Err(error) => Err(error.to_string()),
                 }
             }
-            Err(error) => Err(error.to_string()),
+            (Ok(Some(_)), Err(refused)) => Err(refused.to_string()),
+            (Err(error), _) => Err(error.to_string()),
         };
         match begun {
             Ok(None) => {}

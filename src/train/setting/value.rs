@@ -96,7 +96,7 @@ impl SettingValue for bool {
 }
 
 /// Makes types whose [`std::str::FromStr`] knows them by text into values; with `by name` those that
-/// `strum` gives names.
+/// `strum` gives names, each with what it is called in the window and what it means where that is said.
 macro_rules! named_values {
     (by text $($value:ty),+) => {$(
         impl $crate::train::setting::value::SettingValue for $value {
@@ -116,19 +116,34 @@ macro_rules! named_values {
                 names.map(|name| $crate::train::setting::value::Choice { name, label: name, help: "" }).collect()
             }
 
-            fn parse(
-                text: &std::ffi::OsStr,
-            ) -> Result<Self, $crate::train::setting::value::ValueError> {
-                text.to_string_lossy().parse().map_err(|_| {
-                    let names: Vec<&str> =
-                        Self::choices().iter().map(|choice| choice.name).collect();
-                    let (names, text) = (names.join(", "), text.display());
-                    $crate::train::setting::value::ValueError::Text(
-                        format!("expected one of {names}, found `{text}`")
-                    )
-                })
-            }
+            $crate::train::setting::value::named_values!(@parse);
         }
     )+};
+    (by name $value:ty { $($name:literal $label:literal $help:literal;)+ }) => {
+        impl $crate::train::setting::value::SettingValue for $value {
+            fn choices() -> Vec<$crate::train::setting::value::Choice> {
+                vec![$($crate::train::setting::value::Choice {
+                    name: $name,
+                    label: $label,
+                    help: $help,
+                }),+]
+            }
+
+            $crate::train::setting::value::named_values!(@parse);
+        }
+    };
+    (@parse) => {
+        fn parse(
+            text: &std::ffi::OsStr,
+        ) -> Result<Self, $crate::train::setting::value::ValueError> {
+            text.to_string_lossy().parse().map_err(|_| {
+                let names: Vec<&str> = Self::choices().iter().map(|choice| choice.name).collect();
+                let (names, text) = (names.join(", "), text.display());
+                $crate::train::setting::value::ValueError::Text(
+                    format!("expected one of {names}, found `{text}`")
+                )
+            })
+        }
+    };
 }
 pub(crate) use named_values;

@@ -76,6 +76,7 @@ settings! {
     /// Number of components.
     components: usize {
         option "--components" "N";
+        label "Components";
         default "100000";
         range "1 to {MAX_COMPONENTS}", |n| (1..=MAX_COMPONENTS).contains(n);
         at |run| run.components;
@@ -83,6 +84,7 @@ settings! {
     /// Candidate components per point, or `dense`.
     candidates: Candidates {
         option "--candidates" "C";
+        label "Candidates";
         default "4";
         range "1 to {MAX_CANDIDATES}, or dense", |candidates| candidates.is_legal();
         at |run| run.candidates;
@@ -90,6 +92,7 @@ settings! {
     /// Points that pass through the engine at once, or `frame`.
     batch: Batch {
         option "--batch" "POINTS";
+        label "Batch";
         default "frame";
         range "1 point or more, or frame", |batch| *batch != Batch::Points(0);
         at |run| run.batch;
@@ -109,6 +112,7 @@ settings! {
     /// Where initial means come from.
     init: Init {
         option "--init" "INIT";
+        label "Initial means";
         default "random";
         at |run| run.init;
     }
@@ -116,12 +120,14 @@ settings! {
     /// before it.
     reassign: ReassignPolicy {
         option "--reassign" "POLICY";
+        label "Reassignment";
         default "padded";
         at |run| run.reassign;
     }
     /// Share of the unused components that may move per frame.
     reassign_fraction: f64 {
         option "--reassign-fraction" "F";
+        label "Share reassigned";
         default "0.05";
         range "0 to 1", |share| (0.0..=1.0).contains(share);
         at |run| run.reassign_fraction;
@@ -138,6 +144,7 @@ settings! {
     /// Arithmetic of the hot loops.
     precision: Precision {
         option "--precision" "PRECISION";
+        label "Precision";
         default "mixed";
         get |run| Some(run.precision);
         set |run, precision| {

@@ -4,10 +4,10 @@ pub use crate::model::paper::totals::UpdateWidth;
 use crate::train::setting::value::{SettingValue, ValueError, named_values};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
-use strum::{EnumString, VariantNames};
+use strum::EnumString;
 
 /// A named choice of [`Operations`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Precision {
@@ -22,7 +22,11 @@ pub enum Precision {
     Custom,
 }
 
-named_values!(by name Precision);
+named_values!(by name Precision {
+    "f64" "Double" "Double precision throughout, which the others are measured by";
+    "mixed" "Mixed" "Single precision in the loops, exact totals";
+    "f32" "Single" "Single precision throughout: totals depend on the order of frames and drift";
+});
 
 impl Precision {
     /// What the name stands for; `None` for [`Self::Custom`].

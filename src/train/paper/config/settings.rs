@@ -89,7 +89,7 @@ number_or_word!(Candidates, Nearest, Dense, "dense");
 number_or_word!(Batch, Points, Frame, "frame");
 
 /// Where the initial means come from (`train.md`, Initial means).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum Init {
@@ -100,7 +100,7 @@ pub enum Init {
 }
 
 /// When and by which scores unused components move (`train.md`, Reassignment).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString, VariantNames)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, EnumString)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum ReassignPolicy {
@@ -141,7 +141,20 @@ pub enum IndexKind {
 }
 
 named_values!(by text Candidates, Batch);
-named_values!(by name Init, ReassignPolicy, StatisticsForm, IndexKind);
+named_values!(by name StatisticsForm, IndexKind);
+
+named_values!(by name Init {
+    "random" "Random" "Spread over the scene's range, whatever the data";
+    "data" "First frame" "Points of the first frame";
+});
+
+named_values!(by name ReassignPolicy {
+    "off" "Off" "Unused components stay where they are";
+    "dense" "Dense" "Before the fit, by a pass over all points and components: slow";
+    "truncated" "Truncated" "Before the fit, by a pass over each point's candidates";
+    "padded" "Padded" "As truncated, in room that is reserved before the first frame: the paper's";
+    "forwarded" "Forwarded" "After the fit, by the fit's own scores; takes effect with the next frame";
+});
 
 /// The command line names whole conversions, files their decomposition.
 impl SettingValue for CovarianceForm {

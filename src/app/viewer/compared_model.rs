@@ -1,0 +1,137 @@
+//! A second model that the scene is compared with, read on a thread of its own.
+
+use crate::app::opening::{OpenError, splats_of};
+use crate::app::state::NoticeKind;
+use crate::app::worker::Waker;
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::framing;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+
+/// Most letters of a name that captions show: a viewport of a small window is some 450 points wide.
+const MAX_NAME: usize = 30;
+
+/// A model to compare with.
+#[derive(Debug)]
+pub struct ComparedModel {
+    /// Its file and the folder of that, short enough for a caption.
+    pub name: String,
+    /// Where it lies.
+    pub path: PathBuf,
+    /// Its splats, in the world of its file.
+    pub splats: SplatSet,
+    /// Its size, world units, by which its near plane is chosen.
+    pub radius: f64,
+}
+
+/// Something the user should read.
+type Told = (NoticeKind, String);
+
+/// The model that is compared with, and the one that is being read.
+#[derive(Default)]
+pub struct ModelSlot {
+    model: Option<Arc<ComparedModel>>,
+    reading: Option<Reading>,
+}
+
+struct Reading {
+    path: PathBuf,
+    answers: Receiver<Result<(ComparedModel, Vec<Told>), String>>,
+}
+
+impl ModelSlot {
+    /// The model, once it is read.
+    pub fn model(&self) -> Option<&Arc<ComparedModel>> {
+        self.model.as_ref()
+    }
+
+    /// Reads a checkpoint or a file of splats; one that is still being read is forgotten.
+    pub fn read(&mut self, path: PathBuf, waker: Waker) -> std::io::Result<()> {
+        let (answer, answers) = sync_channel(1);
+        let file = path.clone();
+        std::thread::Builder::new().name("second model".into()).spawn(move || {
+            // Nobody listens any more if another was asked for meanwhile.
+            let _ = answer.send(read(&file));
+            waker();
+        })?;
+        self.reading = Some(Reading { path, answers });
+        Ok(())
+    }
+
+    /// Compares with nothing any more.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Takes what was read; what there is to say of it, and whether it is compared with from now on.
+    /// The model before stays where it cannot be.
+    pub fn take(&mut self) -> Option<(bool, Vec<Told>)> {
+        let reading = self.reading.as_ref()?;
+        let read = match reading.answers.try_recv() {
+            Err(TryRecvError::Empty) => return None,
+            Ok(read) => read,
+            // A thread that panicked hangs up.
+            Err(TryRecvError::Disconnected) => Err(format!(
+                "{}: expected a model, found one that cannot be read; write it anew by the program that made it",
+                reading.path.display()
+            )),
+        };
+        self.reading = None;
+        match read {
+            Ok((model, told)) => {
+                self.model = Some(Arc::new(model));
+                Some((true, told))
+            }
+            Err(problem) => Some((false, vec![(NoticeKind::Error, problem)])),
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<(ComparedModel, Vec<Told>), String> {
+    let (splats, told) = splats_of(path).map_err(|error: OpenError| error.to_string())?;
+    let Some(framing) = framing(&splats) else {
+        return Err(format!(
+            "{}: expected at least one splat, found none; compare with another file",
+            path.display()
+        ));
+    };
+    let model = ComparedModel {
+        name: name_of(path),
+        path: path.to_owned(),
+        splats,
+        radius: framing.radius,
+    };
+    Ok((model, told))
+}
+
+/// The file with its folder, since the files of every run are named alike; the end of it where that is
+/// long.
+fn name_of(path: &Path) -> String {
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let folder = path.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+    let name = if folder.is_empty() { file.into_owned() } else { format!("{folder}/{file}") };
+    let n = name.chars().count();
+    if n <= MAX_NAME {
+        return name;
+    }
+    let end: String = name.chars().skip(n + 1 - MAX_NAME).collect();
+    format!("…{end}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_tell_runs_apart_and_fit_a_caption() {
+        for (path, expected) in [
+            ("/data/run-2/checkpoint.vbgs", "run-2/checkpoint.vbgs"),
+            ("/scene.ply", "scene.ply"),
+            ("/a/a long name of a folder/scene.ply", "…ng name of a folder/scene.ply"),
+        ] {
+            assert_eq!(name_of(Path::new(path)), expected);
+            assert!(expected.chars().count() <= MAX_NAME);
+        }
+    }
+}

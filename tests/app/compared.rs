@@ -1,0 +1,150 @@
+//! A second model beside the scene: opened, wiped to, measured, removed.
+
+use super::harness::{
+    PATIENCE, Window, click, dataset, enter_path, settled, train, wait, wait_for_label,
+    wait_for_picture, window,
+};
+use super::viewer::{choose, press};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers};
+use egui_kittest::kittest::{NodeT, Queryable};
+use std::path::Path;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::export::{ModelFormat, WriteOptions, write};
+use vbgs_studio::model::splat::splats::Splat;
+
+/// A wall of pure green before every camera of the room.
+fn green(path: &Path) {
+    let splat = Splat {
+        mean: [0.0; 3],
+        opacity: 1.0,
+        color: [0.0, 1.0, 0.0],
+        scale: [30.0; 3],
+        rotation: [1.0, 0.0, 0.0, 0.0],
+    };
+    let wall: Vec<Splat> = (0..27)
+        .map(|i| {
+            let at = |n: i32| (i / n % 3 - 1) as f32;
+            Splat { mean: [at(1), at(3), at(9)], ..splat }
+        })
+        .collect();
+    write(path, &wall, &WriteOptions::new(ModelFormat::from_path(path).unwrap())).unwrap();
+}
+
+/// Opens a second model by the menu above the viewport.
+fn compare_with(window: &mut Window, path: &Path) {
+    choose(window, 0, "Compare with a model…");
+    enter_path(window, path);
+    window.get_by_role_and_label(Role::Button, "Compare").click();
+    window.run_steps(2);
+}
+
+/// What the window calls the second model.
+fn name(window: &Window) -> String {
+    window.state().view().compared().unwrap().name.clone()
+}
+
+/// Share of a strip of the viewport that is nearly pure green: left and right of its middle.
+fn green_shares(window: &mut Window) -> [f64; 2] {
+    settled(window);
+    let left = window.get_all_by_label("Scene").last().unwrap().rect().left();
+    let name = name(window);
+    let right = window.get_all_by_label(&name).last().unwrap().rect().right();
+    let image = window.render().unwrap();
+    let middle = 0.5 * (left + right);
+    // Off the divider and the captions' edges.
+    let strips = [(left + 20.0, middle - 30.0), (middle + 30.0, right - 20.0)];
+    strips.map(|(from, to)| {
+        let pixels: Vec<_> = (220..420)
+            .flat_map(|y| (from as u32..to as u32).map(move |x| (x, y)))
+            .map(|(x, y)| image.get_pixel(x, y).0)
+            .collect();
+        let is_green = |[r, g, b, _]: &&[u8; 4]| *g > 200 && *r < 60 && *b < 60;
+        pixels.iter().filter(is_green).count() as f64 / pixels.len() as f64
+    })
+}
+
+#[test]
+fn a_second_model_is_wiped_to_measured_and_removed() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let file = folder.path().join("green.ply");
+    green(&file);
+    for painting in [Painting::Auto, Painting::Gpu] {
+        let Some(mut window) = window(Some(Subject::Path(path.clone())), painting) else { return };
+        train(&mut window);
+        wait_for_picture(&mut window);
+        press(&mut window, Key::CloseBracket);
+        compare_with(&mut window, &file);
+        wait(&mut window, "the model", |s| s.view().mode() == ViewMode::ModelWipe);
+        let [scene, model] = green_shares(&mut window);
+        assert!(scene < 0.05 && model > 0.9, "{painting:?}: {scene} left, {model} right");
+
+        // Where a photograph was taken from here, both are measured by it.
+        let name = name(&window);
+        assert!(name.ends_with("/green.ply"), "{name}");
+        let figure = format!("dB · {name} ");
+        let started = Instant::now();
+        while window.query_by_label_contains(&figure).is_none() {
+            assert!(started.elapsed() < PATIENCE, "no second figure");
+            window.step();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        choose(&mut window, 0, "Model difference");
+        wait_for_label(&mut window, &format!("|Scene − {name}| × 8"));
+
+        choose(&mut window, 0, "Remove second model");
+        window.run_steps(2);
+        let view = window.state().view();
+        assert_eq!((view.mode(), view.compared().is_none()), (ViewMode::Single, true));
+        window.get_all_by_role(Role::ComboBox).next().unwrap().click();
+        window.run_steps(2);
+        assert!(window.get_by_label("Wipe models").accesskit_node().is_disabled());
+        press(&mut window, Key::Escape);
+        assert!(window.state().snapshot().notices.iter().all(|n| n.kind != NoticeKind::Error));
+    }
+}
+
+#[test]
+fn a_broken_second_model_is_a_notice_and_nothing_else_changes() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 40);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", |s| s.snapshot().state == RunState::Ready);
+    click(&mut window, "Train");
+    wait(&mut window, "frames", |s| s.snapshot().frames_done > 1);
+    let good = folder.path().join("green.ply");
+    green(&good);
+    // Found by its name, and while frames are trained.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::P);
+    window.run_steps(2);
+    window.event(Event::Text("compare with".to_owned()));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(3);
+    enter_path(&mut window, &good);
+    window.get_by_role_and_label(Role::Button, "Compare").click();
+    wait(&mut window, "the model", |s| s.view().mode() == ViewMode::ModelWipe);
+
+    let broken = folder.path().join("broken.ply");
+    std::fs::write(&broken, "ply\nnothing of the kind").unwrap();
+    compare_with(&mut window, &broken);
+    wait(&mut window, "a notice", |s| {
+        s.snapshot().notices.iter().any(|notice| {
+            notice.kind == NoticeKind::Error
+                && notice.text.contains("broken.ply")
+                && notice.text.contains("expected")
+        })
+    });
+    let view = window.state().view();
+    assert_eq!(view.compared().unwrap().path, good);
+    assert_eq!(view.mode(), ViewMode::ModelWipe);
+    wait(&mut window, "the end", |s| s.snapshot().state == RunState::Finished);
+    assert_eq!(window.state().snapshot().frames_done, 40);
+}
