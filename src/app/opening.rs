@@ -2,7 +2,7 @@
 
 use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
-use super::session_info::session_info;
+use super::session_info::{origin_info, session_info};
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::TrainSettings;
 use crate::dataset::error::DatasetError;
@@ -108,6 +108,7 @@ pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubj
         serial,
         is_demo: path.is_none(),
         dataset: Some(dataset.clone()),
+        local_origin: dataset.local_origin(),
         plan: Some(Arc::new(session.plan().clone())),
         available_modes: &[
             ColorMode::Evidence,
@@ -156,7 +157,7 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
             Ok(view(
                 path,
                 drawable(&all),
-                run.up(),
+                (run.up(), run.local_origin()),
                 run.bytes,
                 vec![(NoticeKind::Warning, text)],
                 serial,
@@ -184,7 +185,7 @@ fn drawable(all: &SplatSet) -> SplatSet {
 
 fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     let dataset = match &run.meta.dataset {
-        Some(folder) => Arc::new(dataset::open(folder, &run.config.load)?),
+        Some(folder) => Arc::new(dataset::open(folder, &run.load_options())?),
         None => demo::dataset()?,
     };
     Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
@@ -200,14 +201,14 @@ fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
         let text = format!("{n} rows of {path} are not finite and were left out");
         notices.push((NoticeKind::Warning, text));
     }
-    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+    Ok(view(path, model.splats, (up, model.local_origin), model.bytes, notices, serial))
 }
 
-/// Splats to look at.
+/// Splats to look at, with the direction that points up and their local origin.
 fn view(
     path: &Path,
     splats: SplatSet,
-    up: DVec3,
+    (up, local_origin): (DVec3, DVec3),
     bytes: u64,
     notices: Vec<(NoticeKind, String)>,
     serial: u64,
@@ -226,16 +227,20 @@ fn view(
     let opened = Opened {
         name,
         path: Some(path.to_owned()),
-        info: vec![
+        info: [
             ("Model".to_owned(), path.display().to_string()),
             ("Splats".to_owned(), splats.len().to_string()),
             ("Size".to_owned(), format!("{:.1} MB", bytes as f64 * 1e-6)),
-        ],
+        ]
+        .into_iter()
+        .chain(origin_info(local_origin))
+        .collect(),
         home: HomeView { camera, up, target: framing.centre, radius: framing.radius },
         files: FileProposal::beside(Some(path)),
         serial,
         is_demo: false,
         dataset: None,
+        local_origin,
         plan: None,
         available_modes: &[],
         method: None,

@@ -7,6 +7,7 @@ use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::{Folder, Recorded};
 use super::formats::{self, Layout, ParsedFolder};
 use super::frame::Frame;
+use super::local_origin;
 use super::options::LoadOptions;
 use super::pose_convention::PoseConvention;
 use super::position_range::PositionRange;
@@ -36,7 +37,7 @@ pub struct Dataset {
     pub notes: Vec<String>,
     /// Range of positions where the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,
-    /// What was overridden when it was opened.
+    /// What was overridden when it was opened, and where the cameras' origin lies if not at zero.
     pub options: LoadOptions,
 }
 
@@ -105,6 +106,7 @@ pub(super) fn read(
             "scale and range of depth say {metre} world units to the metre: what is known of the sensor, its noise among it, is taken so"
         ));
     }
+    local_origin::settle(&mut dataset, options.local_origin);
     Ok(dataset)
 }
 
@@ -227,6 +229,12 @@ impl Dataset {
             color.offset = color.offset.map(|metres| metres * self.metre());
         }
         Some(known)
+    }
+
+    /// Where the origin of its cameras lies in the world of the files, world units: zero unless that is
+    /// too far away for 32-bit positions.
+    pub fn local_origin(&self) -> DVec3 {
+        self.options.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
     /// Direction that points up in the world, as far as the cameras of a split tell.
