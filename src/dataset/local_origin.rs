@@ -5,8 +5,7 @@
 //! that follows, from training to drawing, works there without knowing. Worlds near zero stay as they are,
 //! to the bit. What is written says the place, and what is opened beside a model takes the model's.
 
-use super::Dataset;
-use super::entry::DatasetSplit;
+use super::entry::{DatasetSplit, FrameEntry};
 use super::options::FARTHEST_SENSED;
 use super::wild_poses::wild_poses;
 use glam::DVec3;
@@ -17,44 +16,50 @@ const FAR: f64 = 64.0;
 /// The same in spreads of the cameras: a world as wide as it is far gains nothing by being moved.
 const FAR_BESIDE_SPREAD: f64 = 8.0;
 
-/// Moves the cameras to the place asked for, or to the one that their distance from zero asks for.
-pub(super) fn settle(dataset: &mut Dataset, asked: Option<[f64; 3]>) {
-    // A tracked world begins at its first camera.
-    let found = if dataset.options.track { None } else { far_place(dataset) };
-    let origin = asked.map(DVec3::from_array).or(found).unwrap_or(DVec3::ZERO);
-    // Left out where it is zero: near worlds are saved as they were before.
-    dataset.options.local_origin = (origin != DVec3::ZERO).then_some(origin.to_array());
-    if origin != DVec3::ZERO {
-        for frame in dataset.splits.iter_mut().flat_map(|split| &mut split.frames) {
-            frame.camera.pose = frame.camera.pose.relative_to(origin);
-        }
-        dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(origin));
-    }
-    let [x, y, z] = origin.to_array();
-    match (asked, far_place(dataset)) {
-        (Some(_), Some(place)) if !dataset.options.track => dataset.notes.push(format!(
-            "the cameras lie {:.0} world units from the local origin ({x}, {y}, {z}) of the model beside them, where 32-bit positions are coarse: pictures and figures may be wrong; a model trained on this dataset anew, and its checkpoint, PLY and GLB, name an origin nearby",
-            place.length()
-        )),
-        (None, _) if origin != DVec3::ZERO => dataset.notes.push(format!(
-            "the cameras lie {:.0} world units from zero, where 32-bit positions are coarse: positions are kept relative to the local origin ({x}, {y}, {z})",
-            origin.length()
-        )),
-        _ => {}
+/// Where cameras are told relative to, and what a user should know of it.
+pub(super) struct LocalOrigin {
+    /// In the world of the files, world units.
+    pub place: DVec3,
+    pub note: Option<String>,
+}
+
+impl LocalOrigin {
+    /// As asked for, or as the distance of the cameras from zero asks for; `metre` in world units.
+    pub fn of(split: &DatasetSplit, metre: f64, asked: Option<[f64; 3]>) -> Self {
+        let Some(asked) = asked.map(DVec3::from_array) else {
+            let place = far_place(split, metre, DVec3::ZERO).unwrap_or(DVec3::ZERO);
+            let note = (place != DVec3::ZERO).then(|| moved(place));
+            return Self { place, note };
+        };
+        let beside = far_place(split, metre, asked);
+        Self { place: asked, note: beside.map(|far| mismatched(asked, far)) }
     }
 }
 
-/// A place beside the first sound camera in whole metres, if that is far from zero.
-fn far_place(dataset: &Dataset) -> Option<DVec3> {
-    let split = dataset.splits.get(dataset.training_split().unwrap_or(0))?;
-    let metre = dataset.metre();
+fn moved(place: DVec3) -> String {
+    let ([x, y, z], distance) = (place.to_array(), place.length());
+    format!(
+        "the cameras lie {distance:.0} world units from zero, where 32-bit positions are coarse: positions are kept relative to the local origin ({x}, {y}, {z})"
+    )
+}
+
+fn mismatched(asked: DVec3, far: DVec3) -> String {
+    let ([x, y, z], distance) = (asked.to_array(), far.length());
+    format!(
+        "the cameras lie {distance:.0} world units from the local origin ({x}, {y}, {z}) of the model beside them: expected cameras near it; pictures and figures are coarse or of another place; take a checkpoint, PLY or GLB that was trained on this dataset"
+    )
+}
+
+/// A place beside the first sound camera in whole metres, relative to `origin`, if that is far from it.
+fn far_place(split: &DatasetSplit, metre: f64, origin: DVec3) -> Option<DVec3> {
     let centre = first_sound(split)?;
-    let distance = centre.length();
+    let from_origin = centre - origin;
+    let distance = from_origin.length();
     let is_far = distance > FAR * FARTHEST_SENSED * metre
         && distance > FAR_BESIDE_SPREAD * spread(split, centre);
     // Whole metres: numbers that files and people can hold, and no phase for lattices that another unit
     // would change.
-    is_far.then(|| (centre / metre).round() * metre)
+    is_far.then(|| (from_origin / metre).round() * metre)
 }
 
 /// Where the first camera stands whose pose can be.
@@ -67,7 +72,7 @@ fn first_sound(split: &DatasetSplit) -> Option<DVec3> {
 
 /// Median distance of the cameras from a place.
 fn spread(split: &DatasetSplit, centre: DVec3) -> f64 {
-    let distance = |frame: &super::FrameEntry| frame.camera.pose.centre().distance(centre);
+    let distance = |frame: &FrameEntry| frame.camera.pose.centre().distance(centre);
     let mut distances: Vec<f64> = split.frames.iter().map(distance).collect();
     let middle = distances.len() / 2;
     *distances.select_nth_unstable_by(middle, f64::total_cmp).1

@@ -115,40 +115,47 @@ fn moved_by([x, y, z]: [f64; 3], far: [f64; 3]) -> [f64; 3] {
 
 /// A recording in a far world.
 fn far_recording() -> Scratch {
-    let scratch = recorded("64x48", 9);
+    let scratch = recorded("64x48", FRAMES);
     move_cameras(&scratch, |_, place| moved_by(place, FAR));
     scratch
 }
 
-fn held_out_psnr(scratch: &Scratch, command: &str) -> f64 {
+/// Enough that held-out views are covered: what lies between frames would hide what is wrong.
+const FRAMES: usize = 24;
+
+/// PSNR of held-out views, and of what is covered of them.
+fn held_out_psnr(scratch: &Scratch, command: &str) -> [f64; 2] {
     let run = scratch.run(&format!("{command} --json")).succeeds();
-    run.json()["eval"][0]["psnr_mean"].as_f64().unwrap()
+    let eval = &run.json()["eval"][0];
+    ["psnr_mean", "psnr_covered_mean"].map(|name| eval[name].as_f64().unwrap())
+}
+
+#[track_caller]
+fn differ_by_less(most: f64, a: [f64; 2], b: [f64; 2], what: &str) {
+    for (a, b) in a.into_iter().zip(b) {
+        assert!((a - b).abs() < most, "{what}: {a} and {b} dB");
+    }
 }
 
 /// Wherever the world lies, figures are those of a world near zero, of the run and of its files.
 #[test]
 fn figures_do_not_depend_on_where_the_world_lies() {
     for preset in ["--preset scene", "--preset paper --components 500"] {
-        let train = format!("train room --out run --eval held-out {preset}");
-        let expected = held_out_psnr(&recorded("64x48", 9), &train);
-        let far = far_recording();
-        let trained = held_out_psnr(&far, &train);
-        assert!((trained - expected).abs() < SAME, "{preset}: {expected} dB, far {trained} dB");
-        far.run("export run/checkpoint.vbgs -o run/scene.glb --up z").succeeds();
-        let eval = |model: &str| {
-            let eval = format!("eval run/{model} room --split held-out");
-            held_out_psnr(&far, &eval)
+        let figures = |scratch: Scratch| {
+            let train = format!("train room --out run --eval held-out {preset}");
+            let trained = held_out_psnr(&scratch, &train);
+            scratch.run("export run/checkpoint.vbgs -o run/scene.glb --up z").succeeds();
+            // Plain files differ from a native scene wherever it lies, by as much.
+            let eval =
+                |model| held_out_psnr(&scratch, &format!("eval run/{model} room --split held-out"));
+            let [checkpoint, ply, glb] = ["checkpoint.vbgs", "scene.ply", "scene.glb"].map(eval);
+            differ_by_less(1e-6, trained, checkpoint, preset);
+            differ_by_less(SAME, ply, glb, preset);
+            [checkpoint, ply, glb]
         };
-        let checkpoint = eval("checkpoint.vbgs");
-        assert!((checkpoint - trained).abs() < 1e-6, "{preset}: {trained}, again {checkpoint}");
-        // Plain files differ from a native scene wherever it lies; from each other they must not.
-        let near = recorded("64x48", 9);
-        near.run(&train).succeeds();
-        near.run("export run/checkpoint.vbgs -o run/scene.glb --up z").succeeds();
-        for model in ["scene.ply", "scene.glb"] {
-            let expected = held_out_psnr(&near, &format!("eval run/{model} room --split held-out"));
-            let found = eval(model);
-            assert!((found - expected).abs() < SAME, "{preset}, {model}: {expected}, far {found}");
+        let [near, far] = [recorded("64x48", FRAMES), far_recording()].map(figures);
+        for ((near, far), model) in near.into_iter().zip(far).zip(["checkpoint", "PLY", "GLB"]) {
+            differ_by_less(SAME, near, far, &format!("{preset}, {model}"));
         }
     }
 }
@@ -223,7 +230,7 @@ fn a_far_run_is_resumed_and_drawn() {
     // As the recording grew: what is opened later must not choose another origin.
     let resume = format!("{train} --out rest --resume half/checkpoint.vbgs --max-frames 100");
     let resumed = held_out_psnr(&scratch, &resume);
-    assert!((whole - resumed).abs() < 1e-9, "{whole} dB, resumed {resumed} dB");
+    differ_by_less(1e-9, whole, resumed, "resumed");
     for view in ["--dataset room --view 0", "--size 64x48"] {
         let render = format!("render rest/checkpoint.vbgs -o view.png {view}");
         scratch.run(&render).succeeds();
@@ -260,10 +267,10 @@ fn other_origins_are_refused_or_said() {
 #[ignore = "prints a table, a minute of training"]
 fn table_of_units_and_places() {
     println!("{:>8} {:>10} {:>8} {:>8}", "metre", "moved", "scene", "paper");
-    for metre in [1e-4, 1e-2, 1.0, 1e2, 1e4] {
+    for metre in [1e-4, 1.0, 1e4] {
         for moved in [0.0, 1e2, 1e3, 1e5, 1e7] {
             let psnr = ["", "--preset paper --components 500"].map(|preset| {
-                let scratch = recorded("64x48", 9);
+                let scratch = recorded("64x48", FRAMES);
                 let far = [moved, -moved, 0.0];
                 move_cameras(&scratch, |_, place| moved_by(place.map(|x| x * metre), far));
                 let depth = match metre == 1.0 {
@@ -278,7 +285,7 @@ fn table_of_units_and_places() {
                 let train = format!("train room --out run --eval held-out {depth} {preset}");
                 held_out_psnr(&scratch, &train)
             });
-            println!("{metre:>8.0e} {moved:>10.0e} {:>8.3} {:>8.3}", psnr[0], psnr[1]);
+            println!("{metre:>8.0e} {moved:>10.0e} {:>8.3?} {:>8.3?}", psnr[0], psnr[1]);
         }
     }
 }
