@@ -2,7 +2,7 @@
 
 use super::color_mode::ColorMode;
 use super::file_proposal::FileProposal;
-use super::session_info::session_info;
+use super::session_info::{origin_info, session_info};
 use super::state::{HomeView, NoticeKind, Opened, Subject};
 use super::training::{RefusedSetting, TrainSettings};
 use crate::dataset::error::DatasetError;
@@ -111,6 +111,7 @@ pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubj
         serial,
         is_demo: path.is_none(),
         dataset: Some(dataset.clone()),
+        local_origin: dataset.local_origin(),
         plan: Some(Arc::new(session.plan().clone())),
         available_modes: &[
             ColorMode::Evidence,
@@ -159,7 +160,7 @@ fn checkpoint(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
             Ok(view(
                 path,
                 drawable(&all),
-                run.up(),
+                (run.up(), run.local_origin()),
                 run.bytes,
                 vec![(NoticeKind::Warning, text)],
                 serial,
@@ -187,7 +188,7 @@ fn drawable(all: &SplatSet) -> SplatSet {
 
 fn continued(run: &SavedRun) -> Result<Session, OpenError> {
     let dataset = match &run.meta.dataset {
-        Some(folder) => Arc::new(dataset::open(folder, &run.config.load)?),
+        Some(folder) => Arc::new(dataset::open(folder, &run.load_options())?),
         None => demo::dataset()?,
     };
     Ok(run.clone().resume(dataset, &ResumeRequest::default(), false)?)
@@ -197,18 +198,29 @@ fn model(path: &Path, serial: u64) -> Result<OpenedSubject, OpenError> {
     let model = export::read(path)?;
     let up = model.up().unwrap_or(DVec3::Z);
     let notices = notices_of(&model, path);
-    Ok(view(path, model.splats, up, model.bytes, notices, serial))
+    Ok(view(path, model.splats, (up, model.local_origin), model.bytes, notices, serial))
 }
 
-/// The splats of a checkpoint or a model file, and what the user should know about them.
-pub fn splats_of(path: &Path) -> Result<(SplatSet, Vec<(NoticeKind, String)>), OpenError> {
+/// Splats alone, of a checkpoint or a model file.
+pub struct BareSplats {
+    /// Relative to the local origin.
+    pub splats: SplatSet,
+    /// What positions are relative to, in the world of the file's dataset.
+    pub local_origin: DVec3,
+    /// What the user should know about them.
+    pub told: Vec<(NoticeKind, String)>,
+}
+
+/// The splats of a checkpoint or a model file.
+pub fn splats_of(path: &Path) -> Result<BareSplats, OpenError> {
     if is_checkpoint(path) {
-        let splats = SavedRun::read(path)?.splats()?;
-        return Ok((drawable(&splats), Vec::new()));
+        let run = SavedRun::read(path)?;
+        let splats = drawable(&run.splats()?);
+        return Ok(BareSplats { splats, local_origin: run.local_origin(), told: Vec::new() });
     }
     let model = export::read(path)?;
-    let notices = notices_of(&model, path);
-    Ok((model.splats, notices))
+    let told = notices_of(&model, path);
+    Ok(BareSplats { splats: model.splats, local_origin: model.local_origin, told })
 }
 
 fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
@@ -222,11 +234,11 @@ fn notices_of(model: &Imported, path: &Path) -> Vec<(NoticeKind, String)> {
     notices
 }
 
-/// Splats to look at.
+/// Splats to look at, with the direction that points up and their local origin.
 fn view(
     path: &Path,
     splats: SplatSet,
-    up: DVec3,
+    (up, local_origin): (DVec3, DVec3),
     bytes: u64,
     notices: Vec<(NoticeKind, String)>,
     serial: u64,
@@ -245,16 +257,20 @@ fn view(
     let opened = Opened {
         name,
         path: Some(path.to_owned()),
-        info: vec![
+        info: [
             ("Model".to_owned(), path.display().to_string()),
             ("Splats".to_owned(), splats.len().to_string()),
             ("Size".to_owned(), format!("{:.1} MB", bytes as f64 * 1e-6)),
-        ],
+        ]
+        .into_iter()
+        .chain(origin_info(local_origin))
+        .collect(),
         home: HomeView { camera, up, target: framing.centre, radius: framing.radius },
         files: FileProposal::beside(Some(path)),
         serial,
         is_demo: false,
         dataset: None,
+        local_origin,
         plan: None,
         available_modes: &[],
         method: None,

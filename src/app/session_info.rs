@@ -9,6 +9,7 @@ use crate::pipeline::session::Session;
 use crate::pipeline::settings::scene::SceneRun;
 use crate::train::scene::config::BirthRule;
 use crate::train::scene::units::StructuralScale;
+use glam::DVec3;
 
 /// Lines for the scene panel: label and value.
 pub fn session_info(session: &Session) -> Vec<(String, String)> {
@@ -39,9 +40,16 @@ pub fn session_info(session: &Session) -> Vec<(String, String)> {
     }
     info.extend(config.method.scene().into_iter().flat_map(scene_info));
     let is_assumed = config.method.assumes_calibration(dataset);
+    info.extend(origin_info(dataset.local_origin()));
     let calibration = calibration(config.method.any().calibration(), is_assumed);
     info.push(("Calibration".to_owned(), calibration.to_owned()));
     info
+}
+
+/// What positions of a far world are relative to.
+pub fn origin_info(origin: DVec3) -> Option<(String, String)> {
+    let [x, y, z] = origin.to_array();
+    (origin != DVec3::ZERO).then(|| ("Local origin".to_owned(), format!("{x}  {y}  {z}")))
 }
 
 fn scene_info(run: &SceneRun) -> Vec<(String, String)> {

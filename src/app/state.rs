@@ -122,6 +122,8 @@ pub struct Opened {
     pub is_demo: bool,
     /// Its frames, for comparing with photographs; `None` for a model.
     pub dataset: Option<Arc<Dataset>>,
+    /// What its positions are relative to in the world of its files, world units.
+    pub local_origin: DVec3,
     /// Which frames are trained, in their order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
     /// Colour modes whose values come with its splats, beyond those that every splat has.

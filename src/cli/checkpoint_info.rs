@@ -86,7 +86,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Failure> {
 
 fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
     let path = run.meta.dataset.as_ref();
-    let dataset = path.and_then(|path| dataset::open(path, &run.config.load).ok());
+    let dataset = path.and_then(|path| dataset::open(path, &run.load_options()).ok());
     let error = dataset.and_then(|dataset| trajectory.error(&dataset));
     let summary = tracked::summary(&trajectory, error.as_ref());
     TrackingInfo { trajectory, error, summary }
@@ -95,7 +95,7 @@ fn tracking(trajectory: Trajectory, run: &SavedRun) -> TrackingInfo {
 /// Why the run could not go on as it is.
 fn dataset_defect(run: &SavedRun) -> Option<String> {
     let path = run.meta.dataset.as_ref()?;
-    let dataset = match dataset::open(path, &run.config.load) {
+    let dataset = match dataset::open(path, &run.load_options()) {
         Ok(dataset) => dataset,
         Err(error) => return Some(format!("its dataset cannot be opened: {error}")),
     };

@@ -8,6 +8,7 @@ use super::{output, progress};
 use glam::DVec3;
 use std::path::Path;
 use vbgs_studio::export::atomic::remove_leftovers;
+use vbgs_studio::export::local_origin::{self, OriginCarrier};
 use vbgs_studio::export::mesh::{MeshFormat, Surfel, write_mesh};
 use vbgs_studio::export::{
     Axes, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSelection, mapping,
@@ -36,6 +37,7 @@ fn splats(args: &ExportArgs) -> Result<(), Failure> {
         let options = options(args, format, &model, training.as_ref(), progress);
         write(&args.output, &model.splats, &options)
     })?;
+    warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
     output::line(format!(
         "wrote {} splats, {} bytes, to {}",
         summary.n_written,
@@ -75,6 +77,7 @@ fn mesh(args: &ExportArgs) -> Result<(), Failure> {
             training.surfels.iter().filter_map(|(i, surfel)| asked(*i, surfel)).collect();
         write_mesh(&args.output, &surfels, cell, format, &options)
     })?;
+    warn_of_origin(&args.output, model.local_origin, format.origin_carrier());
     output::line(format!(
         "wrote {} vertices and {} triangles, {} bytes, to {}",
         summary.n_vertices,
@@ -125,17 +128,26 @@ fn options<'a>(
         mapping: args.mapping.mapping(),
         comments: &model.comments,
         up: args.up.map(|up| up.direction()).or(model.up).unwrap_or(DVec3::Z),
+        local_origin: model.local_origin,
         metric: model.is_metric,
         unit_scale: args.unit_scale,
         confidence: training.map(|t| &t.evidence[..]),
         selection: WriteSelection {
-            crop: args.crop,
+            // Asked for in the world, taken where the splats are.
+            crop: args.crop.map(|corners| corners.map(|at| at - model.local_origin)),
             min_evidence: args.min_evidence,
             max_uncertainty: args.max_uncertainty,
             uncertainty: training.map(|t| &t.uncertainty[..]),
         },
         progress,
         ..WriteOptions::new(format)
+    }
+}
+
+/// Says what other programs make of a file of a far world.
+pub fn warn_of_origin(path: &Path, origin: DVec3, carrier: OriginCarrier) {
+    if let Some(warning) = local_origin::warning(origin, carrier) {
+        eprintln!("warning: {}: {warning}", path.display());
     }
 }
 

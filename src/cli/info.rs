@@ -3,6 +3,7 @@
 use super::args::InfoArgs;
 use super::failure::Failure;
 use super::{capture_check, checkpoint_info, output, pose_check};
+use glam::DVec3;
 use serde::Serialize;
 use vbgs_studio::dataset::capture_check::CaptureCheck;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind};
@@ -76,7 +77,10 @@ struct ModelInfo {
     /// Highest degree of the harmonics that were read.
     sh_degree: u8,
     skipped: usize,
+    /// In the world: the local origin is added.
     bounds: Option<[[f64; 3]; 2]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    local_origin: Option<[f64; 3]>,
     bytes: u64,
     comments: Vec<String>,
     notes: Vec<String>,
@@ -267,7 +271,9 @@ fn model_info(args: &InfoArgs, model: &Imported) -> ModelInfo {
         splats: model.splats.len(),
         sh_degree: u8::from(!model.splats.view().appearance().is_empty()),
         skipped: model.skipped,
-        bounds: bounds(&model.splats).map(|(lo, hi)| [lo.to_array(), hi.to_array()]),
+        bounds: bounds(&model.splats)
+            .map(|(lo, hi)| [lo, hi].map(|at| (at + model.local_origin).to_array())),
+        local_origin: (model.local_origin != DVec3::ZERO).then_some(model.local_origin.to_array()),
         bytes: model.bytes,
         comments: model.comments.clone(),
         notes: model.notes.iter().map(ToString::to_string).collect(),
@@ -284,6 +290,9 @@ fn print_model(info: &ModelInfo) -> Result<(), Failure> {
     ));
     if let Some([lo, hi]) = info.bounds {
         output::line(format!("  from {lo:.3?} to {hi:.3?}"));
+    }
+    if let Some([x, y, z]) = info.local_origin {
+        output::line(format!("  its positions are relative to ({x}, {y}, {z})"));
     }
     if info.sh_degree > 0 {
         output::line("  colour depends on the direction (harmonics of degree 1)");

@@ -10,6 +10,7 @@ use vbgs_studio::dataset::{Dataset, LoadOptions};
 use vbgs_studio::eval::measure::Views;
 use vbgs_studio::export;
 use vbgs_studio::export::checkpoint::is_checkpoint;
+use vbgs_studio::export::local_origin;
 use vbgs_studio::export::mesh::Surfel;
 use vbgs_studio::model::attributes::ComponentAttributes;
 use vbgs_studio::model::splat::appearance::SplatSet;
@@ -25,6 +26,8 @@ pub struct Model {
     pub splats: SplatSet,
     /// Direction that points up, where the file says so.
     pub up: Option<DVec3>,
+    /// What its positions are relative to, in the world of its dataset.
+    pub local_origin: DVec3,
     /// Whether its world is known to be in metres.
     pub is_metric: bool,
     /// How it was trained, where the file says so.
@@ -69,7 +72,11 @@ impl Model {
             (None, true) => Err(Failure::Usage(
                 "--poses track: expected the checkpoint of a tracked run, found a model that does not say where its frames were taken; give its checkpoint.vbgs".to_owned(),
             )),
-            (found, _) => Ok(LoadOptions { track: found.is_some(), ..asked }),
+            (found, _) => Ok(LoadOptions {
+                track: found.is_some(),
+                local_origin: Some(self.local_origin.to_array()),
+                ..asked
+            }),
         }
     }
 
@@ -146,13 +153,23 @@ pub fn load_with_training(path: &Path) -> Result<(Model, Option<Training>), Fail
 fn of_run(run: SavedRun, splats: SplatSet) -> Result<Model, Failure> {
     let comments = file_comments(&run.config.method, run.content.cursor.frames);
     let (up, is_metric, trajectory) = (Some(run.up()), run.is_metric(), run.trajectory()?);
+    let local_origin = run.local_origin();
     let SavedRun { config, meta, content, .. } = run;
     let learnt = Some(LearntFrames {
         fingerprint: meta.fingerprint,
         split: config.selection.split,
         visited: content.cursor.visited,
     });
-    Ok(Model { splats, up, is_metric, method: Some(config.method), trajectory, comments, learnt })
+    Ok(Model {
+        splats,
+        up,
+        local_origin,
+        is_metric,
+        method: Some(config.method),
+        trajectory,
+        comments,
+        learnt,
+    })
 }
 
 fn of_file(path: &Path) -> Result<Model, Failure> {
@@ -169,10 +186,12 @@ fn of_file(path: &Path) -> Result<Model, Failure> {
     }
     let up = model.up();
     // Foreign comments speak of the foreign file: its axes, its exporter.
-    let comments = model.comments.into_iter().filter(|line| line.starts_with("vbgs ")).collect();
+    let is_ours = |line: &String| line.starts_with("vbgs ") && !local_origin::is_comment(line);
+    let comments = model.comments.into_iter().filter(is_ours).collect();
     Ok(Model {
         splats: model.splats,
         up,
+        local_origin: model.local_origin,
         is_metric: false,
         method: None,
         trajectory: None,

@@ -3,6 +3,7 @@
 use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
 use super::model::Model;
+use super::train::announce;
 use super::{model, output, progress};
 use anyhow::anyhow;
 use glam::DVec3;
@@ -96,6 +97,7 @@ fn render_view(
     args: &RenderArgs,
 ) -> Result<(), Failure> {
     let dataset = dataset::open(path, &model.load_options(LoadOptions::default())?)?;
+    announce(&dataset);
     let photographed = model.color_camera(&dataset);
     let split = match &args.split {
         Some(name) => dataset.split_named(name)?,

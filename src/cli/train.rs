@@ -5,6 +5,7 @@
 //! the training and be cut short, and again with what was measured.
 
 use super::args::TrainArgs;
+use super::export::warn_of_origin;
 use super::failure::Failure;
 use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
@@ -163,9 +164,6 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     if session.config().method.assumes_calibration(session.dataset()) {
         eprintln!("note: {KNOWN_CALIBRATION}");
     }
-    if let Some(warning) = far_from_origin(session) {
-        eprintln!("warning: {warning}");
-    }
     let preset = session.config().method.any();
     let limit = preset.component_limit();
     let memory = match &args.eval {
@@ -188,23 +186,6 @@ fn note(session: &Session, args: &TrainArgs) -> Result<(), Failure> {
     memory::check(memory, limit).map_err(|error| Failure::from(SessionError::from(error)))
 }
 
-/// Share of the structural scale that 32-bit positions may be rounded by.
-const ROUNDED: f64 = 1.0 / 32.0;
-
-/// What to do about a scene so far from the origin of its world that splats, whose positions have 32 bits,
-/// cannot hold it; `None` if they can.
-fn far_from_origin(session: &Session) -> Option<String> {
-    let scene = session.config().method.scene()?;
-    let distance = scene.surface.origin.abs().max_element();
-    let rounding = distance * 0.5 * f64::from(f32::EPSILON);
-    (rounding > ROUNDED * scene.engine.h).then(|| {
-        format!(
-            "the scene lies {distance:.0} world units from the origin, where positions of splats are rounded by {rounding:.2e} and the structural scale is {:.2e}: pictures and files will be coarse; subtract a constant from all poses, such as the first camera's position (of map coordinates, its easting and northing)",
-            scene.engine.h
-        )
-    })
-}
-
 const KNOWN_CALIBRATION: &str = "no calibration is given: colours are looked up as the published Kinect's colour camera saw them (report.json holds its numbers); --calibration FILE.ron takes another, `vbgs-studio calibrate DATASET` checks it";
 
 /// Frames learnt over the whole run.
@@ -222,7 +203,7 @@ impl Start {
     fn load_options(&self, args: &TrainArgs) -> LoadOptions {
         match self {
             Self::New(_) => args.depth.load_options(),
-            Self::Saved(run, _) => run.config.load,
+            Self::Saved(run, _) => run.load_options(),
         }
     }
 }
@@ -304,10 +285,12 @@ fn save_model(session: &Session, args: &TrainArgs) -> Result<&'static str, Failu
     let options = WriteOptions {
         comments: &comments,
         up: session.up(),
+        local_origin: session.dataset().local_origin(),
         mapping: args.mapping.mapping(),
         ..WriteOptions::new(ModelFormat::Ply)
     };
     write(&args.out.join(SCENE), &session.stored_splats(), &options)?;
+    warn_of_origin(&args.out.join(SCENE), options.local_origin, ModelFormat::Ply.origin_carrier());
     Ok("scene.ply, checkpoint.vbgs and ")
 }
 

@@ -81,7 +81,9 @@ impl GrowingRecording {
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|path| path.is_dir())?;
         let name = &dataset.splits[split].name;
-        let mut growing = Self::new(path, &dataset.options, Some(name)).ok()?;
+        // All looks have one origin: zero too, which options leave out, is settled.
+        let settled = dataset.options.settled();
+        let mut growing = Self::new(path, &settled, Some(name)).ok()?;
         growing.take(dataset);
         Some(growing)
     }
@@ -160,6 +162,9 @@ impl GrowingRecording {
         let Ok(split) = self.split_of(found).map(|at| &found.splits[at]) else { return 0 };
         if !split.frames.is_empty() {
             self.layout = Some(found.layout);
+            // The first frames decide where the origin lies.
+            self.options =
+                LoadOptions { local_origin: found.options.settled().local_origin, ..self.options };
             self.split = Some(split.name.clone());
         }
         let names = split.frames.iter().map(|frame| frame.name.clone());

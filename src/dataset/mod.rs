@@ -44,6 +44,7 @@ mod folder;
 pub mod growing;
 mod intrinsics;
 mod lengths;
+mod local_origin;
 mod matrix;
 mod opened;
 mod options;

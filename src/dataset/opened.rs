@@ -7,6 +7,7 @@ use super::error::{DatasetError, FrameError, FrameProblem, Warning};
 use super::folder::{Folder, Recorded};
 use super::formats::{self, Layout, ParsedFolder};
 use super::frame::Frame;
+use super::local_origin::LocalOrigin;
 use super::options::LoadOptions;
 use super::pose_convention::PoseConvention;
 use super::position_range::PositionRange;
@@ -36,7 +37,7 @@ pub struct Dataset {
     pub notes: Vec<String>,
     /// Range of positions where the layout defines one; see [`super::range::estimate`].
     pub known_range: Option<PositionRange>,
-    /// What was overridden when it was opened.
+    /// What was overridden when it was opened, and where the cameras' origin lies if not at zero.
     pub options: LoadOptions,
 }
 
@@ -105,7 +106,26 @@ pub(super) fn read(
             "scale and range of depth say {metre} world units to the metre: what is known of the sensor, its noise among it, is taken so"
         ));
     }
+    move_origin(&mut dataset);
     Ok(dataset)
+}
+
+/// Tells cameras, and what is known of where things are, relative to the local origin.
+fn move_origin(dataset: &mut Dataset) {
+    let split = dataset.splits.get(dataset.training_split().unwrap_or(0));
+    let Some(split) = split else { return };
+    let asked = dataset.options.local_origin;
+    let LocalOrigin { place, note } = LocalOrigin::of(split, dataset.metre(), asked);
+    dataset.notes.extend(note);
+    // Left out where it is zero: near worlds keep their bits, and what is saved of them its bytes.
+    dataset.options.local_origin = (place != DVec3::ZERO).then_some(place.to_array());
+    if place == DVec3::ZERO {
+        return;
+    }
+    for frame in dataset.splits.iter_mut().flat_map(|split| &mut split.frames) {
+        frame.camera.pose = frame.camera.pose.relative_to(place);
+    }
+    dataset.known_range = dataset.known_range.take().map(|range| range.relative_to(place));
 }
 
 /// Refuses options that nothing in the files asks for: whoever gave them believes otherwise.
@@ -227,6 +247,12 @@ impl Dataset {
             color.offset = color.offset.map(|metres| metres * self.metre());
         }
         Some(known)
+    }
+
+    /// Where the origin of its cameras lies in the world of the files, world units: zero unless that is
+    /// too far away for 32-bit positions.
+    pub fn local_origin(&self) -> DVec3 {
+        self.options.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
     /// Direction that points up in the world, as far as the cameras of a split tell.

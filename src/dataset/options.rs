@@ -26,10 +26,16 @@ pub struct LoadOptions {
     /// Whether poses are left to tracking: recorded ones are ignored, and none are needed.
     #[serde(default, skip_serializing_if = "is_false")]
     pub track: bool,
+    /// Place of the world that cameras are told relative to, world units: that of the model beside them.
+    /// Without, zero or, of a world too far from it for 32-bit positions, one beside the first camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub local_origin: Option<[f64; 3]>,
 }
 
 /// Distances that depth sensors measure, metres: what a range of depth is compared with.
-const SENSOR_RANGE: [f64; 2] = [0.3, 5.0];
+const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
+/// The far end of it.
+pub(super) const FARTHEST_SENSED: f64 = 5.0;
 
 fn is_false(value: &bool) -> bool {
     !value
@@ -57,6 +63,12 @@ impl LoadOptions {
         // Metres come first: of equals they are the likelier.
         let units = [1.0, scale / unit, 100.0, 1000.0];
         units.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0)
+    }
+
+    /// These options for opening beside what was opened with them: the origin stays where it was, zero
+    /// included.
+    pub fn settled(&self) -> Self {
+        Self { local_origin: Some(self.local_origin.unwrap_or_default()), ..*self }
     }
 
     /// Whether every number lies in its range.
@@ -91,6 +103,13 @@ impl LoadOptions {
                 setting: "confidence",
                 expected: "0, 1 or 2",
                 found: confidence.to_string(),
+            });
+        }
+        if let Some(origin) = self.local_origin.filter(|at| !at.iter().all(|x| x.is_finite())) {
+            return Err(DatasetError::Option {
+                setting: "local origin",
+                expected: "three finite numbers",
+                found: format!("{origin:?}"),
             });
         }
         Ok(())

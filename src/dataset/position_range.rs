@@ -25,6 +25,11 @@ impl PositionRange {
         Self { lo: DVec3::NEG_ONE, hi: DVec3::ONE, source }
     }
 
+    /// The same box told relative to another origin.
+    pub fn relative_to(self, origin: DVec3) -> Self {
+        Self { lo: self.lo - origin, hi: self.hi - origin, ..self }
+    }
+
     /// Low corner of the box, world units.
     pub fn lo(&self) -> DVec3 {
         self.lo

@@ -1,6 +1,7 @@
 //! What to write: formats, axes and the options of each.
 
 use super::error::{ExportError, Fault};
+use super::local_origin::OriginCarrier;
 use super::mapping::Mapping;
 use super::progress::WriteProgress;
 use glam::DVec3;
@@ -55,6 +56,15 @@ impl ModelFormat {
             ModelFormat::Ply | ModelFormat::PointCloudPly => "ply",
             ModelFormat::Glb => "glb",
             ModelFormat::Spz => "spz",
+        }
+    }
+
+    /// How it says what its positions are relative to.
+    pub fn origin_carrier(self) -> OriginCarrier {
+        match self {
+            ModelFormat::Glb => OriginCarrier::Transform,
+            ModelFormat::Ply | ModelFormat::PointCloudPly => OriginCarrier::Comment,
+            ModelFormat::Spz => OriginCarrier::None,
         }
     }
 
@@ -160,6 +170,9 @@ pub struct WriteOptions<'a> {
     /// Direction that points up in the model's world, not zero: GLB and SPZ have it turned to y, a
     /// PLY says it.
     pub up: DVec3,
+    /// What positions are relative to in the world, in its axes and units; zero is left out. A GLB has it as
+    /// the translation of its node, a PLY as a comment, both in the axes and units of the file.
+    pub local_origin: DVec3,
     /// Lengths are metres: a GLB says so in `asset.extras.units`.
     pub metric: bool,
     /// Units of the file for each unit of the model's world, above 0.
@@ -183,6 +196,7 @@ impl WriteOptions<'_> {
             camera_centres: &[],
             confidence: None,
             up: DVec3::Z,
+            local_origin: DVec3::ZERO,
             metric: false,
             unit_scale: 1.0,
             selection: WriteSelection::default(),

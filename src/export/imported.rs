@@ -6,6 +6,7 @@
 
 use super::error::{Fault, reserved};
 use super::gaussian::{Gaussian, unit_quaternion};
+use super::local_origin;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::{Splat, bounds};
 use glam::{DQuat, DVec3};
@@ -20,6 +21,9 @@ pub struct Imported {
     pub splats: SplatSet,
     /// What the rows were.
     pub kind: ModelKind,
+    /// What positions are relative to in the file's world, in the axes of `splats`; zero where the file does
+    /// not say.
+    pub local_origin: DVec3,
     /// Whether the format says what is up, so that reading turned it to z.
     pub is_z_up: bool,
     /// Rows left out because a field was NaN or infinite.
@@ -183,7 +187,16 @@ impl Rows {
             notes.push(Note::ColorClamped { n_splats: self.n_wild_colors });
         }
         let Self { splats, skipped, .. } = self;
-        Ok(Imported { splats, kind, is_z_up: false, skipped, notes, comments, bytes: 0 })
+        Ok(Imported {
+            splats,
+            kind,
+            local_origin: local_origin::of_comments(&comments),
+            is_z_up: false,
+            skipped,
+            notes,
+            comments,
+            bytes: 0,
+        })
     }
 }
 

@@ -35,6 +35,7 @@ pub mod endings;
 pub mod error;
 pub mod format;
 pub mod imported;
+pub mod local_origin;
 pub mod mapping;
 pub mod mesh;
 pub mod progress;

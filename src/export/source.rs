@@ -127,6 +127,11 @@ pub(super) fn turn(options: &WriteOptions) -> Turn {
     }
 }
 
+/// The local origin in the axes and units of the file.
+pub(super) fn origin(options: &WriteOptions) -> DVec3 {
+    turn(options).vector(options.local_origin) * options.unit_scale
+}
+
 /// Refuses axes and units without a meaning.
 pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
     let setting = |setting, expected: &str, found: String| {
@@ -137,6 +142,9 @@ pub(super) fn check_frame(options: &WriteOptions) -> Result<(), Fault> {
     }
     if !(options.unit_scale.is_finite() && options.unit_scale > 0.0) {
         return setting("unit scale", "a number above 0", options.unit_scale.to_string());
+    }
+    if !options.local_origin.is_finite() {
+        return setting("local origin", "finite numbers", options.local_origin.to_string());
     }
     Ok(())
 }

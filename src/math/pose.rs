@@ -108,6 +108,11 @@ impl Pose {
         self.translation
     }
 
+    /// The same camera in a world that has its origin elsewhere.
+    pub fn relative_to(&self, origin: DVec3) -> Self {
+        Self { translation: self.translation - origin, ..*self }
+    }
+
     /// Direction of view in the world.
     pub fn forward(&self) -> DVec3 {
         self.rotation.z_axis

@@ -104,16 +104,190 @@ fn a_wild_pose_is_named_and_leaves_the_rest_as_it_is() {
     }
 }
 
-/// What 32 bits cannot hold is said, with what to do.
+/// Map coordinates: what 32 bits round to whole metres.
+const FAR: [f64; 3] = [1e7, -1e7, 0.0];
+/// Figures of a picture may differ by this, dB.
+const SAME: f64 = 0.05;
+
+fn moved_by([x, y, z]: [f64; 3], far: [f64; 3]) -> [f64; 3] {
+    [x + far[0], y + far[1], z + far[2]]
+}
+
+/// A recording in a far world.
+fn far_recording() -> Scratch {
+    let scratch = recorded("64x48", FRAMES);
+    move_cameras(&scratch, |_, place| moved_by(place, FAR));
+    scratch
+}
+
+/// Enough that held-out views are covered: what lies between frames would hide what is wrong.
+const FRAMES: usize = 24;
+
+/// PSNR of held-out views, and of what is covered of them.
+fn held_out_psnr(scratch: &Scratch, command: &str) -> [f64; 2] {
+    let run = scratch.run(&format!("{command} --json")).succeeds();
+    let eval = &run.json()["eval"][0];
+    // Where nothing is covered there is no second.
+    ["psnr_mean", "psnr_covered_mean"].map(|name| eval[name].as_f64().unwrap_or(f64::NAN))
+}
+
+#[track_caller]
+fn differ_by_less(most: f64, a: [f64; 2], b: [f64; 2], what: &str) {
+    for (a, b) in a.into_iter().zip(b) {
+        assert!((a - b).abs() < most, "{what}: {a} and {b} dB");
+    }
+}
+
+/// Wherever the world lies, figures are those of a world near zero, of the run and of its files.
 #[test]
-fn a_scene_far_from_the_origin_is_warned_of() {
+fn figures_do_not_depend_on_where_the_world_lies() {
+    for preset in ["--preset scene", "--preset paper --components 500"] {
+        let figures = |scratch: Scratch| {
+            let train = format!("train room --out run --eval held-out {preset}");
+            let trained = held_out_psnr(&scratch, &train);
+            scratch.run("export run/checkpoint.vbgs -o run/scene.glb --up z").succeeds();
+            // Plain files differ from a native scene wherever it lies, by as much.
+            let eval =
+                |model| held_out_psnr(&scratch, &format!("eval run/{model} room --split held-out"));
+            let [checkpoint, ply, glb] = ["checkpoint.vbgs", "scene.ply", "scene.glb"].map(eval);
+            differ_by_less(1e-6, trained, checkpoint, preset);
+            differ_by_less(SAME, ply, glb, preset);
+            [checkpoint, ply, glb]
+        };
+        let [near, far] = [recorded("64x48", FRAMES), far_recording()].map(figures);
+        for ((near, far), model) in near.into_iter().zip(far).zip(["checkpoint", "PLY", "GLB"]) {
+            differ_by_less(SAME, near, far, &format!("{preset}, {model}"));
+        }
+    }
+}
+
+/// Files say what their positions are relative to, or it is said that they cannot.
+#[test]
+fn files_of_a_far_world_say_where_it_lies() {
+    let scratch = far_recording();
+    let run = scratch.run("train room --out run").succeeds();
+    assert!(run.stderr.contains("relative to the local origin (10000"), "{}", run.stderr);
+    assert!(run.stderr.contains("only a comment of the file says"), "{}", run.stderr);
+    let export = |options: &str| {
+        scratch.run(&format!("export run/checkpoint.vbgs -o {options}")).succeeds().stderr
+    };
+    assert!(!export("scene.glb").contains("local origin"));
+    for (to, said) in [
+        ("scene.spz", "the file cannot say"),
+        ("cloud.ply --format point-cloud", "only a comment"),
+        ("mesh.obj --as mesh", "only a comment"),
+    ] {
+        let warned = export(to);
+        assert!(warned.contains("warning") && warned.contains(said), "{to}: {warned}");
+    }
+    let near = |at: [f64; 3]| {
+        (0..3).all(|axis| (at[axis] - FAR[axis]).abs() < 20.0 && at[axis].fract() == 0.0)
+    };
+    let origin = |model: &str| scratch.model(model).local_origin.to_array();
+    for model in ["run/scene.ply", "cloud.ply", "scene.glb"] {
+        assert!(near(origin(model)), "{model}: {:?}", origin(model));
+        let info = scratch.run(&format!("info {model} --json")).succeeds().json();
+        let low = info["bounds"][0][0].as_f64().unwrap();
+        assert!((low - FAR[0]).abs() < 20.0, "{model}: {low}");
+    }
+    // Through other files, axes and units and back.
+    for (from, options, factor) in [
+        ("run/scene.ply", "again.glb --up z", 1.0),
+        ("scene.glb", "again.ply", 1.0),
+        ("run/scene.ply", "again.ply --axes viewer --up z --unit-scale 100", 100.0),
+    ] {
+        scratch.run(&format!("export {from} -o {options}")).succeeds();
+        let again = scratch.model(options.split(' ').next().unwrap());
+        let found = again.local_origin / factor;
+        let expected = glam::DVec3::from_array(origin("run/scene.ply"));
+        let turned = glam::DVec3::new(-expected.x, -expected.z, -expected.y);
+        let expected = if options.contains("viewer") { turned } else { expected };
+        assert!((found - expected).length() < 1e-6, "{options}: {found} {expected}");
+        let lines = again.comments.iter().filter(|line| line.contains("local origin")).count();
+        assert!(lines <= 1, "{:?}", again.comments);
+    }
+}
+
+/// What is near zero says nothing of origins.
+#[test]
+fn a_world_near_zero_has_no_local_origin() {
     let scratch = recorded("64x48", 6);
-    let near = scratch.run("train room --out run").succeeds();
-    assert!(!near.stderr.contains("from the origin"), "{}", near.stderr);
-    move_cameras(&scratch, |_, [x, y, z]| [x + 5e5, y + 5e6, z]);
-    let far = scratch.run("train room --out run").succeeds();
-    for part in ["warning: the scene lies 500000", "subtract a constant from all poses"] {
-        assert!(far.stderr.contains(part), "`{part}` is missing from: {}", far.stderr);
+    let run = scratch.run("train room --out run").succeeds();
+    assert!(!run.stderr.contains("origin"), "{}", run.stderr);
+    for file in ["run/checkpoint.vbgs", "run/report.json", "run/scene.ply"] {
+        let bytes = scratch.bytes(file);
+        let text = String::from_utf8_lossy(&bytes);
+        assert!(!text.contains("local_origin") && !text.contains("local origin"), "{file}");
+    }
+}
+
+/// A run in a far world goes on as if it had never stopped, and draws where its cameras stand.
+#[test]
+fn a_far_run_is_resumed_and_drawn() {
+    let scratch = far_recording();
+    let train = "train room --eval held-out";
+    let whole = held_out_psnr(&scratch, &format!("{train} --out whole"));
+    scratch.run("train room --out half --max-frames 3").succeeds();
+    // As the recording grew: what is opened later must not choose another origin.
+    let resume = format!("{train} --out rest --resume half/checkpoint.vbgs --max-frames 100");
+    let resumed = held_out_psnr(&scratch, &resume);
+    differ_by_less(1e-9, whole, resumed, "resumed");
+    for view in ["--dataset room --view 0", "--size 64x48"] {
+        let render = format!("render rest/checkpoint.vbgs -o view.png {view}");
+        scratch.run(&render).succeeds();
+        let picture = image::open(scratch.path("view.png")).unwrap().to_rgb8();
+        let lit = picture.pixels().filter(|p| p.0.iter().any(|&c| c > 20)).count();
+        let all = picture.pixels().len();
+        // Around the room there is nothing to see.
+        assert!(4 * lit > all, "{view}: {lit} of {all}");
+    }
+}
+
+/// Models and cameras with different origins do not meet unnoticed.
+#[test]
+fn other_origins_are_refused_or_said() {
+    let scratch = far_recording();
+    scratch.run("train room --out far --shard 1/2 --births lattice").succeeds();
+    scratch.run("export far/checkpoint.vbgs -o far.spz").succeeds();
+    let eval = scratch.run("eval far.spz room --split held-out").succeeds();
+    assert!(
+        eval.stderr.contains("from the local origin (0, 0, 0) of the model"),
+        "{}",
+        eval.stderr
+    );
+    move_cameras(&scratch, |_, place| moved_by(place, [5e5, 0.0, 0.0]));
+    scratch.run("train room --out other --shard 2/2 --births lattice").succeeds();
+    let merge = "merge far/checkpoint.vbgs other/checkpoint.vbgs -o both.vbgs";
+    scratch.run(merge).fails(1, &["the same local origin in both", "10000", "10500"]);
+    let eval = scratch.run("eval far/checkpoint.vbgs room --split held-out").succeeds();
+    assert!(eval.stderr.contains("of the model beside them"), "{}", eval.stderr);
+}
+
+/// Quality by unit and place of the world, for a reader.
+#[test]
+#[ignore = "prints a table, a minute of training"]
+fn table_of_units_and_places() {
+    println!("{:>8} {:>10} {:>8} {:>8}", "metre", "moved", "scene", "paper");
+    for metre in [1e-4, 1.0, 1e4] {
+        for moved in [0.0, 1e2, 1e3, 1e5, 1e7] {
+            let psnr = ["", "--preset paper --components 500"].map(|preset| {
+                let scratch = recorded("64x48", FRAMES);
+                let far = [moved, -moved, 0.0];
+                move_cameras(&scratch, |_, place| moved_by(place.map(|x| x * metre), far));
+                let depth = match metre == 1.0 {
+                    true => String::new(),
+                    false => format!(
+                        "--depth-scale {:e} --depth-range {:e} {:e}",
+                        metre / 5000.0,
+                        0.3 * metre,
+                        4.0 * metre
+                    ),
+                };
+                let train = format!("train room --out run --eval held-out {depth} {preset}");
+                held_out_psnr(&scratch, &train)
+            });
+            println!("{metre:>8.0e} {moved:>10.0e} {:>8.3?} {:>8.3?}", psnr[0], psnr[1]);
+        }
     }
 }
 

@@ -322,6 +322,38 @@ fn a_followed_dataset_holds_out_what_an_opened_one_does() {
     assert_eq!(grown.warnings.len(), 0);
 }
 
+/// The first frames decide where a far world has its origin, for all that come.
+#[test]
+fn a_far_recording_keeps_the_origin_of_its_first_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let near = folder.path().join("near");
+    write(&ROOM, &near, SyntheticLayout::Tum, &mut |_, _| ()).unwrap();
+    let poses = near.join("groundtruth.txt");
+    let text = fs::read_to_string(&poses).unwrap();
+    let moved = text.lines().map(|line| {
+        let mut fields: Vec<String> = line.split(' ').map(str::to_owned).collect();
+        if !line.starts_with('#') {
+            fields[1] = (fields[1].parse::<f64>().unwrap() + 1e7).to_string();
+        }
+        fields.join(" ") + "\n"
+    });
+    let lines: Vec<String> = moved.collect();
+    let is_note = |line: &&String| line.starts_with('#');
+    let n_begun = lines.iter().filter(is_note).count() + 2;
+    fs::write(&poses, lines[..n_begun].concat()).unwrap();
+    let mut recording = follow(&near);
+    let first = recording.look(true, 0.0).unwrap();
+    recording.take(&first);
+    let origin = first.local_origin();
+    assert!((origin.x - 1e7).abs() < 20.0, "{origin}");
+    fs::write(&poses, lines.concat()).unwrap();
+    let rest = recording.look(false, LATER).unwrap();
+    assert_eq!(rest.local_origin(), origin);
+    for frame in trained(&first).iter().chain(trained(&rest)) {
+        assert!(frame.camera.pose.centre().length() < 20.0, "{}", frame.name);
+    }
+}
+
 #[test]
 fn what_is_no_folder_is_refused_and_what_is_empty_is_waited_for() {
     let folder = tempfile::tempdir().unwrap();

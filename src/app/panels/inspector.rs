@@ -8,6 +8,7 @@ use crate::model::inspection::Inspection;
 use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::Appearance;
 use eframe::egui::{Color32, Grid, Label, RichText, ScrollArea, Sense, Ui, Vec2};
+use glam::DVec3;
 
 /// A heading and its lines: label, values and unit.
 struct Section {
@@ -28,7 +29,8 @@ pub fn ui(snapshot: &Snapshot, ui: &mut Ui) {
         ui.label(RichText::new("Click a splat in the viewport; Escape deselects it.").weak());
         return;
     };
-    let sections = sections(inspected);
+    let origin = snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin);
+    let sections = sections(inspected, origin);
     let title = match **inspected {
         Inspected::Component(_) => format!("Component {}", inspected.id()),
         Inspected::Splat { .. } => format!("Splat {}", inspected.id()),
@@ -76,15 +78,15 @@ fn text(title: &str, sections: &[Section]) -> String {
     text
 }
 
-fn sections(inspected: &Inspected) -> Vec<Section> {
+fn sections(inspected: &Inspected, origin: DVec3) -> Vec<Section> {
     match inspected {
         Inspected::Component(inspection) => {
             let mut sections = posterior(inspection);
             sections.extend(inspection.photographed.as_ref().map(photographed));
-            sections.push(drawn("As drawn", inspected));
+            sections.push(drawn("As drawn", inspected, origin));
             sections
         }
-        Inspected::Splat { .. } => vec![drawn("In the file", inspected)],
+        Inspected::Splat { .. } => vec![drawn("In the file", inspected, origin)],
     }
 }
 
@@ -142,7 +144,7 @@ fn photographed(found: &PhotometricDeviations) -> Section {
     Section { title: "From photographs", lines }
 }
 
-fn drawn(title: &'static str, inspected: &Inspected) -> Section {
+fn drawn(title: &'static str, inspected: &Inspected, origin: DVec3) -> Section {
     let (splat, appearance) = (inspected.splat(), inspected.appearance());
     let wide = |v: [f32; 3]| v.map(f64::from);
     let mut lines = vec![
@@ -152,6 +154,11 @@ fn drawn(title: &'static str, inspected: &Inspected) -> Section {
         line("Opacity", number(splat.opacity.into())),
         Line { label: "Colour", text: numbers(&wide(splat.color)), swatch: Some(splat.color) },
     ];
+    if origin != DVec3::ZERO {
+        // All digits: a millimetre shows in map coordinates.
+        let [x, y, z] = (origin + DVec3::from_array(wide(splat.mean))).to_array();
+        lines.insert(1, line("… in the world", format!("{x:.3}  {y:.3}  {z:.3}")));
+    }
     if *appearance != Appearance::default() {
         lines.push(line("Gradient rgb", rows(appearance.gradient.map(wide))));
         lines.push(line("Degree 1 rgb", rows(appearance.directional.map(wide))));

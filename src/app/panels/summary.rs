@@ -47,11 +47,11 @@ pub fn ui(
                     answer = Some(SummaryAnswer::Quality);
                 }
                 ui.end_row();
-                if let Some((psnr, share)) = quality.result().and_then(|result| result.covered) {
-                    ui.label(RichText::new("Where covered").weak());
-                    ui.label(format!("{psnr:.2} dB over {:.0} % of the pixels", 100.0 * share));
-                    ui.end_row();
-                }
+                // There from the start: a row that came with the figures would move what is above it away
+                // from under the pointer.
+                ui.label(RichText::new("Where covered").weak());
+                ui.label(covered(quality));
+                ui.end_row();
                 for (label, value) in facts(snapshot) {
                     ui.label(RichText::new(label).weak());
                     ui.label(value);
@@ -95,6 +95,13 @@ fn figures(quality: &QualityMonitor) -> String {
             None => format!("measuring: {done} of {all} views"),
         },
     }
+}
+
+fn covered(quality: &QualityMonitor) -> String {
+    let found = quality.result().and_then(|point| point.covered);
+    found.map_or("–".to_owned(), |(psnr, share)| {
+        format!("{psnr:.2} dB over {:.0} % of the pixels", 100.0 * share)
+    })
 }
 
 fn facts(snapshot: &Snapshot) -> [(&'static str, String); 3] {

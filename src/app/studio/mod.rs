@@ -32,6 +32,7 @@ use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
+use glam::DVec3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -288,7 +289,8 @@ impl Studio {
             }
             return;
         }
-        for (kind, text) in self.view.take_compared() {
+        let origin = snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin);
+        for (kind, text) in self.view.take_compared(origin) {
             self.worker.send(WorkerOrder::Report(kind, text));
         }
         if let Some(message) = self.view.ui(ui, snapshot) {

@@ -1,10 +1,11 @@
 //! A second model that the scene is compared with, read on a thread of its own.
 
-use crate::app::opening::{OpenError, splats_of};
+use crate::app::opening::{BareSplats, OpenError, splats_of};
 use crate::app::state::NoticeKind;
 use crate::app::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::framing;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
@@ -13,16 +14,29 @@ use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 const MAX_NAME: usize = 30;
 
 /// A model to compare with.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ComparedModel {
     /// Its file and the folder of that, short enough for a caption.
     pub name: String,
     /// Where it lies.
     pub path: PathBuf,
-    /// Its splats, in the world of its file.
+    /// Its splats, relative to `local_origin`.
     pub splats: SplatSet,
+    /// Where zero of its positions lies in the world.
+    pub local_origin: DVec3,
     /// Its size, world units, by which its near plane is chosen.
     pub radius: f64,
+}
+
+impl ComparedModel {
+    /// Tells its positions relative to another place.
+    fn move_origin(&mut self, origin: DVec3) {
+        let moved = self.local_origin - origin;
+        for splat in self.splats.splats_mut() {
+            splat.mean = (DVec3::from_array(splat.mean.map(f64::from)) + moved).as_vec3().into();
+        }
+        self.local_origin = origin;
+    }
 }
 
 /// Something the user should read.
@@ -59,6 +73,13 @@ impl ModelSlot {
         Ok(())
     }
 
+    /// Tells the model's positions relative to where the scene's are, which another dataset may change.
+    pub fn follow_origin(&mut self, origin: DVec3) {
+        if let Some(model) = self.model.as_mut().filter(|model| model.local_origin != origin) {
+            Arc::make_mut(model).move_origin(origin);
+        }
+    }
+
     /// Compares with nothing any more.
     pub fn clear(&mut self) {
         *self = Self::default();
@@ -89,7 +110,8 @@ impl ModelSlot {
 }
 
 fn read(path: &Path) -> Result<(ComparedModel, Vec<Told>), String> {
-    let (splats, told) = splats_of(path).map_err(|error: OpenError| error.to_string())?;
+    let read = splats_of(path).map_err(|error: OpenError| error.to_string())?;
+    let BareSplats { splats, local_origin, told } = read;
     let Some(framing) = framing(&splats) else {
         return Err(format!(
             "{}: expected at least one splat, found none; compare with another file",
@@ -100,6 +122,7 @@ fn read(path: &Path) -> Result<(ComparedModel, Vec<Told>), String> {
         name: name_of(path),
         path: path.to_owned(),
         splats,
+        local_origin,
         radius: framing.radius,
     };
     Ok((model, told))
@@ -122,6 +145,27 @@ fn name_of(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::splat::splats::Splat;
+
+    #[test]
+    fn positions_follow_the_scenes_origin() {
+        let far = DVec3::new(5e5, 5e6, 0.0);
+        let splat = Splat { mean: [1.0, 2.0, 3.0], ..Splat::default() };
+        let mut slot = ModelSlot {
+            model: Some(Arc::new(ComparedModel {
+                name: String::new(),
+                path: PathBuf::new(),
+                splats: SplatSet::new(vec![splat], Vec::new()),
+                local_origin: far,
+                radius: 1.0,
+            })),
+            reading: None,
+        };
+        slot.follow_origin(far - DVec3::X);
+        let model = slot.model().unwrap();
+        assert_eq!(model.splats.view().splats()[0].mean, [2.0, 2.0, 3.0]);
+        assert_eq!(model.local_origin, far - DVec3::X);
+    }
 
     #[test]
     fn names_tell_runs_apart_and_fit_a_caption() {

@@ -13,6 +13,7 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::compare::{Area, Combination};
 use crate::render::{Exposing, Lens, Paint, RenderOptions, Renderer};
 use eframe::egui::Ui;
+use glam::DVec3;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
@@ -39,9 +40,12 @@ impl SceneView {
         self.compared.clear();
     }
 
-    /// Shows a second model that was read since; what there is to say of it.
-    pub fn take_compared(&mut self) -> Vec<(NoticeKind, String)> {
-        let Some((is_there, told)) = self.compared.take() else { return Vec::new() };
+    /// Shows a second model that was read since, relative to the scene's local origin; what there is to say
+    /// of it.
+    pub fn take_compared(&mut self, origin: DVec3) -> Vec<(NoticeKind, String)> {
+        let taken = self.compared.take();
+        self.compared.follow_origin(origin);
+        let Some((is_there, told)) = taken else { return Vec::new() };
         self.hint = None;
         if is_there && !self.mode.has_model() {
             self.mode = ViewMode::ModelWipe;

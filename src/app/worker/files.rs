@@ -3,6 +3,7 @@
 use super::thread::WorkerThread;
 use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
+use crate::export::local_origin::warning;
 use crate::export::mapping::Mapping;
 use crate::export::{
     self, ExportError, Fault, ModelFormat, WriteOptions, WriteProgress, WriteSummary,
@@ -48,6 +49,12 @@ impl WorkerThread {
                     path.display()
                 );
                 self.end_write(number, text);
+                let carrier = ModelFormat::from_path(path).map(ModelFormat::origin_carrier);
+                let warning = carrier.ok().and_then(|by| warning(self.local_origin(), by));
+                if let Some(warning) = warning {
+                    let text = format!("{}: {warning}", path.display());
+                    self.notify(NoticeKind::Warning, text);
+                }
             }
             // The user's own wish is no error.
             Err(ExportError { fault: Fault::Cancelled, .. }) => {
@@ -91,6 +98,7 @@ impl WorkerThread {
                 comments: &comments,
                 metric: self.is_metric(),
                 up: self.up(),
+                local_origin: self.local_origin(),
                 mapping,
                 progress: WriteProgress::new(&told),
                 ..WriteOptions::new(format)
@@ -113,6 +121,11 @@ impl WorkerThread {
     /// Up in the world of what is open.
     fn up(&self) -> DVec3 {
         self.snapshot.opened.as_ref().map_or(DVec3::Z, |opened| opened.home.up)
+    }
+
+    /// What positions of what is open are relative to.
+    fn local_origin(&self) -> DVec3 {
+        self.snapshot.opened.as_ref().map_or(DVec3::ZERO, |opened| opened.local_origin)
     }
 
     fn is_metric(&self) -> bool {

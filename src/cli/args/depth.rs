@@ -79,6 +79,8 @@ impl DepthArgs {
             confidence: self.confidence,
             geometry_only: self.geometry_only,
             track: self.poses == PosesName::Track,
+            // Found in the dataset, or taken from the model beside it.
+            local_origin: None,
         }
     }
 }

@@ -15,6 +15,7 @@ use crate::export::error::{Fault, shorten};
 use crate::export::gaussian::{Gaussian, Turn, linear_to_srgb};
 use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
+use crate::export::local_origin::EXTRA;
 use glam::{DMat3, DQuat, DVec3};
 
 /// `TRIANGLES`, the mode of a primitive that names none.
@@ -37,7 +38,8 @@ pub(super) fn model(
     buffers: &[impl AsRef<[u8]>],
     max_splats: usize,
 ) -> Result<Imported, Fault> {
-    let parts = parts(root)?;
+    let origin = local_origin(root);
+    let parts = parts(root, origin)?;
     let n_parts = parts.len();
     let (splats, others): (Vec<Part>, Vec<Part>) =
         parts.into_iter().partition(|part| part.primitive.extensions.splatting.is_some());
@@ -72,10 +74,11 @@ pub(super) fn model(
         columns.read(&part.placement, scales, &mut rows)?;
     }
     let imported = rows.finish(kind, notes, comments(root))?;
-    Ok(Imported { is_z_up: true, ..imported })
+    let local_origin = Turn::Y_UP_TO_Z_UP.vector(origin);
+    Ok(Imported { local_origin, is_z_up: true, ..imported })
 }
 
-fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
+fn parts(root: &Root, origin: DVec3) -> Result<Vec<Part<'_>>, Fault> {
     let mut parts = Vec::new();
     for (placement, index) in placed_meshes(root)? {
         let mesh = root.meshes.get(index).ok_or_else(|| {
@@ -90,6 +93,7 @@ fn parts(root: &Root) -> Result<Vec<Part<'_>>, Fault> {
                     advice: "join the primitives before exporting",
                 });
             }
+            let placement = placement.relative_to(origin);
             parts.push(Part { primitive, placement, place: format!("mesh {index} primitive {i}") });
         }
     }
@@ -343,6 +347,14 @@ fn note_once(notes: &mut Vec<Note>, note: Note) {
 }
 
 /// Lines our writer kept in `asset.extras.comments`.
+/// What our own files name as the translation of their node: taken off it again, before it is rounded into
+/// positions.
+fn local_origin(root: &Root) -> DVec3 {
+    let named = root.asset.extras.as_ref().and_then(|extras| extras.get(EXTRA));
+    let numbers: Option<[f64; 3]> = named.and_then(|v| serde_json::from_value(v.clone()).ok());
+    numbers.map(DVec3::from_array).filter(|origin| origin.is_finite()).unwrap_or(DVec3::ZERO)
+}
+
 fn comments(root: &Root) -> Vec<String> {
     let extras = root.asset.extras.as_ref();
     let lines = extras.and_then(|extras| extras.get("comments")).and_then(|v| v.as_array());

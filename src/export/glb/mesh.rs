@@ -2,7 +2,7 @@
 
 use super::container;
 use super::schema::*;
-use super::write::{GENERATOR, extras};
+use super::write::{GENERATOR, extras, root_node};
 use super::{COLOR_0, POSITION};
 use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
@@ -10,7 +10,7 @@ use crate::export::gaussian::srgb_to_linear;
 use crate::export::mesh::nets::TriangleMesh;
 use crate::export::progress::Steps;
 use crate::export::stream::{put_floats, write_rows};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -31,11 +31,11 @@ pub(in crate::export) struct MeshLayout {
 }
 
 impl MeshLayout {
-    /// For a mesh in the axes of the file; fails if it would not fit GLB's 32-bit lengths.
-    pub fn new(mesh: &TriangleMesh, options: &WriteOptions) -> Result<Self, Fault> {
+    /// For a mesh in the axes and units of the file, and its local origin in them; fails if it would not fit GLB's 32-bit lengths.
+    pub fn new(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Result<Self, Fault> {
         let (n, m) = (mesh.positions.len(), mesh.triangles.len());
         let bin_length = (n * (ROW_BYTES[0] + ROW_BYTES[1]) + m * ROW_BYTES[2]) as u64;
-        let json = serde_json::to_string(&root(mesh, options))
+        let json = serde_json::to_string(&root(mesh, origin, options))
             .map_err(|e| Fault::Io { action: "write the JSON chunk", source: e.into() })?;
         let needed = container::file_size(json.len(), bin_length);
         if needed > u64::from(u32::MAX) {
@@ -66,7 +66,7 @@ impl MeshLayout {
     }
 }
 
-fn root(mesh: &TriangleMesh, options: &WriteOptions) -> Root {
+fn root(mesh: &TriangleMesh, origin: DVec3, options: &WriteOptions) -> Root {
     let (n, m) = (mesh.positions.len(), mesh.triangles.len());
     let positions = || mesh.positions.iter().map(|p| p.as_vec3());
     let accessor = |view, kind: &str, component_type, count| Accessor {
@@ -100,13 +100,13 @@ fn root(mesh: &TriangleMesh, options: &WriteOptions) -> Root {
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
-            extras: extras(options),
+            extras: extras(options, origin),
         },
         extensions_used: Vec::new(),
         extensions_required: Vec::new(),
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
-        nodes: vec![Node { mesh: Some(0), ..Node::default() }],
+        nodes: vec![root_node(origin)],
         meshes: vec![Mesh { primitives: vec![primitive] }],
         accessors: vec![
             accessor(0, "VEC3", FLOAT, n),

@@ -106,6 +106,11 @@ impl Placement {
         Ok(Self { linear, translation: matrix.w_axis.xyz() })
     }
 
+    /// The same place told relative to another origin of the scene.
+    pub fn relative_to(self, origin: DVec3) -> Self {
+        Self { translation: self.translation - origin, ..self }
+    }
+
     /// A position in the scene.
     pub fn position(&self, p: DVec3) -> DVec3 {
         self.linear * p + self.translation

@@ -14,9 +14,11 @@ use crate::export::error::Fault;
 use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, srgb_to_linear};
 use crate::export::harmonics;
+use crate::export::local_origin;
 use crate::export::progress::Steps;
+use crate::export::source::origin;
 use crate::export::stream::{SplatRows, put_floats, write_rows};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -149,6 +151,7 @@ fn root(
     (min, max): ([f32; 3], [f32; 3]),
     options: &WriteOptions,
 ) -> Root {
+    let origin = origin(options);
     let mut accessors = Vec::new();
     let mut buffer_views = Vec::new();
     let mut offset = 0;
@@ -181,7 +184,7 @@ fn root(
         asset: Asset {
             version: "2.0".to_owned(),
             generator: GENERATOR.to_owned(),
-            extras: extras(options),
+            extras: extras(options, origin),
         },
         extensions_used: vec![EXTENSION.to_owned()],
         // Not required: viewers without the extension then draw `COLOR_0` as points.
@@ -189,7 +192,7 @@ fn root(
         scene: Some(0),
         scenes: vec![GltfScene { nodes: vec![0] }],
         // No transform to y-up here, since some readers ignore a node's: the rows are turned already.
-        nodes: vec![Node { mesh: Some(0), ..Node::default() }],
+        nodes: vec![root_node(origin)],
         meshes: vec![Mesh { primitives: vec![primitive(columns)] }],
         accessors,
         buffer_views,
@@ -214,8 +217,15 @@ fn primitive(columns: &[&Column]) -> Primitive {
     }
 }
 
-/// What `asset.extras` says: how the file stands, its unit where it is known, and its comments.
-pub(super) fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
+/// The node of the only mesh, which stands where the local origin lies in the axes and units of the file.
+pub(super) fn root_node(origin: DVec3) -> Node {
+    let translation = (origin != DVec3::ZERO).then_some(origin.to_array());
+    Node { mesh: Some(0), translation, ..Node::default() }
+}
+
+/// What `asset.extras` says: how the file stands, its unit where it is known, its local origin in its axes
+/// and units, and its comments.
+pub(super) fn extras(options: &WriteOptions, origin: DVec3) -> Option<serde_json::Value> {
     let mut extras = serde_json::Map::new();
     // Of scaled lengths only the caller knows the unit.
     if options.metric && options.unit_scale == 1.0 {
@@ -223,6 +233,9 @@ pub(super) fn extras(options: &WriteOptions) -> Option<serde_json::Value> {
     }
     if !options.comments.is_empty() {
         extras.insert("comments".to_owned(), json!(options.comments));
+    }
+    if origin != DVec3::ZERO {
+        extras.insert(local_origin::EXTRA.to_owned(), json!(origin.to_array()));
     }
     if extras.is_empty() {
         return None; // of splats that nothing is known of

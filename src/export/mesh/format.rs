@@ -1,6 +1,7 @@
 //! Formats of meshes.
 
 use crate::export::error::{ExportError, Fault};
+use crate::export::local_origin::OriginCarrier;
 use std::path::Path;
 
 /// A file format for meshes.
@@ -24,6 +25,14 @@ impl MeshFormat {
             MeshFormat::Ply => "ply",
             MeshFormat::Glb => "glb",
             MeshFormat::Obj => "obj",
+        }
+    }
+
+    /// How it says what its positions are relative to.
+    pub fn origin_carrier(self) -> OriginCarrier {
+        match self {
+            MeshFormat::Glb => OriginCarrier::Transform,
+            MeshFormat::Ply | MeshFormat::Obj => OriginCarrier::Comment,
         }
     }
 

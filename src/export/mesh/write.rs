@@ -8,8 +8,9 @@ use crate::export::atomic::write_atomic;
 use crate::export::error::{ExportError, Fault};
 use crate::export::format::{Axes, ModelFormat, WriteOptions};
 use crate::export::glb::mesh::MeshLayout;
+use crate::export::local_origin::comment;
 use crate::export::progress::Steps;
-use crate::export::source::{check_frame, turn};
+use crate::export::source::{check_frame, origin, turn};
 use glam::DVec3;
 use std::path::Path;
 
@@ -37,20 +38,21 @@ pub fn write_mesh(
     format: MeshFormat,
     options: &WriteOptions,
 ) -> Result<MeshSummary, ExportError> {
-    let mesh = in_file_axes(surfels, cell, format, options).map_err(|fault| fault.at(path))?;
+    let (mesh, origin) =
+        in_file_axes(surfels, cell, format, options).map_err(|fault| fault.at(path))?;
     let (n_vertices, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
     let steps = |n| Steps::new(options.progress, n);
-    let comments = options.comments;
+    let comments: Vec<String> = options.comments.iter().cloned().chain(comment(origin)).collect();
     let n_rows = n_vertices + n_triangles;
     let bytes = match format {
         MeshFormat::Ply => {
-            write_atomic(path, |out| text::ply(out, &mesh, comments, &mut steps(n_rows)))?
+            write_atomic(path, |out| text::ply(out, &mesh, &comments, &mut steps(n_rows)))?
         }
         MeshFormat::Obj => {
-            write_atomic(path, |out| text::obj(out, &mesh, comments, &mut steps(n_rows)))?
+            write_atomic(path, |out| text::obj(out, &mesh, &comments, &mut steps(n_rows)))?
         }
         MeshFormat::Glb => {
-            let layout = MeshLayout::new(&mesh, options).map_err(|fault| fault.at(path))?;
+            let layout = MeshLayout::new(&mesh, origin, options).map_err(|fault| fault.at(path))?;
             let steps = &mut steps(n_rows + n_vertices);
             write_atomic(path, |out| layout.write(out, &mesh, steps))?
         }
@@ -58,20 +60,22 @@ pub fn write_mesh(
     Ok(MeshSummary { n_vertices, n_triangles, bytes })
 }
 
+/// The surface and its local origin in the axes and units of the file.
 fn in_file_axes(
     surfels: &[Surfel],
     cell: f64,
     format: MeshFormat,
     options: &WriteOptions,
-) -> Result<TriangleMesh, Fault> {
+) -> Result<(TriangleMesh, DVec3), Fault> {
     check_frame(options)?;
     let mut mesh = triangulate(surfels, cell)?;
     if mesh.triangles.is_empty() {
         return Err(Fault::NoSurface { n_components: surfels.len() });
     }
     let axes = if format == MeshFormat::Glb { Axes::YUp } else { options.axes };
-    let turn = turn(&WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() });
+    let options = WriteOptions { axes, format: ModelFormat::Ply, ..options.clone() };
+    let turn = turn(&options);
     let place = |p: &mut DVec3| *p = options.unit_scale * turn.vector(*p);
     mesh.positions.iter_mut().for_each(place);
-    Ok(mesh)
+    Ok((mesh, origin(&options)))
 }

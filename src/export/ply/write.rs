@@ -6,8 +6,9 @@ use crate::export::format::WriteOptions;
 use crate::export::gaussian::{Gaussian, logit, wxyz};
 use crate::export::harmonics;
 use crate::export::imported::VERTICAL_AXIS;
+use crate::export::local_origin::comment;
 use crate::export::progress::Steps;
-use crate::export::source::turn;
+use crate::export::source::{origin, turn};
 use crate::export::stream::{SplatRows, put_floats, write_rows};
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -82,7 +83,7 @@ pub(super) fn header_start(n: usize, options: &WriteOptions) -> String {
     let [x, y, z] = up.as_vec3().to_array().map(|v| v + 0.0);
     let mut header =
         format!("ply\nformat binary_little_endian 1.0\ncomment {VERTICAL_AXIS} {x} {y} {z}\n");
-    for comment in options.comments {
+    for comment in options.comments.iter().chain(&comment(origin(options))) {
         let _ = writeln!(header, "comment {comment}");
     }
     let _ = writeln!(header, "element vertex {n}");

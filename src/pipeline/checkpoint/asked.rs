@@ -91,6 +91,8 @@ fn of_depth(asked: &LoadOptions, stored: &LoadOptions) -> Option<Conflict> {
         confidence,
         geometry_only,
         track,
+        // No option of the command line: it is the checkpoint's.
+        local_origin: _,
     } = asked;
     let grey = |load: &LoadOptions| load.geometry_only.then_some(true);
     let tracked = |load: &LoadOptions| load.track.then_some(true);

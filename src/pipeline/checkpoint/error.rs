@@ -5,6 +5,7 @@ use crate::export::checkpoint::CheckpointError;
 use crate::model::paper::merging::AddError;
 use crate::pipeline::error::SessionError;
 use crate::train::candidates::IndexError;
+use glam::DVec3;
 use std::path::PathBuf;
 
 /// Why a saved run cannot be used.
@@ -68,6 +69,19 @@ pub enum RunError {
         path: PathBuf,
         /// What differs, expected and found.
         difference: String,
+    },
+    /// Cameras told relative to another place than the model.
+    #[error(
+        "{}: expected cameras relative to its local origin {expected}, found them relative to {found}; \
+         open the dataset with the checkpoint's options", path.display()
+    )]
+    LocalOrigin {
+        /// The checkpoint.
+        path: PathBuf,
+        /// Its local origin.
+        expected: DVec3,
+        /// The dataset's.
+        found: DVec3,
     },
     /// The dataset lacks frames that were gone through.
     #[error(

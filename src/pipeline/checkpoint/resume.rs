@@ -27,6 +27,11 @@ impl SavedRun {
         force: bool,
     ) -> Result<Session, RunError> {
         self.check(asked)?;
+        let (expected, found) = (self.local_origin(), dataset.local_origin());
+        // Not even by force: every position would be wrong by the difference.
+        if expected != found {
+            return Err(RunError::LocalOrigin { path: self.path, expected, found });
+        }
         let most_visits = self.most_visits().1;
         let Self { path, mut config, meta, content, .. } = self;
         let Checkpoint { history, cursor, model, .. } = content;

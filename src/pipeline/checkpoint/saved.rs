@@ -3,8 +3,8 @@
 use super::error::RunError;
 use super::history::History;
 use super::json::parse;
-use crate::dataset::Layout;
 use crate::dataset::fingerprint::Fingerprint;
+use crate::dataset::{Layout, LoadOptions};
 use crate::eval::machine;
 use crate::export::checkpoint::{self, Checkpoint, Loaded};
 use crate::model::splat::appearance::SplatSet;
@@ -131,6 +131,16 @@ impl SavedRun {
     /// Direction that points up in the world.
     pub fn up(&self) -> DVec3 {
         DVec3::from_array(self.meta.up).try_normalize().unwrap_or(DVec3::Z)
+    }
+
+    /// How its dataset is opened beside it: with the origin that the model's positions are relative to.
+    pub fn load_options(&self) -> LoadOptions {
+        self.config.load.settled()
+    }
+
+    /// What its positions are relative to, in the world of its dataset.
+    pub fn local_origin(&self) -> DVec3 {
+        self.config.load.local_origin.map_or(DVec3::ZERO, DVec3::from_array)
     }
 
     /// Whether the world is known to be in metres: as its layout says, and not where the user gave scale

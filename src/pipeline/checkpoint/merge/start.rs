@@ -10,6 +10,8 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 
 const RESTART: &str = "train them with the same settings on the same dataset";
+const OTHER_ORIGIN: &str =
+    "positions of one are wrong in the other: train them on the same dataset with this version";
 const NO_REASSIGNMENT: &str =
     "components that move part the models after the first frame: train them with --reassign off";
 
@@ -39,7 +41,8 @@ pub(super) fn compatible(runs: &[SavedRun]) -> Result<(), RunError> {
 
 /// Refuses runs on other datasets, with other settings or from other initial models.
 pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
-    let difference = of_datasets(a, b)
+    let difference = of_origins(a, b)
+        .or_else(|| of_datasets(a, b))
         .or_else(|| of_methods(&a.config.method, &b.config.method))
         .or_else(|| of_settings(&a.config.whole(), &b.config.whole()))
         .or_else(|| of_models(&a.content.model, &b.content.model));
@@ -50,6 +53,15 @@ pub(super) fn same_start(a: &SavedRun, b: &SavedRun) -> Result<(), RunError> {
             Err(RunError::Unlike { paths, what, found, advice })
         }
     }
+}
+
+/// What positions are relative to: before all poses, which differ by it.
+fn of_origins(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
+    let (a, b) = (a.local_origin(), b.local_origin());
+    (a != b).then(|| Difference {
+        advice: OTHER_ORIGIN,
+        ..Difference::new("local origin", format!("{a} and {b}"))
+    })
 }
 
 fn of_datasets(a: &SavedRun, b: &SavedRun) -> Option<Difference> {
