@@ -155,7 +155,7 @@ mod tests {
             model: Some(Arc::new(ComparedModel {
                 name: String::new(),
                 path: PathBuf::new(),
-                splats: SplatSet::new(vec![splat], Vec::new()),
+                splats: SplatSet::from(vec![splat]),
                 local_origin: far,
                 radius: 1.0,
             })),

@@ -85,7 +85,7 @@ fn foreign<Other: SettingLayer, Own: SettingLayer>(given: &Other) -> Option<Fore
 /// let options =
 ///     ron::Options::default().with_default_extension(ron::extensions::Extensions::IMPLICIT_SOME);
 /// let preset: SceneOverrides = options.from_str(preset_file(Preset::Scene))?;
-/// assert_eq!(preset.gradient, Some(true));
+/// assert_eq!(preset.directional, Some(true));
 /// # Ok::<(), ron::error::SpannedError>(())
 /// ```
 pub fn preset_file(preset: Preset) -> &'static str {
