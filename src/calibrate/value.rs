@@ -2,11 +2,6 @@
 
 use serde::Serialize;
 
-/// Rise of a sum of squares, relative, that keeping a value must cost for the data to determine it.
-/// Errors of poses shift the minimum: on the 7-Scenes Kinect to a roll that spares 0.8 % and makes
-/// held-out views worse.
-pub(super) const MIN_RISE: f64 = 0.02;
-
 /// A number before and after, and whether the data says what it is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibratedValue {
@@ -18,8 +13,8 @@ pub struct CalibratedValue {
     pub after: f64,
     /// Where the data is explained best.
     pub best: f64,
-    /// Of the best, from how much the views differ among themselves; errors that they share, such as
-    /// those of poses, come on top.
+    /// Of the best, from how much the views differ among themselves and from what is known of such
+    /// sensors; errors that all views share, such as those of a map that poses were fitted to, come on top.
     pub standard_error: f64,
     /// Whether the data says what it is.
     pub determined: bool,
@@ -40,5 +35,11 @@ impl CalibratedValue {
         self.after = self.before;
         self.determined = false;
         self.reason = Some(reason);
+    }
+
+    /// Keeps what it was because the data says so.
+    pub(super) fn confirm(&mut self, reason: String) {
+        self.keep(reason);
+        self.determined = true;
     }
 }
