@@ -27,6 +27,8 @@ const OUTLYING: f64 = 4.0;
 /// Least variance of either kind's residuals: a tenth of the sensor's noise, and a step of a byte in three
 /// channels. Pictures of a program may have none.
 const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
+/// Views whose gradients tell by how much they scatter.
+const SCATTERED: usize = 5;
 /// Fits of gains and poses before a loss is taken.
 const LOSS_ROUNDS: usize = 2;
 /// Steps of a fit.
@@ -403,10 +405,13 @@ impl Scatter {
 }
 
 /// By how much the views' gradients by depth scatter more than independent points of variance 1 would make
-/// them: the mean over both directions.
+/// them: the mean over both directions. Of few views all points of a view count as one.
 fn overdispersion(views: &[NormalEquations<WITH_POSE>]) -> f64 {
     let total = NormalEquations::total(views);
     let Some(factor) = Cholesky::new(DEPTH.len(), &total.curvature_of(&DEPTH)) else { return 1.0 };
+    if views.len() < SCATTERED {
+        return total.n / views.len() as f64;
+    }
     let scatter = Scatter::of(views, &DEPTH);
     let square = |gradient: &Vec<f64>| -> f64 {
         factor.solve(gradient).iter().zip(gradient).map(|(step, g)| step * g).sum()
@@ -503,11 +508,11 @@ mod tests {
         (0..n).map(|_| Pyramid::new(image(), 1)).collect()
     }
 
-    /// A wall before two cameras.
-    fn wall() -> Matches {
+    /// A wall before two cameras, the second nearer by so much.
+    fn wall(nearer: f64) -> Matches {
         let (mut views, mut poses) = (Vec::new(), Vec::new());
         for view in 0..2 {
-            let centre = DVec3::new(0.1 * f64::from(view), 0.0, 0.3 * f64::from(view));
+            let centre = DVec3::new(0.1 * f64::from(view), 0.0, nearer * f64::from(view));
             let point = |i: u32| {
                 let place = DVec3::new(
                     0.03 * f64::from(i % 16) - 0.2,
@@ -532,7 +537,7 @@ mod tests {
     fn gradients_are_those_of_finite_differences() {
         let images = ramps(2);
         let gains = vec![[1.0; 3], [1.1, 0.9, 1.0]];
-        let evidence = Evidence::new(wall(), &images, gains, 0);
+        let evidence = Evidence::new(wall(0.3), &images, gains, 0);
         // Off where points were matched.
         let mut at = Estimate::as_recorded(begin(), 2);
         at.unknowns.depth = [0.004, 1.003];
@@ -562,7 +567,7 @@ mod tests {
 
     #[test]
     fn distances_are_in_pixels() {
-        let matches = wall();
+        let matches = wall(0.3);
         let mut moved = begin();
         moved.set(6, moved.get(6) + 3.0);
         moved.set(7, moved.get(7) - 4.0);
@@ -632,7 +637,7 @@ mod tests {
     #[test]
     fn what_views_do_not_tell_stays_what_sensors_are() {
         // Two views of one wall side by side: depth may be anything.
-        let (at, errors) = fitted(wall());
+        let (at, errors) = fitted(wall(0.0));
         assert!(at.depth[0].abs() < 0.01 && (at.depth[1] - 1.0).abs() < 0.02, "{:?}", at.depth);
         assert!(errors[0] > 0.005 && errors[1] > 0.01, "{errors:?}");
     }
