@@ -1,8 +1,7 @@
-//! How colours differ inside components, and how that changes with the colour camera and depth.
+//! How colours differ between views, and how that changes with the colour camera and depth.
 //!
-//! A component's points are projected into the colour image of their own view; how their colours differ
-//! from the component's mean is what a wrong camera causes. The mean moves with the unknowns too, so its
-//! slope is taken off every point's slope.
+//! A component's points are projected into the colour image of their own view and of another that sees the
+//! component: how both colours differ is what a wrong camera causes.
 
 use super::camera::Projector;
 use super::exposure::Patch;
@@ -22,43 +21,54 @@ pub(super) struct Photos<'a> {
     pub level: usize,
 }
 
-/// A point's colour as its own view shows it, about its component's mean.
+/// By how much the photograph of a point's own view shows it in another colour than another view's does.
 #[derive(Clone, Copy)]
 pub(super) struct ColorOffset {
     /// Place of the point in its component.
     pub index: usize,
     pub view: usize,
     pub color: [f64; 3],
-    /// With the unknowns about their component's mean, with its view's pose against the others.
+    /// With its own view's pose against the other's.
     slope: [[f64; WITH_POSE]; 3],
 }
 
-/// Where the colour of a matched point is, in the frame of its depth camera, and how that changes with offset
-/// and scale. A point that its view's pose moves has the colour of where the others see that place: the
-/// other way.
-fn placed(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, [DVec3; 2]) {
+/// A colour that a photograph shows, and how it changes with the unknowns and its view's pose.
+struct SeenColor {
+    color: [f64; 3],
+    slope: [[f64; WITH_POSE]; 3],
+}
+
+/// Where a matched point is as measured, in the frame of its depth camera, and how that changes with offset
+/// and scale.
+fn measured(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, [DVec3; 2]) {
     let depth = &matches.depth;
     let [offset, scale] = depth.values;
     let local = sample.local;
-    let measured = if depth.along_z { local.z } else { local.length() };
-    let by_offset = local / measured;
+    let range = if depth.along_z { local.z } else { local.length() };
+    let by_offset = local / range;
     let by_scale = (local - offset * by_offset) / scale;
     let [nearer, larger] = at.unknowns.depth;
-    let measured_anew = local + by_offset * (nearer - offset) + by_scale * (larger - scale);
-    let [shift, turn] = parts(&at.poses[sample.view as usize]);
-    (measured_anew - shift - turn.cross(local), [by_offset, by_scale])
+    (local + by_offset * (nearer - offset) + by_scale * (larger - scale), [by_offset, by_scale])
 }
 
-fn point(
-    matches: &Matches,
+/// Where the colour of a place is, in the frame of a depth camera that its view's pose moves: a place that
+/// moves has the colour of where the others see it, the other way.
+fn placed(place: DVec3, view: usize, at: &Estimate) -> DVec3 {
+    let [shift, turn] = parts(&at.poses[view]);
+    place - shift - turn.cross(place)
+}
+
+/// What a view's photograph shows at a place in the frame of its depth camera.
+fn seen(
     photos: &Photos,
-    projector: &Projector,
-    at: &Estimate,
-    (index, sample): (usize, &MatchedPoint),
-) -> Option<ColorOffset> {
-    let view = sample.view as usize;
-    let (place, by_depth) = placed(matches, sample, at);
-    let projected = projector.project(place)?;
+    at: (&Projector, &Estimate),
+    view: usize,
+    (place, by_depth): (DVec3, [DVec3; 2]),
+) -> Option<SeenColor> {
+    let (projector, estimate) = at;
+    let [_, turn] = parts(&estimate.poses[view]);
+    let by_depth = by_depth.map(|by| by - turn.cross(by));
+    let projected = projector.project(placed(place, view, estimate))?;
     let texel = photos.images[view].sample(photos.level, projected.at)?;
     // How the pixel moves, by all unknowns.
     let pixel: [[f64; WITH_POSE]; 2] = std::array::from_fn(|axis| {
@@ -67,7 +77,7 @@ fn point(
         slope[..CAMERA].copy_from_slice(&by_depth.map(|by| by_place.dot(by)));
         slope[CAMERA..N].copy_from_slice(&projected.slope[axis]);
         slope[N..N + 3].copy_from_slice(&(-by_place).to_array());
-        slope[N + 3..].copy_from_slice(&(-sample.local.cross(by_place)).to_array());
+        slope[N + 3..].copy_from_slice(&(-place.cross(by_place)).to_array());
         slope
     });
     // A gain scales slopes as it scales colours.
@@ -77,53 +87,42 @@ fn point(
         let [across, down] = texel.slope[i];
         std::array::from_fn(|j| gain[i] * (across * pixel[0][j] + down * pixel[1][j]))
     });
-    Some(ColorOffset { index, view, color, slope })
+    Some(SeenColor { color, slope })
 }
 
-/// Adds the colours of a component, unless one view alone sees it. `weight` is that of a point by its
-/// place in the run.
+/// Compares the colours of a component's points with what another view shows in the same places: the next of
+/// those that see it. Against the component's mean a point's own texture would count, which is least where
+/// photographs are smoothest and not where they belong.
 pub(super) fn color_offsets(
     matches: &Matches,
     photos: &Photos,
     run: &[MatchedPoint],
     at: (&Projector, &Estimate),
-    weight: impl Fn(usize) -> f64,
     out: &mut Vec<ColorOffset>,
 ) {
-    let (projector, estimate) = at;
     out.clear();
-    let seen = run.iter().enumerate();
-    out.extend(seen.filter_map(|s| point(matches, photos, projector, estimate, s)));
-    // Sorted by view: the ends differ if any two do.
-    if out.len() < 2 || out[0].view == out[out.len() - 1].view {
-        out.clear();
-        return;
-    }
-    // The mean moves with the unknowns as its points do.
-    let (color, slope) = means(out, weight);
-    for point in out {
-        for i in 0..3 {
-            point.color[i] -= color[i];
-            point.slope[i].iter_mut().zip(slope[i]).for_each(|(s, mean): (_, f64)| *s -= mean);
+    for (index, sample) in run.iter().enumerate() {
+        let view = sample.view as usize;
+        // Sorted by view; after the last comes the first.
+        let other = run[index..].iter().find(|s| s.view != sample.view).unwrap_or(&run[0]).view;
+        let (place, by_depth) = measured(matches, sample, at.1);
+        let [own, its] = [view, other as usize].map(|view| matches.poses[view]);
+        let across = |direction: DVec3| its.rotation * (own.rotation.transpose() * direction);
+        let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
+        let here = seen(photos, at, view, (place, by_depth));
+        let there = seen(photos, at, other as usize, (there, by_depth.map(across)));
+        let (Some(here), Some(there)) = (here, there) else { continue };
+        let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
+        let mut slope = here.slope;
+        for (slope, there) in slope.iter_mut().zip(there.slope) {
+            slope.iter_mut().zip(&there[..N]).for_each(|(slope, there)| *slope -= there);
         }
+        out.push(ColorOffset { index, view, color, slope });
     }
-}
-
-fn means(points: &[ColorOffset], weight: impl Fn(usize) -> f64) -> ([f64; 3], [[f64; N]; 3]) {
-    let sum: f64 = points.iter().map(|point| weight(point.index)).sum();
-    let (mut color, mut slope) = ([0.0; 3], [[0.0; N]; 3]);
-    for point in points {
-        let share = weight(point.index) / sum;
-        for i in 0..3 {
-            color[i] += share * point.color[i];
-            slope[i].iter_mut().zip(point.slope[i]).for_each(|(mean, s)| *mean += share * s);
-        }
-    }
-    (color, slope)
 }
 
 impl ColorOffset {
-    /// Square of the distance from the mean.
+    /// Square of the distance between both.
     pub fn square(&self) -> f64 {
         self.color.iter().map(|c| c * c).sum()
     }
@@ -147,7 +146,9 @@ pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<
             let image = &photos.images[view as usize];
             let mut patch = Patch::new(component as u32, view);
             run.iter()
-                .filter_map(|s| projector.project(placed(matches, s, at).0))
+                .filter_map(|s| {
+                    projector.project(placed(measured(matches, s, at).0, view as usize, at))
+                })
                 .filter_map(|projected| image.sample(photos.level, projected.at))
                 .for_each(|texel| patch.add(texel.color));
             patches.push(patch);

@@ -9,6 +9,7 @@
 
 use super::camera::Projector;
 use super::color::{self, ColorOffset, Photos, color_offsets};
+use super::covariance::Covariance;
 use super::exposure::exposure;
 use super::matches::Matches;
 use super::normal_equations::NormalEquations;
@@ -143,7 +144,7 @@ impl<'a> Evidence<'a> {
         let run = self.matches.of(component);
         let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
         plane_offsets(&self.matches, run, at.1, weight(0), &mut buffers.planes);
-        color_offsets(&self.matches, &self.photos(), run, at, weight(1), &mut buffers.colors);
+        color_offsets(&self.matches, &self.photos(), run, at, &mut buffers.colors);
         first
     }
 
@@ -273,21 +274,21 @@ impl<'a> Evidence<'a> {
         }
     }
 
-    /// Where the other `free` unknowns and the poses are best if one unknown is held at a value.
+    /// Where the `free` unknowns and the poses are best if others are held at some values.
     pub fn fit_without(
         &self,
         prior: &SensorPrior,
         at: &Estimate,
         free: &[usize],
-        (held, value): (usize, f64),
+        (held, values): (&[usize], &Unknowns),
     ) -> Estimate {
-        let rest: Vec<usize> = free.iter().copied().filter(|&i| i != held).collect();
         let here = Linearised::new(self.counted(prior, at), prior, at);
-        let change = value - at.unknowns.get(held);
+        let mut change = [0.0; N];
+        held.iter().for_each(|&i| change[i] = values.get(i) - at.unknowns.get(i));
         // As the curvature says, then fitted: from where they were they would not find back.
-        let mut next = here.with_change(at, &rest, (held, change)).unwrap_or_else(|| at.clone());
-        next.unknowns.set(held, value);
-        self.fit(prior, &mut next, &rest);
+        let mut next = here.with_change(at, free, change).unwrap_or_else(|| at.clone());
+        held.iter().for_each(|&i| next.unknowns.set(i, values.get(i)));
+        self.fit(prior, &mut next, free);
         next
     }
 
@@ -336,10 +337,10 @@ impl<'a> Evidence<'a> {
         self.information = self.information.map(|information| information / times);
     }
 
-    /// Standard errors of the `free` unknowns at the minimum, by what the views' own gradients and what is
-    /// known of sensors would move them by: `A⁻¹ B A⁻¹` with the curvature `A` and the gradients' scatter
-    /// `B` (Huber 1967; Godambe 1960).
-    pub fn errors(&self, prior: &SensorPrior, at: &Estimate, free: &[usize]) -> Vec<f64> {
+    /// Covariance of the `free` unknowns at the minimum, by what the views' own gradients and what is known of
+    /// sensors would move them by: `A⁻¹ B A⁻¹` with the curvature `A` and the gradients' scatter `B` (Huber
+    /// 1967; Godambe 1960).
+    pub fn covariance(&self, prior: &SensorPrior, at: &Estimate, free: &[usize]) -> Covariance {
         let posed = self.counted(prior, at);
         let views: Vec<NormalEquations<N>> = posed.iter().filter_map(|v| v.reduced()).collect();
         let known = prior.equations(&at.unknowns);
@@ -347,29 +348,29 @@ impl<'a> Evidence<'a> {
         total.add(&known, 1.0);
         let n = free.len();
         let Some(factor) = Cholesky::new(n, &total.curvature_of(free)) else {
-            return vec![f64::INFINITY; n];
+            return Covariance::open(n);
         };
-        let mut variance = vec![0.0; n];
-        let mut add = |gradient: &[f64], weight: f64| {
-            let steps = factor.solve(gradient);
-            variance.iter_mut().zip(steps).for_each(|(v, step)| *v += weight * step * step);
-        };
+        let mut covariance = Covariance::zero(n);
         let scatter = Scatter::of(&views, free);
-        scatter.gradients.iter().for_each(|gradient| add(gradient, scatter.weight));
+        for gradient in &scatter.gradients {
+            covariance.add(&factor.solve(gradient), scatter.weight);
+        }
         for (place, &i) in free.iter().enumerate() {
             let mut gradient = vec![0.0; n];
             gradient[place] = known.curvature_at(i, i).sqrt();
-            add(&gradient, 1.0);
+            covariance.add(&factor.solve(&gradient), 1.0);
         }
         // Few views scatter little by chance: no less than what residuals and beliefs leave open.
-        for (place, variance) in variance.iter_mut().enumerate() {
+        for place in 0..n {
             let mut unit = vec![0.0; n];
             unit[place] = 1.0;
-            *variance = variance.max(factor.solve(&unit)[place]);
+            covariance.widen(place, factor.solve(&unit)[place]);
         }
         let floors = self.hidden();
-        let floor = |i: usize| floors.get(i).copied().unwrap_or(0.0);
-        free.iter().zip(variance).map(|(&i, v)| f64::hypot(v.sqrt(), floor(i))).collect()
+        for (place, floor) in free.iter().map(|&i| floors.get(i)).enumerate() {
+            covariance.blur(place, floor.map_or(0.0, |floor| floor * floor));
+        }
+        covariance
     }
 
     /// What quantisation hides of depth's offset and scale: it shifts all points of a surface alike, which
@@ -444,18 +445,14 @@ impl Linearised {
         self.moved(at, &change, 1.0 / (1.0 + damping))
     }
 
-    /// What follows where one unknown is changed and the `free` ones may follow.
-    fn with_change(
-        &self,
-        at: &Estimate,
-        free: &[usize],
-        (held, by): (usize, f64),
-    ) -> Option<Estimate> {
+    /// What follows where some unknowns are changed and the `free` ones may follow.
+    fn with_change(&self, at: &Estimate, free: &[usize], mut change: [f64; N]) -> Option<Estimate> {
         let factor = Cholesky::new(free.len(), &self.total.curvature_of(free))?;
-        let pull: Vec<f64> = free.iter().map(|&i| -by * self.total.curvature_at(i, held)).collect();
-        let mut change = [0.0; N];
-        change[held] = by;
-        free.iter().zip(factor.solve(&pull)).for_each(|(&i, step)| change[i] = step);
+        let pull = |i: usize| -> f64 {
+            change.iter().enumerate().map(|(j, by)| -by * self.total.curvature_at(i, j)).sum()
+        };
+        let pulls: Vec<f64> = free.iter().map(|&i| pull(i)).collect();
+        free.iter().zip(factor.solve(&pulls)).for_each(|(&i, step)| change[i] = step);
         self.moved(at, &change, 1.0)
     }
 
@@ -555,7 +552,11 @@ mod tests {
                         None => moved.unknowns.set(i, moved.unknowns.get(i) + sign * step),
                     }
                     let views = evidence.by_view(&moved);
-                    NormalEquations::total(views.iter().map(|both| &both[k])).cost
+                    // A pose is fitted to its own view's residuals.
+                    match i < N {
+                        true => NormalEquations::total(views.iter().map(|both| &both[k])).cost,
+                        false => views[1][k].cost,
+                    }
                 };
                 let expected = (cost(1.0) - cost(-1.0)) / (4.0 * step);
                 let found = if i < N { total.gradient[i] } else { views[1][k].gradient[i] };
@@ -616,8 +617,8 @@ mod tests {
         evidence.weigh(&at);
         evidence.fit(&prior(), &mut at, &DEPTH);
         evidence.weigh(&at);
-        let errors = evidence.errors(&prior(), &at, &DEPTH);
-        (at.unknowns, errors)
+        let covariance = evidence.covariance(&prior(), &at, &DEPTH);
+        (at.unknowns, vec![covariance.error(0), covariance.error(1)])
     }
 
     #[test]

@@ -8,6 +8,7 @@
 
 mod camera;
 mod color;
+mod covariance;
 mod evidence;
 mod exposure;
 mod exposure_search;
@@ -180,7 +181,7 @@ fn cameras(
     let start = Unknowns::of(&input.calibration, given.unwrap_or(as_registered));
     let known = known.or(given).unwrap_or(as_registered);
     let prior = SensorPrior::new(known, &start, metre);
-    let mut free: Vec<usize> = (0..N).collect();
+    let free: Vec<usize> = (0..N).collect();
     let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
     let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
     judge.temper(&mut evidence, &mut best, &free);
@@ -192,7 +193,7 @@ fn cameras(
         ..input.calibration.clone()
     };
     if verdict.is_other {
-        let values = judge.settle(&mut evidence, &mut best, &mut free)?;
+        let values = judge.settle(&mut evidence, &mut best, &free);
         // The second search is not needed.
         (0..STEPS).for_each(|_| tick());
         let calibration = of(&best.unknowns, Some(best.unknowns.camera.camera()));
@@ -201,11 +202,11 @@ fn cameras(
     let staying = if given.is_some() { judge.staying_camera(&evidence, &best) } else { Vec::new() };
     // Poses and depths that are slightly wrong can always be traded for a slightly other camera: what depth
     // is beside that is not what it is beside the one that stays.
-    let mut free = DEPTH.to_vec();
+    let free = DEPTH.to_vec();
     let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
     let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
     judge.temper(&mut evidence, &mut best, &free);
-    let mut values = judge.settle(&mut evidence, &mut best, &mut free)?;
+    let mut values = judge.settle(&mut evidence, &mut best, &free);
     values.extend(staying);
     let kept = if given.is_some() {
         "the colour camera stays"

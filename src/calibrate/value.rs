@@ -9,7 +9,7 @@ pub struct CalibratedValue {
     pub name: &'static str,
     /// As it was.
     pub before: f64,
-    /// As it is in the file: what it was, unless the data says better.
+    /// As it is in the file: what it was, unless the data says better of it or of others with it.
     pub after: f64,
     /// Where the data is explained best.
     pub best: f64,
@@ -35,6 +35,22 @@ impl CalibratedValue {
         self.after = self.before;
         self.determined = false;
         self.reason = Some(reason);
+    }
+
+    /// Takes the best for the others' sake, which the data says with it and not without.
+    pub(super) fn lean(&mut self, reason: String) {
+        self.determined = false;
+        self.reason = Some(format!("{reason}; taken with the others, which lean on it"));
+    }
+
+    /// Where the best came to lie after others went back to what they were.
+    pub(super) fn settle_at(&mut self, best: f64) {
+        (self.after, self.best) = (best, best);
+    }
+
+    /// How far the best is from what it was.
+    pub(super) fn apart(&self) -> f64 {
+        (self.best - self.before).abs()
     }
 
     /// Keeps what it was because the data says so.

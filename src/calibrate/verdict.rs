@@ -2,11 +2,13 @@
 //!
 //! A minimum always exists, so finding one proves nothing. Frames are in two halves that see the same
 //! places; each half's best must explain the *other* half better than the start does, else it explains
-//! that half's own errors. That holds for the colour camera as a whole, and then for every value against
-//! keeping the start's with the others fitted again. A value must besides lie [`SIGNIFICANT`] standard errors from
-//! the start.
+//! that half's own errors. That holds for the colour camera as a whole, for depth as a whole, and for every
+//! value against keeping the start's with the others fitted again. Values make up for one another: alone none
+//! may be certain where all together are, and one that goes back to the start takes the others along. So depth
+//! and camera are taken whole or not at all, but for values that the others do not lean on.
 
 use super::color::{distance, shifts};
+use super::covariance::Covariance;
 use super::evidence::{Evidence, Kind};
 use super::input::CalibrationInput;
 use super::search::{Views, refine};
@@ -28,8 +30,8 @@ const MIN_RISE: f64 = 0.02;
 const SIGNIFICANT: f64 = 4.0;
 /// Shift, pixels, up to which a value counts as confirmed rather than changed.
 const SAME: f64 = 1.0;
-/// More components born, relative, at which surfaces have come apart instead of together.
-const MORE_BIRTHS: f64 = 0.002;
+/// Standard errors that another value may move by where one goes back to the start.
+const LEANING: f64 = 1.0;
 
 /// A half of the frames with its own best.
 struct Half<'a> {
@@ -39,7 +41,6 @@ struct Half<'a> {
 
 /// What both halves say of each other.
 pub(super) struct Judge<'a> {
-    input: &'a CalibrationInput,
     prior: &'a SensorPrior,
     start: Unknowns,
     halves: [Half<'a>; 2],
@@ -68,7 +69,7 @@ impl<'a> Judge<'a> {
             refine(&mut evidence, prior, &mut own, free);
             Ok(Half { evidence, best: own })
         };
-        Ok(Self { input, prior, start, halves: [half(first)?, half(second)?] })
+        Ok(Self { prior, start, halves: [half(first)?, half(second)?] })
     }
 
     /// Counts all views less where the halves are farther apart than their equations say: views that follow
@@ -105,15 +106,14 @@ impl<'a> Judge<'a> {
     }
 
     /// By how much each half's squares rise, relatively, if the other half's best has to keep the start's
-    /// value of one of the `free` unknowns.
-    fn rises(&mut self, i: usize, free: &[usize]) -> [f64; 2] {
-        let kind = if DEPTH.contains(&i) { Kind::Thickness } else { Kind::Color };
-        let rest: Vec<usize> = free.iter().copied().filter(|&other| other != i).collect();
-        let held = (i, self.start.get(i));
-        let prior = self.prior;
+    /// values of some of the `free` unknowns.
+    fn rises(&mut self, held: &[usize], free: &[usize]) -> [f64; 2] {
+        let kind = if DEPTH.contains(&held[0]) { Kind::Thickness } else { Kind::Color };
+        let rest = without(free, held);
+        let (prior, start) = (self.prior, self.start);
         [(0, 1), (1, 0)].map(|(own, other)| {
             let Half { evidence, best } = &mut self.halves[own];
-            let mut kept = evidence.fit_without(prior, best, free, held);
+            let mut kept = evidence.fit_without(prior, best, &rest, (held, &start));
             refine(evidence, prior, &mut kept, &rest);
             let best = best.unknowns;
             let other = &mut self.halves[other].evidence;
@@ -122,96 +122,100 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// Gives the start's value back to one that is not taken, in both halves.
-    fn give_back(&mut self, i: usize, free: &[usize]) {
-        let held = (i, self.start.get(i));
-        let rest: Vec<usize> = free.iter().copied().filter(|&other| other != i).collect();
-        for Half { evidence, best } in &mut self.halves {
-            *best = evidence.fit_without(self.prior, best, free, held);
-            refine(evidence, self.prior, best, &rest);
+    /// Gives the start's values back to some of the `free` unknowns, in both halves too; those that are left.
+    fn give_back(
+        &mut self,
+        held: &[usize],
+        free: &[usize],
+        evidence: &mut Evidence,
+        best: &mut Estimate,
+    ) -> Vec<usize> {
+        let rest = without(free, held);
+        let (prior, start) = (self.prior, self.start);
+        let halves = self.halves.iter_mut();
+        for half in halves {
+            half.best = half.evidence.fit_without(prior, &half.best, &rest, (held, &start));
+            refine(&mut half.evidence, prior, &mut half.best, &rest);
         }
+        *best = evidence.fit_without(prior, best, &rest, (held, &start));
+        refine(evidence, prior, best, &rest);
+        rest
     }
 
-    /// Gives back the start's value to what the data does not determine, one at a time and the least certain
-    /// first: the others take over what it explained. What there is to say of every value.
+    /// Takes of the `free` unknowns what the data determines, depth first. What there is to say of every value.
     pub fn settle(
         &mut self,
         evidence: &mut Evidence,
         best: &mut Estimate,
-        free: &mut Vec<usize>,
-    ) -> Result<Vec<CalibratedValue>, FrameError> {
-        let shifts = shifts(&evidence.matches, &best.unknowns);
-        let mut values: Vec<Option<CalibratedValue>> = vec![None; N];
-        loop {
-            let errors = evidence.errors(self.prior, best, free);
-            for (&i, error) in free.iter().zip(&errors) {
-                values[i] = Some(self.value(i, &best.unknowns, *error));
-            }
-            let parted = self.parted(&best.unknowns, free)?;
-            let mut certain: Vec<(f64, usize)> = free
-                .iter()
-                .zip(&errors)
-                .map(|(&i, error)| ((best.unknowns.get(i) - self.start.get(i)).abs() / error, i))
-                .collect();
-            certain.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let doubted = certain.into_iter().find_map(|(certainty, i)| {
-                let doubt = match &parted {
-                    Some(parted) if DEPTH.contains(&i) => Some(parted.clone()),
-                    _ => self.doubt(i, certainty, free),
-                };
-                doubt.map(|doubt| (i, doubt))
-            });
-            let Some((weak, doubt)) = doubted else { break };
-            let pixels = shifts[weak]
-                * (best.unknowns.get(weak) - self.start.get(weak))
-                    .abs()
-                    .max(error_of(&errors, free, weak));
-            if let Some(value) = &mut values[weak] {
-                value.keep(doubt);
-                if weak >= CAMERA && pixels <= SAME {
-                    value.confirm("the best is the same to a pixel".to_owned());
-                }
-            }
-            *best = evidence.fit_without(self.prior, best, free, (weak, self.start.get(weak)));
-            self.give_back(weak, free);
-            free.retain(|&i| i != weak);
-            refine(evidence, self.prior, best, free);
+        free: &[usize],
+    ) -> Vec<CalibratedValue> {
+        let covariance = evidence.covariance(self.prior, best, free);
+        let mut values: Vec<CalibratedValue> = free
+            .iter()
+            .enumerate()
+            .map(|(place, &i)| self.value(i, &best.unknowns, covariance.error(place)))
+            .collect();
+        let mut free = free.to_vec();
+        if let Some(doubt) = self.doubt_of_depth(&best.unknowns, &free, &covariance) {
+            DEPTH.iter().for_each(|&i| values[i].keep(doubt.clone()));
+            free = self.give_back(&DEPTH, &free, evidence, best);
         }
-        Ok(values.into_iter().flatten().collect())
+        let covariance = evidence.covariance(self.prior, best, &free);
+        let mut back = Vec::new();
+        for (place, &i) in free.iter().enumerate() {
+            let error = covariance.error(place);
+            let apart = best.unknowns.get(i) - self.start.get(i);
+            let certainty = apart.abs() / error;
+            let Some(doubt) = self.doubt(i, certainty, &free) else { continue };
+            if covariance.leaning(place, apart) < LEANING {
+                back.push(i);
+                values[i].keep(doubt);
+            } else {
+                values[i].lean(doubt);
+            }
+        }
+        if !back.is_empty() {
+            free = self.give_back(&back, &free, evidence, best);
+        }
+        let shifts = shifts(&evidence.matches, &best.unknowns);
+        for &i in &free {
+            values[i].settle_at(best.unknowns.natural(i));
+        }
+        for &i in back.iter().filter(|&&i| i >= CAMERA) {
+            let apart = values[i].apart() / best.unknowns.natural_slope(i);
+            if shifts[i] * apart <= SAME {
+                values[i].confirm("the best is the same to a pixel".to_owned());
+            }
+        }
+        values
     }
 
-    /// Why a value is not taken, if so.
+    /// Why depth stays, if so.
+    fn doubt_of_depth(
+        &mut self,
+        best: &Unknowns,
+        free: &[usize],
+        covariance: &Covariance,
+    ) -> Option<String> {
+        let apart = DEPTH.map(|i| best.get(i) - self.start.get(i));
+        let certainty = covariance.distance(&apart);
+        if certainty < SIGNIFICANT {
+            return Some(format!("both are only {certainty:.1} standard errors away"));
+        }
+        let rises = self.rises(&DEPTH, free);
+        hardly_needed(rises, "thickness")
+    }
+
+    /// Why a value is not certain by itself, if so.
     fn doubt(&mut self, i: usize, certainty: f64, free: &[usize]) -> Option<String> {
         if certainty < SIGNIFICANT {
             return Some(format!("the best is only {certainty:.1} standard errors away"));
         }
-        let [a, b] = self.rises(i, free);
-        let of = if DEPTH.contains(&i) { "thickness" } else { "colour variance" };
-        (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
-            format!(
-                "frames that it was not fitted to hardly need it: without it their {of} changes by {:+.1} % and {:+.1} %",
-                100.0 * a,
-                100.0 * b
-            )
-        })
-    }
-
-    /// Why no depth is taken, where surfaces come apart by it.
-    fn parted(&self, best: &Unknowns, free: &[usize]) -> Result<Option<String>, FrameError> {
-        if !free.iter().any(|i| DEPTH.contains(i)) {
-            return Ok(None);
+        if DEPTH.contains(&i) {
+            return None;
         }
-        // Of the area: what lies farther away is larger and bears more.
-        let births = |depth: [f64; 2]| -> Result<f64, FrameError> {
-            let camera = self.input.calibration.color_camera;
-            let matches = self.input.matched(&self.input.frames, depth, camera, 1.0)?;
-            let squares: f64 =
-                matches.samples().iter().map(|s| f64::from(s.point.range).powi(2)).sum();
-            Ok(matches.births as f64 * matches.samples().len() as f64 / squares)
-        };
-        let rise = births(best.depth)? / births(self.start.depth)? - 1.0;
-        Ok((rise > MORE_BIRTHS)
-            .then(|| format!("surfaces come apart by it: {:.1} % more components", 100.0 * rise)))
+        let rises = self.rises(&[i], free);
+        hardly_needed(rises, "colour variance")
     }
 
     /// An unknown as people know it.
@@ -223,14 +227,15 @@ impl<'a> Judge<'a> {
     /// What there is to say of a colour camera that stays as it was.
     pub fn staying_camera(&self, evidence: &Evidence, best: &Estimate) -> Vec<CalibratedValue> {
         let all: Vec<usize> = (0..N).collect();
-        let errors = evidence.errors(self.prior, best, &all);
+        let covariance = evidence.covariance(self.prior, best, &all);
         let best = &best.unknowns;
         let shifts = shifts(&evidence.matches, best);
         let value = |i: usize| {
             let apart = (best.get(i) - self.start.get(i)).abs() * shifts[i];
-            let mut value = self.value(i, best, errors[i]);
+            let error = covariance.error(i);
+            let mut value = self.value(i, best, error);
             value.keep(format!("the best shifts by {apart:.1} pixels, which the others undo"));
-            if apart.max(errors[i] * shifts[i]) <= SAME {
+            if apart.max(error * shifts[i]) <= SAME {
                 value.confirm("the best is the same to a pixel".to_owned());
             }
             value
@@ -239,6 +244,17 @@ impl<'a> Judge<'a> {
     }
 }
 
-fn error_of(errors: &[f64], free: &[usize], i: usize) -> f64 {
-    free.iter().position(|&other| other == i).map_or(f64::INFINITY, |place| errors[place])
+fn without(free: &[usize], held: &[usize]) -> Vec<usize> {
+    free.iter().copied().filter(|i| !held.contains(i)).collect()
+}
+
+/// Why a value is not taken that the other halves do not miss.
+fn hardly_needed([a, b]: [f64; 2], of: &str) -> Option<String> {
+    (a.min(b) < 0.5 * MIN_RISE || a + b < 2.0 * MIN_RISE).then(|| {
+        format!(
+            "frames that it was not fitted to hardly need it: without it their {of} changes by {:+.1} % and {:+.1} %",
+            100.0 * a,
+            100.0 * b
+        )
+    })
 }
