@@ -183,3 +183,19 @@ pub(super) fn distance(matches: &Matches, a: &Unknowns, b: &Unknowns) -> f64 {
     }
     f64::sqrt(sum / n)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::test_views::{begin, wall};
+
+    #[test]
+    fn distances_are_in_pixels() {
+        let matches = wall(0.3);
+        let mut moved = begin();
+        moved.set(6, moved.get(6) + 3.0);
+        moved.set(7, moved.get(7) - 4.0);
+        assert!((distance(&matches, &begin(), &moved) - 5.0).abs() < 1e-9);
+        assert!((shifts(&matches, &begin())[7] - 1.0).abs() < 1e-12);
+    }
+}

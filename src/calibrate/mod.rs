@@ -1,8 +1,8 @@
 //! What a recording says of its own cameras: where the colour camera stands, how depth is biased,
-//! how bright every frame was exposed. Surfaces that several views see must be thin and of one
-//! colour (`pipeline.md`, Calibration).
+//! how bright every frame was exposed. Surfaces that several views see must be thin and look
+//! alike (`pipeline.md`, Calibration).
 //!
-//! Depth and colour camera are one robust least-squares problem ([`evidence`]) with what is known of such
+//! Depth and colour camera are one robust least-squares problem ([`evidence`], [`fit`]) with what is known of such
 //! sensors ([`unknowns`]); what is found must hold in frames that it was not fitted to ([`verdict`]); what
 //! the data does not determine is given back ([`CalibratedValue`]). Then exposures.
 
@@ -12,12 +12,16 @@ mod covariance;
 mod evidence;
 mod exposure;
 mod exposure_search;
+mod fit;
 mod input;
 mod matches;
 mod normal_equations;
 mod pyramid;
 mod report;
+mod scatter;
 mod search;
+#[cfg(test)]
+mod test_views;
 mod thickness;
 mod unknowns;
 mod value;
