@@ -54,8 +54,18 @@ impl CameraPose {
     }
 }
 
+/// The calibration of depth that points were matched under.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MatchedDepth {
+    /// Offset, world units, and scale.
+    pub values: [f64; 2],
+    /// Whether the files measure along the optical axis.
+    pub along_z: bool,
+}
+
 /// Points by component, those of one component by view; components of a single view are left out.
 pub(super) struct Matches {
+    pub depth: MatchedDepth,
     pub poses: Vec<CameraPose>,
     samples: Vec<MatchedPoint>,
     /// Where the components begin, and the end.
@@ -73,18 +83,23 @@ impl Matches {
     pub fn new(
         frames: &[Frame],
         settings: &SurfaceSettings,
-        h: f64,
-        step: usize,
+        depth: MatchedDepth,
+        (h, step): (f64, usize),
     ) -> Result<Self, FrameError> {
         let prepare = |preparer: &mut Preparer, frame| thinned(preparer, frame, settings, step);
         let views: Vec<Vec<SurfacePoint>> =
             frames.par_iter().map_init(Preparer::new, prepare).collect::<Result<_, _>>()?;
         let poses = frames.iter().map(|frame| CameraPose::of(frame, settings.origin)).collect();
-        Ok(Self::together(&views, poses, h))
+        Ok(Self::together(&views, poses, depth, h))
     }
 
     /// Of the points of every view.
-    pub fn together(views: &[Vec<SurfacePoint>], poses: Vec<CameraPose>, h: f64) -> Self {
+    pub fn together(
+        views: &[Vec<SurfacePoint>],
+        poses: Vec<CameraPose>,
+        depth: MatchedDepth,
+        h: f64,
+    ) -> Self {
         let mut partition = Partition::new(h);
         let mut samples = Vec::new();
         for (view, points) in views.iter().enumerate() {
@@ -106,7 +121,7 @@ impl Matches {
                 starts.push(kept.len());
             }
         }
-        Self { poses, samples: kept, starts, births: partition.components() }
+        Self { depth, poses, samples: kept, starts, births: partition.components() }
     }
 
     /// Components seen by several views.
@@ -114,9 +129,27 @@ impl Matches {
         self.starts.len() - 1
     }
 
+    /// Number of pairs of a component and a view that sees it.
+    pub fn n_sightings(&self) -> usize {
+        self.samples.chunk_by(|a, b| (a.component, a.view) == (b.component, b.view)).count()
+    }
+
     /// Points of these.
     pub fn samples(&self) -> &[MatchedPoint] {
         &self.samples
+    }
+
+    /// Moves every so-many-th point.
+    #[cfg(test)]
+    pub fn spoil(&mut self, every: usize, place: impl Fn(DVec3) -> DVec3) {
+        for sample in self.samples.iter_mut().step_by(every) {
+            sample.point.position = place(sample.point.position_vector()).as_vec3().to_array();
+        }
+    }
+
+    /// Place of a component's first point among all.
+    pub fn start_of(&self, component: usize) -> usize {
+        self.starts[component]
     }
 
     /// Points of a component.

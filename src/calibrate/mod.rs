@@ -1,55 +1,59 @@
 //! What a recording says of its own cameras: where the colour camera stands, how depth is biased,
-//! how bright every frame was exposed. Surfaces that several views see must be thin and of one
-//! colour (`pipeline.md`, Calibration).
+//! how bright every frame was exposed. Surfaces that several views see must be thin and look
+//! alike (`pipeline.md`, Calibration).
 //!
-//! Depth first, because colours are looked up where depth says; then the colour camera; then
-//! exposures. Each search starts from what is known and gives back what the data does not
-//! determine ([`CalibratedValue`]).
-//!
-//! Known limits. Depth scale, offset and focal length make up for one another: on a Kinect
-//! sequence of 50 frames a scale of 1.18 with an offset of −.14 counted as determined, while
-//! births and depth error rose. Offset y and principal point y of the colour camera are
-//! determined only together. Births and colour variance are reported before and after, so that
-//! such a result can be recognised.
+//! Depth and colour camera are one robust least-squares problem ([`evidence`], [`fit`]) with what is known of such
+//! sensors ([`unknowns`]); what is found must hold in frames that it was not fitted to ([`verdict`]); what
+//! the data does not determine is given back ([`CalibratedValue`]). Then exposures.
 
-mod camera_search;
-mod depth;
-mod depth_search;
+mod camera;
+mod color;
+mod covariance;
+mod evidence;
 mod exposure;
 mod exposure_search;
+mod fit;
 mod input;
 mod matches;
 mod normal_equations;
-mod photometric;
-mod pinhole;
 mod pyramid;
 mod report;
+mod scatter;
+mod search;
+#[cfg(test)]
+mod test_views;
+mod thickness;
+mod unknowns;
 mod value;
+mod verdict;
 
 pub use report::{Agreement, Calibrated};
 pub use value::CalibratedValue;
 
 use crate::dataset::Dataset;
-use crate::dataset::calibration::{Calibration, CalibrationError};
+use crate::dataset::calibration::{Calibration, CalibrationError, ColorCamera};
 use crate::dataset::error::{DatasetError, FrameError};
 use crate::dataset::frame::DepthKind;
 use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::scene::{SceneError, SceneOverrides, SceneRun};
-use camera_search::LEVELS;
+use camera::registered;
+use evidence::{Evidence, Kind};
 use exposure_search::MAX_FRAMES;
-use input::{COARSE, CalibrationInput};
-use matches::Matches;
-use normal_equations::NormalEquations;
-use photometric::PhotometricCost;
-use pinhole::{CameraUnknowns, registered};
+use input::CalibrationInput;
 use pyramid::Pyramid;
+use search::{LEVELS, STEPS, Views, search};
+use unknowns::{DEPTH, Estimate, N, SensorPrior, Unknowns};
+use verdict::Judge;
 
 /// Frames where none are asked for: more say little more.
 pub const DEFAULT_FRAMES: usize = 24;
 /// Pixels looked at, of all frames together.
-const PIXELS: f64 = 200_000.0;
+const PIXELS: f64 = 120_000.0;
 /// Fewest components that several views must see.
 const MIN_COMPONENTS: usize = 100;
+/// Structural scale times the scene's at which frames must have surfaces in common: views of wrong depth
+/// still share such.
+const COARSE: f64 = 4.0;
 
 /// What is searched for, and on what.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,8 +105,8 @@ pub enum CalibrateError {
     },
 }
 
-/// Searches for depth, then the colour camera, then exposures; tells `progress` the steps done and
-/// those there are.
+/// Searches for depth and the colour camera, then for exposures; tells `progress` the steps done and those
+/// there are.
 pub fn run(
     dataset: &Dataset,
     plan: &CalibratePlan,
@@ -113,7 +117,7 @@ pub fn run(
     let n_frames = plan.max_frames.min(all.frames.len());
     // Exposures look at every frame, because every frame has its own.
     let n_exposures = if plan.exposure { all.frames.len() } else { 0 };
-    let (mut done, steps) = (0, n_frames + 3 + LEVELS + n_exposures);
+    let (mut done, steps) = (0, n_frames + 3 + 2 * STEPS + n_exposures);
     let mut tick = || {
         done += 1;
         progress(done, steps);
@@ -123,17 +127,19 @@ pub fn run(
         input.frames.iter().map(|f| Pyramid::new(f.color.clone(), LEVELS)).collect();
     let before = agreement(&input, &images)?;
     tick();
-    let mut values = depth_search::search(&mut input)?;
+    let known = dataset.known_calibration().and_then(|known| known.color_camera);
+    let found = cameras(&input, &images, (known, dataset.metre()), &mut tick)?;
     tick();
-    let found = camera_search::search(&input, &images, &mut tick)?;
-    input.calibration.color_camera = found.camera;
-    values.extend(found.values);
+    let mut values = found.values;
+    input.calibration = found.calibration;
     if plan.exposure {
         let frames = all.frames.len();
         if frames > MAX_FRAMES {
             return Err(CalibrateError::TooManyExposures { most: MAX_FRAMES, found: frames });
         }
-        let settings = input.settings(found.camera);
+        let calibration = &input.calibration;
+        let depth = [calibration.depth_offset, calibration.depth_scale];
+        let settings = input.settings(depth, calibration.color_camera);
         let scale = (input.h, input.step);
         let (gains, value) = exposure_search::search(dataset, &all, &settings, scale, &mut tick);
         if value.determined {
@@ -158,6 +164,63 @@ pub fn run(
     })
 }
 
+/// What is found of depth and the colour camera.
+struct FoundCameras {
+    calibration: Calibration,
+    values: Vec<CalibratedValue>,
+    /// What there is to say of the colour camera as a whole.
+    note: Option<String>,
+}
+
+/// Everything together; where no other colour camera is worth taking, depth alone again.
+fn cameras(
+    input: &CalibrationInput,
+    images: &[Pyramid],
+    (known, metre): (Option<ColorCamera>, f64),
+    mut tick: impl FnMut(),
+) -> Result<FoundCameras, FrameError> {
+    let views = Views { frames: &input.frames, images };
+    let given = input.calibration.color_camera;
+    let as_registered = registered(&input.frames[0].camera.intrinsics);
+    let start = Unknowns::of(&input.calibration, given.unwrap_or(as_registered));
+    let known = known.or(given).unwrap_or(as_registered);
+    let prior = SensorPrior::new(known, &start, metre);
+    let free: Vec<usize> = (0..N).collect();
+    let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
+    let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
+    judge.temper(&mut evidence, &mut best, &free);
+    let verdict = judge.camera(&best.unknowns);
+    let of = |best: &Unknowns, color_camera| Calibration {
+        color_camera,
+        depth_offset: best.depth[0],
+        depth_scale: best.depth[1],
+        ..input.calibration.clone()
+    };
+    if verdict.is_other {
+        let values = judge.settle(&mut evidence, &mut best, &free);
+        // The second search is not needed.
+        (0..STEPS).for_each(|_| tick());
+        let calibration = of(&best.unknowns, Some(best.unknowns.camera.camera()));
+        return Ok(FoundCameras { calibration, values, note: None });
+    }
+    let staying = if given.is_some() { judge.staying_camera(&evidence, &best) } else { Vec::new() };
+    // Poses and depths that are slightly wrong can always be traded for a slightly other camera: what depth
+    // is beside that is not what it is beside the one that stays.
+    let free = DEPTH.to_vec();
+    let (mut best, mut evidence) = search(input, views, &prior, &start, &free, &mut tick)?;
+    let mut judge = Judge::new(input, views, &prior, (start, best.unknowns), &free)?;
+    judge.temper(&mut evidence, &mut best, &free);
+    let mut values = judge.settle(&mut evidence, &mut best, &free);
+    values.extend(staying);
+    let kept = if given.is_some() {
+        "the colour camera stays"
+    } else {
+        "the colour images are registered to depth"
+    };
+    let note = Some(format!("{kept}: {}", verdict.found));
+    Ok(FoundCameras { calibration: of(&best.unknowns, given), values, note })
+}
+
 /// Reads evenly spaced frames, which must have surfaces in common; with the reasons why some cannot be
 /// read.
 fn survey(
@@ -171,7 +234,8 @@ fn survey(
     let total = all.frames.len();
     let n = plan.max_frames.min(total);
     let (mut frames, mut skipped) = (Vec::new(), Vec::new());
-    for i in 0..n {
+    // Every other one first: halves that see the same places.
+    for i in (0..n).step_by(2).chain((1..n).step_by(2)) {
         match dataset.load(all.split, all.frames[i * total / n]) {
             Ok(frame) => frames.push(frame),
             Err(error) => skipped.push(error.to_string()),
@@ -196,8 +260,8 @@ fn survey(
         step: (pixels as f64 / PIXELS).sqrt().ceil() as usize,
         frames,
     };
-    let matches = Matches::new(&input.frames, &input.settings(None), COARSE * input.h, input.step)?;
-    // With coarse components: views of wrong depth still share those.
+    let depth = [plan.start.depth_offset, plan.start.depth_scale];
+    let matches = input.matched(&input.frames, depth, None, COARSE)?;
     if matches.len() < MIN_COMPONENTS {
         let (frames, n) = (input.frames.len(), matches.len());
         return Err(nothing(format!("{frames} frames with {n} patches of surface in common")));
@@ -207,17 +271,13 @@ fn survey(
 
 /// How well the views agree under the calibration as it is.
 fn agreement(input: &CalibrationInput, images: &[Pyramid]) -> Result<Agreement, FrameError> {
-    let camera = input.calibration.color_camera;
-    let settings = input.settings(camera);
-    let matches = Matches::new(&input.frames, &settings, input.h, input.step)?;
-    let gains: Vec<[f64; 3]> =
-        input.frames.iter().map(|frame| input.calibration.gain(&frame.name)).collect();
+    let Calibration { depth_offset, depth_scale, color_camera: camera, .. } = input.calibration;
+    let matches = input.matched(&input.frames, [depth_offset, depth_scale], camera, 1.0)?;
+    let gains = input.frames.iter().map(|frame| input.calibration.gain(&frame.name)).collect();
     let camera = camera.unwrap_or_else(|| registered(&input.frames[0].camera.intrinsics));
-    let cost = PhotometricCost { matches: &matches, images, gains: &gains, level: 0 };
-    Ok(Agreement {
-        color_variance: NormalEquations::total(&cost.by_view(&CameraUnknowns::of(camera)))
-            .variance(),
-        births: matches.births,
-        components: matches.len(),
-    })
+    let at = Unknowns::of(&input.calibration, camera);
+    let (births, components) = (matches.births, matches.len());
+    let evidence = Evidence::new(matches, images, gains, 0);
+    let at = Estimate::as_recorded(at, input.frames.len());
+    Ok(Agreement { color_variance: evidence.variance(&at, Kind::Color), births, components })
 }

@@ -48,8 +48,8 @@ impl<const N: usize> NormalEquations<N> {
     }
 
     /// Over all views.
-    pub fn total(views: &[Self]) -> Self {
-        views.iter().fold(Self::ZERO, |mut sum, view| {
+    pub fn total<'a>(views: impl IntoIterator<Item = &'a Self>) -> Self {
+        views.into_iter().fold(Self::ZERO, |mut sum, view| {
             sum.add(view, 1.0);
             sum
         })
@@ -68,6 +68,45 @@ impl<const N: usize> NormalEquations<N> {
     /// Curvature of a pair of unknowns.
     pub fn curvature_at(&self, i: usize, j: usize) -> f64 {
         self.curvature[i.max(j)][i.min(j)]
+    }
+
+    /// Of the first `M` unknowns, where the others are at their best for every value of these. `None` if the
+    /// data leaves one of the others open.
+    pub fn reduced<const M: usize>(&self) -> Option<NormalEquations<M>> {
+        let rest: Vec<usize> = (M..N).collect();
+        let factor = Cholesky::new(rest.len(), &self.curvature_of(&rest))?;
+        let gradient: Vec<f64> = rest.iter().map(|&i| self.gradient[i]).collect();
+        let pull = factor.solve(&gradient);
+        let along = |with: &[f64], values: &[f64]| -> f64 {
+            with.iter().zip(values).map(|(a, b)| a * b).sum()
+        };
+        let mut left = NormalEquations::ZERO;
+        left.n = self.n;
+        left.cost = self.cost - along(&gradient, &pull);
+        for i in 0..M {
+            let coupled: Vec<f64> = rest.iter().map(|&j| self.curvature_at(i, j)).collect();
+            left.gradient[i] = self.gradient[i] - along(&coupled, &pull);
+            let followed = factor.solve(&coupled);
+            for j in 0..=i {
+                let others: Vec<f64> = rest.iter().map(|&k| self.curvature_at(j, k)).collect();
+                left.curvature[i][j] = self.curvature[i][j] - along(&others, &followed);
+            }
+        }
+        Some(left)
+    }
+
+    /// The change of the unknowns from the `M`-th on to their minimum, where the first change by `step`.
+    pub fn followed(&self, step: &[f64]) -> Option<Vec<f64>> {
+        let m = step.len();
+        let rest: Vec<usize> = (m..N).collect();
+        let pull: Vec<f64> = rest
+            .iter()
+            .map(|&i| {
+                let coupled: f64 = (0..m).map(|j| self.curvature_at(i, j) * step[j]).sum();
+                -self.gradient[i] - coupled
+            })
+            .collect();
+        Some(Cholesky::new(rest.len(), &self.curvature_of(&rest))?.solve(&pull))
     }
 
     /// The change of the `free` unknowns to the minimum, in their order, the others held. `damping`
@@ -104,6 +143,20 @@ mod tests {
         let step = total.step(&[0], 0.0).unwrap();
         assert!((step[0] - 0.6).abs() < 1e-12, "{step:?}");
         assert!(total.step(&[0], 1.0).unwrap()[0] < 0.31, "damping shortens the step");
+    }
+
+    #[test]
+    fn what_is_reduced_has_the_same_minimum() {
+        let mut total = NormalEquations::total(&two_lines());
+        let whole = total.reduced::<1>().unwrap();
+        assert!((whole.step(&[0], 0.0).unwrap()[0] - 1.0).abs() < 1e-12, "{whole:?}");
+        assert!(whole.cost.abs() < 9.0, "y took what it could");
+        let y = total.followed(&[1.0]).unwrap();
+        assert!((y[0] - 1.0).abs() < 1e-12, "{y:?}");
+        // Held towards 0, y follows less: (x − 3)² + 4x² in the limit.
+        total.add_residual(0.0, &[0.0, 1.0], 1e9);
+        let held = total.reduced::<1>().unwrap();
+        assert!((held.step(&[0], 0.0).unwrap()[0] - 0.6).abs() < 1e-6, "{held:?}");
     }
 
     #[test]

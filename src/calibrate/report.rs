@@ -8,7 +8,7 @@ use serde::Serialize;
 /// How well the views agree under a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Agreement {
-    /// Mean variance of colour inside components that several views see, channels in `[0, 1]`
+    /// Mean square of how colours differ between two views of the same place, weighed, channels in `[0, 1]`
     /// added up.
     pub color_variance: f64,
     /// Number of components born: surfaces that come apart bear more.
@@ -53,7 +53,7 @@ impl Calibrated {
         );
         let rows = [
             (
-                "colour variance inside components",
+                "colour variance between views",
                 [digits(before.color_variance), digits(after.color_variance)],
             ),
             ("components born", [before.births.to_string(), after.births.to_string()]),
@@ -74,7 +74,11 @@ impl Calibrated {
 const UNCHANGED: &str = "nothing was changed: the file holds the calibration as it was";
 
 fn row(value: &CalibratedValue) -> [String; 6] {
-    let verdict = if value.determined { "determined" } else { "not determined by this data" };
+    let verdict = match value.determined {
+        true => "determined",
+        false if value.after != value.before => "not determined by itself",
+        false => "not determined by this data",
+    };
     let reason = value.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
     let [before, after, best, error] =
         [value.before, value.after, value.best, value.standard_error].map(digits);

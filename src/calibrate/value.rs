@@ -2,11 +2,6 @@
 
 use serde::Serialize;
 
-/// Rise of a sum of squares, relative, that keeping a value must cost for the data to determine it.
-/// Errors of poses shift the minimum: on the 7-Scenes Kinect to a roll that spares 0.8 % and makes
-/// held-out views worse.
-pub(super) const MIN_RISE: f64 = 0.02;
-
 /// A number before and after, and whether the data says what it is.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibratedValue {
@@ -14,12 +9,12 @@ pub struct CalibratedValue {
     pub name: &'static str,
     /// As it was.
     pub before: f64,
-    /// As it is in the file: what it was, unless the data says better.
+    /// As it is in the file: what it was, unless the data says better of it or of others with it.
     pub after: f64,
     /// Where the data is explained best.
     pub best: f64,
-    /// Of the best, from how much the views differ among themselves; errors that they share, such as
-    /// those of poses, come on top.
+    /// Of the best, from how much the views differ among themselves and from what is known of such
+    /// sensors; errors that all views share, such as those of a map that poses were fitted to, come on top.
     pub standard_error: f64,
     /// Whether the data says what it is.
     pub determined: bool,
@@ -40,5 +35,27 @@ impl CalibratedValue {
         self.after = self.before;
         self.determined = false;
         self.reason = Some(reason);
+    }
+
+    /// Takes the best for the others' sake, which the data says with it and not without.
+    pub(super) fn lean(&mut self, reason: String) {
+        self.determined = false;
+        self.reason = Some(format!("{reason}; taken with the others, which lean on it"));
+    }
+
+    /// Where the best came to lie after others went back to what they were.
+    pub(super) fn settle_at(&mut self, best: f64) {
+        (self.after, self.best) = (best, best);
+    }
+
+    /// How far the best is from what it was.
+    pub(super) fn apart(&self) -> f64 {
+        (self.best - self.before).abs()
+    }
+
+    /// Keeps what it was because the data says so.
+    pub(super) fn confirm(&mut self, reason: String) {
+        self.keep(reason);
+        self.determined = true;
     }
 }

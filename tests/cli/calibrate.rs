@@ -1,11 +1,13 @@
 //! `calibrate` finds what is wrong with a recording, and leaves alone what is right.
 
 use super::runner::Scratch;
+use crate::common::shared;
 use serde_json::Value;
 use std::fs;
 use vbgs_studio::dataset::calibration::{Calibration, ColorCamera};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, SyntheticScene};
 use vbgs_studio::dataset::{self, LoadOptions};
+use vbgs_studio::math::camera::Intrinsics;
 
 const FRAMES: usize = 16;
 
@@ -20,22 +22,43 @@ fn with_recording() -> Scratch {
 }
 
 /// Takes the recording's photographs again, by a camera of their own.
-fn photograph(scratch: &Scratch, camera: &ColorCamera) {
+fn photograph(scratch: &Scratch, camera: &ColorCamera, seed: u64, gain: impl Fn(usize) -> f64) {
     let params = SyntheticParams {
         width: 160,
         height: 120,
         n_train: FRAMES,
         n_eval: 1,
+        seed,
         ..SyntheticParams::demo()
     };
     let scene = SyntheticScene::new(&params).unwrap();
     let dataset = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap();
-    for frame in dataset.splits.iter().flat_map(|split| &split.frames) {
-        let view = scene.view(&camera.beside(&frame.camera));
+    for (i, frame) in dataset.splits.iter().flat_map(|split| &split.frames).enumerate() {
+        let mut view = scene.view(&camera.beside(&frame.camera));
+        for texel in &mut view.color.data {
+            texel[..3].iter_mut().for_each(|c| *c = (f64::from(*c) * gain(i)).round() as u8);
+        }
         let bytes = view.color.data.as_flattened();
         image::save_buffer(frame.color_path().unwrap(), bytes, 160, 120, image::ColorType::Rgba8)
             .unwrap();
     }
+}
+
+/// Writes the recording's depth as a camera would that needs this correction.
+fn spoil_depth(scratch: &Scratch, offset_mm: f64, scale: f64) {
+    for i in 0..FRAMES {
+        let path = scratch.path(&format!("room/train/frame-{i:06}.depth.png"));
+        let mut depth = image::open(&path).unwrap().into_luma16();
+        for texel in depth.iter_mut().filter(|code| ![0, u16::MAX].contains(code)) {
+            *texel = ((f64::from(*texel) - offset_mm) / scale).round() as u16;
+        }
+        depth.save(&path).unwrap();
+    }
+}
+
+fn intrinsics(scratch: &Scratch) -> Intrinsics {
+    let dataset = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap();
+    dataset.splits[0].frames[0].camera.intrinsics
 }
 
 fn value<'a>(found: &'a Value, name: &str) -> &'a Value {
@@ -77,10 +100,7 @@ fn what_is_right_is_left_alone() {
 #[test]
 fn a_colour_camera_is_found() {
     let scratch = with_recording();
-    let k = dataset::open(&scratch.path("room"), &LoadOptions::default()).unwrap().splits[0].frames
-        [0]
-    .camera
-    .intrinsics;
+    let k = intrinsics(&scratch);
     let camera = ColorCamera {
         focal: [0.9 * k.fx, 0.9 * k.fy],
         principal: [k.cx, k.cy],
@@ -88,15 +108,105 @@ fn a_colour_camera_is_found() {
         rotation: [0.0; 3],
         size: None,
     };
-    photograph(&scratch, &camera);
+    photograph(&scratch, &camera, 0, |_| 1.0);
     let found = scratch.run("calibrate room --json").succeeds().json();
     let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
     let best = file.color_camera.unwrap();
     assert!((best.focal[0] / camera.focal[0] - 1.0).abs() < 0.005, "{found}");
-    assert!((best.offset[0] - 0.1).abs() < 0.01, "{found}");
+    // What an offset as large hides from the colour camera is compared all the same.
+    assert!((best.offset[0] - 0.1).abs() < 0.015, "{found}");
     assert_eq!(value(&found, "focal")["determined"], true);
     let variance = |when: &str| found[when]["color_variance"].as_f64().unwrap();
     assert!(variance("after") < 0.7 * variance("before"), "{found}");
+}
+
+/// Focal length, both offsets, depth scale and exposure wrong at once, in six rooms.
+#[test]
+#[ignore = "six calibrations: two minutes"]
+fn all_that_is_wrong_comes_back_within_its_standard_errors() {
+    let (mut n, mut within, mut taken) = (0, 0, 0);
+    for seed in 1..=6_u64 {
+        let scratch = Scratch::empty();
+        let sign = if seed % 2 == 0 { 1.0 } else { -1.0 };
+        let synth = format!(
+            "synth room --layout seven-scenes --size 160x120 --frames {FRAMES} --eval-frames 1 --seed {seed} --depth-noise {}",
+            0.5 * (seed % 3) as f64
+        );
+        scratch.run(&synth).succeeds();
+        let k = intrinsics(&scratch);
+        let (offset, scale) = (-0.01 * sign, 1.0 + 0.02 * sign);
+        let camera = ColorCamera {
+            focal: [k.fx * (1.0 + 0.03 * sign), k.fy * (1.0 + 0.03 * sign)],
+            principal: [k.cx + 1.5, k.cy - 1.0],
+            offset: [0.01 * sign, 0.01, 0.0],
+            rotation: [0.0; 3],
+            size: None,
+        };
+        let gain = |i: usize| if i.is_multiple_of(2) { 1.0 } else { 0.9 };
+        photograph(&scratch, &camera, seed, gain);
+        spoil_depth(&scratch, 1000.0 * offset, scale);
+        let found = scratch.run("calibrate room --json --exposure").succeeds().json();
+        let truth = [
+            ("depth offset", offset),
+            ("depth scale", scale),
+            ("offset x", camera.offset[0]),
+            ("offset y", camera.offset[1]),
+            ("roll", 0.0),
+            ("focal", camera.focal[0]),
+            ("point x", camera.principal[0]),
+            ("point y", camera.principal[1]),
+        ];
+        for (name, truth) in truth {
+            let value = value(&found, name);
+            let number = |key: &str| value[key].as_f64().unwrap();
+            let (off, error) = (number("best") - truth, number("standard_error"));
+            n += 1;
+            within += usize::from(off.abs() <= 3.0 * error);
+            taken += usize::from(value["determined"] == true);
+            println!("room {seed} {name}: {off:+.5} of {truth:.4}, standard error {error:.5}");
+            // What is taken is right: never a number that lies far off with certainty.
+            assert!(off.abs() <= 4.0 * error, "room {seed}: {value}");
+        }
+        let file = Calibration::read(&scratch.path("calibration.ron")).unwrap();
+        for pair in file.exposure.chunks(2) {
+            // The evaluation frame comes first.
+            let ratio = pair[1].gain[1] / pair[0].gain[1];
+            assert!((ratio / 0.9 - 1.0).abs() < 0.05, "room {seed}: {ratio}");
+        }
+    }
+    println!("{within} of {n} within three standard errors, {taken} taken");
+    assert!(within * 20 >= n * 19, "{within} of {n}");
+    assert!(2 * taken > n, "{taken} of {n}");
+}
+
+/// The Kinect room begun with a focal length 3 % off, an offset of 1 cm and depth 2 % and 1 cm off.
+#[test]
+#[ignore = "24 frames of 640x480: half a minute"]
+fn a_real_recording_comes_back_from_wrong_values() {
+    let Some(data) = shared("data/kinect_office") else { return };
+    let scratch = Scratch::empty();
+    let wrong = "(depth_offset: 0.01, depth_scale: 1.02, color_camera: Some((focal: (537.7, 537.7), principal: (320.0, 238.5), offset: (0.033, 0.0015, 0.0))))";
+    fs::write(scratch.path("wrong.ron"), wrong).unwrap();
+    let arguments = ["calibrate", data.to_str().unwrap(), "--calibration", "wrong.ron", "--json"];
+    let found = scratch.run_args(&arguments).succeeds().json();
+    let known = ColorCamera::KINECT;
+    for (name, known) in [
+        ("depth offset", 0.0),
+        ("depth scale", 1.0),
+        ("offset x", known.offset[0]),
+        ("offset y", known.offset[1]),
+        ("roll", 0.0),
+        ("focal", known.focal[0]),
+        ("point x", known.principal[0]),
+        ("point y", known.principal[1]),
+    ] {
+        let value = value(&found, name);
+        let number = |key: &str| value[key].as_f64().unwrap();
+        assert!((number("after") - known).abs() <= 3.0 * number("standard_error"), "{value}");
+    }
+    assert_eq!(value(&found, "focal")["determined"], true, "{found}");
+    let variance = |when: &str| found[when]["color_variance"].as_f64().unwrap();
+    assert!(variance("after") < 0.9 * variance("before"), "{found}");
 }
 
 #[test]

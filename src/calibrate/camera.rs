@@ -32,6 +32,13 @@ impl CameraUnknowns {
         Self { start, values: [x, y, 0.0, 0.0, cx, cy] }
     }
 
+    /// Another camera's values, as unknowns that begin where these do.
+    pub fn of_same_start(&self, other: &ColorCamera) -> [f64; N] {
+        let ([x, y, _], [cx, cy]) = (other.offset, other.principal);
+        let roll = other.rotation[2] - self.start.rotation[2];
+        [x, y, roll, (other.focal[0] / self.start.focal[0]).ln(), cx, cy]
+    }
+
     pub fn camera(&self) -> ColorCamera {
         let [x, y, roll, growth, cx, cy] = self.values;
         let turned = DQuat::from_scaled_axis(DVec3::from_array(self.start.rotation));
@@ -74,6 +81,8 @@ pub(super) struct Projector {
 pub(super) struct ProjectedPoint {
     pub at: [f64; 2],
     pub slope: [[f64; N]; 2],
+    /// With its place in the frame of the depth camera.
+    pub by_place: [DVec3; 2],
 }
 
 impl Projector {
@@ -91,7 +100,8 @@ impl Projector {
             return None;
         }
         let slant = [p.x / p.z, p.y / p.z];
-        let mut projected = ProjectedPoint { at: [0.0; 2], slope: [[0.0; N]; 2] };
+        let mut projected =
+            ProjectedPoint { at: [0.0; 2], slope: [[0.0; N]; 2], by_place: [DVec3::ZERO; 2] };
         for i in 0..2 {
             let from_centre = self.focal[i] * slant[i];
             projected.at[i] = from_centre + self.principal[i];
@@ -103,6 +113,7 @@ impl Projector {
             let by_roll = by_place.dot(p.cross(DVec3::Z));
             projected.slope[i] = [-by_point.x, -by_point.y, by_roll, from_centre, 0.0, 0.0];
             projected.slope[i][4 + i] = 1.0;
+            projected.by_place[i] = by_point;
         }
         Some(projected)
     }

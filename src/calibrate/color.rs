@@ -1,0 +1,201 @@
+//! How colours differ between views, and how that changes with the colour camera and depth.
+//!
+//! A component's points are projected into the colour image of their own view and of another that sees the
+//! component: how both colours differ is what a wrong camera causes.
+
+use super::camera::Projector;
+use super::exposure::Patch;
+use super::matches::{MatchedPoint, Matches};
+use super::normal_equations::NormalEquations;
+use super::pyramid::Pyramid;
+use super::unknowns::{CAMERA, Estimate, N, Unknowns, WITH_POSE, parts};
+use glam::DVec3;
+
+/// The photographs of views at one size.
+#[derive(Clone, Copy)]
+pub(super) struct Photos<'a> {
+    pub images: &'a [Pyramid],
+    /// Factors of red, green and blue, by view.
+    pub gains: &'a [[f64; 3]],
+    /// Size of the images, 0 the whole.
+    pub level: usize,
+}
+
+/// By how much the photograph of a point's own view shows it in another colour than another view's does.
+#[derive(Clone, Copy)]
+pub(super) struct ColorOffset {
+    /// Place of the point in its component.
+    pub index: usize,
+    pub view: usize,
+    pub color: [f64; 3],
+    /// With its own view's pose against the other's.
+    slope: [[f64; WITH_POSE]; 3],
+}
+
+/// A colour that a photograph shows, and how it changes with the unknowns and its view's pose.
+struct SeenColor {
+    color: [f64; 3],
+    slope: [[f64; WITH_POSE]; 3],
+}
+
+/// Where a matched point is as measured, in the frame of its depth camera, and how that changes with offset
+/// and scale.
+fn measured(matches: &Matches, sample: &MatchedPoint, at: &Estimate) -> (DVec3, [DVec3; 2]) {
+    let depth = &matches.depth;
+    let [offset, scale] = depth.values;
+    let local = sample.local;
+    let range = if depth.along_z { local.z } else { local.length() };
+    let by_offset = local / range;
+    let by_scale = (local - offset * by_offset) / scale;
+    let [nearer, larger] = at.unknowns.depth;
+    (local + by_offset * (nearer - offset) + by_scale * (larger - scale), [by_offset, by_scale])
+}
+
+/// Where the colour of a place is, in the frame of a depth camera that its view's pose moves: a place that
+/// moves has the colour of where the others see it, the other way.
+fn placed(place: DVec3, view: usize, at: &Estimate) -> DVec3 {
+    let [shift, turn] = parts(&at.poses[view]);
+    place - shift - turn.cross(place)
+}
+
+/// What a view's photograph shows at a place in the frame of its depth camera.
+fn seen(
+    photos: &Photos,
+    at: (&Projector, &Estimate),
+    view: usize,
+    (place, by_depth): (DVec3, [DVec3; 2]),
+) -> Option<SeenColor> {
+    let (projector, estimate) = at;
+    let [_, turn] = parts(&estimate.poses[view]);
+    let by_depth = by_depth.map(|by| by - turn.cross(by));
+    let projected = projector.project(placed(place, view, estimate))?;
+    let texel = photos.images[view].sample(photos.level, projected.at)?;
+    // How the pixel moves, by all unknowns.
+    let pixel: [[f64; WITH_POSE]; 2] = std::array::from_fn(|axis| {
+        let by_place = projected.by_place[axis];
+        let mut slope = [0.0; WITH_POSE];
+        slope[..CAMERA].copy_from_slice(&by_depth.map(|by| by_place.dot(by)));
+        slope[CAMERA..N].copy_from_slice(&projected.slope[axis]);
+        slope[N..N + 3].copy_from_slice(&(-by_place).to_array());
+        slope[N + 3..].copy_from_slice(&(-place.cross(by_place)).to_array());
+        slope
+    });
+    // A gain scales slopes as it scales colours.
+    let gain = photos.gains[view];
+    let color = std::array::from_fn(|i| gain[i] * texel.color[i]);
+    let slope = std::array::from_fn(|i| {
+        let [across, down] = texel.slope[i];
+        std::array::from_fn(|j| gain[i] * (across * pixel[0][j] + down * pixel[1][j]))
+    });
+    Some(SeenColor { color, slope })
+}
+
+/// Compares the colours of a component's points with what another view shows in the same places: the next of
+/// those that see it. Against the component's mean a point's own texture would count, which is least where
+/// photographs are smoothest and not where they belong.
+pub(super) fn color_offsets(
+    matches: &Matches,
+    photos: &Photos,
+    run: &[MatchedPoint],
+    at: (&Projector, &Estimate),
+    out: &mut Vec<ColorOffset>,
+) {
+    out.clear();
+    for (index, sample) in run.iter().enumerate() {
+        let view = sample.view as usize;
+        // Sorted by view; after the last comes the first.
+        let other = run[index..].iter().find(|s| s.view != sample.view).unwrap_or(&run[0]).view;
+        let (place, by_depth) = measured(matches, sample, at.1);
+        let [own, its] = [view, other as usize].map(|view| matches.poses[view]);
+        let across = |direction: DVec3| its.rotation * (own.rotation.transpose() * direction);
+        let there = its.rotation * (own.rotation.transpose() * place + own.centre - its.centre);
+        let here = seen(photos, at, view, (place, by_depth));
+        let there = seen(photos, at, other as usize, (there, by_depth.map(across)));
+        let (Some(here), Some(there)) = (here, there) else { continue };
+        let color = std::array::from_fn(|i| here.color[i] - there.color[i]);
+        let mut slope = here.slope;
+        for (slope, there) in slope.iter_mut().zip(there.slope) {
+            slope.iter_mut().zip(&there[..N]).for_each(|(slope, there)| *slope -= there);
+        }
+        out.push(ColorOffset { index, view, color, slope });
+    }
+}
+
+impl ColorOffset {
+    /// Square of the distance between both.
+    pub fn square(&self) -> f64 {
+        self.color.iter().map(|c| c * c).sum()
+    }
+
+    /// Adds it to its view's equations.
+    pub fn add(&self, weight: f64, equations: &mut NormalEquations<WITH_POSE>) {
+        equations.n += weight;
+        for i in 0..3 {
+            equations.add_residual(self.color[i], &self.slope[i], weight);
+        }
+    }
+}
+
+/// Mean colours of components by view, before gains; sorted by component.
+pub(super) fn patches(matches: &Matches, photos: &Photos, at: &Estimate) -> Vec<Patch> {
+    let projector = Projector::new(&at.unknowns.camera);
+    let mut patches = Vec::new();
+    for component in 0..matches.len() {
+        for run in matches.of(component).chunk_by(|a, b| a.view == b.view) {
+            let view = run[0].view;
+            let image = &photos.images[view as usize];
+            let mut patch = Patch::new(component as u32, view);
+            run.iter()
+                .filter_map(|s| {
+                    projector.project(placed(measured(matches, s, at).0, view as usize, at))
+                })
+                .filter_map(|projected| image.sample(photos.level, projected.at))
+                .for_each(|texel| patch.add(texel.color));
+            patches.push(patch);
+        }
+    }
+    patches
+}
+
+/// Root mean square of the shift in the image, pixels, that a unit of every unknown of the camera makes.
+pub(super) fn shifts(matches: &Matches, at: &Unknowns) -> [f64; N] {
+    let projector = Projector::new(&at.camera);
+    let (mut sum, mut n) = ([0.0; N], 0.0);
+    for projected in matches.samples().iter().filter_map(|s| projector.project(s.local)) {
+        n += 1.0;
+        let [u, v] = projected.slope;
+        for (i, (u, v)) in u.iter().zip(v).enumerate() {
+            sum[CAMERA + i] += u * u + v * v;
+        }
+    }
+    sum.map(|sum: f64| (sum / n).sqrt())
+}
+
+/// Root mean square of the distance, pixels, between where two cameras see the points.
+pub(super) fn distance(matches: &Matches, a: &Unknowns, b: &Unknowns) -> f64 {
+    let (a, b) = (Projector::new(&a.camera), Projector::new(&b.camera));
+    let (mut sum, mut n) = (0.0, 0.0);
+    for sample in matches.samples() {
+        if let (Some(a), Some(b)) = (a.project(sample.local), b.project(sample.local)) {
+            sum += (a.at[0] - b.at[0]).powi(2) + (a.at[1] - b.at[1]).powi(2);
+            n += 1.0;
+        }
+    }
+    f64::sqrt(sum / n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::test_views::{begin, wall};
+
+    #[test]
+    fn distances_are_in_pixels() {
+        let matches = wall(0.3);
+        let mut moved = begin();
+        moved.set(6, moved.get(6) + 3.0);
+        moved.set(7, moved.get(7) - 4.0);
+        assert!((distance(&matches, &begin(), &moved) - 5.0).abs() < 1e-9);
+        assert!((shifts(&matches, &begin())[7] - 1.0).abs() < 1e-12);
+    }
+}

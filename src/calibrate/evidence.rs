@@ -1,0 +1,303 @@
+//! What matched views say of all unknowns together: surfaces must be thin and look alike.
+//!
+//! Residuals are weighed down the farther they lie off what is usual (Cauchy's weights), once before every
+//! fit: silhouettes, mirrors and things that moved belong to no calibration. So that both kinds can be added
+//! to one another and to what is known of sensors, they count what they are worth. Of colours, points of a
+//! component in one view are one witness, whose noise is that of the residuals, and every view's pose takes
+//! what it can of them, within what poses are known by: that tells nothing of cameras. Thickness counts as
+//! many times less as its views' gradients scatter wider than independent points would make them.
+
+use super::camera::Projector;
+use super::color::{self, ColorOffset, Photos, color_offsets};
+use super::exposure::exposure;
+use super::matches::Matches;
+use super::normal_equations::NormalEquations;
+use super::pyramid::Pyramid;
+use super::scatter::overdispersion;
+use super::thickness::{PlaneOffset, plane_offsets};
+use super::unknowns::{Estimate, SensorPrior, Twist, Unknowns, WITH_POSE};
+use rayon::prelude::*;
+
+/// Components of one partial sum: sums do not depend on the number of threads.
+const CHUNK: usize = 1024;
+/// Every so-many-th component tells what residual is usual.
+const SAMPLED: usize = 5;
+/// Median residuals at which a point counts half.
+const OUTLYING: f64 = 4.0;
+/// Least variance of either kind's residuals: a tenth of the sensor's noise, and a step of a byte in three
+/// channels. Pictures of a program may have none.
+const LEAST_VARIANCE: [f64; 2] = [0.01, 3.0 / (255.0 * 255.0)];
+
+/// Kinds of residuals.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Off the plane.
+    Thickness,
+    /// Off the colour.
+    Color,
+}
+
+/// Equations of both kinds.
+type Both = [NormalEquations<WITH_POSE>; 2];
+const NOTHING: Both = [NormalEquations::ZERO; 2];
+
+/// Matched views with the weights of their points.
+pub(super) struct Evidence<'a> {
+    pub matches: Matches,
+    images: &'a [Pyramid],
+    level: usize,
+    /// Factors of red, green and blue, by view.
+    pub gains: Vec<[f64; 3]>,
+    /// By kind, of every point; 1 until they are weighed.
+    weights: [Vec<f32>; 2],
+    /// By kind: what a point's square counts.
+    information: [f64; 2],
+    /// By kind: sum of the weights when they were weighed. Points leave images as cameras move.
+    points: [f64; 2],
+    /// By kind: square at which a point counts half.
+    pub(super) knees: [f64; 2],
+    /// By how much views scatter more than their equations say, as far as halves of them told.
+    scatter: f64,
+}
+
+/// Buffers of one thread.
+#[derive(Default)]
+struct Buffers {
+    planes: Vec<PlaneOffset>,
+    colors: Vec<ColorOffset>,
+}
+
+impl<'a> Evidence<'a> {
+    /// Every point alike; `images` and `gains` are those of the matches' views.
+    pub fn new(
+        matches: Matches,
+        images: &'a [Pyramid],
+        gains: Vec<[f64; 3]>,
+        level: usize,
+    ) -> Self {
+        let weights = [(); 2].map(|()| vec![1.0; matches.samples().len()]);
+        let [information, points, knees] = [[1.0; 2]; 3];
+        Self { matches, images, level, gains, weights, information, points, knees, scatter: 1.0 }
+    }
+
+    /// Weighs points by their residuals, and either kind by how large those are.
+    pub fn weigh(&mut self, at: &Estimate) {
+        self.weights.iter_mut().for_each(|weights| weights.fill(1.0));
+        self.knees =
+            self.usual(at).map(|usual| (OUTLYING * OUTLYING * usual).max(f64::MIN_POSITIVE));
+        let squares = self.squares(at);
+        for ((weights, squares), knee) in self.weights.iter_mut().zip(squares).zip(self.knees) {
+            let weigh = |(weight, square): (&mut f32, Option<f64>)| {
+                *weight = square.map_or(1.0, |square| 1.0 / (1.0 + square / knee)) as f32;
+            };
+            weights.iter_mut().zip(squares).for_each(weigh);
+        }
+        let views = self.by_view(at);
+        let [thickness, colors] =
+            [0, 1].map(|k| views.iter().map(|both| both[k]).collect::<Vec<_>>());
+        let [planes, seen] = [&thickness, &colors].map(NormalEquations::total);
+        self.points = [planes.n, seen.n];
+        let witnesses = self.matches.n_sightings() as f64 / self.matches.samples().len() as f64;
+        self.information = [
+            1.0 / overdispersion(&thickness).max(LEAST_VARIANCE[0]),
+            witnesses / seen.variance().max(LEAST_VARIANCE[1]),
+        ]
+        .map(|information| information / self.scatter);
+    }
+
+    /// How far points move in the images from one camera to another, in pixels of the images' size, or how
+    /// far their depths do in shares of what the sensor's noise hides.
+    pub fn moved(&self, from: &Unknowns, to: &Unknowns) -> f64 {
+        let shift = color::distance(&self.matches, from, to) / f64::from(1u32 << self.level);
+        let [offset, scale] = self.hidden();
+        let [nearer, larger] = [0, 1].map(|i| (to.depth[i] - from.depth[i]).abs());
+        shift.max(nearer / offset).max(larger / scale)
+    }
+
+    /// Estimates every view's gains anew.
+    pub fn expose(&mut self, at: &Estimate) {
+        let patches = color::patches(&self.matches, &self.photos(), at);
+        self.gains = exposure(&patches, self.images.len()).gains;
+    }
+
+    fn photos(&self) -> Photos<'_> {
+        Photos { images: self.images, gains: &self.gains, level: self.level }
+    }
+
+    /// What is told of a component's points.
+    fn look(&self, at: (&Projector, &Estimate), component: usize, buffers: &mut Buffers) -> usize {
+        let first = self.matches.start_of(component);
+        let run = self.matches.of(component);
+        let weight = |k: usize| move |i: usize| f64::from(self.weights[k][first + i]);
+        plane_offsets(&self.matches, run, at.1, weight(0), &mut buffers.planes);
+        color_offsets(&self.matches, &self.photos(), run, at, &mut buffers.colors);
+        first
+    }
+
+    /// Median square of either kind's residuals, over some of the components.
+    fn usual(&self, at: &Estimate) -> [f64; 2] {
+        let projector = Projector::new(&at.unknowns.camera);
+        let (mut buffers, mut found) = (Buffers::default(), [Vec::new(), Vec::new()]);
+        for component in (0..self.matches.len()).step_by(SAMPLED) {
+            self.look((&projector, at), component, &mut buffers);
+            found[0].extend(buffers.planes.iter().map(|p| p.off * p.off * p.precision));
+            found[1].extend(buffers.colors.iter().map(ColorOffset::square));
+        }
+        found.map(|mut squares| {
+            if squares.is_empty() {
+                return 0.0;
+            }
+            let middle = squares.len() / 2;
+            *squares.select_nth_unstable_by(middle, f64::total_cmp).1
+        })
+    }
+
+    /// Square of either kind's residual of every point, where it has one.
+    pub(super) fn squares(&self, at: &Estimate) -> [Vec<Option<f64>>; 2] {
+        let projector = Projector::new(&at.unknowns.camera);
+        let parts: Vec<[Vec<Option<f64>>; 2]> = (0..self.matches.len())
+            .into_par_iter()
+            .chunks(CHUNK)
+            .map(|components| {
+                let mut buffers = Buffers::default();
+                let mut found = [Vec::new(), Vec::new()];
+                for component in components {
+                    let end = found[0].len() + self.matches.of(component).len();
+                    let first = found[0].len();
+                    found.iter_mut().for_each(|squares| squares.resize(end, None));
+                    self.look((&projector, at), component, &mut buffers);
+                    for (i, plane) in buffers.planes.iter().enumerate() {
+                        found[0][first + i] = Some(plane.off * plane.off * plane.precision);
+                    }
+                    for color in &buffers.colors {
+                        found[1][first + color.index] = Some(color.square());
+                    }
+                }
+                found
+            })
+            .collect();
+        let mut whole = [Vec::new(), Vec::new()];
+        for part in parts {
+            whole.iter_mut().zip(part).for_each(|(whole, part)| whole.extend(part));
+        }
+        whole
+    }
+
+    /// Equations of every view by itself, about the means over all of them.
+    pub fn by_view(&self, at: &Estimate) -> Vec<Both> {
+        let projector = Projector::new(&at.unknowns.camera);
+        let n = self.matches.poses.len();
+        let parts: Vec<Vec<Both>> = (0..self.matches.len())
+            .into_par_iter()
+            .chunks(CHUNK)
+            .map(|components| {
+                let (mut views, mut buffers) = (vec![NOTHING; n], Buffers::default());
+                for component in components {
+                    let first = self.look((&projector, at), component, &mut buffers);
+                    for (i, plane) in buffers.planes.iter().enumerate() {
+                        let weight = f64::from(self.weights[0][first + i]);
+                        plane.add(weight, &mut views[plane.view][0]);
+                    }
+                    for color in &buffers.colors {
+                        let weight = f64::from(self.weights[1][first + color.index]);
+                        color.add(weight, &mut views[color.view][1]);
+                    }
+                }
+                views
+            })
+            .collect();
+        let mut views = vec![NOTHING; n];
+        for part in &parts {
+            for (view, part) in views.iter_mut().zip(part) {
+                view.iter_mut().zip(part).for_each(|(view, part)| view.add(part, 1.0));
+            }
+        }
+        views
+    }
+
+    /// Mean weighted square of a kind's residuals.
+    pub fn variance(&self, at: &Estimate, kind: Kind) -> f64 {
+        let views = self.by_view(at);
+        NormalEquations::total(views.iter().map(|both| &both[kind as usize])).variance()
+    }
+
+    /// What every view counts, with its pose.
+    pub(super) fn counted(
+        &self,
+        prior: &SensorPrior,
+        at: &Estimate,
+    ) -> Vec<NormalEquations<WITH_POSE>> {
+        let views = self.by_view(at);
+        // Of the mean, not of the sum: else a camera would gain by losing points.
+        let factors = [0, 1].map(|k| {
+            let n: f64 = views.iter().map(|both| both[k].n).sum();
+            self.information[k] * self.points[k] / n.max(f64::MIN_POSITIVE)
+        });
+        let of_view = |(both, pose): (&Both, &Twist)| {
+            let mut sum = NormalEquations::ZERO;
+            both.iter().zip(factors).for_each(|(of_kind, factor)| sum.add(of_kind, factor));
+            prior.add_pose(pose, &mut sum);
+            sum
+        };
+        views.iter().zip(&at.poses).map(of_view).collect()
+    }
+
+    /// Counts everything so many times less from now on.
+    pub fn doubt(&mut self, times: f64) {
+        self.scatter *= times;
+        self.information = self.information.map(|information| information / times);
+    }
+
+    /// What quantisation hides of depth's offset and scale: it shifts all points of a surface alike, which
+    /// no view contradicts.
+    pub(super) fn hidden(&self) -> [f64; 2] {
+        let samples = self.matches.samples();
+        let n = samples.len().max(1) as f64;
+        let noise = samples.iter().map(|s| f64::from(s.point.noise)).sum::<f64>() / n;
+        let range = samples.iter().map(|s| f64::from(s.point.range)).sum::<f64>() / n;
+        [0.25 * noise, 0.25 * noise / range]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::test_views::{begin, ramps, wall};
+    use crate::calibrate::unknowns::N;
+
+    #[test]
+    fn gradients_are_those_of_finite_differences() {
+        let images = ramps(2);
+        let gains = vec![[1.0; 3], [1.1, 0.9, 1.0]];
+        let evidence = Evidence::new(wall(0.3), &images, gains, 0);
+        // Off where points were matched.
+        let mut at = Estimate::as_recorded(begin(), 2);
+        at.unknowns.depth = [0.004, 1.003];
+        at.poses[1] = [0.003, -0.002, 0.001, 0.002, 0.001, -0.003];
+        let views = evidence.by_view(&at);
+        for k in 0..2 {
+            let total = NormalEquations::total(views.iter().map(|both| &both[k]));
+            assert!(total.cost > 0.1 && total.n == 512.0, "{k}: {} {}", total.cost, total.n);
+            for i in 0..WITH_POSE {
+                let step = 1e-5;
+                let cost = |sign: f64| {
+                    let mut moved = at.clone();
+                    match i.checked_sub(N) {
+                        Some(i) => moved.poses[1][i] += sign * step,
+                        None => moved.unknowns.set(i, moved.unknowns.get(i) + sign * step),
+                    }
+                    let views = evidence.by_view(&moved);
+                    // A pose is fitted to its own view's residuals.
+                    match i < N {
+                        true => NormalEquations::total(views.iter().map(|both| &both[k])).cost,
+                        false => views[1][k].cost,
+                    }
+                };
+                let expected = (cost(1.0) - cost(-1.0)) / (4.0 * step);
+                let found = if i < N { total.gradient[i] } else { views[1][k].gradient[i] };
+                let error = (found - expected).abs();
+                assert!(error < 1e-3 * expected.abs().max(1.0), "{k} {i}: {found} {expected}");
+            }
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! All that is searched for, as one vector, and what is believed of it before anything is seen.
+//!
+//! Depth scale, depth offset, focal length and camera offset make up for one another. They are found
+//! together, so that their covariance says so, and against what is known of such sensors: a depth scale of
+//! 1.18 explains some recordings best, and no depth camera is off by that.
+
+use super::camera::{CameraUnknowns, FOCAL, N as N_CAMERA, ROLL};
+use super::normal_equations::NormalEquations;
+use crate::dataset::calibration::{Calibration, ColorCamera};
+use glam::DVec3;
+
+/// Unknowns in all: depth's, then the colour camera's.
+pub(super) const N: usize = 2 + N_CAMERA;
+/// With those of a view's own pose behind: a shift and a turn of its camera, in the camera's frame.
+pub(super) const WITH_POSE: usize = N + 6;
+/// Those of depth: offset and scale.
+pub(super) const DEPTH: [usize; 2] = [0, 1];
+/// Place of the colour camera's first.
+pub(super) const CAMERA: usize = 2;
+/// Names, with units.
+pub(super) const NAMES: [&str; N] = [
+    "depth offset, world units",
+    "depth scale",
+    "colour camera offset x, world units",
+    "colour camera offset y, world units",
+    "colour camera roll, radians",
+    "colour focal length, pixels",
+    "colour principal point x, pixels",
+    "colour principal point y, pixels",
+];
+
+/// Standard deviations of sensors as they are sold: depth offset and camera offset in metres.
+const DEPTH_OFFSET_M: f64 = 0.015;
+const DEPTH_SCALE: f64 = 0.02;
+const CAMERA_OFFSET_M: f64 = 0.03;
+const CAMERA_ROLL: f64 = 0.02;
+const LOG_FOCAL: f64 = 0.08;
+/// Of the image's width.
+const PRINCIPAL: f64 = 0.03;
+
+/// Standard deviations of recorded poses: metres and radians. Recordings were found to be off by 2 to 18 mm
+/// and .012.
+const POSE_SHIFT_M: f64 = 0.005;
+const POSE_TURN: f64 = 0.005;
+
+/// Values of the unknowns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Unknowns {
+    /// Offset in world units, and scale.
+    pub depth: [f64; 2],
+    pub camera: CameraUnknowns,
+}
+
+impl Unknowns {
+    /// Those of a calibration, whose colour camera is this.
+    pub fn of(calibration: &Calibration, camera: ColorCamera) -> Self {
+        let depth = [calibration.depth_offset, calibration.depth_scale];
+        Self { depth, camera: CameraUnknowns::of(camera) }
+    }
+
+    pub fn get(&self, i: usize) -> f64 {
+        if i < CAMERA { self.depth[i] } else { self.camera.values[i - CAMERA] }
+    }
+
+    pub fn set(&mut self, i: usize, value: f64) {
+        if i < CAMERA {
+            self.depth[i] = value;
+        } else {
+            self.camera.values[i - CAMERA] = value;
+        }
+    }
+
+    /// As people know it: focal length in pixels, the whole roll.
+    pub fn natural(&self, i: usize) -> f64 {
+        match i.checked_sub(CAMERA) {
+            Some(FOCAL) => self.camera.camera().focal[0],
+            Some(ROLL) => self.camera.camera().rotation[2],
+            _ => self.get(i),
+        }
+    }
+
+    /// By how much the natural number changes with the unknown.
+    pub fn natural_slope(&self, i: usize) -> f64 {
+        if i == CAMERA + FOCAL { self.natural(i) } else { 1.0 }
+    }
+}
+
+/// Shift and turn of a view's camera against its recorded pose, in its frame: world units and radians.
+pub(super) type Twist = [f64; 6];
+
+/// Shift and turn.
+pub(super) fn parts(twist: &Twist) -> [DVec3; 2] {
+    let [x, y, z, turns @ ..] = *twist;
+    [DVec3::new(x, y, z), DVec3::from_array(turns)]
+}
+
+/// The unknowns with every view's pose.
+#[derive(Clone, Debug)]
+pub(super) struct Estimate {
+    pub unknowns: Unknowns,
+    /// By view.
+    pub poses: Vec<Twist>,
+}
+
+impl Estimate {
+    /// Poses as they are recorded.
+    pub fn as_recorded(unknowns: Unknowns, n_views: usize) -> Self {
+        Self { unknowns, poses: vec![[0.0; 6]; n_views] }
+    }
+}
+
+/// What is believed of the unknowns before: independent Gaussians.
+#[derive(Clone, Debug)]
+pub(super) struct SensorPrior {
+    mean: [f64; N],
+    deviation: [f64; N],
+    /// Precision of every pose's shift and turn.
+    pose: [f64; 2],
+}
+
+impl SensorPrior {
+    /// About depth as it is decoded and a colour camera as it is known of the layout; `metre` in world
+    /// units. Unknowns of the camera are those that begin at `start`.
+    pub fn new(known: ColorCamera, start: &Unknowns, metre: f64) -> Self {
+        let camera = start.camera.of_same_start(&known);
+        let width = 2.0 * known.principal[0].max(1.0);
+        let mut mean = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        mean[CAMERA..].copy_from_slice(&camera);
+        let across = CAMERA_OFFSET_M * metre;
+        let principal = PRINCIPAL * width;
+        let deviation = [
+            DEPTH_OFFSET_M * metre,
+            DEPTH_SCALE,
+            across,
+            across,
+            CAMERA_ROLL,
+            LOG_FOCAL,
+            principal,
+            principal,
+        ];
+        let pose = [(POSE_SHIFT_M * metre).powi(-2), POSE_TURN.powi(-2)];
+        Self { mean, deviation, pose }
+    }
+
+    /// Adds what is believed of a view's pose to its equations.
+    pub fn add_pose(&self, pose: &Twist, equations: &mut NormalEquations<WITH_POSE>) {
+        for (i, value) in pose.iter().enumerate() {
+            let mut slope = [0.0; WITH_POSE];
+            slope[N + i] = 1.0;
+            equations.add_residual(*value, &slope, self.pose[i / 3]);
+        }
+    }
+
+    /// As equations of all unknowns.
+    pub fn equations(&self, at: &Unknowns) -> NormalEquations<N> {
+        let mut equations = NormalEquations::ZERO;
+        for i in 0..N {
+            let mut slope = [0.0; N];
+            slope[i] = 1.0;
+            equations.add_residual(at.get(i) - self.mean[i], &slope, self.deviation[i].powi(-2));
+        }
+        equations
+    }
+}
