@@ -49,7 +49,7 @@ pub struct SceneVariant {
 type PresetChange = (&'static str, fn(&mut SceneRun));
 
 /// In the order of the table (`scene.md`, What each part brings).
-const PARTS: [PresetChange; 12] = [
+const PARTS: [PresetChange; 13] = [
     ("plane fit and its filter", |run| {
         run.surface.plane_fit = false;
         run.surface.flying_pixels = false;
@@ -61,6 +61,7 @@ const PARTS: [PresetChange; 12] = [
     ("gain per frame", |run| run.engine.gain = false),
     ("pose correction", |run| run.engine.align = false),
     ("depth refinement", |run| run.engine.refine = false),
+    ("near detail", |run| run.engine.near = None),
     ("colour by direction", |run| run.engine.splat_rule.directional = false),
     ("colour gradient", |run| run.engine.splat_rule.gradient = false),
     // At 1 a pixel counts as covered in full when it is: nothing is filled.

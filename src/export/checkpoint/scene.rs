@@ -5,7 +5,7 @@ use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WideRow};
+use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow};
 use crate::model::scene::sums::N_SUMS;
 use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::Appearance;
@@ -44,6 +44,10 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         }
         StoredSums::F32(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
         StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
+    }
+    if let Some(shares) = &state.shares {
+        let words = shares.iter().map(|&share| share.into()).collect();
+        sections.push(Section::owned::<u32>(tag::SHARES, words));
     }
     let components = state.components.as_ref();
     sections.extend(components.map(|c| Section::new(tag::COMPONENTS, c.as_slice())));
@@ -85,6 +89,7 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     let seeds = sections.rows::<f32, 3>(tag::SEEDS, None)?;
     // None is right, too: a run may be saved before any frame had points.
     check_size(tag::SEEDS, 0, seeds.len())?;
+    let shares = sections.has(tag::SHARES).then(|| shares(sections, seeds.len())).transpose()?;
     let components = match sections.has(tag::COMPONENTS) {
         true => Some(sections.elements::<u32>(tag::COMPONENTS, Some(seeds.len()))?),
         false => None,
@@ -97,6 +102,7 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     let state = SceneState {
         origin: sections.numbers(tag::ORIGIN)?,
         seeds,
+        shares,
         components,
         sums: sums(sections, n)?,
         visibility: bytemuck::cast_vec(visibility),
@@ -119,6 +125,18 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     };
     check::scene(&state)?;
     Ok(state)
+}
+
+/// One to 64 for every seed.
+fn shares(sections: &Sections, n: usize) -> Result<Vec<u8>, Defect> {
+    let words: Vec<u32> = sections.elements(tag::SHARES, Some(n))?;
+    let share = |(at, word): (usize, u32)| match u8::try_from(word) {
+        Ok(share @ 1..=WHOLE) => Ok(share),
+        _ => {
+            Err(check::value(tag::SHARES, at, "share", "a whole number from 1 to 64", word.into()))
+        }
+    };
+    words.into_iter().enumerate().map(share).collect()
 }
 
 fn photometric(sections: &Sections, n: usize) -> Result<PhotometricState, Defect> {

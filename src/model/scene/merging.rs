@@ -34,6 +34,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     let mut scene = SceneState {
         origin: a.origin,
         seeds: Vec::with_capacity(terms.len()),
+        shares: None,
         components: None,
         sums: StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() },
         visibility: Vec::with_capacity(terms.len()),
@@ -128,6 +129,7 @@ mod tests {
         SceneState {
             origin: [1.0, 2.0, 3.0],
             seeds: components.iter().map(|&(x, _)| [x, 0.5, -0.5]).collect(),
+            shares: None,
             components: None,
             sums: StoredSums::Mixed { rows, wide },
             visibility: components

@@ -19,6 +19,9 @@ pub const WIDE_POINTS: u32 = 1 << 12;
 /// Largest sum of a wide row: 2⁵³ quanta.
 pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 
+/// Parts of the structural scale that a seed's share of it is counted in.
+pub const WHOLE: u8 = 64;
+
 /// A trained scene at a frame boundary. Row `k` of the sums and of the visibility
 /// counts is component `k`; it is free if no seed is its.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +30,9 @@ pub struct SceneState {
     pub origin: [f64; 3],
     /// Seeds, world units, in the order they were born in.
     pub seeds: Vec<[f32; 3]>,
+    /// By seed the share of the structural scale that points may be from it, in parts of [`WHOLE`]; `None` where all
+    /// have the whole.
+    pub shares: Option<Vec<u8>>,
     /// By seed its component, where seeds share components; `None` while seed `k` is component
     /// `k`'s.
     pub components: Option<Vec<u32>>,

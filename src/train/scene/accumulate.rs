@@ -128,7 +128,8 @@ impl<W: SumScalar> Kernel for Part<'_, W> {
             }
             if rule == VisibilityRule::Returned {
                 let returns: f64 = points.map(|i| facing_pixels(&frame.points[i])).sum();
-                row.count_visibility(Visibility::Hit, h * h * returns / run.len() as f64);
+                let surface = h * h * seed_positions.share(id).powi(2);
+                row.count_visibility(Visibility::Hit, surface * returns / run.len() as f64);
             }
             received.ids.push(id as u32);
         }
@@ -170,6 +171,7 @@ fn clamp<R: Real>(value: R, most: f32) -> R {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::model::scene::state::WHOLE;
     use crate::train::scene::components::Components;
     use crate::train::scene::grid::SeedGrid;
 
@@ -192,7 +194,7 @@ mod tests {
     fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums<i32> {
         let mut grid = SeedGrid::new(1.0);
         let mut components = Components::default();
-        components.born(grid.insert([0.0; 3]));
+        components.born(grid.insert([0.0; 3]), WHOLE);
         let seed_positions = SeedPositions { grid: &grid, components: &components };
         let mut component_sums = ComponentSums::<i32>::default();
         component_sums.grow(1);

@@ -1,4 +1,4 @@
-//! The component of every point: the one with the nearest seed within the structural scale.
+//! The component of every point: the one with the nearest seed within its reach.
 //!
 //! Consecutive points are neighbours, so a group of them collects the seeds of the cells it touches
 //! once and compares all with all: straight loops that vectors run through, where a lookup per
@@ -8,6 +8,7 @@
 
 use super::components::Components;
 use super::grid::{NONE, SeedGrid, squared_distance};
+use super::spacing::Spacing;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
@@ -31,7 +32,7 @@ struct Near {
 pub fn assign(
     grid: &SeedGrid,
     components: &Components,
-    reach: f32,
+    spacing: Spacing,
     points: &[SurfacePoint],
     owners: &mut Vec<u32>,
 ) {
@@ -40,12 +41,25 @@ pub fn assign(
     owners.par_chunks_mut(GROUP).zip(points.par_chunks(GROUP)).for_each_init(
         Near::default,
         |near, (owners, points)| {
-            assign_group(grid, reach, points, owners, near);
+            assign_group(grid, spacing.h(), points, owners, near);
+            if !spacing.is_even() {
+                keep_within(grid, spacing, points, owners);
+            }
             for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
                 *owner = components.of_seed(*owner);
             }
         },
     );
+}
+
+/// Leaves points without a seed that are too far from theirs for what their view tells apart.
+fn keep_within(grid: &SeedGrid, spacing: Spacing, points: &[SurfacePoint], owners: &mut [u32]) {
+    for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner != NONE) {
+        let reach = spacing.reach(point);
+        if squared_distance(grid.position(*owner as usize), point.position) > reach * reach {
+            *owner = NONE;
+        }
+    }
 }
 
 fn assign_group(
@@ -138,6 +152,7 @@ impl Kernel for Nearest<'_> {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::model::scene::state::WHOLE;
 
     #[test]
     fn groups_find_what_single_searches_find() {
@@ -161,9 +176,9 @@ mod tests {
         let mut owners = Vec::new();
         let mut components = Components::default();
         for seed in 0..grid.len() as u32 {
-            components.born(seed);
+            components.born(seed, WHOLE);
         }
-        assign(&grid, &components, 0.1, &points, &mut owners);
+        assign(&grid, &components, Spacing::new(0.1, None), &points, &mut owners);
         for (point, owner) in points.iter().zip(&owners) {
             assert_eq!(*owner, grid.nearest(point.position).unwrap_or(NONE));
         }

@@ -2,8 +2,9 @@
 
 use super::components::Components;
 use super::config::BirthRule;
-use super::grid::{NONE, SeedGrid};
+use super::grid::{NONE, SeedGrid, squared_distance};
 use super::lattice;
+use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
 
 /// What the births of one frame were.
@@ -26,11 +27,11 @@ pub struct Limits {
     pub seeds: usize,
 }
 
-/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within the
-/// structural scale, or one of their own within the limits.
+/// Gives the points of [`NONE`] an owner: the component of a seed of this frame within their reach, one of
+/// their own within the limits, or beyond these that of a seed within the structural scale.
 pub fn give_birth(
     rule: BirthRule,
-    h: f32,
+    spacing: Spacing,
     grid: &mut SeedGrid,
     components: &mut Components,
     points: &[SurfacePoint],
@@ -40,12 +41,15 @@ pub fn give_birth(
     // One point after the other, on one thread: every birth decides who is born after it.
     let mut births = FrameBirths::default();
     for (point, owner) in points.iter().zip(owners).filter(|(_, owner)| **owner == NONE) {
-        let place = seed_of(rule, h, point.position);
-        let found = match rule {
+        let place = seed_of(rule, spacing.h(), point.position);
+        let reach = spacing.reach(point);
+        let nearest = match rule {
             BirthRule::Seeds => grid.nearest(place),
             BirthRule::Lattice | BirthRule::BodyCentred => grid.at(place),
         };
-        *owner = match found {
+        let is_within =
+            |seed: &u32| squared_distance(grid.position(*seed as usize), place) <= reach * reach;
+        *owner = match nearest.filter(is_within) {
             Some(seed) => components.of_seed(seed),
             // Before the budget: such a place has no cell that a seed could be filed under.
             None if !grid.reaches(place) => {
@@ -54,12 +58,15 @@ pub fn give_birth(
             }
             None if components.used() < limits.components && grid.len() < limits.seeds => {
                 births.born += 1;
-                components.born(grid.insert(place))
+                components.born(grid.insert(place), spacing.share(point))
             }
-            None => {
-                births.refused += 1;
-                NONE
-            }
+            None => nearest.map_or_else(
+                || {
+                    births.refused += 1;
+                    NONE
+                },
+                |seed| components.of_seed(seed),
+            ),
         };
     }
     births

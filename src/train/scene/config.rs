@@ -1,6 +1,7 @@
 //! Settings of the scene preset.
 
 use super::photometric::rule::PhotometricRule;
+use super::spacing::NearSpacing;
 use super::sum_form::SumForm;
 use crate::model::scene::opacity::DensityOpacity;
 use crate::model::scene::splat_rule::SplatRule;
@@ -66,6 +67,10 @@ pub struct SceneConfig {
     /// Structural scale `h`: largest distance of a point from its seed (side of a lattice's cell),
     /// world units.
     pub h: f64,
+    /// Seeds closer together where views come near; `None` where the structural scale is the same everywhere.
+    // Left out where it is off, so that files of scenes without it are what they were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub near: Option<NearSpacing>,
     /// Whether points are moved along their rays towards their component's plane.
     pub refine: bool,
     /// Whether each frame's pose is corrected to fit the scene.
@@ -100,6 +105,7 @@ impl SceneConfig {
         Self {
             births: BirthRule::Seeds,
             h,
+            near: None,
             refine: true,
             align: false,
             gain: false,
@@ -149,7 +155,7 @@ impl SceneConfig {
             gradient_ridge: 0.016,
             ..fine.splat_rule
         };
-        Self { align: true, gain: true, splat_rule, ..fine }
+        Self { near: Some(NearSpacing::ROOM), align: true, gain: true, splat_rule, ..fine }
     }
 
     /// How splats learn from photographs, given what they are.
@@ -176,6 +182,13 @@ impl SceneConfig {
                 setting: "scale",
                 expected: "a positive length".to_owned(),
                 found: self.h.to_string(),
+            });
+        }
+        if self.near.is_some() && self.births.is_order_invariant() {
+            return Err(ConfigError {
+                setting: "near_detail",
+                expected: format!("off with --births {}, whose cells are alike", self.births),
+                found: "on".to_owned(),
             });
         }
         let coverage = self.splat_rule.full_coverage;

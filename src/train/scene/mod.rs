@@ -39,3 +39,4 @@ mod observe;
 mod refine;
 mod rigid_equations;
 mod seed_positions;
+pub mod spacing;

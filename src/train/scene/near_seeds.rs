@@ -101,6 +101,7 @@ impl Chunk {
 mod tests {
     use super::*;
     use crate::math::rng::{Purpose, Rng};
+    use crate::model::scene::state::WHOLE;
 
     #[test]
     fn moved_points_find_what_searches_of_the_grid_find() {
@@ -110,7 +111,7 @@ mod tests {
         let mut components = Components::default();
         for _ in 0..3000 {
             let seed = grid.insert(place(1.0));
-            components.born(seed);
+            components.born(seed, WHOLE);
         }
         let at = |position| SurfacePoint { position, ..SurfacePoint::default() };
         let mut points: Vec<SurfacePoint> = (0..1000).map(|_| at(place(1.0))).collect();

@@ -40,8 +40,8 @@ pub fn observe<W: SumScalar>(
             let mean = seed + DVec3::from_array(sum) * (h / n);
             if let Some((visibility, expected)) = viewer.visibility(mean, DVec3::from_array(normal))
             {
-                // A merged component could return what each of its seeds could: an `h²` of surface.
-                row.count_visibility(visibility, expected * seed_positions.components.n_seeds(id));
+                // A merged component could return what each of its seeds could.
+                row.count_visibility(visibility, expected * seed_positions.components.surface(id));
             }
         }
     });

@@ -5,6 +5,7 @@ use super::births::{Limits, give_birth};
 use super::components::Components;
 use super::config::{BirthRule, DEFAULT_MAX_COMPONENTS};
 use super::grid::{NONE, SeedGrid};
+use super::spacing::Spacing;
 use crate::observation::surface::SurfacePoint;
 
 /// Seeds that points are assigned to, and born from, as the trainer does.
@@ -20,7 +21,7 @@ use crate::observation::surface::SurfacePoint;
 /// assert_eq!(partition.components(), 2);
 /// ```
 pub struct Partition {
-    h: f32,
+    spacing: Spacing,
     grid: SeedGrid,
     components: Components,
     owners: Vec<u32>,
@@ -30,7 +31,7 @@ impl Partition {
     /// No seeds; `h` is the structural scale, world units.
     pub fn new(h: f64) -> Self {
         Self {
-            h: h as f32,
+            spacing: Spacing::new(h, None),
             grid: SeedGrid::new(h),
             components: Components::default(),
             owners: Vec::new(),
@@ -39,10 +40,10 @@ impl Partition {
 
     /// The component of every point, born where none is near; `None` where there may be no more.
     pub fn assign(&mut self, points: &[SurfacePoint]) -> Vec<Option<u32>> {
-        let Self { h, grid, components, owners } = self;
-        assign(grid, components, *h, points, owners);
+        let Self { spacing, grid, components, owners } = self;
+        assign(grid, components, *spacing, points, owners);
         let limits = Limits { components: DEFAULT_MAX_COMPONENTS, seeds: DEFAULT_MAX_COMPONENTS };
-        give_birth(BirthRule::Seeds, *h, grid, components, points, owners, limits);
+        give_birth(BirthRule::Seeds, *spacing, grid, components, points, owners, limits);
         owners.iter().map(|&owner| (owner != NONE).then_some(owner)).collect()
     }
 

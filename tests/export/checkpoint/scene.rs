@@ -72,6 +72,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
     checkpoint(StoredModel::Scene(SceneState {
         origin: [1.0, -2.0, 0.5],
         seeds,
+        shares: None,
         components: None,
         sums,
         visibility,
@@ -88,6 +89,7 @@ pub fn nothing() -> SceneState {
     SceneState {
         origin: [0.0; 3],
         seeds: Vec::new(),
+        shares: None,
         components: None,
         sums,
         visibility: Vec::new(),
@@ -225,6 +227,24 @@ fn seeds_may_share_components() {
     assert_refused(&beyond, &["COMP[component 0, seed]", "a component below 20", "found 20"]);
     let short = edited(&bytes, b"COMP", |s| s.content.truncate(4 * n as usize));
     assert_refused(&short, &["COMP", "21 elements", "found 20"]);
+}
+
+#[test]
+fn seeds_may_have_shares_of_the_scale() {
+    let mut checkpoint = sample(mixed());
+    let StoredModel::Scene(state) = &mut checkpoint.model else { unreachable!() };
+    state.shares = Some((0..state.seeds.len()).map(|seed| 1 + (seed % 64) as u8).collect());
+    let bytes = to_bytes(&checkpoint);
+    assert_eq!(parse(&bytes).unwrap().checkpoint, checkpoint);
+    for wrong in [0_u32, 65, 1 << 20] {
+        let damaged = edited(&bytes, b"SHAR", |s| {
+            s.content[4..8].copy_from_slice(&wrong.to_le_bytes());
+        });
+        let found = format!("found {wrong}");
+        assert_refused(&damaged, &["SHAR[component 1, share]", "from 1 to 64", &found]);
+    }
+    let short = edited(&bytes, b"SHAR", |s| s.content.truncate(4 * 19));
+    assert_refused(&short, &["SHAR", "20 elements", "found 19"]);
 }
 
 const VIEWPOINT: Viewpoint = Viewpoint { centre: [3.0, -1.0, 0.5], forward: [0.0, 0.6, 0.8] };

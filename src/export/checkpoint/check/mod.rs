@@ -66,7 +66,7 @@ fn ascending(
     }
 }
 
-fn value(tag: [u8; 4], k: usize, axis: &str, expected: &str, found: f64) -> Defect {
+pub(super) fn value(tag: [u8; 4], k: usize, axis: &str, expected: &str, found: f64) -> Defect {
     Defect::malformed(
         format!("{}[component {k}, {axis}]", tag_text(tag)),
         expected,

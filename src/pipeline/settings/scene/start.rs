@@ -66,6 +66,7 @@ impl SceneRun {
             engine.refine = false;
             engine.align = false;
             engine.gain = false;
+            engine.near = None;
             engine.photometric = None;
             engine.visibility = VisibilityRule::Returned;
         }

@@ -6,6 +6,7 @@ use crate::dataset::surface::Sensor;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
+use crate::train::scene::spacing::NearSpacing;
 use crate::train::scene::sum_form::SumForm;
 use crate::train::scene::units::{Budget, StructuralScale};
 use crate::train::setting::table::settings;
@@ -143,6 +144,15 @@ settings! {
         part "gain";
         default by "on for real cameras; off with lattices";
         at |run| run.engine.gain;
+    }
+    /// Smaller components where views come near: as wide as twelve pixels there, down to seven tenths of the
+    /// structural scale.
+    near_detail: bool {
+        part "near-detail";
+        label "Near detail";
+        default by "on for real cameras; off with lattices";
+        get |run| Some(run.engine.near.is_some());
+        set |run, on| run.engine.near = on.then_some(NearSpacing::ROOM);
     }
     /// Filling cracks between splats when they are drawn: from a coverage below 1 on, a pixel counts
     /// as covered in full.

@@ -9,10 +9,10 @@ mod estimate;
 
 use super::component_sums::{ComponentSums, SumScalar};
 use super::config::SceneConfig;
-use super::grid::SeedGrid;
+use super::grid::{SeedGrid, squared_distance};
 use super::photometric::rule::PhotometricRule;
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts};
+use crate::model::scene::state::{QUANTUM, SceneState, VisibilityCounts, WHOLE};
 use crate::model::scene::sums::{N_SUMS, SceneSums};
 use estimate::{Estimate, Later};
 use glam::DVec3;
@@ -59,6 +59,8 @@ pub fn fuse<W: SumScalar>(
 struct Component {
     /// World units from the scene's origin.
     seed: [f32; 3],
+    /// Of the structural scale, in parts of [`WHOLE`].
+    share: u8,
     sums: [f64; N_SUMS],
     visibility: VisibilityCounts,
     estimate: Option<Estimate>,
@@ -70,13 +72,15 @@ fn components<W: SumScalar>(state: &SceneState) -> Option<Vec<Component>> {
     // From the last seed on, so that the oldest, which sums are about, is the one that stays.
     for (seed, &place) in state.seeds.iter().enumerate().rev() {
         let component = state.components.as_ref().map_or(seed, |of| of[seed] as usize);
-        *seeds.get_mut(component)? = Some(place);
+        let share = state.shares.as_ref().map_or(WHOLE, |shares| shares[seed]);
+        *seeds.get_mut(component)? = Some((place, share));
     }
     let sums = ComponentSums::<W>::restore(state.sums.clone(), state.visibility.clone())?;
-    let component = |(id, seed): (usize, Option<[f32; 3]>)| {
+    let component = |(id, seed): (usize, Option<([f32; 3], u8)>)| {
+        let (seed, share) = seed?;
         let estimate = state.photometric.as_ref().and_then(|of| Estimate::of(of, id));
         let visibility = sums.row(id).visibility();
-        Some(Component { seed: seed?, sums: sums.sums(id), visibility, estimate })
+        Some(Component { seed, share, sums: sums.sums(id), visibility, estimate })
     };
     Some(seeds.into_iter().enumerate().filter_map(component).collect())
 }
@@ -107,7 +111,7 @@ impl Component {
         }
         let start = self.estimate.filter(|_| !is_anew);
         let estimate = rule.and_then(|rule| estimate::fused(start, &estimates, rule));
-        Self { seed: self.seed, sums, visibility, estimate }
+        Self { seed: self.seed, share: self.share, sums, visibility, estimate }
     }
 
     /// Adds what another has, its sums moved to this one's seed; `h` is the structural scale.
@@ -149,8 +153,13 @@ impl Fused {
     fn take_in(&mut self, own: impl Iterator<Item = Component>) {
         let n_before = self.own.len();
         for component in own.filter(|component| component.sums[0] > 0.0) {
-            let near = self.own.nearest(component.mean(self.h)).map(|seed| seed as usize);
-            match near.filter(|&seed| seed < n_before) {
+            let mean = component.mean(self.h);
+            let reach = self.h as f32 * f32::from(component.share) / f32::from(WHOLE);
+            let is_within = |&seed: &usize| {
+                squared_distance(self.own.position(seed), mean) <= reach * reach && seed < n_before
+            };
+            let near = self.own.nearest(mean).map(|seed| seed as usize);
+            match near.filter(is_within) {
                 Some(seed) => self.components[self.n_shared + seed].add(&component, self.h),
                 None => {
                     self.own.insert(component.seed);
@@ -172,9 +181,11 @@ impl Fused {
         }
         let order: Vec<u32> = (0..self.components.len() as u32).collect();
         let (sums, visibility) = sums.state(&order);
+        let shares: Vec<u8> = self.components.iter().map(|component| component.share).collect();
         SceneState {
             origin,
             seeds: self.components.iter().map(|component| component.seed).collect(),
+            shares: shares.iter().any(|&share| share != WHOLE).then_some(shares),
             components: None,
             sums,
             visibility,

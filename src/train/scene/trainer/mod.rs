@@ -22,10 +22,11 @@ use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::refine::shift;
 use super::seed_positions::SeedPositions;
+use super::spacing::Spacing;
 use crate::math::camera::Camera;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::scene::splat_rule::{SplatContext, SplatRule};
-use crate::model::scene::state::{SceneState, seed_order};
+use crate::model::scene::state::{SceneState, WHOLE, seed_order};
 use crate::model::scene::sums::SceneSums;
 use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::{Appearance, Finishing, SplatSet};
@@ -121,12 +122,14 @@ impl<W: SumScalar> SceneTrainer<W> {
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let mut trainer = Self::new(config, DVec3::from_array(state.origin));
         trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
-        for seed in state.seeds {
-            let seed = trainer.grid.insert(seed);
-            trainer.components.born(seed);
+        let shares = state.shares.unwrap_or_default();
+        for (i, place) in state.seeds.into_iter().enumerate() {
+            let seed = trainer.grid.insert(place);
+            trainer.components.born(seed, shares.get(i).copied().unwrap_or(WHOLE));
         }
         if let Some(components) = state.components {
-            trainer.components = Components::restore(components, trainer.component_sums.len())?;
+            trainer.components =
+                Components::restore(components, trainer.component_sums.len(), shares)?;
         }
         trainer.exposures = state.exposures;
         trainer.poses = state.poses;
@@ -151,6 +154,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         SceneState {
             origin: self.origin.to_array(),
             seeds,
+            shares: self.components.shares().map(<[u8]>::to_vec),
             components,
             sums,
             visibility,
@@ -273,14 +277,14 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// Gives points without a component one of their own, as far as the budget allows.
     fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
-        let (rule, h) = (self.config.births, self.config.h as f32);
+        let (rule, spacing) = (self.config.births, self.spacing());
         let seeds = self.config.most_seeds();
         let limits = match rule.is_order_invariant() {
             true => Limits { components: seeds, seeds },
             false => Limits { components: self.config.max_components, seeds },
         };
         let Self { grid, components, owners, .. } = self;
-        give_birth(rule, h, grid, components, points, owners, limits)
+        give_birth(rule, spacing, grid, components, points, owners, limits)
     }
 
     /// Merges components until so many may be born, an eighth of the budget at most; how many became
@@ -337,15 +341,19 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     fn assign(&mut self, points: &[SurfacePoint]) {
         let mut owners = std::mem::take(&mut self.owners);
-        self.find_owners(points, &mut owners);
+        self.find_owners(points, self.spacing(), &mut owners);
         self.owners = owners;
     }
 
+    fn spacing(&self) -> Spacing {
+        Spacing::new(self.config.h, self.config.near)
+    }
+
     /// The component of every point, as far as it has one.
-    fn find_owners(&self, points: &[SurfacePoint], owners: &mut Vec<u32>) {
-        let (rule, h) = (self.config.births, self.config.h as f32);
+    fn find_owners(&self, points: &[SurfacePoint], spacing: Spacing, owners: &mut Vec<u32>) {
+        let (rule, h) = (self.config.births, spacing.h());
         match rule {
-            BirthRule::Seeds => assign(&self.grid, &self.components, h, points, owners),
+            BirthRule::Seeds => assign(&self.grid, &self.components, spacing, points, owners),
             BirthRule::Lattice | BirthRule::BodyCentred => {
                 assign_to_lattice(rule, h, &self.grid, &self.components, points, owners);
             }
@@ -389,7 +397,9 @@ impl<W: SumScalar> SceneTrainer<W> {
     pub fn splat_context(&self, id: usize) -> SplatContext {
         let seed = self.seed(id);
         let expected = self.component_sums.row(id).expected();
-        SplatContext { seed: self.origin + seed, h: self.config.h, expected, frames: self.frames }
+        let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
+        let h = self.config.h * seed_positions.share(id);
+        SplatContext { seed: self.origin + seed, h, expected, frames: self.frames }
     }
 
     /// Where a component's sums are about, world units from the origin.

@@ -12,6 +12,7 @@ use crate::train::scene::known_planes::KnownPlanes;
 use crate::train::scene::near_seeds::NearSeeds;
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::seed_positions::SeedPositions;
+use crate::train::scene::spacing::Spacing;
 
 /// Frames before that tell how the next one may err.
 const RECENT: usize = 1000;
@@ -54,7 +55,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             // much farther they have to go.
             match &near {
                 Some(near) => near.assign(&self.components, &moved, owners),
-                None => self.find_owners(&moved, owners),
+                None => self.find_owners(&moved, Spacing::new(h, None), owners),
             }
             let gain = self.gain_of(&part.points, owners, FEWEST);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
