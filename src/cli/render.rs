@@ -1,4 +1,4 @@
-//! `render`: one view, or a turntable, by every renderer asked for.
+//! `render`: one view, a turntable or a camera path, by every renderer asked for.
 
 use super::args::{AxisName, PaintName, RenderArgs};
 use super::failure::Failure;
@@ -12,7 +12,10 @@ use std::path::{Path, PathBuf};
 use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::machine;
 use vbgs_studio::eval::near::near_plane;
+use vbgs_studio::export::camera_path::PacedPath;
+use vbgs_studio::export::video::{VideoWriter, is_video};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::{Framing, framing};
@@ -28,7 +31,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     let methods = args.renderer.methods(args.lens)?;
     check_fov(args)?;
     // Said before the model is read, which takes longer.
-    if args.turntable.is_none() && !is_png(&args.output) {
+    if args.turntable.is_none() && args.path.is_none() && !is_png(&args.output) {
         return Err(Failure::Usage(format!(
             "--output: expected a name ending in .png, found {}",
             args.output.display()
@@ -55,6 +58,9 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
         )
     })?;
     let up = args.up.map(axis).or(model.up).unwrap_or(DVec3::Z);
+    if let Some(file) = &args.path {
+        return render_path(&mut painter, &PacedPath::read(file, up)?, framing.radius, args);
+    }
     render_orbit(&mut painter, &orbit(&framing, up, args), framing.radius, args)
 }
 
@@ -65,10 +71,7 @@ fn render_orbit(
     args: &RenderArgs,
 ) -> Result<(), Failure> {
     let intrinsics = intrinsics(args);
-    let options = |method| {
-        let plain = RenderOptions::viewport(method, args.background, radius);
-        RenderOptions { exposing: args.exposure.unwrap_or(plain.exposing), ..plain }
-    };
+    let options = viewport_options(args, radius);
     let mut draw = |orbit: Orbit, path: &Path| {
         painter.draw(&Camera { intrinsics, pose: orbit.pose() }, &options, path)
     };
@@ -88,6 +91,58 @@ fn render_orbit(
     let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
     output::line(format!("wrote {n} views{each} to {}", args.output.display()));
     Ok(())
+}
+
+/// Draws along a path, into a folder or a video.
+fn render_path(
+    painter: &mut Painter,
+    paced: &PacedPath,
+    radius: f64,
+    args: &RenderArgs,
+) -> Result<(), Failure> {
+    let options = viewport_options(args, radius);
+    let cameras = paced.pictures().map(|keyframe| Camera {
+        intrinsics: Intrinsics::from_vertical_fov(args.size[0], args.size[1], keyframe.fov_y),
+        pose: keyframe.pose,
+    });
+    let n = cameras.len();
+    let bar = progress::bar(n, "picture");
+    if is_video(&args.output) {
+        let &[method] = painter.methods.as_slice() else {
+            return Err(Failure::Usage(
+                "--renderer: expected one for a video, found both; take a folder for --output"
+                    .to_owned(),
+            ));
+        };
+        let mut video = VideoWriter::new(&args.output, args.size, paced.fps)?;
+        for camera in cameras {
+            // Whatever ended it, ffmpeg says so itself.
+            if video.push(&painter.picture(&camera, method, &options)).is_err() {
+                break;
+            }
+            bar.inc(1);
+        }
+        video.finish()?;
+    } else {
+        output::create_folder(&args.output)?;
+        for (i, camera) in cameras.enumerate() {
+            painter.draw(&camera, &options, &args.output.join(format!("{i:05}.png")))?;
+            bar.inc(1);
+        }
+    }
+    bar.finish_and_clear();
+    let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
+    output::line(format!("wrote {n} pictures{each} to {}", args.output.display()));
+    Ok(())
+}
+
+/// How views are drawn that no dataset asks for.
+fn viewport_options(args: &RenderArgs, radius: f64) -> impl Fn(RenderMethod) -> RenderOptions {
+    let (background, exposure) = (args.background, args.exposure);
+    move |method| {
+        let plain = RenderOptions::viewport(method, background, radius);
+        RenderOptions { exposing: exposure.unwrap_or(plain.exposing), ..plain }
+    }
 }
 
 fn render_view(
@@ -151,16 +206,25 @@ impl Painter<'_> {
         options: &impl Fn(RenderMethod) -> RenderOptions,
         path: &Path,
     ) -> Result<String, Failure> {
-        let look = SplatStyle { paint: self.paint(camera), ..SplatStyle::PLAIN };
         let mut names = Vec::with_capacity(self.methods.len());
-        for &method in &self.methods {
-            let options = RenderOptions { look, ..options(method) };
-            let image = self.renderer.render(self.splats, camera, &options).color;
+        for method in self.methods.clone() {
+            let image = self.picture(camera, method, options);
             let path = if self.methods.len() > 1 { named(path, method) } else { path.to_owned() };
             output::write_png(&path, &image)?;
             names.push(path.display().to_string());
         }
         Ok(names.join(" and "))
+    }
+
+    fn picture(
+        &mut self,
+        camera: &Camera,
+        method: RenderMethod,
+        options: &impl Fn(RenderMethod) -> RenderOptions,
+    ) -> RgbImage {
+        let look = SplatStyle { paint: self.paint(camera), ..SplatStyle::PLAIN };
+        let options = RenderOptions { look, ..options(method) };
+        self.renderer.render(self.splats, camera, &options).color
     }
 
     fn paint(&self, camera: &Camera) -> Paint {

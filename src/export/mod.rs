@@ -30,6 +30,7 @@
 #![doc = include_str!("export.md")]
 
 pub mod atomic;
+pub mod camera_path;
 pub mod checkpoint;
 pub mod endings;
 pub mod error;
@@ -39,6 +40,7 @@ pub mod local_origin;
 pub mod mapping;
 pub mod mesh;
 pub mod progress;
+pub mod video;
 
 mod gaussian;
 mod glb;

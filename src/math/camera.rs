@@ -34,6 +34,13 @@ impl Intrinsics {
         }
     }
 
+    /// Square pixels and a centred principal point from the vertical field of view (radians).
+    pub fn from_vertical_fov(width: u32, height: u32, fov_y: f64) -> Self {
+        let focal = 0.5 * height as f64 / (0.5 * fov_y).tan();
+        // Any field of view: only size and principal point are taken from it.
+        Self { fx: focal, fy: focal, ..Self::from_horizontal_fov(width, height, 1.0) }
+    }
+
     /// Intrinsics of an equidistant fisheye, whose focal lengths are pixels per radian: square pixels and
     /// a centred principal point from the horizontal field of view (radians, up to 2π).
     pub fn fisheye(width: u32, height: u32, fov_x: f64) -> Self {

@@ -4,6 +4,7 @@
 //! dataset is metric), angles in radians, colours sRGB-encoded in `[0, 1]`.
 
 pub mod camera;
+pub mod camera_path;
 pub mod cholesky;
 pub mod fixed;
 pub mod image;

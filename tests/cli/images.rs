@@ -51,6 +51,69 @@ fn a_turntable_goes_around() {
     assert_eq!(picture(&scratch, "still.png", (64, 48)), views[0], "the turn starts at the still");
 }
 
+const WAY: &str = r#"{"version": 1, "fps": 4, "keyframes": [
+    {"time": 0, "eye": [3, 3, 1], "target": [0, 0, 0.5], "fov_y": 60},
+    {"time": 1, "eye": [-3, 3, 1], "target": [0, 0, 0.5]},
+    {"time": 1.5, "eye": [-3, -3, 2], "target": [0, 0, 0.5]}]}"#;
+
+#[test]
+fn a_path_is_followed_picture_by_picture() {
+    let scratch = Scratch::with_scene();
+    std::fs::write(scratch.path("way.json"), WAY).unwrap();
+    let said =
+        scratch.run("render out/scene.ply -o way --path way.json --size 64x48").succeeds().stdout;
+    assert_eq!(said.trim(), "wrote 7 pictures to way");
+    let views: Vec<RgbImage> =
+        (0..7).map(|i| picture(&scratch, &format!("way/{i:05}.png"), (64, 48))).collect();
+    assert_eq!(std::fs::read_dir(scratch.path("way")).unwrap().count(), 7);
+    assert!(views.windows(2).all(|pair| pair[0] != pair[1]));
+    std::fs::write(scratch.path("wrong.json"), WAY.replace("1.5", "0.5")).unwrap();
+    let wrong = scratch.run("render out/scene.ply -o w --path wrong.json");
+    wrong.fails(1, &["wrong.json", "keyframes[2].time", "more than the one before", "found 0.5"]);
+    let both = scratch.run("render out/scene.ply -o w --path way.json --orbit 1,2,3");
+    both.fails(2, &["--orbit", "--path"]);
+}
+
+/// Stands in for ffmpeg, which a machine need not have: keeps the pictures that it is given.
+#[cfg(unix)]
+#[test]
+fn a_video_is_what_ffmpeg_makes_of_the_pictures() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let scratch = Scratch::with_scene();
+    std::fs::write(scratch.path("way.json"), WAY).unwrap();
+    std::fs::create_dir(scratch.path("bin")).unwrap();
+    let render = |name: &str| {
+        let asked =
+            ["render", "out/scene.ply", "-o", name, "--path", "way.json", "--size", "64x48"];
+        let mut command = scratch.command(&asked);
+        command.env("PATH", scratch.path("bin"));
+        command.output().unwrap()
+    };
+    let files = || std::fs::read_dir(scratch.path(".")).unwrap().count();
+    let before = files();
+    let said = String::from_utf8(render("way.mp4").stderr).unwrap();
+    for part in ["way.mp4", "expected ffmpeg", "install ffmpeg"] {
+        assert!(said.contains(part), "`{part}` is missing from: {said}");
+    }
+    assert_eq!(files(), before, "nothing is left of what failed");
+    let fake = scratch.path("bin/ffmpeg");
+    let ffmpeg = |text: &str| {
+        std::fs::write(&fake, text).unwrap();
+        std::fs::set_permissions(&fake, std::fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    ffmpeg("#!/bin/sh\nfor last; do :; done\n/bin/cat > \"$last\"\n");
+    let made = render("way.mp4");
+    assert!(made.status.success(), "{made:?}");
+    assert_eq!(scratch.bytes("way.mp4").len(), 7 * 64 * 48 * 3);
+    ffmpeg("#!/bin/sh\necho no such encoder >&2\nexit 1\n");
+    let failed = render("other.webm");
+    assert_eq!(failed.status.code(), Some(1));
+    let said = String::from_utf8(failed.stderr).unwrap();
+    assert!(said.contains("no such encoder") && said.contains("other.webm"), "{said}");
+    assert_eq!(files(), before + 1, "the first video alone");
+}
+
 #[test]
 fn both_renderers_write_a_picture_each() {
     let scratch = Scratch::with_scene();

@@ -11,12 +11,13 @@ use vbgs_studio::render::Lens;
 pub struct RenderArgs {
     /// Model: checkpoint, .ply, .glb, .gltf, .spz or .splat
     pub model: PathBuf,
-    /// PNG file to write; a folder with --turntable. With --renderer both the two pictures of a view
+    /// PNG file to write; a folder with --turntable; a folder or a video (.mp4, .webm, .webp, by the ffmpeg
+    /// on the path) with --path. With --renderer both the two pictures of a view
     /// are called NAME-projected.png and NAME-exact.png
     #[arg(short, long, value_name = "IMG.png")]
     pub output: PathBuf,
     /// Take the camera from this dataset, that of its photographs
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["orbit", "turntable", "size", "lens", "fov", "up"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["orbit", "turntable", "path", "size", "lens", "fov", "up"])]
     pub dataset: Option<PathBuf>,
     /// Position of the view in its split
     #[arg(long, requires = "dataset", default_value_t = 0)]
@@ -31,6 +32,9 @@ pub struct RenderArgs {
     /// N views once around the scene, written as 000.png, 001.png, …
     #[arg(long, value_name = "N", value_parser = parse_count, allow_negative_numbers = true)]
     pub turntable: Option<usize>,
+    /// Pictures along a camera path, written as 00000.png, 00001.png, … or as a video
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["orbit", "turntable", "lens", "fov"])]
+    pub path: Option<PathBuf>,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
     pub size: [u32; 2],

@@ -1,0 +1,302 @@
+//! Camera paths as files: JSON with a version, as people write it and other tools make it.
+
+use crate::math::camera_path::{CameraPath, Keyframe};
+use crate::math::pose::Pose;
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The version that is written.
+const VERSION: u32 = 1;
+/// Most pictures of a path: an hour at 30 a second.
+const MAX_PICTURES: f64 = 108_000.0;
+/// Largest file that is read: 10,000 keyframes take 2 MB.
+const MAX_BYTES: u64 = 16 << 20;
+/// Keyframes that say nothing of it, degrees.
+const DEFAULT_FOV: f64 = 50.0;
+
+/// A camera path with the pace of its pictures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PacedPath {
+    /// The way.
+    pub path: CameraPath,
+    /// Pictures a second.
+    pub fps: f64,
+}
+
+/// Why a file is no camera path.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraPathError {
+    /// The file could not be read.
+    #[error("{}: expected a camera path to read, found: {error}; check the name and its permissions", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Of the system.
+        error: io::Error,
+    },
+    /// It is no JSON of this form.
+    #[error(
+        "{}: expected JSON such as {{\"version\": 1, \"fps\": 30, \"keyframes\": [{{\"time\": 0, \"eye\": [0, -3, 1], \"target\": [0, 0, 0]}}, …]}}, found: {error}",
+        path.display()
+    )]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// Where and what.
+        error: serde_json::Error,
+    },
+    /// A number in it says nothing sensible.
+    #[error("{}: {of}: expected {expected}, found {found}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Which part of the file.
+        of: String,
+        /// What it may be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileText {
+    version: u32,
+    #[serde(default = "usual_fps")]
+    fps: f64,
+    #[serde(default, rename = "loop")]
+    is_loop: bool,
+    keyframes: Vec<KeyframeText>,
+}
+
+/// A camera by its turn (a quaternion x, y, z, w; camera to world, OpenCV axes) or by what it looks at.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KeyframeText {
+    time: f64,
+    eye: [f64; 3],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    rotation: Option<[f64; 4]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    target: Option<[f64; 3]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    up: Option<[f64; 3]>,
+    /// Degrees.
+    #[serde(default = "usual_fov")]
+    fov_y: f64,
+}
+
+fn usual_fps() -> f64 {
+    30.0
+}
+
+fn usual_fov() -> f64 {
+    DEFAULT_FOV
+}
+
+impl PacedPath {
+    /// Reads a file; cameras that say no other up have `up` (unit length) at the top of the picture.
+    ///
+    /// # Errors
+    /// [`CameraPathError`], of which each names the file.
+    pub fn read(path: &Path, up: DVec3) -> Result<Self, CameraPathError> {
+        let failed = |error| CameraPathError::Io { path: path.to_owned(), error };
+        let length = std::fs::metadata(path).map_err(failed)?.len();
+        if length > MAX_BYTES {
+            return Err(value(path, "file", "at most 16 MiB", format!("{length} bytes")));
+        }
+        let bytes = std::fs::read(path).map_err(failed)?;
+        let text: FileText = serde_json::from_slice(&bytes)
+            .map_err(|error| CameraPathError::Json { path: path.to_owned(), error })?;
+        text.path(path, up)
+    }
+
+    /// As a file's text.
+    pub fn to_json(&self) -> String {
+        let keyframe = |keyframe: &Keyframe| KeyframeText {
+            time: keyframe.time,
+            eye: keyframe.pose.centre().to_array(),
+            rotation: Some(DQuat::from_mat3(&keyframe.pose.rotation()).to_array()),
+            target: None,
+            up: None,
+            fov_y: keyframe.fov_y.to_degrees(),
+        };
+        let text = FileText {
+            version: VERSION,
+            fps: self.fps,
+            is_loop: self.path.is_loop(),
+            keyframes: self.path.keyframes().iter().map(keyframe).collect(),
+        };
+        // Numbers and lists alone: nothing in it has no text.
+        serde_json::to_string_pretty(&text).unwrap_or_default()
+    }
+
+    /// The camera of every picture; a loop's last keyframe is its first, and drawn once.
+    pub fn pictures(&self) -> impl ExactSizeIterator<Item = Keyframe> {
+        let steps = (self.path.duration() * self.fps).round().max(1.0) as usize;
+        let n = if self.path.is_loop() { steps } else { steps + 1 };
+        (0..n).map(|i| self.path.at(i as f64 / self.fps))
+    }
+}
+
+impl FileText {
+    fn path(self, file: &Path, up: DVec3) -> Result<PacedPath, CameraPathError> {
+        let refuse = |of: &str, expected, found: String| Err(value(file, of, expected, found));
+        if self.version != VERSION {
+            return refuse("version", "1; a newer program wrote it", self.version.to_string());
+        }
+        if !(self.fps > 0.0 && self.fps <= 1000.0) {
+            return refuse("fps", "more than 0, at most 1000", self.fps.to_string());
+        }
+        let mut keyframes: Vec<Keyframe> = Vec::with_capacity(self.keyframes.len());
+        for (i, text) in self.keyframes.iter().enumerate() {
+            let keyframe = text.keyframe(file, i, up)?;
+            if keyframes.last().is_some_and(|last| last.time >= keyframe.time) {
+                let of = format!("keyframes[{i}].time");
+                return refuse(&of, "more than the one before", text.time.to_string());
+            }
+            keyframes.push(keyframe);
+        }
+        let n = keyframes.len();
+        let Some(path) = CameraPath::new(keyframes, self.is_loop) else {
+            return refuse("keyframes", "two or more", n.to_string());
+        };
+        let [first, last] = [path.keyframes()[0], path.keyframes()[n - 1]].map(|k| k.pose);
+        let (apart, turn) = first.offset_to(&last);
+        if self.is_loop
+            && (apart.length() > 1e-6 * (1.0 + first.centre().length())
+                || turn.w.abs() < 1.0 - 1e-9)
+        {
+            let of = format!("keyframes[{}]", n - 1);
+            return refuse(&of, "the first one's camera, as `loop` asks for", "another".to_owned());
+        }
+        let pictures = path.duration() * self.fps;
+        if pictures > MAX_PICTURES {
+            let expected = "at most 108,000 pictures of it; take fewer a second or a shorter path";
+            return refuse("fps", expected, format!("{pictures:.0}"));
+        }
+        Ok(PacedPath { path, fps: self.fps })
+    }
+}
+
+impl KeyframeText {
+    fn keyframe(&self, file: &Path, i: usize, up: DVec3) -> Result<Keyframe, CameraPathError> {
+        let refuse = |of: &str, expected, found: String| {
+            value(file, &format!("keyframes[{i}].{of}"), expected, found)
+        };
+        let numbers = [Some(&self.eye), self.target.as_ref(), self.up.as_ref()];
+        if let Some(found) = numbers.into_iter().flatten().find(|v| !is_sensible(v)) {
+            return Err(refuse("eye", "numbers up to 1e9 in every place", format!("{found:?}")));
+        }
+        if !(self.time.is_finite() && self.time.abs() <= 1e6) {
+            return Err(refuse("time", "seconds, up to 1e6", self.time.to_string()));
+        }
+        if !(self.fov_y > 1.0 && self.fov_y < 170.0) {
+            let expected = "more than 1 and less than 170 degrees";
+            return Err(refuse("fov_y", expected, self.fov_y.to_string()));
+        }
+        let eye = DVec3::from_array(self.eye);
+        let pose = match (self.rotation, self.target) {
+            (Some(rotation), None) if self.up.is_none() => {
+                let turn = DQuat::from_array(rotation);
+                let length = turn.length();
+                if !(length > 1e-3 && length < 1e3) {
+                    let expected = "a quaternion x, y, z, w of length 1";
+                    return Err(refuse("rotation", expected, format!("{rotation:?}")));
+                }
+                Pose::IDENTITY.attached(eye, turn)
+            }
+            (None, Some(target)) => {
+                let up = self.up.map_or(up, DVec3::from_array);
+                let pose = Pose::look_at(eye, DVec3::from_array(target), up);
+                let expected = "a place away from the eye, not straight up or down from it";
+                pose.ok_or_else(|| refuse("target", expected, format!("{target:?}")))?
+            }
+            (rotation, _) => {
+                let expected = "either `rotation`, or `target` with or without `up`";
+                let found = if rotation.is_some() { "both" } else { "neither" };
+                return Err(refuse("rotation", expected, found.to_owned()));
+            }
+        };
+        Ok(Keyframe { time: self.time, pose, fov_y: self.fov_y.to_radians() })
+    }
+}
+
+fn is_sensible(place: &[f64; 3]) -> bool {
+    place.iter().all(|x| x.abs() <= 1e9)
+}
+
+fn value(path: &Path, of: &str, expected: &'static str, found: String) -> CameraPathError {
+    CameraPathError::Value { path: path.to_owned(), of: of.to_owned(), expected, found }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<PacedPath, String> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("way.json");
+        std::fs::write(&file, text).unwrap();
+        PacedPath::read(&file, DVec3::Z).map_err(|error| error.to_string())
+    }
+
+    fn with(keyframes: &str) -> Result<PacedPath, String> {
+        read(&format!(r#"{{"version": 1, "fps": 10, "keyframes": [{keyframes}]}}"#))
+    }
+
+    const FIRST: &str = r#"{"time": 0, "eye": [0, -3, 1], "target": [0, 0, 0]}"#;
+    const LAST: &str =
+        r#"{"time": 2, "eye": [3, 0, 1], "rotation": [0.5, -0.5, 0.5, -0.5], "fov_y": 40}"#;
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let paced = with(&format!("{FIRST}, {LAST}")).unwrap();
+        assert_eq!((paced.pictures().len(), paced.path.duration()), (21, 2.0));
+        let again = read(&paced.to_json()).unwrap();
+        for (a, b) in paced.pictures().zip(again.pictures()) {
+            assert!(a.pose.centre().distance(b.pose.centre()) < 1e-9);
+            assert!(a.pose.forward().distance(b.pose.forward()) < 1e-9);
+            assert!((a.fov_y - b.fov_y).abs() < 1e-9);
+        }
+        let open = paced.to_json().replace("false", "true");
+        assert!(read(&open).unwrap_err().contains("keyframes[1]: expected the first one's camera"));
+        let back = FIRST.replace("\"time\": 0", "\"time\": 4");
+        let round = with(&format!("{FIRST}, {LAST}, {back}")).unwrap().to_json();
+        let round = read(&round.replace("false", "true")).unwrap();
+        assert_eq!(round.pictures().len(), 40, "the last is the first");
+    }
+
+    #[test]
+    fn wrong_files_are_refused_with_what_is_wrong() {
+        let at =
+            |time: &str, rest: &str| format!(r#"{{"time": {time}, "eye": [0, -3, 1], {rest}}}"#);
+        for (keyframes, parts) in [
+            (FIRST.to_owned(), ["keyframes", "two or more", "found 1"]),
+            (format!("{FIRST}, {FIRST}"), ["keyframes[1].time", "more than", "found 0"]),
+            (
+                at("0", r#""target": [0, -3, 9]"#),
+                ["keyframes[0].target", "away", "[0.0, -3.0, 9.0]"],
+            ),
+            (at("0", r#""rotation": [0, 0, 0, 0]"#), ["keyframes[0].rotation", "length 1", "0.0"]),
+            (at("0", r#""fov_y": 40"#), ["keyframes[0].rotation", "either", "neither"]),
+            (at("0", r#""target": [0, 0, 1e300]"#), ["keyframes[0].eye", "1e9", "1e300"]),
+            (at("1e9", r#""target": [0, 0, 1]"#), ["keyframes[0].time", "seconds", "1000000000"]),
+            (at("0", r#""target": [0, 0, 1], "fov_y": 0"#), ["fov_y", "170", "found 0"]),
+            (at("0", r#""target": [0, 0, 1], "roll": 0"#), ["way.json", "unknown field", "roll"]),
+            (format!("{FIRST}, {}", LAST.replace("2,", "20000,")), ["fps", "108,000", "200000"]),
+        ] {
+            let said = with(&keyframes).unwrap_err();
+            assert!(parts.iter().all(|part| said.contains(part)), "{parts:?}: {said}");
+            assert!(said.contains("way.json"), "{said}");
+        }
+        let newer = read(r#"{"version": 2, "keyframes": []}"#).unwrap_err();
+        assert!(newer.contains("version: expected 1"), "{newer}");
+        let still = read(r#"{"version": 1, "fps": 0, "keyframes": []}"#).unwrap_err();
+        assert!(still.contains("fps: expected more than 0"), "{still}");
+        assert!(read("no json").unwrap_err().contains("expected JSON such as"));
+    }
+}

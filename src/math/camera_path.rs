@@ -1,0 +1,247 @@
+//! Cameras that move: keyframes, and every moment between them.
+
+use super::pose::Pose;
+use glam::{DQuat, DVec3, DVec4};
+
+/// Where a camera stands at a moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Keyframe {
+    /// Seconds from the beginning of the path.
+    pub time: f64,
+    /// World units.
+    pub pose: Pose,
+    /// Vertical field of view, radians.
+    pub fov_y: f64,
+}
+
+/// A smooth way through some keyframes.
+///
+/// Places, turns and fields of view are cubic between keyframes and have one speed on both sides of each (Catmull
+/// and Rom 1974, with the tangents of uneven times). Turns are interpolated as quaternions, nearest signs first,
+/// and normalised: neighbours ought to be less than half a turn apart.
+///
+/// ```
+/// use glam::DVec3;
+/// use vbgs_studio::math::{camera_path::{CameraPath, Keyframe}, pose::Pose};
+///
+/// let at = |time, x| {
+///     let pose = Pose::look_at(DVec3::new(x, -2.0, 0.0), DVec3::ZERO, DVec3::Z);
+///     pose.map(|pose| Keyframe { time, pose, fov_y: 0.8 })
+/// };
+/// let keyframes: Option<Vec<Keyframe>> = [at(0.0, -1.0), at(2.0, 1.0)].into_iter().collect();
+/// let path = keyframes.and_then(|keyframes| CameraPath::new(keyframes, false));
+/// let middle = path.map(|path| path.at(1.0).pose.centre().x);
+/// assert!(middle.is_some_and(|x| x.abs() < 1e-9));
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraPath {
+    keyframes: Vec<Keyframe>,
+    is_loop: bool,
+}
+
+/// Everything of a keyframe that is interpolated.
+#[derive(Clone, Copy)]
+struct Values {
+    place: DVec3,
+    turn: DVec4,
+    fov_y: f64,
+}
+
+impl CameraPath {
+    /// A path through at least two keyframes whose times rise; of a loop the last is where the first is, and its
+    /// speed is the first's. `None` of others.
+    pub fn new(keyframes: Vec<Keyframe>, is_loop: bool) -> Option<Self> {
+        let rises = keyframes.windows(2).all(|pair| pair[0].time < pair[1].time);
+        (keyframes.len() > 1 && rises).then_some(Self { keyframes, is_loop })
+    }
+
+    /// Its keyframes.
+    pub fn keyframes(&self) -> &[Keyframe] {
+        &self.keyframes
+    }
+
+    /// Whether it ends as it begins.
+    pub fn is_loop(&self) -> bool {
+        self.is_loop
+    }
+
+    /// Seconds from the first keyframe to the last.
+    pub fn duration(&self) -> f64 {
+        self.keyframes[self.keyframes.len() - 1].time - self.keyframes[0].time
+    }
+
+    /// The camera so many seconds after the first keyframe; before it and after the last as there.
+    pub fn at(&self, seconds: f64) -> Keyframe {
+        let time = self.keyframes[0].time + seconds.clamp(0.0, self.duration());
+        let next = self.keyframes.partition_point(|keyframe| keyframe.time <= time);
+        let i = next.clamp(1, self.keyframes.len() - 1) - 1;
+        let [a, b] = [self.keyframes[i], self.keyframes[i + 1]];
+        if time == a.time {
+            return a;
+        }
+        if time == b.time {
+            return b;
+        }
+        let span = b.time - a.time;
+        let (from, to) = (values(&a, None), values(&b, Some(&a)));
+        let [out, into] = [self.speed(i, from.turn), self.speed(i + 1, to.turn)];
+        let found = hermite((time - a.time) / span, [from, to], [out, into].map(|v| v.times(span)));
+        let turn = DQuat::from_vec4(found.turn.normalize());
+        Keyframe { time, pose: Pose::IDENTITY.attached(found.place, turn), fov_y: found.fov_y }
+    }
+
+    /// Change a second at a keyframe, its turn being written by this quaternion.
+    fn speed(&self, i: usize, turn: DVec4) -> Values {
+        let last = self.keyframes.len() - 1;
+        let here = self.keyframes[i];
+        // A loop goes on from its last keyframe to the one after its first.
+        let before = match (i, self.is_loop) {
+            (0, false) => None,
+            (0, true) => Some((self.keyframes[last - 1], self.duration())),
+            _ => Some((self.keyframes[i - 1], 0.0)),
+        };
+        let after = match (i == last, self.is_loop) {
+            (true, false) => None,
+            (true, true) => Some((self.keyframes[1], self.duration())),
+            _ => Some((self.keyframes[i + 1], 0.0)),
+        };
+        let here_values = Values { turn, ..values(&here, None) };
+        let slope = |(other, period): (Keyframe, f64), sign: f64| {
+            let span = sign * (other.time - here.time) + period;
+            let there = signed(values(&other, None), turn);
+            there.minus(here_values).times(sign / span)
+        };
+        match (before, after) {
+            // Parabola through three keyframes: the shorter side counts more.
+            (Some(before), Some(after)) => {
+                let [a, b] =
+                    [here.time - before.0.time + before.1, after.0.time - here.time + after.1];
+                let [incoming, outgoing] = [slope(before, -1.0), slope(after, 1.0)];
+                incoming.times(b / (a + b)).plus(outgoing.times(a / (a + b)))
+            }
+            (None, Some(only)) => slope(only, 1.0),
+            (Some(only), None) => slope(only, -1.0),
+            (None, None) => here_values.times(0.0),
+        }
+    }
+}
+
+/// Of a keyframe, its quaternion on the same side as another keyframe's.
+fn values(keyframe: &Keyframe, beside: Option<&Keyframe>) -> Values {
+    let turn =
+        |keyframe: &Keyframe| DVec4::from(DQuat::from_mat3(&keyframe.pose.rotation()).normalize());
+    let own = Values { place: keyframe.pose.centre(), turn: turn(keyframe), fov_y: keyframe.fov_y };
+    beside.map_or(own, |beside| signed(own, turn(beside)))
+}
+
+/// With the sign of the quaternion that is nearer to another: both mean the same turn.
+fn signed(values: Values, beside: DVec4) -> Values {
+    let sign = if values.turn.dot(beside) < 0.0 { -1.0 } else { 1.0 };
+    Values { turn: sign * values.turn, ..values }
+}
+
+impl Values {
+    fn plus(self, other: Self) -> Self {
+        Self {
+            place: self.place + other.place,
+            turn: self.turn + other.turn,
+            fov_y: self.fov_y + other.fov_y,
+        }
+    }
+
+    fn minus(self, other: Self) -> Self {
+        self.plus(other.times(-1.0))
+    }
+
+    fn times(self, factor: f64) -> Self {
+        Self { place: factor * self.place, turn: factor * self.turn, fov_y: factor * self.fov_y }
+    }
+}
+
+/// Hermite's cubic between two values with changes over the whole span at both ends; `t` from 0 to 1.
+fn hermite(t: f64, [a, b]: [Values; 2], [out, into]: [Values; 2]) -> Values {
+    let (t2, t3) = (t * t, t * t * t);
+    a.times(2.0 * t3 - 3.0 * t2 + 1.0)
+        .plus(out.times(t3 - 2.0 * t2 + t))
+        .plus(b.times(3.0 * t2 - 2.0 * t3))
+        .plus(into.times(t3 - t2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn looking(time: f64, angle: f64, distance: f64) -> Keyframe {
+        let eye = distance * DVec3::new(angle.cos(), angle.sin(), 0.3);
+        let pose = Pose::look_at(eye, DVec3::ZERO, DVec3::Z).unwrap();
+        Keyframe { time, pose, fov_y: 0.5 + 0.1 * time }
+    }
+
+    fn way() -> Vec<Keyframe> {
+        vec![
+            looking(1.0, 0.0, 2.0),
+            looking(1.5, 0.7, 2.5),
+            looking(4.0, 2.5, 1.5),
+            looking(5.0, 3.0, 2.0),
+        ]
+    }
+
+    #[test]
+    fn keyframes_are_passed_exactly_and_ends_are_held() {
+        let path = CameraPath::new(way(), false).unwrap();
+        assert_eq!(path.duration(), 4.0);
+        for keyframe in way() {
+            assert_eq!(path.at(keyframe.time - 1.0), keyframe);
+        }
+        assert_eq!(path.at(-3.0), way()[0]);
+        assert_eq!(path.at(1e9), way()[3]);
+    }
+
+    #[test]
+    fn places_and_turns_change_smoothly_everywhere() {
+        let mut round = way();
+        round.push(Keyframe { time: 7.0, ..round[0] });
+        for (keyframes, is_loop) in [(way(), false), (round, true)] {
+            let path = CameraPath::new(keyframes, is_loop).unwrap();
+            let step = 1e-4;
+            let speed = |t: f64| {
+                let [a, b] = [path.at(t), path.at(t + step)];
+                let forward = (b.pose.forward() - a.pose.forward()) / step;
+                ((b.pose.centre() - a.pose.centre()) / step, forward)
+            };
+            let n = 4_000;
+            let length = path.duration() - step;
+            let mut last = speed(0.0);
+            for i in 1..=n {
+                let now = speed(length * f64::from(i) / f64::from(n));
+                assert!((now.0 - last.0).length() < 0.03, "{i}: {last:?} {now:?}");
+                assert!((now.1 - last.1).length() < 0.03, "{i}: {last:?} {now:?}");
+                last = now;
+            }
+            let first = speed(0.0);
+            let closes = (last.0 - first.0).length() < 0.03;
+            assert_eq!(closes, is_loop, "{last:?} {first:?}");
+        }
+    }
+
+    #[test]
+    fn either_sign_of_a_quaternion_is_the_same_turn() {
+        // A whole turn in steps of 60 degrees: the quaternions' signs change on the way.
+        let keyframes =
+            (0..=6).map(|i| looking(f64::from(i), f64::from(i) * std::f64::consts::FRAC_PI_3, 2.0));
+        let path = CameraPath::new(keyframes.collect(), true).unwrap();
+        for i in 0..600 {
+            let camera = path.at(f64::from(i) / 100.0).pose;
+            let inward = -camera.centre().normalize();
+            assert!(camera.forward().dot(inward) > 0.999, "{i}: {camera:?}");
+        }
+    }
+
+    #[test]
+    fn others_are_no_paths() {
+        let [a, b] = [looking(0.0, 0.0, 1.0), looking(1.0, 0.1, 1.0)];
+        for wrong in [vec![], vec![a], vec![b, a], vec![a, a]] {
+            assert_eq!(CameraPath::new(wrong, false), None);
+        }
+    }
+}
