@@ -2,8 +2,8 @@
 //! how bright every frame was exposed. Surfaces that several views see must be thin and look
 //! alike (`pipeline.md`, Calibration).
 //!
-//! Depth and colour camera are one robust least-squares problem ([`evidence`], [`fit`]) with what is known of such
-//! sensors ([`unknowns`]); what is found must hold in frames that it was not fitted to ([`verdict`]); what
+//! Depth and colour camera are one robust least-squares problem (`evidence`, `fit`) with what is known of such
+//! sensors (`unknowns`); what is found must hold in frames that it was not fitted to (`verdict`); what
 //! the data does not determine is given back ([`CalibratedValue`]). Then exposures.
 
 mod camera;
