@@ -133,6 +133,11 @@ impl ViewCamera {
         }
     }
 
+    /// Where it stands about its target.
+    pub fn orbit(&self) -> Orbit {
+        self.orbit
+    }
+
     /// Direction that points up, unit length.
     pub fn up(&self) -> DVec3 {
         self.orbit.up

@@ -26,6 +26,7 @@ mod palette;
 mod panels;
 pub mod panic_report;
 mod path_dialog;
+mod path_editor;
 mod pending;
 mod persistence;
 mod picker;

@@ -12,14 +12,22 @@ pub enum SideTab {
     Scene,
     /// The selected splat.
     Inspector,
+    /// Where the camera of a film goes.
+    Path,
     /// How is trained and drawn.
     Settings,
 }
 
 impl SideTab {
     /// Every tab, in the order they stand.
-    pub const ALL: [SideTab; 5] =
-        [SideTab::Latency, SideTab::Quality, SideTab::Scene, SideTab::Inspector, SideTab::Settings];
+    pub const ALL: [SideTab; 6] = [
+        SideTab::Latency,
+        SideTab::Quality,
+        SideTab::Scene,
+        SideTab::Inspector,
+        SideTab::Path,
+        SideTab::Settings,
+    ];
 
     /// As it is named in the window.
     pub fn label(self) -> &'static str {
@@ -28,6 +36,7 @@ impl SideTab {
             SideTab::Quality => "Quality",
             SideTab::Scene => "Scene",
             SideTab::Inspector => "Inspector",
+            SideTab::Path => "Path",
             SideTab::Settings => "Settings",
         }
     }

@@ -54,6 +54,11 @@ impl Intrinsics {
         2.0 * (0.5 * self.width as f64 / self.fx).atan()
     }
 
+    /// Vertical field of view in radians.
+    pub fn fov_y(&self) -> f64 {
+        2.0 * (0.5 * self.height as f64 / self.fy).atan()
+    }
+
     /// Intrinsics of this view in an image `factor` times as large (both sides rounded, at least 1 pixel).
     pub fn scaled(&self, factor: f64) -> Self {
         let width = ((self.width as f64 * factor).round() as u32).max(1);

@@ -1,7 +1,12 @@
 //! Cameras that move: keyframes, and every moment between them.
 
+use super::orbit::Orbit;
 use super::pose::Pose;
 use glam::{DQuat, DVec3, DVec4};
+use std::f64::consts::TAU;
+
+/// Keyframes of a turn: between them a cubic is off the circle by a thousandth of its radius.
+const TURNTABLE_KEYFRAMES: u32 = 12;
 
 /// Where a camera stands at a moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +58,18 @@ impl CameraPath {
     pub fn new(keyframes: Vec<Keyframe>, is_loop: bool) -> Option<Self> {
         let rises = keyframes.windows(2).all(|pair| pair[0].time < pair[1].time);
         (keyframes.len() > 1 && rises).then_some(Self { keyframes, is_loop })
+    }
+
+    /// Once around an orbit's target in so many seconds, above 0: a loop.
+    pub fn turntable(orbit: &Orbit, fov_y: f64, seconds: f64) -> Self {
+        let keyframe = |i: u32| {
+            let share = f64::from(i) / f64::from(TURNTABLE_KEYFRAMES);
+            // The last is the first to the bit.
+            let turn = if i == TURNTABLE_KEYFRAMES { 0.0 } else { share * TAU };
+            let pose = Orbit { azimuth: orbit.azimuth + turn, ..*orbit }.pose();
+            Keyframe { time: share * seconds, pose, fov_y }
+        };
+        Self { keyframes: (0..=TURNTABLE_KEYFRAMES).map(keyframe).collect(), is_loop: true }
     }
 
     /// Its keyframes.
@@ -234,6 +251,20 @@ mod tests {
             let camera = path.at(f64::from(i) / 100.0).pose;
             let inward = -camera.centre().normalize();
             assert!(camera.forward().dot(inward) > 0.999, "{i}: {camera:?}");
+        }
+    }
+
+    #[test]
+    fn a_turntable_stays_on_its_circle() {
+        let (target, up) = (DVec3::new(1.0, 2.0, 3.0), DVec3::Z);
+        let orbit = Orbit { target, up, azimuth: 0.4, elevation: 0.5, distance: 3.0 };
+        let path = CameraPath::turntable(&orbit, 0.8, 10.0);
+        assert_eq!((path.at(0.0).pose, path.at(10.0).pose), (orbit.pose(), orbit.pose()));
+        for i in 0..500 {
+            let camera = path.at(f64::from(i) / 50.0).pose;
+            let way = target - camera.centre();
+            assert!((way.length() / 3.0 - 1.0).abs() < 2e-3, "{i}: {}", way.length());
+            assert!(camera.forward().dot(way.normalize()) > 1.0 - 1e-5, "{i}");
         }
     }
 

@@ -16,6 +16,7 @@ mod harness;
 mod inspect;
 mod keyboard;
 mod opening;
+mod path;
 mod poses;
 mod quality;
 mod saving;

@@ -8,6 +8,7 @@ pub mod inspector;
 pub mod latency;
 pub mod legend;
 pub mod notices;
+pub mod path;
 pub mod plot_axes;
 pub mod quality;
 pub mod ready;

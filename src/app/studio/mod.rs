@@ -16,6 +16,7 @@ use super::panels::quality::QualityPlot;
 use super::panels::transport::TransportAnswer;
 use super::panels::{abandoned, start, status, transport};
 use super::path_dialog::PathDialog;
+use super::path_editor::PathEditor;
 use super::pending::Pending;
 use super::persistence::{self, StoredSettings};
 use super::quality::QualityMonitor;
@@ -55,6 +56,10 @@ pub struct Studio {
     watched: Option<Attribute>,
     adapter: String,
     tab: SideTab,
+    /// The camera path that is being made.
+    path: PathEditor,
+    /// Whether the view is where that path was played to.
+    path_plays: bool,
     finder: ActionFinder,
     open_dialog: PathDialog,
     compare_dialog: PathDialog,
@@ -136,6 +141,8 @@ impl Studio {
             egui: context.egui_ctx.clone(),
             adapter,
             tab: SideTab::default(),
+            path: PathEditor::default(),
+            path_plays: false,
             finder: ActionFinder::default(),
             open_dialog: PathDialog::open(),
             compare_dialog: PathDialog::compare(),
@@ -293,6 +300,7 @@ impl Studio {
         for (kind, text) in self.view.take_compared(origin) {
             self.worker.send(WorkerOrder::Report(kind, text));
         }
+        self.play_path(ui);
         if let Some(message) = self.view.ui(ui, snapshot) {
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, message));
         }

@@ -6,13 +6,15 @@ use crate::app::device::WindowDevice;
 use crate::app::drawing::Drawer;
 use crate::app::exit::Leave;
 use crate::app::panels::adapter::{self, AdapterRequest};
+use crate::app::panels::path::PathRequest;
 use crate::app::panels::settings::SettingsAnswer;
-use crate::app::panels::{inspector, latency, quality, scene, settings};
+use crate::app::panels::{inspector, latency, path, quality, scene, settings};
 use crate::app::state::{NoticeKind, Snapshot};
 use crate::app::tab::SideTab;
 use crate::app::viewer::painter::ViewPainter;
 use crate::app::viewport::{self, GpuViewPainter};
 use crate::app::worker::WorkerOrder;
+use crate::export::camera_path::PacedPath;
 use eframe::egui::Ui;
 
 impl Studio {
@@ -20,6 +22,7 @@ impl Studio {
         ui.horizontal_wrapped(|ui| {
             // Close enough to stand in one row.
             ui.spacing_mut().item_spacing.x = 2.0;
+            ui.spacing_mut().button_padding.x = 5.0;
             for tab in SideTab::ALL {
                 ui.selectable_value(&mut self.tab, tab, tab.label());
             }
@@ -30,6 +33,7 @@ impl Studio {
             SideTab::Quality => self.quality_tab(ui, snapshot),
             SideTab::Scene => scene::ui(snapshot, ui),
             SideTab::Inspector => inspector::ui(snapshot, ui),
+            SideTab::Path => self.path_tab(ui, snapshot),
             SideTab::Settings => self.settings(ui, snapshot),
         }
     }
@@ -53,6 +57,59 @@ impl Studio {
         if let (Some(frame), Some(opened)) = (asked, opened) {
             self.view.compare_at(frame, opened);
         }
+    }
+
+    fn path_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else {
+            ui.label("Nothing is open.");
+            return;
+        };
+        let file = opened.files.path("path.json");
+        match path::ui(&mut self.path, &file, ui) {
+            None => {}
+            Some(PathRequest::Add) => {
+                if let Some(camera) = self.view.keyframe() {
+                    self.path.add(camera);
+                }
+            }
+            Some(PathRequest::Replace(i)) => {
+                if let Some(camera) = self.view.keyframe() {
+                    self.path.replace(i, camera);
+                }
+            }
+            Some(PathRequest::Turntable) => {
+                if let Some(path) = self.view.turntable() {
+                    self.path.take(&PacedPath { path, fps: self.path.fps });
+                }
+            }
+            Some(PathRequest::Show(moment)) => self.view.stand_along(moment),
+            Some(PathRequest::Save(json)) => self.worker.send(WorkerOrder::WriteText(file, json)),
+            Some(PathRequest::Open(file)) => {
+                if let Err(error) = self.path.open(&file, self.view.up()) {
+                    self.worker.send(WorkerOrder::Report(NoticeKind::Error, error.to_string()));
+                }
+            }
+        }
+    }
+
+    /// Shows the next moment of a path that plays; a hand on the camera ends that.
+    pub(super) fn play_path(&mut self, ui: &Ui) {
+        if !self.path.is_playing {
+            self.path_plays = false;
+            return;
+        }
+        if self.path_plays && !self.view.is_along() {
+            (self.path.is_playing, self.path_plays) = (false, false);
+            return;
+        }
+        // The first moment is where it was stopped.
+        let seconds = if self.path_plays { f64::from(ui.input(|i| i.stable_dt)) } else { 0.0 };
+        match self.path.play(seconds) {
+            Some(moment) => self.view.stand_along(moment),
+            None => self.path.is_playing = false,
+        }
+        self.path_plays = true;
+        ui.ctx().request_repaint();
     }
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {

@@ -33,7 +33,8 @@ use super::software::Effort;
 use super::splat_updates::{SplatChange, SplatUpdate};
 use super::state::{Opened, RunState, Snapshot};
 use super::worker::Waker;
-use crate::math::camera::Camera;
+use crate::math::camera::{Camera, Intrinsics};
+use crate::math::camera_path::Keyframe;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::Lens;
 use crate::render::compare::Area;
@@ -79,6 +80,8 @@ pub struct SceneView {
     thumbnails: Option<(u64, Thumbnails)>,
     /// The dataset's camera visited last, from which stepping goes on.
     latest_frame: Option<FrameRef>,
+    /// The camera of the latest picture.
+    latest_camera: Option<Camera>,
     /// Share of the viewport's width at which a wipe changes over.
     divider: f32,
     compared: ModelSlot,
@@ -113,6 +116,7 @@ impl SceneView {
             viewport: [1, 1],
             thumbnails: None,
             latest_frame: None,
+            latest_camera: None,
             divider: 0.5,
             compared: ModelSlot::default(),
             photos: None,
@@ -179,7 +183,7 @@ impl SceneView {
     /// The dataset's camera that is looked through.
     pub fn frame_ref(&self) -> Option<&FrameRef> {
         match &self.place {
-            Place::Free => None,
+            Place::Free | Place::Along(_) => None,
             Place::At(frame) => Some(frame),
         }
     }
@@ -222,6 +226,7 @@ impl SceneView {
         // Before the camera is asked for: a drag shows in the picture of the same pass.
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
+        self.latest_camera = Some(camera);
         let result = self.look_at_photo(ui, opened, snapshot.state == RunState::Training);
         let request =
             self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
@@ -300,6 +305,7 @@ impl SceneView {
                 let scene = self.palette.splats().finishing();
                 Some(fit(&frame.photo_camera(color_camera.as_ref(), scene), size))
             }
+            Place::Along(moment) => Some((along(moment, size), Area::FULL)),
             Place::Free => Some((camera.camera(size), Area::FULL)),
         }
     }
@@ -348,4 +354,10 @@ impl SceneView {
             )),
         }
     }
+}
+
+/// The camera of a moment of a path in a viewport of `size` pixels.
+fn along(moment: &Keyframe, [width, height]: [u32; 2]) -> Camera {
+    let intrinsics = Intrinsics::from_vertical_fov(width, height, moment.fov_y);
+    Camera { intrinsics, pose: moment.pose }
 }

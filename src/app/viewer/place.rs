@@ -9,9 +9,15 @@ use crate::app::camera::ViewCamera;
 use crate::app::command::UiCommand;
 use crate::app::selection::{PickPurpose, SplatSelection};
 use crate::app::state::Opened;
+use crate::math::camera::Camera;
+use crate::math::camera_path::{CameraPath, Keyframe};
 use crate::model::splat::splats::framing;
 use crate::render::{Lens, Renderer};
+use glam::DVec3;
 use std::time::Instant;
+
+/// Seconds once around the scene.
+const TURNTABLE_S: f64 = 12.0;
 
 impl SceneView {
     /// Starts at home where something else is open than before. To be called with every snapshot
@@ -165,6 +171,37 @@ impl SceneView {
         if let Some(frame) = frame {
             self.stand_at(frame);
         }
+    }
+
+    /// The camera of the latest picture, as a keyframe.
+    pub fn keyframe(&self) -> Option<Keyframe> {
+        let Camera { intrinsics, pose } = self.latest_camera?;
+        Some(Keyframe { time: 0.0, pose, fov_y: intrinsics.fov_y() })
+    }
+
+    /// Once around what the camera turns about, from where it stands.
+    pub fn turntable(&self) -> Option<CameraPath> {
+        let fov_y = self.keyframe()?.fov_y;
+        Some(CameraPath::turntable(&self.camera?.orbit(), fov_y, TURNTABLE_S))
+    }
+
+    /// Stands at a moment of a camera path, until something else moves the camera.
+    pub fn stand_along(&mut self, moment: Keyframe) {
+        if self.mode.needs_frame() {
+            self.mode = ViewMode::Single;
+        }
+        (self.place, self.guide) = (Place::Along(moment), None);
+        self.moved_at = Instant::now();
+    }
+
+    /// Whether it stands at a moment of a path.
+    pub fn is_along(&self) -> bool {
+        matches!(self.place, Place::Along(_))
+    }
+
+    /// Direction that points up, unit length.
+    pub fn up(&self) -> DVec3 {
+        self.camera.map_or(DVec3::Z, |camera| camera.up())
     }
 
     fn stand_at(&mut self, frame: FrameRef) {

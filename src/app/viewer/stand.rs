@@ -1,6 +1,7 @@
-//! Where the camera stands: where a hand steered it, at a dataset's camera, or where training is.
+//! Where the camera stands: where a hand steered it, at a dataset's camera, on a path, or where training is.
 
 use super::frame_refs::FrameRef;
+use crate::math::camera_path::Keyframe;
 
 /// Where the camera stands.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,6 +10,8 @@ pub(super) enum Place {
     Free,
     /// Exactly where a dataset's camera stood.
     At(FrameRef),
+    /// At a moment of a camera path.
+    Along(Keyframe),
 }
 
 /// What a guided camera shows.

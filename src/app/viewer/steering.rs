@@ -120,7 +120,7 @@ impl SceneView {
     pub(super) fn leave_frame(&mut self, opened: &Opened, size_px: [u32; 2]) {
         self.guide = None;
         if let Some((stood, _)) = self.camera_now(opened, size_px)
-            && let (Place::At(_), Some(camera)) = (&self.place, &mut self.camera)
+            && let (Place::At(_) | Place::Along(_), Some(camera)) = (&self.place, &mut self.camera)
         {
             camera.visit(&stood);
             self.place = Place::Free;
