@@ -2,6 +2,7 @@
 //! finds nothing.
 
 use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
+use super::training::FIRST_OF_PAPER;
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
@@ -200,16 +201,24 @@ pub fn ron() -> Vec<Vec<u8>> {
     texts.into_iter().map(Into::into).collect()
 }
 
-/// Settings and frames of a plane, then everything once, for each kind of births and sums.
+/// Settings and frames of a plane, then everything once: for each kind of births and sums, and for each
+/// policy of reassignment and precision.
 pub fn training() -> Vec<Vec<u8>> {
     let commands = [
         0, 15, 11, 0, 1, 0, 0, 0, 0, 24, 1, 24, 3, 0, 90, 1, // a frame
         0, 15, 11, 0, 2, 0, 1, 0, 0, 24, 1, 24, 3, 0, 90, 1, // from beside
         4, 5, 6, 3, 7, 1, 3, 5,
     ];
-    let seed = |kind: u8, flags: u8| {
+    let scene = |kind: u8, flags: u8| {
         let config = [kind, 4, kind % 3, kind / 3, flags, 20, kind, 0];
         [&config[..], &commands].concat()
     };
-    (0..9).flat_map(|kind| [seed(kind, 0), seed(kind, 0b1001_0111)]).collect()
+    // Eight components of three candidates, an eighth of which may move; a room of 12 units.
+    let paper = |kind: u8, flags: u8, precision: u8| {
+        let config = [FIRST_OF_PAPER + kind, 8, 3, flags, 1, 2, precision, 0, 0, 0, 16];
+        [&config[..], &commands].concat()
+    };
+    let scenes = (0..9).flat_map(|kind| [scene(kind, 0), scene(kind, 0b1001_0111)]);
+    let papers = (0..5).flat_map(|kind| (0..3).map(move |precision| paper(kind, 0, precision)));
+    scenes.chain(papers).chain([paper(0, 2, 3), paper(3, 4, 1)]).collect()
 }

@@ -1,11 +1,10 @@
-//! The trainer as a robot's program drives it: any frames, any settings, any order of calls.
+//! The scene preset's settings, and commands to it.
 
-use super::bytes::Bytes;
-use glam::{DMat4, DQuat, DVec3};
-use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
+use super::{MAX_COMMANDS, frame, read_back};
+use crate::entries::bytes::Bytes;
+use glam::DVec3;
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
-use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, StoredModel, parse, to_bytes};
-use vbgs_studio::math::camera::Intrinsics;
+use vbgs_studio::export::checkpoint::StoredModel;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use vbgs_studio::train::scene::engine;
@@ -13,12 +12,9 @@ use vbgs_studio::train::scene::learner::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 use vbgs_studio::train::scene::sum_form::SumForm;
 
-const MAX_COMMANDS: usize = 24;
-
 /// Settings, then commands until the bytes end.
-pub fn training(data: &[u8]) {
-    let mut input = Bytes(data);
-    let Ok(config) = config(&mut input).check() else { return };
+pub fn train(kind: u8, mut input: Bytes) {
+    let Ok(config) = config(kind, &mut input).check() else { return };
     let sensor = [Sensor::Inverse8Ray, Sensor::Kinect, Sensor::Lidar, Sensor::Exact { noise: 0.0 }]
         [usize::from(input.byte() % 4)];
     let origin = DVec3::splat(f64::from(input.number()).clamp(-1e7, 1e7));
@@ -56,8 +52,7 @@ pub fn training(data: &[u8]) {
     }
 }
 
-fn config(input: &mut Bytes) -> SceneConfig {
-    let kind = input.byte();
+fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
     let h = f64::from(input.number());
     let mut config = match kind % 3 {
         0 => SceneConfig::fine(h),
@@ -87,41 +82,6 @@ fn config(input: &mut Bytes) -> SceneConfig {
     config
 }
 
-/// A frame as a driver delivers it; `None` for what is refused.
-fn frame(input: &mut Bytes) -> Option<Frame> {
-    let [width, height] = [1 + u32::from(input.byte() % 16), 1 + u32::from(input.byte() % 12)];
-    let n = (width * height) as usize;
-    let mut intrinsics = Intrinsics::from_horizontal_fov(width, height, 1.0);
-    if input.flag() {
-        intrinsics.fx = input.number().into();
-        intrinsics.cy = input.number().into();
-    }
-    let turn = DVec3::new(input.number().into(), input.number().into(), 0.0);
-    let place = DVec3::new(input.number().into(), 0.0, input.number().into());
-    let pose = DMat4::from_rotation_translation(DQuat::from_scaled_axis(turn), place);
-    let lengths: Vec<f32> = match input.byte() % 3 {
-        // A plane, with whatever lies before it.
-        0 => {
-            let (length, slope, odd) = (input.number(), input.number(), input.number());
-            let at = usize::from(input.byte());
-            let plane = (0..n).map(|i| length + slope * (i % width as usize) as f32 / 64.0);
-            plane.enumerate().map(|(i, length)| if i == at { odd } else { length }).collect()
-        }
-        1 => (0..n).map(|_| input.number()).collect(),
-        _ => vec![input.number(); n],
-    };
-    let color: Vec<u8> = match input.flag() {
-        true => (0..3 * n).map(|_| input.byte()).collect(),
-        false => vec![input.byte(); 3 * n],
-    };
-    let depth = DepthBuffer {
-        lengths: &lengths,
-        kind: if input.flag() { DepthKind::Z } else { DepthKind::RayDistance },
-        trusted: [0.0, f64::INFINITY],
-    };
-    Frame::from_memory("0", intrinsics, pose, ColorBuffer::Rgb8(&color), Some(depth)).ok()
-}
-
 /// The scene out of the checkpoint of itself.
 fn reopened(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLearner> {
     let state = read_back(scene.stored(), scene.frames());
@@ -141,18 +101,6 @@ fn fused(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLearner
         panic!("a scene is stored as one")
     };
     engine::restore(config, fused, 2 * scene.frames()).expect("sums of its own form")
-}
-
-fn read_back(model: StoredModel, frames: u64) -> StoredModel {
-    let text = || "{}".to_owned();
-    let visited = (0..frames as u32).collect();
-    let cursor = Cursor { frames, points: 0, visited };
-    let checkpoint =
-        Checkpoint { config: text(), meta: text(), numerics: text(), history: None, cursor, model };
-    let bytes = to_bytes(&checkpoint);
-    let read =
-        parse(&bytes).unwrap_or_else(|defect| panic!("a scene that cannot be read: {defect}"));
-    read.checkpoint.model
 }
 
 /// What holds whatever was seen.

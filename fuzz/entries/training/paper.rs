@@ -1,0 +1,229 @@
+//! The paper preset's settings, and commands to it.
+
+use super::{MAX_COMMANDS, frame, read_back};
+use crate::entries::bytes::Bytes;
+use vbgs_studio::dataset::unproject::{
+    CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
+};
+use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::model::conjugate::posterior::Conversion;
+use vbgs_studio::model::paper::merging;
+use vbgs_studio::model::paper::state::ModelState;
+use vbgs_studio::observation::points::Points;
+use vbgs_studio::train::learner::Changed;
+use vbgs_studio::train::outcome::FrameOutcome;
+use vbgs_studio::train::paper::config::{
+    Batch, Candidates, IndexKind, Init, Operations, PaperConfig, PaperOverrides, Precision,
+    ReassignPolicy, StatisticsForm, UpdateWidth, Width,
+};
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::paper::learner::PaperLearner;
+
+/// More would only make a pass slower: tiles hold 64 points, frames up to 192.
+const MAX_COMPONENTS: usize = 80;
+
+/// Settings, then commands until the bytes end.
+pub fn train(kind: u8, mut input: Bytes) {
+    let Some(config) = config(kind, &mut input) else { return };
+    let Some(settings) = preparation(&mut input) else { return };
+    let (mut unprojector, mut points) = (Unprojector::new(), Points::new());
+    if config.init == Init::Data
+        && let Some(frame) = frame(&mut input)
+        && unprojector.unproject(&frame, &settings, &mut points).is_err()
+    {
+        points.clear();
+    }
+    let draw = match config.init {
+        Init::Random => InitialDraw::random(config.components, config.seed),
+        Init::Data => InitialDraw::from_points(&points, config.components, config.seed),
+    };
+    let Ok(mut mixture) = engine::begin(&config, &draw, settings.normalization) else { return };
+    for _ in 0..MAX_COMMANDS {
+        if input.is_empty() {
+            break;
+        }
+        match input.byte() % 8 {
+            0..=2 => {
+                let Some(frame) = frame(&mut input) else { continue };
+                if unprojector.unproject(&frame, &settings, &mut points).is_err() {
+                    points.clear();
+                }
+                learn(&config, &mut *mixture, &points);
+            }
+            3 => learn(&config, &mut *mixture, &points),
+            4 => learn_beside_copy(&config, &mut *mixture, &points, settings.normalization),
+            5 => mixture = doubled(&config, &*mixture, settings.normalization),
+            6 => check_shares(&mut *mixture, &points),
+            _ => match input.flag() {
+                true => mixture.component_elbo_mut().start(),
+                false => mixture.component_elbo_mut().stop(),
+            },
+        }
+        check(&*mixture);
+    }
+}
+
+/// `None` for what is refused.
+fn config(kind: u8, input: &mut Bytes) -> Option<PaperConfig> {
+    let policies = [
+        ReassignPolicy::Padded,
+        ReassignPolicy::Truncated,
+        ReassignPolicy::Dense,
+        ReassignPolicy::Forwarded,
+        ReassignPolicy::Off,
+    ];
+    let reassign = policies[usize::from(kind) % policies.len()];
+    let components = usize::from(input.byte()) % (MAX_COMPONENTS + 1);
+    let candidates = match input.byte() % 10 {
+        9 => Candidates::Dense,
+        n => Candidates::Nearest(n.into()),
+    };
+    let flags = input.byte();
+    let overrides = PaperOverrides {
+        seed: Some(input.byte().into()),
+        components: Some(components),
+        candidates: Some(candidates),
+        batch: (flags & 1 != 0).then(|| Batch::Points(input.byte().into())),
+        statistics: (flags & 2 != 0).then_some(StatisticsForm::Unfused),
+        index: (flags & 4 != 0).then_some(IndexKind::KdTree),
+        init: (flags & 8 != 0).then_some(Init::Data),
+        reassign: Some(reassign),
+        reassign_fraction: Some(input.number().into()),
+        scale_factor: (flags & 16 != 0).then(|| input.number().into()),
+        ..precision(input)
+    };
+    let mut config = PaperConfig::paper().with(&overrides).ok()?;
+    // No option sets it: runs have the published one, tests others.
+    config.low_elbo_floor = 1 + usize::from(input.byte());
+    if flags & 32 != 0 {
+        config.conversion = Conversion::legacy();
+    }
+    Some(config)
+}
+
+/// By name, or each operation by a bit of its own.
+fn precision(input: &mut Bytes) -> PaperOverrides {
+    let bits = input.byte();
+    let named = |precision| PaperOverrides { precision: Some(precision), ..Default::default() };
+    let width = |place: u8| if bits >> place & 1 == 0 { Width::F32 } else { Width::F64 };
+    match bits % 4 {
+        0 => named(Precision::Mixed),
+        1 => named(Precision::F64),
+        2 => named(Precision::F32),
+        _ => PaperOverrides {
+            operations: Some(Operations {
+                distance: width(2),
+                log_score: width(3),
+                normaliser: width(4),
+                moments: width(5),
+                update: [UpdateWidth::F32, UpdateWidth::Fixed64, UpdateWidth::Fixed128]
+                    [usize::from(bits >> 6) % 3],
+            }),
+            ..Default::default()
+        },
+    }
+}
+
+/// As of a range of positions: finite, and wide on every axis.
+fn preparation(input: &mut Bytes) -> Option<UnprojectSettings> {
+    let flags = input.byte();
+    let [offset, scale] = [input.number(), input.number()].map(f64::from);
+    if !offset.is_finite() || !(1e-6..=1e6).contains(&scale) {
+        return None;
+    }
+    Some(UnprojectSettings {
+        convention: [CameraConvention::Exact, CameraConvention::Paper][usize::from(flags & 1)],
+        filter: [EdgeFilter::Off, EdgeFilter::DropMixed][usize::from(flags >> 1 & 1)],
+        normalization: Normalization { offset: [offset; 3], scale: [scale; 3] },
+    })
+}
+
+/// Learns a frame; an index that cannot be built leaves the number of frames or counts this one.
+fn learn(config: &PaperConfig, mixture: &mut dyn PaperLearner, points: &Points<f32>) {
+    let before = mixture.frames();
+    let Ok(outcome) = mixture.learn(points) else { return };
+    assert_eq!(mixture.frames(), before + 1);
+    let FrameOutcome { points: learnt, elbo_mean, reassigned, .. } = outcome;
+    assert!(learnt <= points.len(), "{learnt} of {} points", points.len());
+    assert!(!elbo_mean.is_nan(), "an evidence that is no number");
+    assert!(reassigned <= config.components, "{reassigned} of {} move", config.components);
+    assert!(reassigned == 0 || config.reassign != ReassignPolicy::Off, "{reassigned} move");
+    assert_eq!(mixture.point_elbo().len(), points.len());
+}
+
+/// Learns as its own copy out of a checkpoint does.
+fn learn_beside_copy(
+    config: &PaperConfig,
+    mixture: &mut dyn PaperLearner,
+    points: &Points<f32>,
+    normalization: Normalization,
+) {
+    let model = read_back(mixture.stored(), mixture.frames());
+    assert!(model == mixture.stored(), "another mixture is read");
+    let StoredModel::Mixture { state, .. } = model else { panic!("a mixture is stored as one") };
+    let mut copy = restored(config, state, mixture.frames(), normalization);
+    assert!(copy.stored() == mixture.stored(), "another mixture comes back");
+    learn(config, mixture, points);
+    learn(config, &mut *copy, points);
+    assert!(copy.stored() == mixture.stored(), "the copy learns otherwise");
+}
+
+/// The mixture merged with itself; as it is where its sums cannot be added exactly.
+fn doubled(
+    config: &PaperConfig,
+    mixture: &dyn PaperLearner,
+    normalization: Normalization,
+) -> Box<dyn PaperLearner> {
+    let state = mixture.state();
+    let Ok(totals) = merging::add(&state.totals, &state.totals) else {
+        return restored(config, state, mixture.frames(), normalization);
+    };
+    let hyper = config.hyper();
+    let model =
+        StoredModel::Mixture { normalization, hyper, state: ModelState { totals, ..state } };
+    let StoredModel::Mixture { state, .. } = read_back(model, 2 * mixture.frames()) else {
+        panic!("a mixture is stored as one")
+    };
+    let twice = restored(config, state, 2 * mixture.frames(), normalization);
+    assert_eq!(twice.used(), mixture.used());
+    twice
+}
+
+fn restored(
+    config: &PaperConfig,
+    state: ModelState,
+    frames: u64,
+    normalization: Normalization,
+) -> Box<dyn PaperLearner> {
+    let restored = engine::restore(config, state, frames, normalization);
+    restored.expect("means that were indexed before")
+}
+
+/// Every point that counts is somebody's, whole.
+fn check_shares(mixture: &mut dyn PaperLearner, points: &Points<f32>) {
+    let shares = mixture.responsibilities(points);
+    assert_eq!(shares.len(), points.len());
+    for shares in shares.iter().filter(|shares| !shares.is_empty()) {
+        let whole: f64 = shares.iter().map(|(_, share)| share).sum();
+        assert!((whole - 1.0).abs() < 1e-3, "shares of a point add up to {whole}");
+        assert!(shares.iter().all(|(k, _)| (*k as usize) < mixture.components()));
+    }
+}
+
+/// What holds whatever was seen.
+fn check(mixture: &dyn PaperLearner) {
+    let components = mixture.components();
+    assert!(mixture.used() <= components, "{} of {components} used", mixture.used());
+    let stored = mixture.stored_splats();
+    let drawn = stored.iter().filter(|splat| splat.opacity > 0.0);
+    drawn.for_each(|splat| assert!(splat.is_valid(), "{splat:?}"));
+    if let Changed::Listed(changed) = mixture.changed() {
+        assert!(changed.iter().all(|&k| (k as usize) < components), "{changed:?}");
+    }
+    for component in 0..components {
+        let posterior = mixture.posterior(component);
+        assert!(posterior.count >= 0.0, "{}", posterior.count);
+    }
+}
