@@ -41,6 +41,7 @@ pub mod state;
 mod stored_text;
 mod studio;
 mod tab;
+mod termination;
 pub mod training;
 pub mod unattended;
 mod view_thread;

@@ -228,6 +228,8 @@ pub struct Snapshot {
     pub model_bytes: usize,
     /// Frames trained since the run was last saved or exported.
     pub unsaved_frames: usize,
+    /// Whether the program was ended from outside and training was kept: windows close.
+    pub is_left_behind: bool,
     /// What became of the file that was to be written last.
     pub latest_write: Option<WriteOutcome>,
     /// What is known of the selected splat, if one is selected.

@@ -9,7 +9,7 @@ use super::studio::Studio;
 use super::unattended::Unattended;
 use super::window_error::WindowError;
 use super::worker::{Waker, Worker, WorkerOrder};
-use super::{adapter_memory, persistence, viewport};
+use super::{adapter_memory, persistence, termination, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
 use std::path::PathBuf;
@@ -74,11 +74,13 @@ fn keep_open(
 
 /// Opens the window on `subject` and runs until it is closed. Without an `adapter` the one that was
 /// chosen in an earlier window draws. A dataset's cameras are corrected by a `calibration` file.
-/// `started` is when the process began.
+/// `started` is when the process began. Once `is_ended` says so, training is kept for the next window to go
+/// on with, and this one closes.
 pub fn run(
     subject: Subject,
     calibration: Option<PathBuf>,
     adapter: Option<AdapterChoice>,
+    is_ended: impl Fn() -> bool + Send + 'static,
     started: Instant,
 ) -> Result<(), WindowError> {
     let adapter = adapter.unwrap_or_else(adapter_memory::remembered);
@@ -86,7 +88,9 @@ pub fn run(
     if !has_display() {
         return Err(WindowError::NoDisplay);
     }
-    let host = Host::new(started).map_err(|e| WindowError::Window(e.to_string()))?;
+    let no_thread = |e: std::io::Error| WindowError::Window(e.to_string());
+    let host = Host::new(started).map_err(no_thread)?;
+    termination::watch(is_ended, &host.worker).map_err(no_thread)?;
     let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
     first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {

@@ -3,19 +3,25 @@
 //! A terminal that is closed and a machine that is shut down are no reason to lose a scene either.
 
 use super::failure::{Failure, INTERRUPTED};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+
+/// What the process listens with: handlers are installed once.
+static LISTENING: OnceLock<Interrupt> = OnceLock::new();
 
 /// Whether the user asked to stop.
 #[derive(Clone)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Listens from now on.
+    /// Listens from now on, or goes on listening: where no window opens, the demo trains without one.
     pub fn listen() -> Result<Self, Failure> {
+        if let Some(interrupt) = LISTENING.get() {
+            return Ok(interrupt.clone());
+        }
         let asked = Arc::new(AtomicBool::new(false));
         listen(&asked)?;
-        Ok(Self(asked))
+        Ok(LISTENING.get_or_init(|| Self(asked)).clone())
     }
 
     /// Whether the user asked to stop.

@@ -2,6 +2,7 @@
 
 use super::demo;
 use super::failure::Failure;
+use super::interrupt::Interrupt;
 use super::output;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -28,7 +29,9 @@ pub fn run(
         adapters::choose(choice, &adapters::list()).map_err(unknown)?;
     }
     let subject = path.clone().map_or(Subject::Demo, Subject::Path);
-    end(app::run(subject, calibration, adapter, started), path)
+    let interrupt = Interrupt::listen()?;
+    let is_ended = move || interrupt.is_asked();
+    end(app::run(subject, calibration, adapter, is_ended, started), path)
 }
 
 /// What follows from how the window on `path`, or on the demo, ended.

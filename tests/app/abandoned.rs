@@ -3,12 +3,13 @@
 
 use super::harness::{PATIENCE, Window, click, dataset, is, wait};
 use crate::common::adapter::{turn, vulkan};
-use eframe::egui::{Key, Vec2};
+use eframe::egui::{Key, Vec2, ViewportCommand, ViewportId};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use vbgs_studio::app::rescue::Rescue;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::app::training::TrainSettings;
 use vbgs_studio::app::worker::{Worker, WorkerOrder};
@@ -164,4 +165,36 @@ fn a_damaged_save_is_passed_over_for_the_one_before() {
     assert_eq!((&offered.slot, &offered.file), (&file, &file.with_added_extension("bak")));
     next.send(WorkerOrder::GoOn);
     until("the run", || next.snapshot().frames_done == 2);
+}
+
+/// The program is ended from outside in a window that saves now and then, and in one that never does: it
+/// closes without a question, and the next one offers to go on.
+#[test]
+fn a_run_that_is_ended_from_outside_is_kept_and_offered() {
+    let _turn = turn();
+    for autosave_s in [Some(3600), None] {
+        let folder = tempfile::tempdir().unwrap();
+        let (room, state) = (dataset(folder.path(), FRAMES), folder.path().join("state"));
+        let Some((mut window, worker)) = next_window(&room, &state) else { return };
+        let settings = TrainSettings { autosave_s, ..TrainSettings::default() };
+        worker.send(WorkerOrder::TrainBy(Box::new(settings)));
+        wait(&mut window, "ready", is(RunState::Ready));
+        click(&mut window, "Step");
+        wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
+        let Rescue::Saved { path, frames } = worker.leave_behind() else { panic!("not kept") };
+        assert_eq!(frames, 1);
+        window.step();
+        let commands = &window.output().viewport_output[&ViewportId::ROOT].commands;
+        assert!(commands.contains(&ViewportCommand::Close), "{commands:?}");
+        window.step();
+        assert!(window.query_by_label("Discard the trained scene?").is_none());
+        drop(window);
+        drop(worker);
+        assert_eq!(saved(&state), [path], "removed as if the window had been closed");
+
+        let Some((mut window, _worker)) = next_window(&room, &state) else { return };
+        wait(&mut window, "ready", is(RunState::Ready));
+        click(&mut window, "Continue");
+        wait(&mut window, "the run", |s| s.snapshot().frames_done == 1);
+    }
 }

@@ -29,8 +29,8 @@ impl Drop for Running {
     }
 }
 
-/// Milliseconds to the first visible splats, and the trainer's median per frame, of one demo run.
-fn demo_in_a_window(folder: &Path) -> (f64, f64) {
+/// The window on the demo, with a log of what it does.
+fn open_demo(folder: &Path) -> (Running, impl Iterator<Item = String> + use<>) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
         .current_dir(folder)
         .env("HOME", folder)
@@ -39,11 +39,15 @@ fn demo_in_a_window(folder: &Path) -> (f64, f64) {
         .spawn()
         .unwrap();
     let lines = BufReader::new(child.stderr.take().unwrap()).lines();
-    let _running = Running(child);
+    (Running(child), lines.map_while(Result::ok))
+}
+
+/// Milliseconds to the first visible splats, and the trainer's median per frame, of one demo run.
+fn demo_in_a_window(folder: &Path) -> (f64, f64) {
+    let (_running, lines) = open_demo(folder);
     let started = Instant::now();
     let mut first = None;
     for line in lines {
-        let line = line.unwrap();
         if let Some(ms) = number_after(&line, "first splats visible after ") {
             first = Some(ms);
         }
@@ -105,4 +109,25 @@ fn start_up_and_cost_of_the_window() {
     assert!(median(starts) <= 2000.0, "first splats later than 2 s");
     // Twice would mean that the window takes a whole core from the trainer; noise stays below.
     assert!(median(ratios) < 2.0, "the window slows the trainer");
+}
+
+/// Whoever logs out or shuts the machine down waits for programs that were asked to end.
+#[cfg(unix)]
+#[test]
+fn a_window_that_is_asked_to_end_closes_in_order() {
+    let Some(_) = display() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (mut running, mut lines) = open_demo(folder.path());
+    lines.find(|line| line.contains("first splats visible")).expect("a window that shows splats");
+    let kill = format!("kill -TERM {}", running.0.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    let asked = Instant::now();
+    let status = loop {
+        if let Some(status) = running.0.try_wait().unwrap() {
+            break status;
+        }
+        assert!(asked.elapsed() < PATIENCE, "it does not close");
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    assert!(status.success(), "{status}: {:?}", lines.collect::<Vec<_>>());
 }

@@ -148,6 +148,11 @@ impl Studio {
 
     /// Closing the window is asked about like everything else that forgets training.
     pub(super) fn take_close_request(&mut self, ctx: &Context, snapshot: &Snapshot) {
+        if snapshot.is_left_behind && !self.may_close {
+            // Ended from outside: nobody is asked.
+            self.may_close = true;
+            ctx.send_viewport_cmd(ViewportCommand::Close);
+        }
         let asked = ctx.input(|i| i.viewport().close_requested());
         if !asked || self.may_close {
             return;

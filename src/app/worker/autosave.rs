@@ -87,6 +87,44 @@ impl WorkerThread {
         }
     }
 
+    /// The program is ended from outside: training stops, and what no checkpoint holds is kept in a slot, else
+    /// where scenes are rescued to. The demo can be made again at any time.
+    pub(super) fn leave_behind(&mut self) -> Rescue {
+        self.set_state(RunState::Paused);
+        let kept = self.keep();
+        match &kept {
+            Rescue::Nothing => {}
+            Rescue::Saved { .. } => self.notify(NoticeKind::Info, format!("ended: {kept}")),
+            Rescue::Lost { .. } => self.notify(NoticeKind::Error, format!("ended: {kept}")),
+        }
+        self.snapshot.is_left_behind = true;
+        kept
+    }
+
+    fn keep(&mut self) -> Rescue {
+        let frames = self.frames_since_checkpoint;
+        let Some(Content::Session(session)) = &self.content else { return Rescue::Nothing };
+        if frames == 0 || session.dataset().path.is_none() {
+            return Rescue::Nothing;
+        }
+        match &mut self.saver {
+            RunAutosave::On(autosave, _) => {
+                let begun = autosave.begin(session).err().map(Err);
+                self.tell_of_autosave(begun);
+            }
+            // Whatever the user said of saving now and then: this is the end.
+            RunAutosave::Waiting(_) | RunAutosave::Off => self.start_autosave(),
+        }
+        // The slot is let go and not discarded.
+        if let RunAutosave::On(mut autosave, slot) =
+            std::mem::replace(&mut self.saver, RunAutosave::Off)
+            && let Some(Ok(_)) = autosave.wait()
+        {
+            return Rescue::Saved { path: slot.path().to_owned(), frames };
+        }
+        self.rescue()
+    }
+
     /// The thread ends. Whoever ended it has asked the user about what is not saved, unless a crash
     /// came before; then this file is all there is.
     pub(super) fn end_autosave(&mut self) {

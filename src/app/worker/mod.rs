@@ -117,8 +117,18 @@ impl Worker {
 
     /// Saves what no checkpoint holds yet, after the orders before; waits for it.
     pub fn rescue(&self) -> Rescue {
+        self.saved_by(WorkerOrder::Rescue)
+    }
+
+    /// Stops training and keeps what no checkpoint holds where the next window offers to go on, after the
+    /// orders before; waits for it. The snapshot then has windows close.
+    pub fn leave_behind(&self) -> Rescue {
+        self.saved_by(WorkerOrder::LeaveBehind)
+    }
+
+    fn saved_by(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
         let (sender, receiver) = sync_channel(1);
-        self.send(WorkerOrder::Rescue(sender));
+        self.send(order(sender));
         // Without a limit of time: the program ends afterwards, and with it what is not
         // saved. If the thread has ended, the sender has too, and the panic that ended
         // it tells what was saved.

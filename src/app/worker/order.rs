@@ -40,6 +40,8 @@ pub enum WorkerOrder {
     WriteText(PathBuf, String),
     /// Save what no checkpoint holds yet and tell where: the window has crashed.
     Rescue(SyncSender<Rescue>),
+    /// Stop, and keep what no checkpoint holds where the next window offers it: the program is ended.
+    LeaveBehind(SyncSender<Rescue>),
     /// Go on with the run that an earlier window left behind, as the snapshot offers.
     GoOn,
     /// Remove that run.

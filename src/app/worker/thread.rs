@@ -202,6 +202,9 @@ impl WorkerThread {
                 // Nobody listens any more if the window has given up waiting.
                 let _ = answer.send(self.rescue());
             }
+            WorkerOrder::LeaveBehind(answer) => {
+                let _ = answer.send(self.leave_behind());
+            }
             WorkerOrder::GoOn => self.go_on(),
             WorkerOrder::GiveUp => self.give_up(),
             // The window's own notices are kept here too, so that they outlive it.
@@ -222,7 +225,7 @@ impl WorkerThread {
         }
     }
 
-    fn set_state(&mut self, state: RunState) {
+    pub(super) fn set_state(&mut self, state: RunState) {
         // An order that crossed with the end of training must not revive it.
         if self.may_train() {
             self.snapshot.state = state;
