@@ -108,8 +108,9 @@ impl TypedPreset for SceneRun {
         frames: u64,
     ) -> Result<Beginning<Observation>, Mismatch> {
         let state = self.scene(model)?.clone();
-        let learner = engine::restore(&self.engine, state, frames)
-            .ok_or_else(|| other_sums(self.engine.sums))?;
+        let learner = engine::restore(&self.engine, state, frames).ok_or_else(|| {
+            Mismatch::Form("seeds that its scale tells apart, so far from the origin".to_owned())
+        })?;
         Ok(Beginning { learner, normalization: self.normalization() })
     }
 }
@@ -126,14 +127,10 @@ impl SceneRun {
             return Err(Mismatch::Form(format!("the origin {origin:?}")));
         }
         if !holds_sums(self.engine.sums, &state.sums) {
-            return Err(other_sums(self.engine.sums));
+            return Err(Mismatch::Form(format!("sums of the form {:?}", self.engine.sums)));
         }
         Ok(state)
     }
-}
-
-fn other_sums(expected: SumForm) -> Mismatch {
-    Mismatch::Form(format!("sums of the form {expected:?}"))
 }
 
 fn holds_sums(form: SumForm, sums: &StoredSums) -> bool {

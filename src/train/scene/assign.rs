@@ -18,7 +18,7 @@ use rayon::prelude::*;
 const GROUP: usize = 64;
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
 // 8³: eight pixels are some 3 `h` at the default scale, and a cell is added at either side.
-const MAX_CELLS: i64 = 512;
+const MAX_CELLS: f64 = 512.0;
 
 /// Seeds near a group.
 #[derive(Default)]
@@ -77,10 +77,11 @@ fn assign_group(
             high[axis] = high[axis].max(cell[axis] + 1);
         }
     }
-    let cells: i64 = (0..3).map(|i| i64::from(high[i]) - i64::from(low[i]) + 1).product();
-    if cells <= 0 {
+    if low[0] > high[0] {
         return; // no point within reach
     }
+    // Their number itself may be more than 64 bits hold.
+    let cells: f64 = (0..3).map(|i| f64::from(high[i]) - f64::from(low[i]) + 1.0).product();
     if cells > MAX_CELLS {
         for (point, owner) in points.iter().zip(owners) {
             *owner = grid.nearest(point.position).unwrap_or(NONE);

@@ -39,7 +39,7 @@ pub fn begin(config: &SceneConfig, origin: DVec3) -> Box<dyn SceneLearner> {
 }
 
 /// A scene that goes on where another, configured alike, stopped after `frames` frames; `None` if
-/// its sums have another form.
+/// its sums have another form, or seeds are farther away than their scale tells apart.
 pub fn restore(
     config: &SceneConfig,
     state: SceneState,

@@ -126,7 +126,11 @@ fn best_partner(
     }
     let mean = (own.seed + own.sums.mean_offset()) * h;
     // Merging takes means up to 1.5 `h` from their seeds, and neighbours are those of the points.
-    let cell = grid.cell_of(mean.as_vec3().to_array());
+    let mean = mean.as_vec3().to_array();
+    if !grid.reaches(mean) {
+        return None;
+    }
+    let cell = grid.cell_of(mean);
     let mut best: Option<(f64, u32, u32)> = None;
     grid.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |seed, _| {
         let other_id = components.of_seed(seed);

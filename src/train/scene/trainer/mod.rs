@@ -118,12 +118,15 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     /// A scene that goes on where another, configured alike, stopped after `frames` frames; `None` if
-    /// its sums have another form.
+    /// its sums have another form, or seeds are farther away than their scale tells apart.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
         let mut trainer = Self::new(config, DVec3::from_array(state.origin));
         trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
         let shares = state.shares.unwrap_or_default();
         for (i, place) in state.seeds.into_iter().enumerate() {
+            if !trainer.grid.reaches(place) {
+                return None;
+            }
             let seed = trainer.grid.insert(place);
             trainer.components.born(seed, shares.get(i).copied().unwrap_or(WHOLE));
         }
