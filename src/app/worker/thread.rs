@@ -203,7 +203,10 @@ impl WorkerThread {
                 let _ = answer.send(self.rescue());
             }
             WorkerOrder::LeaveBehind(answer) => {
-                let _ = answer.send(self.leave_behind());
+                let kept = self.leave_behind();
+                // Before the answer: who waits for it counts on what the snapshot says.
+                self.publish(true);
+                let _ = answer.send(kept);
             }
             WorkerOrder::GoOn => self.go_on(),
             WorkerOrder::GiveUp => self.give_up(),
