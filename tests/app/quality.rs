@@ -20,6 +20,8 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     let path = dataset(folder.path(), 3);
     let subject = Some(Subject::Path(path.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
+    // While it is opened panels appear, and a tab that moves between press and release is not clicked.
+    wait(&mut window, "ready", is(RunState::Ready));
     click(&mut window, "Quality");
     train(&mut window);
     wait(&mut window, "the result", |s| s.quality().result().is_some());
