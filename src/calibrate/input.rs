@@ -4,7 +4,7 @@ use super::matches::{MatchedDepth, Matches};
 use crate::dataset::calibration::{Calibration, ColorCamera};
 use crate::dataset::error::FrameError;
 use crate::dataset::frame::Frame;
-use crate::dataset::surface::SurfaceSettings;
+use crate::dataset::surface::{PixelSampling, SurfaceSettings};
 
 /// What is searched on.
 pub(super) struct CalibrationInput {
@@ -31,7 +31,12 @@ impl CalibrationInput {
     ) -> SurfaceSettings {
         let calibration =
             Calibration { color_camera, depth_offset, depth_scale, ..self.calibration.clone() };
-        SurfaceSettings { calibration: Some(calibration), ..self.surface.clone() }
+        SurfaceSettings {
+            calibration: Some(calibration),
+            // Steps of its own choose pixels.
+            sampling: PixelSampling::Every,
+            ..self.surface.clone()
+        }
     }
 
     /// Brings the points of frames together. `growth` times the structural scale is that of the components.

@@ -69,6 +69,8 @@ pub struct Observation {
     pub camera: Camera,
     /// Points in tiles of 8×8 pixels, rows of tiles from the top, in a tile row by row.
     pub points: Vec<SurfacePoint>,
+    /// Pixels that each point stands for.
+    pub point_weight: u32,
     /// Measured distance along every pixel's ray: infinite where there is no surface, NaN where
     /// nothing is known.
     pub ranges: Image<f32>,
@@ -86,6 +88,7 @@ impl Observation {
             origin: DVec3::ZERO,
             camera: Camera { intrinsics, pose: Pose::IDENTITY },
             points: Vec::new(),
+            point_weight: 1,
             ranges: Image::filled(0, 0, f32::NAN),
             tolerance: DepthTolerance { margin: [0.0; 2], refinement: 0.0 },
             photograph: None,

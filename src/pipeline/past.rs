@@ -8,7 +8,7 @@ use crate::eval::report::{FrameReport, SkippedFrame};
 pub(super) struct Past {
     /// Positions of the plan gone through.
     pub visited: usize,
-    /// Points learnt.
+    /// Pixels that the points learnt stand for.
     pub points: u64,
     /// Reports of the frames learnt, as far as they are known.
     pub frames: Vec<FrameReport>,

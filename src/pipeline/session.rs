@@ -282,7 +282,7 @@ impl Session {
             behind_ms,
             ms,
         };
-        self.past.points += outcome.points as u64;
+        self.past.points += outcome.evidence;
         self.past.frames.push(report.clone());
         report
     }

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub struct FrameOutcome {
     /// Points learnt from.
     pub points: usize,
+    /// Pixels that these points stand for: what they add to the counts of components.
+    pub evidence: u64,
     /// Mean of the points' ELBO under the initial model, nats; 0 without points.
     pub elbo_mean: f64,
     /// Components that came into being.

@@ -9,6 +9,7 @@ use super::color_lookup::ColorLookup;
 use super::fit::Fitted;
 use super::occluders::Occluders;
 use super::planes::Planes;
+use super::sampling::PixelSampling;
 use super::sensor::Profile;
 use super::settings::SurfaceSettings;
 use super::status::PixelStatus;
@@ -82,8 +83,12 @@ impl<'a> Emitter<'a> {
         statuses: &mut Image<PixelStatus>,
     ) {
         let blocks = self.planes.blocks();
+        let sampling = self.settings.sampling;
+        if !sampling.is_every() {
+            leave_out(sampling, rows.clone(), statuses);
+        }
         for block in 0..blocks {
-            for row in rows.clone() {
+            for row in rows.clone().step_by(sampling.row_step()) {
                 let at = (row - rows.start) * blocks + block;
                 // Set bits only: blocks at the rim of an object hold few usable pixels.
                 let mut left = fitted.usable[at];
@@ -157,5 +162,20 @@ impl<'a> Emitter<'a> {
         // The plane gives the normal even where depth stays as measured.
         let stretch = if self.settings.plane_fit { 1.0 / along } else { 1.0 };
         Tilt { stretch, normal: Vec3::new(x, y, along - x * ray.x - y * ray.y), along }
+    }
+}
+
+/// Marks the usable pixels of some rows, the first an even one, that are not looked at.
+fn leave_out(sampling: PixelSampling, rows: Range<usize>, statuses: &mut Image<PixelStatus>) {
+    let width = statuses.width;
+    for row in rows {
+        let is_used = row.is_multiple_of(sampling.row_step());
+        let lanes = if is_used { sampling.lanes() } else { 0 };
+        for (column, status) in statuses.data[row * width..][..width].iter_mut().enumerate() {
+            let is_left_out = lanes >> (column % LANES) & 1 == 0;
+            if is_left_out && *status == PixelStatus::Kept {
+                *status = PixelStatus::LeftOut;
+            }
+        }
     }
 }

@@ -13,6 +13,7 @@
 
 use super::planes::{NOTHING, Planes};
 use super::recipe::{MIN_INLIERS, MIN_SHARE, RADIUS, ROUNDS};
+use super::sampling::PixelSampling;
 use super::sensor::Profile;
 use crate::math::simd::{Kernel, LANES, Vector};
 use std::ops::Range;
@@ -29,7 +30,7 @@ const ANY: f32 = 1e29;
 /// Planes of some rows of pixels, in blocks of eight.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Fitted {
-    /// Bit `i` of a block is set if its pixel `i` is usable.
+    /// Bit `i` of a block is set if its pixel `i` is usable and not left out.
     pub usable: Vec<u8>,
     /// Bit `i` of a block is set if its pixel `i` is usable and a plane explains it.
     pub accepted: Vec<u8>,
@@ -45,6 +46,7 @@ pub(super) struct Fitted {
 pub(super) struct FitRows<'a> {
     pub planes: &'a Planes,
     pub rows: Range<usize>,
+    pub sampling: PixelSampling,
     pub profile: &'a Profile,
     pub out: &'a mut Fitted,
 }
@@ -54,18 +56,20 @@ impl Kernel for FitRows<'_> {
 
     #[inline(always)]
     fn run<V: Vector>(self) {
-        let Self { planes, rows, profile, out } = self;
+        let Self { planes, rows, sampling, profile, out } = self;
         let limits = Limits::<V>::new(profile);
         let blocks = planes.blocks();
         out.resize(rows.len() * blocks);
-        for (line, row) in rows.enumerate() {
+        // Rows of tiles begin at even rows.
+        for (line, row) in rows.enumerate().step_by(sampling.row_step()) {
             for block in 0..blocks {
                 let at = planes.at(block * LANES, row);
                 // Nothing is the largest f32; half of it lies between it and every legal depth.
                 let usable = V::load(&planes.z[at..]).at_most(V::splat(0.5 * NOTHING));
                 let to = line * blocks + block;
-                out.usable[to] = usable as u8;
-                if usable != 0 {
+                let used = usable as u8 & sampling.lanes();
+                out.usable[to] = used;
+                if used != 0 {
                     out.accepted[to] =
                         fit_block(planes, at, usable, &limits, out, to * LANES) as u8;
                 }

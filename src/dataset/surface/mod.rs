@@ -12,6 +12,7 @@
 //! lies on neither plane.
 
 pub mod sample;
+pub mod sampling;
 pub mod sensor;
 pub mod settings;
 pub mod status;
@@ -26,6 +27,7 @@ mod projection;
 mod recipe;
 
 pub use preparer::Preparer;
+pub use sampling::PixelSampling;
 pub use sensor::Sensor;
 pub use settings::SurfaceSettings;
 pub use status::{PixelStatus, SurfaceCounts};

@@ -83,9 +83,17 @@ impl Preparer {
         // A row of tiles at a time: what was fitted is still in the cache when points are made.
         for top in (0..height).step_by(TILE) {
             let rows = top..height.min(top + TILE);
-            isa.run(FitRows { planes, rows: rows.clone(), profile: &profile, out: fitted });
+            let sampling = settings.sampling;
+            isa.run(FitRows {
+                planes,
+                rows: rows.clone(),
+                sampling,
+                profile: &profile,
+                out: fitted,
+            });
             emitter.emit(fitted, rows, &mut out.points, statuses);
         }
+        out.point_weight = settings.sampling.weight();
         out.origin = settings.origin;
         out.camera = frame.camera;
         out.tolerance = profile.tolerance;

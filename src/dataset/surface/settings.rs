@@ -1,5 +1,6 @@
 //! What to make of a frame.
 
+use super::sampling::PixelSampling;
 use super::sensor::{Profile, Sensor, Thresholds};
 use crate::dataset::calibration::Calibration;
 use crate::dataset::depth::Depth;
@@ -23,6 +24,10 @@ pub struct SurfaceSettings {
     pub flying_pixels: bool,
     /// Surfaces seen at a slant are dropped.
     pub cosine: bool,
+    /// Which pixels become points.
+    // Left out where all do, so that files of such scenes are what they were.
+    #[serde(default, skip_serializing_if = "PixelSampling::is_every")]
+    pub sampling: PixelSampling,
     /// Corrections of the cameras; `None` is [`Calibration::NONE`].
     pub calibration: Option<Calibration>,
     /// World position that points are relative to.
@@ -49,6 +54,7 @@ impl SurfaceSettings {
             plane_fit: true,
             flying_pixels: true,
             cosine: true,
+            sampling: PixelSampling::Every,
             calibration: None,
             origin,
             photograph: false,

@@ -9,6 +9,8 @@ pub enum PixelStatus {
     Hole,
     /// The pixel became a point.
     Kept,
+    /// A neighbour that became a point stands for it.
+    LeftOut,
     /// Partially transparent: colour and depth mix what lies behind each other.
     Alpha,
     /// Outside the trusted depth, or behind the camera once corrected.
@@ -28,6 +30,8 @@ pub enum PixelStatus {
 pub struct SurfaceCounts {
     /// Pixels that became points.
     pub kept: usize,
+    /// Pixels of [`PixelStatus::LeftOut`].
+    pub left_out: usize,
     /// Pixels of [`PixelStatus::Hole`].
     pub holes: usize,
     /// Pixels of [`PixelStatus::Alpha`].
@@ -71,6 +75,7 @@ impl SurfaceCounts {
         };
         Self {
             kept: of(PixelStatus::Kept),
+            left_out: of(PixelStatus::LeftOut),
             holes: of(PixelStatus::Hole),
             dropped_alpha: of(PixelStatus::Alpha),
             dropped_range: of(PixelStatus::Range),

@@ -115,7 +115,14 @@ impl<R: PaperScalar> PaperTrainer<R> {
         self.frames += 1;
         let (learnt, elbo_mean) = self.mean_elbo();
         ms.train = wall.elapsed_ms();
-        Ok(FrameOutcome { points: learnt, elbo_mean, reassigned, ms, ..FrameOutcome::default() })
+        Ok(FrameOutcome {
+            points: learnt,
+            evidence: learnt as u64,
+            elbo_mean,
+            reassigned,
+            ms,
+            ..FrameOutcome::default()
+        })
     }
 
     /// Candidates of the pass that scores points before the fit.

@@ -27,6 +27,8 @@ pub struct Matched<'a> {
     pub shifts: &'a [f32],
     /// Factor on each channel.
     pub gain: [f32; 3],
+    /// Pixels that a point stands for.
+    pub weight: u32,
 }
 
 impl Matched<'_> {
@@ -45,7 +47,9 @@ impl Matched<'_> {
         });
         // A gain above 1 must not lift a colour beyond what terms are bounded by.
         let color = [0, 1, 2].map(|i| real((point.color[i] * self.gain[i]).min(1.0)));
-        terms(offset, color, point.normal, point.direction)
+        // A power of two: rounds no term.
+        let weight = R::of(f64::from(self.weight));
+        terms(offset, color, point.normal, point.direction).map(|term| weight * term)
     }
 }
 
@@ -118,7 +122,7 @@ impl<W: SumScalar> Kernel for Part<'_, W> {
             let (row, seed) = (&mut rows[id - first], seed_positions.of(id));
             let points = run.iter().map(|key| *key as u32 as usize);
             // A wall right before the camera can put a whole frame into one component.
-            if run.len() as f64 > W::FULL {
+            if run.len() as f64 * f64::from(frame.weight) > W::FULL {
                 let terms = points.clone().map(|i| frame.terms(i, seed, h));
                 received.wide.push((id as u32, wide_sums::<W>(terms)));
             } else {
@@ -192,20 +196,34 @@ mod tests {
 
     /// One component that stands at the origin and gets all points of every frame.
     fn summed(frames: &[&[SurfacePoint]]) -> ComponentSums<i32> {
+        let most = frames.iter().map(|points| points.len()).max().unwrap();
+        let (owners, shifts) = (vec![0; most], vec![0.0; most]);
+        let frames: Vec<Matched<'_>> = frames
+            .iter()
+            .map(|points| Matched {
+                points,
+                owners: &owners[..points.len()],
+                shifts: &shifts[..points.len()],
+                gain: [1.0; 3],
+                weight: 1,
+            })
+            .collect();
+        sum_of(&frames)
+    }
+
+    fn sum_of(frames: &[Matched<'_>]) -> ComponentSums<i32> {
         let mut grid = SeedGrid::new(1.0);
         let mut components = Components::default();
         components.born(grid.insert([0.0; 3]), WHOLE);
         let seed_positions = SeedPositions { grid: &grid, components: &components };
         let mut component_sums = ComponentSums::<i32>::default();
         component_sums.grow(1);
-        for points in frames {
-            let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
-            let frame = Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
+        for frame in frames {
             let mut touched = Vec::new();
             accumulate(
                 &mut component_sums,
                 seed_positions,
-                frame,
+                *frame,
                 1.0,
                 VisibilityRule::Projected,
                 &mut touched,
@@ -221,7 +239,13 @@ mod tests {
         let points = points(100_000);
         let mut expected = [0i64; N_SUMS];
         let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
-        let frame = Matched { points: &points, owners: &owners, shifts: &shifts, gain: [1.0; 3] };
+        let frame = Matched {
+            points: &points,
+            owners: &owners,
+            shifts: &shifts,
+            gain: [1.0; 3],
+            weight: 1,
+        };
         for i in 0..points.len() {
             let terms: [f32; N_SUMS] = frame.terms(i, [0.0; 3], 1.0);
             let quanta = terms.map(|term| i64::from(<i32 as SumScalar>::of(term)));
@@ -234,6 +258,27 @@ mod tests {
             let component_sums = summed(frames);
             assert_eq!(component_sums.sums(0), expected);
             assert_eq!(component_sums.state(&[0]), summed(&[&points]).state(&[0]));
+        }
+    }
+
+    #[test]
+    fn a_point_of_weight_counts_for_as_many_points() {
+        let points = points(1500);
+        let of = |weight: u32, points: &[SurfacePoint]| {
+            let (owners, shifts) = (vec![0; points.len()], vec![0.0; points.len()]);
+            let frame =
+                Matched { points, owners: &owners, shifts: &shifts, gain: [1.0; 3], weight };
+            sum_of(&[frame])
+        };
+        // 1,500 points of weight 4 are more than a row holds, 1,000 of weight 4 are not.
+        for n in [1000, 1500] {
+            let four: Vec<SurfacePoint> = points[..n].iter().flat_map(|p| [*p; 4]).collect();
+            let (weighted, repeated) = (of(4, &points[..n]).sums(0), of(1, &four).sums(0));
+            assert_eq!(weighted[0], 4.0 * n as f64);
+            // Terms are rounded before they are added, in quanta of 2⁻¹⁵.
+            for (weighted, repeated) in weighted.iter().zip(repeated) {
+                assert!((weighted - repeated).abs() <= 2.5 * n as f64 / 32768.0);
+            }
         }
     }
 

@@ -7,6 +7,10 @@ use rayon::prelude::*;
 
 /// Points that are gathered for by one thread at a time.
 const CHUNK: usize = 256;
+/// Consecutive points whose cells are looked through together: they are neighbours in the picture.
+const GROUP: usize = 8;
+/// Most cells of a group that are looked through as one, beyond that its points are far apart.
+const MAX_CELLS: f64 = 256.0;
 /// How far points may move before they are searched for one by one, units of what is in reach.
 const MARGIN: f32 = 0.25;
 
@@ -71,22 +75,28 @@ impl Chunk {
         let mut chunk = Self::default();
         // A little more, as distances are rounded.
         let radius = (1.0 + MARGIN) * reach * (1.0 + 1e-5);
-        for point in points {
-            let place = point.position;
-            let corners = [place.map(|x| x - radius), place.map(|x| x + radius)];
-            if corners.iter().all(|corner| grid.reaches(*corner)) {
-                let [low, high] = corners.map(|corner| grid.cell_of(corner));
-                grid.visit(low, high, |id, seed| {
-                    if squared_distance(place, seed) <= radius * radius {
-                        chunk.seeds.push((id, seed));
-                    }
-                });
-                chunk.places.push(place);
-            } else {
-                // Never near to itself, so that the grid is asked.
-                chunk.places.push([f32::NAN; 3]);
+        let mut shared = Vec::new();
+        for group in points.chunks(GROUP) {
+            let is_shared = gather(grid, radius, group, &mut shared);
+            for point in group {
+                let place = point.position;
+                let near = |seed: [f32; 3]| squared_distance(place, seed) <= radius * radius;
+                if is_shared {
+                    chunk.seeds.extend(shared.iter().filter(|(_, seed)| near(*seed)));
+                    chunk.places.push(place);
+                } else if let Some([low, high]) = cells(grid, radius, place) {
+                    grid.visit(low, high, |id, seed| {
+                        if near(seed) {
+                            chunk.seeds.push((id, seed));
+                        }
+                    });
+                    chunk.places.push(place);
+                } else {
+                    // Never near to itself, so that the grid is asked.
+                    chunk.places.push([f32::NAN; 3]);
+                }
+                chunk.ends.push(chunk.seeds.len() as u32);
             }
-            chunk.ends.push(chunk.seeds.len() as u32);
         }
         chunk
     }
@@ -95,6 +105,38 @@ impl Chunk {
         let start = if i == 0 { 0 } else { self.ends[i - 1] };
         &self.seeds[start as usize..self.ends[i] as usize]
     }
+}
+
+/// First and last of the cells around a place; `None` beyond the reach of the grid.
+fn cells(grid: &SeedGrid, radius: f32, place: [f32; 3]) -> Option<[[i32; 3]; 2]> {
+    let corners = [place.map(|x| x - radius), place.map(|x| x + radius)];
+    let is_reached = corners.iter().all(|corner| grid.reaches(*corner));
+    is_reached.then(|| corners.map(|corner| grid.cell_of(corner)))
+}
+
+/// Replaces `seeds` by those of all cells around some points; `false` where they lie too far apart for it.
+fn gather(
+    grid: &SeedGrid,
+    radius: f32,
+    points: &[SurfacePoint],
+    seeds: &mut Vec<(u32, [f32; 3])>,
+) -> bool {
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    for point in points {
+        let Some([from, to]) = cells(grid, radius, point.position) else { return false };
+        for axis in 0..3 {
+            low[axis] = low[axis].min(from[axis]);
+            high[axis] = high[axis].max(to[axis]);
+        }
+    }
+    // Their number itself may be more than 64 bits hold.
+    let n_cells: f64 = (0..3).map(|i| f64::from(high[i]) - f64::from(low[i]) + 1.0).product();
+    if n_cells > MAX_CELLS {
+        return false;
+    }
+    seeds.clear();
+    grid.visit(low, high, |id, seed| seeds.push((id, seed)));
+    true
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub struct NearSpacing {
 
 impl NearSpacing {
     /// What serves a room (`scene.md`, Near detail).
-    pub const ROOM: Self = Self { pixels: 12.0, least: 0.7 };
+    pub const ROOM: Self = Self { pixels: 10.0, least: 0.65 };
 }
 
 /// How far points may be from their seeds.

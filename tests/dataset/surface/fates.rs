@@ -6,7 +6,9 @@ use crate::common::scratch::{open_plain, tiny};
 use glam::DVec3;
 use vbgs_studio::dataset::calibration::Calibration;
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
-use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSettings};
+use vbgs_studio::dataset::surface::{
+    PixelSampling, PixelStatus, Preparer, Sensor, SurfaceCounts, SurfaceSettings,
+};
 use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout};
 use vbgs_studio::dataset::synthetic::{self, SyntheticParams};
 use vbgs_studio::math::image::Image;
@@ -63,6 +65,34 @@ fn frames_that_give_no_points_say_why() {
     let calibration = Calibration { depth_scale: 1e12, ..Calibration::NONE };
     let huge = SurfaceSettings { calibration: Some(calibration), ..kinect };
     assert_eq!(counts(&wall(), &huge), of(|c| &mut c.dropped_far));
+}
+
+#[test]
+fn pixels_that_are_left_out_change_no_other() {
+    // A wall that jumps, so that some pixels are none for another reason.
+    let frame = frame(DepthKind::Z, |column, row| 1.0 + ((column + row) / 30) as f64);
+    let every = settings(Sensor::Kinect);
+    let (whole, all, before) = prepare(&frame, &every);
+    assert!(before.dropped_flying > 0 && before.left_out == 0, "{before:?}");
+    for (sampling, weight) in [(PixelSampling::Half, 2), (PixelSampling::Quarter, 4)] {
+        let (preparer, some, counts) =
+            prepare(&frame, &SurfaceSettings { sampling, ..every.clone() });
+        let is_used = |pixel: usize| {
+            let (column, row) = (pixel % WIDTH, pixel / WIDTH);
+            row % 2 == 0 && (weight == 2 || column % 2 == 0)
+        };
+        let mut expected = all.points.clone();
+        expected.retain(|point| is_used(point.pixel as usize));
+        assert_eq!((some.points, some.point_weight), (expected, weight));
+        assert_eq!(some.ranges, all.ranges);
+        for (pixel, status) in preparer.statuses().data.iter().enumerate() {
+            let known = whole.statuses().data[pixel];
+            let is_hidden = !is_used(pixel) && *status == PixelStatus::LeftOut;
+            assert!(is_hidden || *status == known, "{pixel}: {status:?} for {known:?}");
+        }
+        assert_eq!(counts.kept + counts.left_out + counts.holes + counts.dropped(), N);
+        assert!(counts.left_out * 10 > N * 9 * (weight as usize - 1) / weight as usize);
+    }
 }
 
 #[test]

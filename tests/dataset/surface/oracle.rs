@@ -88,7 +88,16 @@ pub fn prepare(frame: &Frame, settings: &SurfaceSettings) -> (Observation, Image
     }
     let tolerance = profile.tolerance;
     let origin = settings.origin;
-    (Observation { origin, camera, points, ranges, tolerance, photograph: None }, statuses)
+    let observation = Observation {
+        origin,
+        camera,
+        points,
+        point_weight: 1,
+        ranges,
+        tolerance,
+        photograph: None,
+    };
+    (observation, statuses)
 }
 
 /// Pixels as an observation orders them.

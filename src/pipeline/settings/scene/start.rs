@@ -10,7 +10,7 @@ use super::run::SceneRun;
 use super::table::SceneOverrides;
 use crate::dataset::Dataset;
 use crate::dataset::surface::sample::FrameSample;
-use crate::dataset::surface::{Sensor, SurfaceSettings};
+use crate::dataset::surface::{PixelSampling, Sensor, SurfaceSettings};
 use crate::dataset::wild_poses::wild_poses;
 use crate::model::scene::splat_rule::SplatKind;
 use crate::pipeline::plan::Plan;
@@ -20,6 +20,9 @@ use crate::train::scene::units::{DEFAULT_PIXELS, StructuralScale};
 use crate::train::setting::ConfigError;
 use crate::train::setting::table::SettingLayer;
 use glam::DVec3;
+
+/// Pixels of depth from which on a quarter of them is enough.
+const LARGE_FRAME: usize = 150_000;
 
 impl SceneRun {
     /// Settings for the frames of a plan; looks at some of them. Runs over shards or in other orders
@@ -49,6 +52,9 @@ impl SceneRun {
         let is_sound = |i: &&usize| wild.iter().all(|wild| wild.index != **i);
         let first = plan.frames.iter().find(is_sound).or(plan.frames.first());
         let first = first.map(|&i| split.frames[i].camera);
+        let pixels = first.map_or(0, |camera| {
+            camera.intrinsics.width as usize * camera.intrinsics.height as usize
+        });
         let origin = first.map_or(DVec3::ZERO, |camera| {
             // Whole metres: the phase of a lattice must not depend on the unit of the world.
             (camera.pose.centre() / dataset.metre()).round() * dataset.metre()
@@ -58,6 +64,7 @@ impl SceneRun {
         // Computed depth has no pixels between two surfaces: at a crease, where no plane fits, it is
         // right all the same.
         surface.flying_pixels = !matches!(surface.sensor, Sensor::Exact { .. });
+        surface.sampling = sampling(surface.sensor, pixels);
         let mut engine = measured_with(surface.sensor);
         engine.photometric = PhotometricMode::Light.rule();
         engine.births = overrides.births.unwrap_or(engine.births);
@@ -72,6 +79,15 @@ impl SceneRun {
         }
         let scale = StructuralScale::Pixels(DEFAULT_PIXELS);
         Self { seed: 0, scale, budget: None, engine, surface }
+    }
+}
+
+/// Which pixels of frames of so many become points. Real cameras see everything many times over, with errors
+/// that neighbours share: a quarter of large frames serves as well (`scene.md`, Sampling).
+fn sampling(sensor: Sensor, pixels: usize) -> PixelSampling {
+    match sensor {
+        Sensor::Kinect | Sensor::Lidar if pixels >= LARGE_FRAME => PixelSampling::Quarter,
+        _ => PixelSampling::Every,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::run::SceneRun;
 use crate::dataset::calibration::Calibration;
-use crate::dataset::surface::Sensor;
+use crate::dataset::surface::{PixelSampling, Sensor};
 use crate::model::scene::splat_rule::SplatKind;
 use crate::train::scene::config::{BirthRule, VisibilityRule};
 use crate::train::scene::photometric::rule::PhotometricMode;
@@ -106,6 +106,14 @@ settings! {
         get |run| run.surface.calibration.clone();
         set |run, calibration| run.surface.calibration = Some(calibration);
     }
+    /// Which pixels become points: every one, every other row, or every other pixel of every other row;
+    /// each point stands for those left out beside it.
+    sampling: PixelSampling {
+        option "--sampling" "PIXELS";
+        label "Sampling";
+        default by "every; quarter for real cameras of 150,000 pixels or more";
+        at |run| run.surface.sampling;
+    }
     /// Depth of the plane fitted around each pixel, instead of the depth as measured.
     plane_fit: bool {
         part "plane-fit";
@@ -145,7 +153,7 @@ settings! {
         default by "on for real cameras; off with lattices";
         at |run| run.engine.gain;
     }
-    /// Smaller components where views come near: as wide as twelve pixels there, down to seven tenths of the
+    /// Smaller components where views come near: as wide as ten pixels there, down to two thirds of the
     /// structural scale.
     near_detail: bool {
         part "near-detail";
@@ -183,6 +191,11 @@ settings! {
 
 named_values!(by text StructuralScale, Budget);
 named_values!(by name VisibilityRule, SumForm);
+named_values!(by name PixelSampling {
+    "every" "Every" "Every pixel becomes a point";
+    "half" "Half" "Every other row";
+    "quarter" "Quarter" "Every other pixel of every other row";
+});
 
 impl SettingValue for BirthRule {
     fn choices() -> Vec<Choice> {

@@ -197,7 +197,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
         self.assign(points);
-        let contradiction = self.contradiction(frame, &camera, points);
+        let mut gain = self.gain(points, frame.point_weight);
+        let contradiction = self.contradiction(frame, &camera, points, gain);
         lap(&mut ms, SceneStage::Assign);
         if contradiction.is_some() {
             self.moved = moved.unwrap_or_default();
@@ -210,9 +211,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
         self.refine(points, frame.tolerance);
-        let gain = self.gain(points);
+        if merged > 0 {
+            // Points may belong to other components now.
+            gain = self.gain(points, frame.point_weight);
+        }
         lap(&mut ms, SceneStage::Refine);
-        self.sum_up(points, gain);
+        self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
         // After the sums, so that components count the frame they were born in.
         self.see(frame, &camera);
@@ -230,8 +234,17 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Looks and merging change components without points as well.
         self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
         ms.train = wall.elapsed_ms();
-        let (points, reassigned) = (n_points, 0);
-        FrameOutcome { points, elbo_mean, born, reassigned, merged, photograph, tracking, ms }
+        FrameOutcome {
+            points: n_points,
+            evidence: n_points as u64 * u64::from(frame.point_weight),
+            elbo_mean,
+            born,
+            reassigned: 0,
+            merged,
+            photograph,
+            tracking,
+            ms,
+        }
     }
 
     /// The splat of a component by its points alone.
@@ -240,9 +253,10 @@ impl<W: SumScalar> SceneTrainer<W> {
     }
 
     /// Adds the points to the sums of their components.
-    fn sum_up(&mut self, points: &[SurfacePoint], gain: [f32; 3]) {
+    fn sum_up(&mut self, points: &[SurfacePoint], weight: u32, gain: [f32; 3]) {
         self.component_sums.grow(self.components.n_rows());
-        let matched = Matched { points, owners: &self.owners, shifts: &self.shifts, gain };
+        let (owners, shifts) = (&self.owners, &self.shifts);
+        let matched = Matched { points, owners, shifts, gain, weight };
         let (h, looks) = (self.config.h, self.config.visibility);
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         accumulate(&mut self.component_sums, seed_positions, matched, h, looks, &mut self.touched);
@@ -382,8 +396,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         });
     }
 
-    fn gain(&self, points: &[SurfacePoint]) -> [f32; 3] {
-        self.gain_of(points, &self.owners, MIN_MATCHES)
+    /// `weight` is the number of pixels that each of the points stands for.
+    fn gain(&self, points: &[SurfacePoint], weight: u32) -> [f32; 3] {
+        self.gain_of(points, &self.owners, MIN_MATCHES / f64::from(weight))
     }
 
     fn gain_of(&self, points: &[SurfacePoint], owners: &[u32], fewest: f64) -> [f32; 3] {

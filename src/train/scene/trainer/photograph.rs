@@ -37,8 +37,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let points = moved.as_deref().unwrap_or(&frame.points);
         ms.add(SceneStage::Pose as usize, clock.lap_ms());
         self.assign(points);
-        let gain = self.gain(points);
-        let contradiction = self.contradiction(frame, &camera, points);
+        let gain = self.gain(points, frame.point_weight);
+        let contradiction = self.contradiction(frame, &camera, points, gain);
         ms.add(SceneStage::Assign as usize, clock.lap_ms());
         self.pass_over();
         let photograph = match contradiction {
@@ -58,6 +58,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         frame: &Observation,
         camera: &Camera,
         points: &[SurfacePoint],
+        gain: [f32; 3],
     ) -> Option<PhotographOutcome> {
         self.config.photometric?;
         let comparison = FrameBesideScene {
@@ -68,7 +69,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             camera,
             points,
             owners: &self.owners,
-            gain: self.gain(points),
+            gain,
         };
         let agreement = comparison.agreement();
         self.photometric.judge(&agreement)

@@ -6,6 +6,7 @@ use crate::math::pose::Pose;
 use crate::model::scene::trajectory::TrackedPose;
 use crate::observation::surface::{Observation, SurfacePoint};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
+use crate::train::scene::align::looked_at;
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::rigid_equations::Motion;
 use crate::train::scene::track::{self, TrackingLoss};
@@ -20,12 +21,31 @@ impl<W: SumScalar> SceneTrainer<W> {
         if !self.config.track {
             return Ok(self.moved(frame));
         }
-        let found = self.track(frame)?;
+        let tracked = self.track(frame)?;
+        let found = self.aligned(frame, &tracked);
         self.trajectory.push(found);
         let pose = found.pose().unwrap_or(frame.camera.pose);
         let mut points = std::mem::take(&mut self.moved);
         let camera = Motion::between(&frame.camera.pose, &pose).apply(frame, &mut points);
         Ok((Some(points), camera))
+    }
+
+    /// A tracked pose corrected as recorded ones are: planes and colours of components tell more than the
+    /// picture of them that the frame was placed by.
+    fn aligned(&mut self, frame: &Observation, tracked: &TrackedPose) -> TrackedPose {
+        let Some(pose) = tracked.pose() else { return *tracked };
+        let mut part = looked_at(frame);
+        let mut points = Vec::with_capacity(part.points.len());
+        part.camera = Motion::between(&frame.camera.pose, &pose).apply(&part, &mut points);
+        part.points = points;
+        match self.motion(&part) {
+            None => *tracked,
+            Some(motion) => {
+                let deviations = [tracked.turn_deviation, tracked.shift_deviation];
+                let pose = motion.of_pose(&pose);
+                TrackedPose::new(&pose, deviations, tracked.overlap, tracked.agreement)
+            }
+        }
     }
 
     fn track(&self, frame: &Observation) -> Result<TrackedPose, TrackingLoss> {
