@@ -17,6 +17,7 @@
 use super::component_sums::SumScalar;
 use super::known_planes::{ColoredPlane, KnownPlanes};
 use super::rigid_equations::{Motion, RigidEquations};
+use crate::model::scene::sums::outer;
 use crate::observation::surface::{Observation, SurfacePoint};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -160,14 +161,14 @@ impl RigidEquations {
         let weight = 1.0 / (ALIKE * matched.variance);
         // Cauchy's weight: what belongs to another surface pulls less the farther it is off.
         let trust = 1.0 / (1.0 + distance * distance / (matched.variance * ROBUST));
-        self.add(distance, matched.plane.normal, arm, weight * trust);
+        let across = weight * trust * matched.plane.normal;
         let color = matched.seen_color - matched.plane.color - matched.plane.gradient * offset;
         let weight = 1.0 / (ALIKE * COLOR_VARIANCE);
         let trust = 1.0 / (1.0 + color.length_squared() / (COLOR_VARIANCE * ROBUST));
-        let rows = matched.plane.gradient.transpose();
-        for channel in 0..3 {
-            self.add(color[channel], -rows.col(channel), arm, weight * trust);
-        }
+        let along = weight * trust * matched.plane.gradient.transpose();
+        // Plane and channels at once: all of them move with one arm.
+        let information = outer(across, matched.plane.normal) + along * matched.plane.gradient;
+        self.add_all(information, distance * across - along * color, arm);
     }
 }
 

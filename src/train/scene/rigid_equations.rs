@@ -86,6 +86,31 @@ impl RigidEquations {
         }
     }
 
+    /// Adds several residuals `r` of what lies at `arm` from the camera, given over all of them the sums
+    /// `Σ w s sᵀ` and `Σ w r s` with their slopes `s` and weights `w`.
+    pub fn add_all(&mut self, information: DMat3, pull: DVec3, arm: DVec3) {
+        let crossed = |m: DMat3| {
+            DMat3::from_cols(arm.cross(m.x_axis), arm.cross(m.y_axis), arm.cross(m.z_axis))
+        };
+        let mixed = crossed(information);
+        let across = mixed.transpose();
+        let turn = crossed(across);
+        let turned_pull = arm.cross(pull);
+        for axis in 0..3 {
+            for (row, [left, right], pull) in [
+                (axis, [turn, mixed], turned_pull[axis]),
+                (axis + 3, [across, information], pull[axis]),
+            ] {
+                let row = &mut self.rows[row];
+                for column in 0..3 {
+                    row[column] += left.col(column)[axis];
+                    row[column + 3] += right.col(column)[axis];
+                }
+                row[6] += pull;
+            }
+        }
+    }
+
     /// Adds what other residuals say.
     pub fn join(&mut self, part: &Self) {
         for (sums, more) in self.rows.iter_mut().zip(&part.rows) {
@@ -123,4 +148,35 @@ impl RigidEquations {
 
 fn array(v: DVec3) -> [f32; 3] {
     v.as_vec3().to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::{Purpose, Rng};
+
+    #[test]
+    fn residuals_of_one_arm_are_added_alike_one_by_one_and_at_once() {
+        let mut rng = Rng::new(7, Purpose::Synthetic, 0);
+        let mut vector = || DVec3::from_array([0; 3].map(|_| rng.range(-1.0, 1.0)));
+        let (mut single, mut joint) = (RigidEquations::NONE, RigidEquations::NONE);
+        for _ in 0..20 {
+            let arm = vector();
+            let (mut information, mut pull) = (DMat3::ZERO, DVec3::ZERO);
+            for _ in 0..4 {
+                let (slope, numbers) = (vector(), vector());
+                let (residual, weight) = (numbers.x, numbers.y.abs());
+                single.add(residual, slope, arm, weight);
+                let weighted = weight * slope;
+                information +=
+                    DMat3::from_cols(weighted * slope.x, weighted * slope.y, weighted * slope.z);
+                pull += residual * weighted;
+            }
+            joint.add_all(information, pull, arm);
+        }
+        let pairs = single.rows.as_flattened().iter().zip(joint.rows.as_flattened());
+        for (single, joint) in pairs {
+            assert!((single - joint).abs() < 1e-12, "{single} {joint}");
+        }
+    }
 }
