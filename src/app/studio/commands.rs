@@ -45,6 +45,7 @@ impl Studio {
                     self.view.apply(command, opened);
                 }
             }
+            UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
             UiCommand::CompareModel => self.compare_dialog.show(),
             UiCommand::RemoveModel => self.view.remove_compared(),
             UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
@@ -72,15 +73,33 @@ impl Studio {
         self.worker.send(WorkerOrder::Report(kind, text));
     }
 
-    /// Whether an action makes sense now.
-    pub(super) fn is_possible(&self, action: Action, snapshot: &Snapshot) -> bool {
+    /// Why an action makes no sense now, if so.
+    pub(super) fn why_not(&self, action: Action, snapshot: &Snapshot) -> Option<&'static str> {
         match (action, &snapshot.opened) {
-            (Action::Command(UiCommand::RemoveModel), _) => self.view.compared().is_some(),
-            (Action::Command(command), _) => command.is_legal(snapshot.state, snapshot.source),
-            (Action::Tab(_), _) => true,
-            (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened).is_none(),
-            (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes).is_none(),
-            (Action::Mode(_) | Action::Color(_), None) => false,
+            (Action::Command(command), _) => {
+                let is_vain = command == UiCommand::RemoveModel && self.view.compared().is_none();
+                let vain = is_vain.then_some("No second model is open");
+                command.why_not(snapshot.state, snapshot.source).or(vain)
+            }
+            (Action::Tab(_), _) => None,
+            (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened),
+            (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes),
+            (Action::Mode(_) | Action::Color(_), None) => Some("Nothing is open"),
+        }
+    }
+
+    /// Whether what a command switches is on.
+    pub(super) fn is_on(&self, command: UiCommand, snapshot: &Snapshot) -> bool {
+        let is_open = snapshot.opened.is_some();
+        match command {
+            UiCommand::Follow => snapshot.follows,
+            UiCommand::RideAlong => is_open && self.view.is_guided(),
+            UiCommand::Measure => self.view.is_measuring(),
+            UiCommand::Cameras => self.view.settings.shows_cameras,
+            UiCommand::Grid => self.view.settings.shows_grid,
+            UiCommand::FrameStrip => self.layout.shows_frames,
+            UiCommand::ComparePhoto => self.view.mode().has_photo(),
+            _ => false,
         }
     }
 

@@ -3,6 +3,7 @@
 mod cards;
 mod commands;
 mod files;
+mod frames;
 mod side_panel;
 
 use super::action_finder::ActionFinder;
@@ -10,7 +11,9 @@ use super::device::WindowDevice;
 use super::drawing::Drawer;
 use super::drop_target;
 use super::exit::{Exit, Leave};
+use super::layout::WindowLayout;
 use super::painting::Painting;
+use super::panels::menus::{MenuAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
 use super::panels::transport::TransportAnswer;
@@ -33,6 +36,7 @@ use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
+use frames::FrameStrip;
 use glam::DVec3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -56,6 +60,8 @@ pub struct Studio {
     watched: Option<Attribute>,
     adapter: String,
     tab: SideTab,
+    layout: WindowLayout,
+    strip: FrameStrip,
     /// The camera path that is being made.
     path: PathEditor,
     /// Whether the view is where that path was played to.
@@ -110,7 +116,7 @@ impl Studio {
         started: Instant,
     ) -> std::io::Result<Self> {
         // The trainer begins while the GPU is made ready.
-        let StoredSettings { view, training, recent, problems } =
+        let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(context.storage);
         // Settings go first, since they hold for what is opened after them.
         worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
@@ -141,6 +147,8 @@ impl Studio {
             egui: context.egui_ctx.clone(),
             adapter,
             tab: SideTab::default(),
+            layout,
+            strip: FrameStrip::default(),
             path: PathEditor::default(),
             path_plays: false,
             finder: ActionFinder::default(),
@@ -208,7 +216,10 @@ impl Studio {
         match asked.inner {
             None => {}
             Some(TransportAnswer::Command(command)) => self.apply_command(command, snapshot),
-            Some(TransportAnswer::Open(path)) => self.open_path(path, snapshot),
+            Some(TransportAnswer::Menu(MenuAnswer::Action(action))) => {
+                self.apply_action(action, snapshot);
+            }
+            Some(TransportAnswer::Menu(MenuAnswer::Open(path))) => self.open_path(path, snapshot),
             Some(TransportAnswer::Again) => self.train_again(snapshot),
         }
         if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_put_off(run)) {
@@ -226,6 +237,7 @@ impl Studio {
         if cancelled.inner {
             self.worker.cancel_file();
         }
+        self.frame_strip(ui, frame, snapshot);
         // Of a small window most stays the picture's.
         let widest = (0.42 * ui.max_rect().width()).clamp(NARROWEST_PANEL, 640.0);
         Panel::right("panels")
@@ -252,10 +264,15 @@ impl Studio {
     }
 
     fn transport(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<TransportAnswer> {
-        let scale = &mut self.training.scene.scale;
-        let before = *scale;
-        let asked = transport::ui(snapshot, self.recent.paths(), scale, ui);
-        if *scale != before {
+        let mut scale = self.training.scene.scale;
+        let menu = MenuContext {
+            recent: self.recent.paths(),
+            why_not: &|action| self.why_not(action, snapshot),
+            is_on: &|command| self.is_on(command, snapshot),
+        };
+        let asked = transport::ui(snapshot, &menu, &mut scale, ui);
+        if scale != self.training.scene.scale {
+            self.training.scene.scale = scale;
             self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
         }
         asked
@@ -372,7 +389,13 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        persistence::write(storage, &self.view.settings, &self.training, &self.recent);
+        persistence::write(
+            storage,
+            &self.view.settings,
+            &self.training,
+            &self.recent,
+            &self.layout,
+        );
         let caveat = self.device.as_ref().and_then(|device| viewport::caveat(&device.state));
         storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
     }
