@@ -63,7 +63,7 @@ impl Action {
     pub fn tooltip(self) -> &'static str {
         match self {
             Self::Command(command) => command.tooltip(),
-            Self::Tab(_) => "Turn the side panel to this tab",
+            Self::Tab(_) => "Turn to this panel",
             Self::Mode(mode) => mode.tooltip(),
             Self::Color(mode) => mode.tooltip(),
         }

@@ -45,6 +45,8 @@ pub enum UiCommand {
     Grid,
     /// Show the strip of frames, or fold it away.
     FrameStrip,
+    /// Panels and strip back to where they were at first.
+    ResetLayout,
     /// Compare with the photograph, or stop doing so.
     ComparePhoto,
     /// Choose a second model to compare with.
@@ -65,7 +67,7 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 27] = [
+    pub const ALL: [UiCommand; 28] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -85,6 +87,7 @@ impl UiCommand {
         UiCommand::Cameras,
         UiCommand::Grid,
         UiCommand::FrameStrip,
+        UiCommand::ResetLayout,
         UiCommand::ComparePhoto,
         UiCommand::CompareModel,
         UiCommand::RemoveModel,
@@ -117,6 +120,7 @@ impl UiCommand {
             UiCommand::Cameras => "Cameras",
             UiCommand::Grid => "Grid",
             UiCommand::FrameStrip => "Frame strip",
+            UiCommand::ResetLayout => "Reset layout",
             UiCommand::ComparePhoto => "Photograph",
             UiCommand::CompareModel => "Compare with a model…",
             UiCommand::RemoveModel => "Remove second model",
@@ -165,6 +169,7 @@ impl UiCommand {
             UiCommand::FrameStrip => {
                 "Show the dataset's frames below the picture, or fold them away"
             }
+            UiCommand::ResetLayout => "Put panels and frame strip back where they were at first",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             UiCommand::CompareModel => {
                 "Open a checkpoint or a file of splats beside the scene, to wipe between the two"
@@ -196,6 +201,7 @@ impl UiCommand {
             | UiCommand::Follow
             | UiCommand::CompareModel
             | UiCommand::RemoveModel
+            | UiCommand::ResetLayout
             | UiCommand::CopyCommandLine => &[],
             // One key toggles the two, of which one is legal at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
@@ -282,7 +288,10 @@ impl UiCommand {
             | UiCommand::FrameStrip
             | UiCommand::CopyCommandLine
             | UiCommand::ComparePhoto => dataset,
-            UiCommand::Find | UiCommand::FocusControls | UiCommand::Help => true,
+            UiCommand::ResetLayout
+            | UiCommand::Find
+            | UiCommand::FocusControls
+            | UiCommand::Help => true,
         }
     }
 

@@ -35,6 +35,16 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "Panels dock and their layout persists",
+        &[
+            "dock.rs: panels_are_dragged_beside_the_picture_and_put_back",
+            "dock.rs: a_window_of_any_size_has_its_panels",
+            "src/app/layout.rs: layouts_survive_a_restart",
+            "src/app/layout.rs: broken_and_older_layouts_fall_back_and_say_so",
+            "src/app/layout.rs: panels_keep_their_width_and_the_picture_takes_the_rest",
+        ],
+    ),
+    (
         "Settings persist (RON)",
         &[
             "src/app/training.rs: settings_survive_a_restart",

@@ -10,6 +10,7 @@ mod compared;
 mod contract;
 mod crash;
 mod detail;
+mod dock;
 mod files;
 mod first_minute;
 mod following;

@@ -20,12 +20,12 @@ fn close(window: &mut Window) {
 
 /// How often a command is named in the window: on buttons, or in the menu that is open.
 fn n_named(window: &Window, command: UiCommand) -> usize {
-    let names = [command.name().to_owned(), command.label().to_owned()];
+    let keys = command.keys(&window.ctx);
+    let names = [command.name(), command.label()];
     // With its keys, as menus show them.
-    let is_named = |label: &str| {
-        names.iter().any(|name| label == name || label.starts_with(&format!("{name} ")))
-    };
-    window.query_all_by(|node| node.label().is_some_and(|label| is_named(&label))).count()
+    let is_named =
+        |label: &str| names.iter().any(|name| label == *name || label == format!("{name} {keys}"));
+    window.query_all_by(|node| node.label().is_some_and(|label| is_named(label.trim_end()))).count()
 }
 
 #[test]

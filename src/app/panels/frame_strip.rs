@@ -20,6 +20,8 @@ use eframe::egui::{
 
 /// Lowest and highest strip, with its line, points.
 pub const HEIGHTS: Rangef = Rangef { min: 76.0, max: 320.0 };
+/// Size of the text above the frames, points.
+const SIZE: f32 = 11.0;
 /// Narrowest frame, points: its number and its error stand side by side.
 const MIN_WIDTH: f32 = 56.0;
 
@@ -68,16 +70,16 @@ pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<St
         let live = live(snapshot);
         if let Some((text, hint)) = &live {
             let color = SignalColor::Green.on(ui.visuals().dark_mode);
-            ui.label(RichText::new(text).small().color(color)).on_hover_text(hint);
+            ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
         }
         if !snapshot.skipped.is_empty() {
             let color = SignalColor::Red.on(ui.visuals().dark_mode);
             let text = format!("{} skipped", snapshot.skipped.len());
             let hint = "Frames that could not be used are crossed out; why is told where the pointer rests on them";
-            ui.label(RichText::new(text).small().color(color)).on_hover_text(hint);
+            ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
         }
         if let (Some(plan), Some(selection)) = (&opened.plan, &opened.selection) {
-            let order = RichText::new(wording::run_order(selection, plan)).small().weak();
+            let order = RichText::new(wording::run_order(selection, plan)).size(SIZE).weak();
             let hint = match &plan.held_out {
                 Some(why) => format!("Held out: {why}"),
                 None => "The order in which frames are trained".to_owned(),

@@ -42,7 +42,9 @@ fn place(command: UiCommand) -> (Menu, u8) {
         | UiCommand::CompareModel
         | UiCommand::RemoveModel => (Menu::View, 1),
         UiCommand::Measure | UiCommand::Deselect => (Menu::View, 2),
-        UiCommand::Cameras | UiCommand::Grid | UiCommand::FrameStrip => (Menu::View, 3),
+        UiCommand::Cameras | UiCommand::Grid | UiCommand::FrameStrip | UiCommand::ResetLayout => {
+            (Menu::View, 3)
+        }
         UiCommand::Train
         | UiCommand::Pause
         | UiCommand::Step
@@ -77,15 +79,15 @@ pub fn ui(context: &MenuContext<'_>, ui: &mut Ui) -> Option<MenuAnswer> {
     let mut asked = None;
     for menu in Menu::ALL {
         ui.menu_button(menu.label(), |ui| {
-            let mut group = 0;
-            for command in UiCommand::ALL {
-                let (of, its_group) = place(command);
-                if of != menu {
-                    continue;
-                }
-                if its_group != group {
+            let mut commands = UiCommand::ALL.map(|command| (place(command), command)).to_vec();
+            commands.retain(|((of, _), _)| *of == menu);
+            // Stable: within a group they stand in the order of the list of keys.
+            commands.sort_by_key(|((_, group), _)| *group);
+            let mut before = 0;
+            for ((_, group), command) in commands {
+                if group != before {
                     ui.separator();
-                    group = its_group;
+                    before = group;
                 }
                 asked = item(context, Action::Command(command), ui).or(asked.take());
                 if command == UiCommand::OpenDemo {

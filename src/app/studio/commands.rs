@@ -7,7 +7,7 @@ use crate::app::command_line::command_line;
 use crate::app::pending::{Continuation, Pending};
 use crate::app::state::{NoticeKind, Snapshot, Subject};
 use crate::app::worker::WorkerOrder;
-use eframe::egui::{Context, FocusDirection, Key, Ui, ViewportCommand};
+use eframe::egui::{Context, FocusDirection, Key, Popup, Ui, ViewportCommand};
 use std::path::PathBuf;
 
 impl Studio {
@@ -46,6 +46,7 @@ impl Studio {
                 }
             }
             UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
+            UiCommand::ResetLayout => self.reset_layout(),
             UiCommand::CompareModel => self.compare_dialog.show(),
             UiCommand::RemoveModel => self.view.remove_compared(),
             UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
@@ -106,20 +107,21 @@ impl Studio {
     pub(super) fn apply_action(&mut self, action: Action, snapshot: &Snapshot) {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => self.apply_command(command, snapshot),
-            (Action::Tab(tab), _) => self.tab = tab,
+            (Action::Tab(tab), _) => self.layout.show(tab),
             (Action::Mode(mode), Some(opened)) => self.view.set_mode(mode, opened),
             (Action::Color(mode), _) => self.view.settings.color_mode = mode,
             (Action::Mode(_), None) => {}
         }
     }
 
-    /// Keys are left to text fields and open questions; a control that has the focus takes those that
+    /// Keys are left to text fields, open questions and open menus; a control that has the focus takes those that
     /// press it, change it or lead on to the next one.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dialogs =
             [&self.open_dialog, &self.compare_dialog, &self.save_dialog, &self.export_dialog];
         let asks = self.pending.is_some()
             || self.finder.is_open()
+            || Popup::is_any_open(ui.ctx())
             || dialogs.iter().any(|dialog| dialog.is_open());
         if asks || ui.ctx().text_edit_focused() {
             return;

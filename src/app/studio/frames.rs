@@ -1,20 +1,9 @@
 //! The strip of frames at the bottom, and the cameras that it previews.
 
 use super::Studio;
-use crate::app::frame_outcomes::FrameOutcomes;
-use crate::app::panels::frame_strip::{self, StripAnswer, StripContext, StripPosition};
+use crate::app::panels::frame_strip::{self, StripAnswer, StripContext};
 use crate::app::state::{RunState, Snapshot};
-use crate::app::viewer::preview::PlaceBefore;
 use eframe::egui::{Frame, Panel, Ui};
-
-/// What the strip remembers of what is open.
-#[derive(Default)]
-pub(super) struct FrameStrip {
-    outcomes: FrameOutcomes,
-    position: StripPosition,
-    /// Where one stood before a preview, and serial of what was open then.
-    before: Option<(u64, PlaceBefore)>,
-}
 
 /// Share of the window's height that the strip takes at first, and at most.
 const SHARE: f32 = 0.16;

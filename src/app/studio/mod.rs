@@ -2,9 +2,11 @@
 
 mod cards;
 mod commands;
+mod dock;
 mod files;
 mod frames;
 mod side_panel;
+mod strip_memory;
 
 use super::action_finder::ActionFinder;
 use super::device::WindowDevice;
@@ -27,21 +29,21 @@ use super::recent::RecentPaths;
 use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
 use super::tab::SideTab;
 use super::training::TrainSettings;
+use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewer::settings::ViewSettings;
-use super::viewer::{SceneView, toolbar};
 use super::viewport;
 use super::worker::{Waker, Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
-use frames::FrameStrip;
 use glam::DVec3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use strip_memory::StripMemory;
 
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
@@ -59,9 +61,8 @@ pub struct Studio {
     /// What the worker was asked to tell of components.
     watched: Option<Attribute>,
     adapter: String,
-    tab: SideTab,
     layout: WindowLayout,
-    strip: FrameStrip,
+    strip: StripMemory,
     /// The camera path that is being made.
     path: PathEditor,
     /// Whether the view is where that path was played to.
@@ -86,8 +87,6 @@ pub struct Studio {
     first_splats_logged: bool,
 }
 
-/// Narrowest side panel, points.
-const NARROWEST_PANEL: f32 = 240.0;
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
@@ -146,9 +145,8 @@ impl Studio {
             waker,
             egui: context.egui_ctx.clone(),
             adapter,
-            tab: SideTab::default(),
             layout,
-            strip: FrameStrip::default(),
+            strip: StripMemory::default(),
             path: PathEditor::default(),
             path_plays: false,
             finder: ActionFinder::default(),
@@ -238,29 +236,8 @@ impl Studio {
             self.worker.cancel_file();
         }
         self.frame_strip(ui, frame, snapshot);
-        // Of a small window most stays the picture's.
-        let widest = (0.42 * ui.max_rect().width()).clamp(NARROWEST_PANEL, 640.0);
-        Panel::right("panels")
-            .default_size(370.0)
-            .size_range(NARROWEST_PANEL..=widest)
-            .frame(frame)
-            .show(ui, |ui| self.side_panel(ui, snapshot));
-        if let Some(opened) = &snapshot.opened {
-            let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
-                ui.add_space(2.0);
-                let asked = toolbar::ui(&mut self.view, snapshot, opened, ui);
-                ui.add_space(2.0);
-                asked
-            });
-            if let Some(command) = asked.inner {
-                self.apply_command(command, snapshot);
-            }
-        }
         // The last panel: egui gives it the room that those before have left.
-        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
-            self.central_view(ui, snapshot);
-            self.notices.ui(snapshot, ui);
-        });
+        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| self.tiles(ui, frame, snapshot));
     }
 
     fn transport(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<TransportAnswer> {
@@ -336,7 +313,7 @@ impl Studio {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click beside every splat deselects, which is no reason to turn to another tab.
             if picked.is_some() && !self.view.is_measuring() {
-                self.tab = SideTab::Inspector;
+                self.layout.show(SideTab::Inspector);
             }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
