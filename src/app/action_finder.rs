@@ -46,16 +46,31 @@ impl Action {
         }
     }
 
-    fn tooltip(self) -> &'static str {
+    /// As a menu of its own kind names it.
+    pub fn menu_label(self) -> &'static str {
+        match self {
+            Self::Command(command @ (UiCommand::PreviousCamera | UiCommand::NextCamera)) => {
+                command.name()
+            }
+            Self::Command(command) => command.label(),
+            Self::Tab(tab) => tab.label(),
+            Self::Mode(mode) => mode.label(),
+            Self::Color(mode) => mode.label(),
+        }
+    }
+
+    /// One sentence on what it does.
+    pub fn tooltip(self) -> &'static str {
         match self {
             Self::Command(command) => command.tooltip(),
-            Self::Tab(_) => "Turn the side panel to this tab",
+            Self::Tab(_) => "Turn to this panel",
             Self::Mode(mode) => mode.tooltip(),
             Self::Color(mode) => mode.tooltip(),
         }
     }
 
-    fn keys(self, ctx: &Context) -> String {
+    /// Its keys as menus show them, empty if it has none.
+    pub fn keys(self, ctx: &Context) -> String {
         match self {
             Self::Command(command) => command.keys(ctx),
             Self::Tab(_) | Self::Mode(_) | Self::Color(_) => String::new(),

@@ -43,6 +43,10 @@ pub enum UiCommand {
     Cameras,
     /// Show ground and axes, or hide them.
     Grid,
+    /// Show the strip of frames, or fold it away.
+    FrameStrip,
+    /// Panels and strip back to where they were at first.
+    ResetLayout,
     /// Compare with the photograph, or stop doing so.
     ComparePhoto,
     /// Choose a second model to compare with.
@@ -63,7 +67,7 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 26] = [
+    pub const ALL: [UiCommand; 28] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -82,6 +86,8 @@ impl UiCommand {
         UiCommand::Measure,
         UiCommand::Cameras,
         UiCommand::Grid,
+        UiCommand::FrameStrip,
+        UiCommand::ResetLayout,
         UiCommand::ComparePhoto,
         UiCommand::CompareModel,
         UiCommand::RemoveModel,
@@ -113,6 +119,8 @@ impl UiCommand {
             UiCommand::Measure => "Measure",
             UiCommand::Cameras => "Cameras",
             UiCommand::Grid => "Grid",
+            UiCommand::FrameStrip => "Frame strip",
+            UiCommand::ResetLayout => "Reset layout",
             UiCommand::ComparePhoto => "Photograph",
             UiCommand::CompareModel => "Compare with a model…",
             UiCommand::RemoveModel => "Remove second model",
@@ -158,6 +166,10 @@ impl UiCommand {
             UiCommand::Measure => "Measure between two clicked places",
             UiCommand::Cameras => "Show where the photographs were taken, or hide it",
             UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
+            UiCommand::FrameStrip => {
+                "Show the dataset's frames below the picture, or fold them away"
+            }
+            UiCommand::ResetLayout => "Put panels and frame strip back where they were at first",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             UiCommand::CompareModel => {
                 "Open a checkpoint or a file of splats beside the scene, to wipe between the two"
@@ -189,6 +201,7 @@ impl UiCommand {
             | UiCommand::Follow
             | UiCommand::CompareModel
             | UiCommand::RemoveModel
+            | UiCommand::ResetLayout
             | UiCommand::CopyCommandLine => &[],
             // One key toggles the two, of which one is legal at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
@@ -207,6 +220,7 @@ impl UiCommand {
             UiCommand::Measure => const { &[plain(Key::M)] },
             UiCommand::Cameras => const { &[plain(Key::C)] },
             UiCommand::Grid => const { &[plain(Key::X)] },
+            UiCommand::FrameStrip => const { &[plain(Key::T)] },
             UiCommand::ComparePhoto => const { &[plain(Key::G)] },
             UiCommand::Deselect => const { &[plain(Key::Escape)] },
             UiCommand::Find => const { &[control(Key::P)] },
@@ -271,10 +285,35 @@ impl UiCommand {
             | UiCommand::NextCamera
             | UiCommand::RideAlong
             | UiCommand::Cameras
+            | UiCommand::FrameStrip
             | UiCommand::CopyCommandLine
             | UiCommand::ComparePhoto => dataset,
-            UiCommand::Find | UiCommand::FocusControls | UiCommand::Help => true,
+            UiCommand::ResetLayout
+            | UiCommand::Find
+            | UiCommand::FocusControls
+            | UiCommand::Help => true,
         }
+    }
+
+    /// Why the command makes no sense now, if so.
+    pub fn why_not(self, state: RunState, source: Source) -> Option<&'static str> {
+        if self.is_legal(state, source) {
+            return None;
+        }
+        let is_for = |source| RunState::ALL.iter().any(|&state| self.is_legal(state, source));
+        Some(match (state, source) {
+            (RunState::Loading, _) => "Something is being opened",
+            (RunState::Waiting, _) => "The recording that is followed holds no whole frame yet",
+            (_, Source::Nothing) => "Nothing is open",
+            (_, Source::Model) if !is_for(Source::Model) => {
+                "What is open is a model without frames: open a dataset or a checkpoint of one"
+            }
+            (RunState::Empty | RunState::Ready, _) => "Nothing is trained yet",
+            (RunState::Training, _) => "Frames are being trained: pause first",
+            (RunState::Paused, _) => "Training rests",
+            (RunState::Finished, _) => "Every frame is trained",
+            (RunState::Failed, _) => "Training has failed: reset starts over",
+        })
     }
 }
 

@@ -113,6 +113,7 @@ pub fn session(session: Session, serial: u64, path: Option<&Path>) -> OpenedSubj
         dataset: Some(dataset.clone()),
         local_origin: dataset.local_origin(),
         plan: Some(Arc::new(session.plan().clone())),
+        selection: Some(session.config().selection.clone()),
         available_modes: &[
             ColorMode::Evidence,
             ColorMode::Uncertainty,
@@ -272,6 +273,7 @@ fn view(
         dataset: None,
         local_origin,
         plan: None,
+        selection: None,
         available_modes: &[],
         method: None,
         is_native: !is_plain(splats.view()),

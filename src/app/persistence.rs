@@ -1,5 +1,6 @@
 //! What the user chose, stored between sessions.
 
+use super::layout::WindowLayout;
 use super::recent::RecentPaths;
 use super::training::TrainSettings;
 use super::viewer::settings::ViewSettings;
@@ -8,6 +9,7 @@ use super::viewer::settings::ViewSettings;
 const VIEWPORT: &str = "viewport";
 const TRAINING: &str = "training";
 const RECENT: &str = "recent";
+const LAYOUT: &str = "layout";
 /// The caveat of an adapter that was told already.
 pub const CAVEAT: &str = "caveat";
 
@@ -20,6 +22,8 @@ pub struct StoredSettings {
     pub training: TrainSettings,
     /// Paths that were opened.
     pub recent: RecentPaths,
+    /// What of the window is shown and where.
+    pub layout: WindowLayout,
     /// What the user should know of what could not be read.
     pub problems: Vec<String>,
 }
@@ -35,6 +39,11 @@ impl StoredSettings {
             stored.problems.extend(problem);
         }
         stored.recent = text(RECENT).map(|text| RecentPaths::from_text(&text)).unwrap_or_default();
+        if let Some(text) = text(LAYOUT) {
+            let (read, problem) = WindowLayout::from_text(&text);
+            stored.layout = read;
+            stored.problems.extend(problem);
+        }
         if let Some(text) = text(TRAINING) {
             let (read, problem) = TrainSettings::from_text(&text);
             stored.training = read;
@@ -50,9 +59,14 @@ pub fn write(
     view: &ViewSettings,
     training: &TrainSettings,
     recent: &RecentPaths,
+    layout: &WindowLayout,
 ) {
-    let texts =
-        [(VIEWPORT, view.to_text()), (TRAINING, training.to_text()), (RECENT, recent.to_text())];
+    let texts = [
+        (VIEWPORT, view.to_text()),
+        (TRAINING, training.to_text()),
+        (RECENT, recent.to_text()),
+        (LAYOUT, layout.to_text()),
+    ];
     for (key, text) in texts {
         match text {
             Ok(text) => storage.set_string(key, text),

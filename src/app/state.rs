@@ -12,7 +12,7 @@ use crate::math::camera::Camera;
 use crate::model::inspection::Inspection;
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
-use crate::pipeline::plan::Plan;
+use crate::pipeline::plan::{Plan, Selection};
 use crate::pipeline::settings::method::Method;
 use crate::pipeline::settings::scene::SceneRun;
 use glam::DVec3;
@@ -126,6 +126,8 @@ pub struct Opened {
     pub local_origin: DVec3,
     /// Which frames are trained, in their order; `None` for a model.
     pub plan: Option<Arc<Plan>>,
+    /// What was asked for of its frames; `None` for a model.
+    pub selection: Option<Selection>,
     /// Colour modes whose values come with its splats, beyond those that every splat has.
     pub available_modes: &'static [ColorMode],
     /// How it is trained; `None` for a model.

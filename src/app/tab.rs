@@ -1,10 +1,11 @@
-//! Tabs of the side panel.
+//! Panels, each of which is a tab.
 
-/// What the side panel shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+use serde::{Deserialize, Serialize};
+
+/// What a panel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum SideTab {
     /// What training and drawing take.
-    #[default]
     Latency,
     /// How good the scene is.
     Quality,

@@ -1,6 +1,7 @@
 //! What the window says of values of the library: by the names that its panels give the settings.
 
 use crate::dataset::pose_check::{PoseCheck, PoseTrial};
+use crate::pipeline::plan::{Order, Plan, Selection};
 use crate::train::warnings::TrainingWarning;
 
 /// A warning of the model being trained.
@@ -43,6 +44,24 @@ pub fn pose_warning(check: &PoseCheck) -> Option<String> {
     ))
 }
 
+/// Which frames a run takes and in which order.
+pub fn run_order(selection: &Selection, plan: &Plan) -> String {
+    let order = match selection.order {
+        Order::Sequential => "In the dataset's order",
+        Order::Shuffled => "Shuffled",
+    };
+    let stride = match selection.stride {
+        0 | 1 => "every frame".to_owned(),
+        n => format!("one frame of {n}"),
+    };
+    let held_out = plan.held_out.as_ref().map(|_| "but those held out".to_owned());
+    let shard = selection.shard.map(|shard| format!("shard {}", String::from(shard)));
+    let most = selection.max_frames.map(|most| format!("at most {most}"));
+    let passes = (selection.passes > 1).then(|| format!("{} passes", selection.passes));
+    let parts = [Some(order.to_owned()), Some(stride), held_out, shard, most, passes];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,6 +78,26 @@ mod tests {
         assert!(!text.contains("--"), "the window has no options: {text}");
         assert_eq!(pose_warning(&PoseCheck { best: opened, ..check.clone() }), None);
         assert_eq!(poses(&check), "12 % of depth agrees with neighbouring frames (opencv)");
+    }
+
+    #[test]
+    fn the_order_of_a_run_is_told_with_what_it_leaves_out() {
+        let plan = Plan { split: 0, frames: vec![1, 2], held_out: None };
+        let text = run_order(&Selection::everything(), &plan);
+        assert_eq!(text, "In the dataset's order, every frame");
+        let held_out = Some("every 8th frame".to_owned());
+        let selection = Selection {
+            order: Order::Shuffled,
+            stride: 3,
+            shard: "2/3".parse().ok(),
+            max_frames: Some(40),
+            passes: 2,
+            ..Selection::everything()
+        };
+        assert_eq!(
+            run_order(&selection, &Plan { held_out, ..plan }),
+            "Shuffled, one frame of 3, but those held out, shard 2/3, at most 40, 2 passes"
+        );
     }
 
     #[test]

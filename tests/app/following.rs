@@ -66,6 +66,7 @@ fn the_switch_follows_what_is_open_and_ends_it() {
 
     click(&mut window, "Follow");
     wait_for_label(&mut window, "following, 5 frames, waiting");
+    wait_for_label(&mut window, "Live: waiting for the next frame");
     assert_eq!(window.state().snapshot().state, RunState::Training);
     move_last_frames(&later, &path.join("train"));
     has_trained(&mut window, 8);

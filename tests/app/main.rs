@@ -7,14 +7,18 @@ mod camera;
 #[path = "../common/mod.rs"]
 mod common;
 mod compared;
+mod contract;
 mod crash;
 mod detail;
+mod dock;
 mod files;
 mod first_minute;
 mod following;
+mod frames;
 mod harness;
 mod inspect;
 mod keyboard;
+mod menus;
 mod opening;
 mod path;
 mod poses;

@@ -171,6 +171,7 @@ fn the_title_names_what_is_open_and_recent_things_open_again() {
         }
     }
     assert!(titles.contains(&"room - VBGS Studio".to_owned()), "{titles:?}");
+    click(&mut window, "File");
     click(&mut window, "Recent");
     click(&mut window, &a.display().to_string());
     wait(&mut window, "the first again", |s| {

@@ -32,7 +32,7 @@ pub const HOUSE: House = House {
     ],
     words: &[
         (&["wgpu"], &["render/gpu/", "app/viewport.rs"]),
-        (&["egui", "eframe", "egui_plot", "egui_wgpu"], &["app/"]),
+        (&["egui", "eframe", "egui_plot", "egui_tiles", "egui_wgpu"], &["app/"]),
         (&["anyhow", "println", "print", "dbg"], &["main.rs", "cli/"]),
         (&["eprintln", "eprint"], &["main.rs", "cli/", "export/golden_tests.rs"]),
         (

@@ -1,17 +1,17 @@
-//! The bar at the top: transport buttons, name, progress, detail.
+//! The bar at the top: menus, transport buttons, name, progress, detail. One row for all, so that of a
+//! small window most stays the picture's.
 
 use super::detail;
+use super::menus::{self, MenuAnswer, MenuContext};
 use crate::app::command::UiCommand;
 use crate::app::state::{RunState, Snapshot};
 use crate::train::scene::units::StructuralScale;
 use eframe::egui::{Button, ProgressBar, RichText, Ui};
-use std::path::PathBuf;
 
 /// Buttons in the order they stand.
-const BUTTONS: [&[UiCommand]; 3] = [
+const BUTTONS: [&[UiCommand]; 2] = [
     &[UiCommand::Open, UiCommand::OpenDemo, UiCommand::Save, UiCommand::Export],
     &[UiCommand::Train, UiCommand::Step, UiCommand::Follow, UiCommand::Reset],
-    &[UiCommand::FrameScene, UiCommand::Home, UiCommand::Help],
 ];
 
 /// What the user asks for.
@@ -19,8 +19,8 @@ const BUTTONS: [&[UiCommand]; 3] = [
 pub enum TransportAnswer {
     /// A command.
     Command(UiCommand),
-    /// Something that was open before.
-    Open(PathBuf),
+    /// Something of the menus.
+    Menu(MenuAnswer),
     /// The same frames again, as fine as is chosen now.
     Again,
 }
@@ -28,17 +28,16 @@ pub enum TransportAnswer {
 /// Draws the bar. `scale` is the structural scale of the next run, `None` as the one that is open has it.
 pub fn ui(
     snapshot: &Snapshot,
-    recent: &[PathBuf],
+    menu: &MenuContext<'_>,
     scale: &mut Option<StructuralScale>,
     ui: &mut Ui,
 ) -> Option<TransportAnswer> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
-        for (i, group) in BUTTONS.iter().enumerate() {
-            if i > 0 {
-                ui.separator();
-            }
-            for &command in *group {
+        asked = menus::ui(menu, ui).map(TransportAnswer::Menu);
+        for group in BUTTONS {
+            ui.separator();
+            for &command in group {
                 // Train and Pause share one place.
                 let command = match (command, snapshot.state) {
                     (UiCommand::Train, RunState::Training) => UiCommand::Pause,
@@ -46,11 +45,6 @@ pub fn ui(
                 };
                 if button(snapshot, ui, command) {
                     asked = Some(TransportAnswer::Command(command));
-                }
-                if command == UiCommand::Open
-                    && let Some(path) = reopen(snapshot, recent, ui)
-                {
-                    asked = Some(TransportAnswer::Open(path));
                 }
             }
         }
@@ -73,28 +67,11 @@ pub fn ui(
     asked
 }
 
-/// The menu of what was open before.
-fn reopen(snapshot: &Snapshot, recent: &[PathBuf], ui: &mut Ui) -> Option<PathBuf> {
-    let mut asked = None;
-    let is_legal = UiCommand::Open.is_legal(snapshot.state, snapshot.source) && !recent.is_empty();
-    ui.add_enabled_ui(is_legal, |ui| {
-        ui.menu_button("Recent", |ui| {
-            for path in recent {
-                if ui.button(path.display().to_string()).clicked() {
-                    asked = Some(path.clone());
-                    ui.close();
-                }
-            }
-        })
-        .response
-        .on_hover_text("Open again what was open before");
-    });
-    asked
-}
-
 fn button(snapshot: &Snapshot, ui: &mut Ui, command: UiCommand) -> bool {
-    let legal = command.is_legal(snapshot.state, snapshot.source);
+    let why_not = command.why_not(snapshot.state, snapshot.source);
     let is_on = command == UiCommand::Follow && snapshot.follows;
-    let response = ui.add_enabled(legal, Button::new(command.label()).selected(is_on));
-    response.on_hover_text(command.hint(ui.ctx())).clicked()
+    let button = Button::new(command.label()).selected(is_on);
+    let response = ui.add_enabled(why_not.is_none(), button);
+    let response = response.on_hover_text(command.hint(ui.ctx()));
+    response.on_disabled_hover_text(why_not.unwrap_or_default()).clicked()
 }

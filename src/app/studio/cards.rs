@@ -59,7 +59,7 @@ impl Studio {
         match summary::ui(snapshot, &self.quality, forecast.as_deref(), corner, ui) {
             None => {}
             Some(SummaryAnswer::Close) => self.summary_closed = opened.serial,
-            Some(SummaryAnswer::Quality) => self.tab = SideTab::Quality,
+            Some(SummaryAnswer::Quality) => self.layout.show(SideTab::Quality),
             Some(SummaryAnswer::Command(command)) => self.apply_command(command, snapshot),
             Some(SummaryAnswer::Finer) => {
                 self.training.scene.scale = finer;

@@ -7,7 +7,7 @@ use crate::app::command_line::command_line;
 use crate::app::pending::{Continuation, Pending};
 use crate::app::state::{NoticeKind, Snapshot, Subject};
 use crate::app::worker::WorkerOrder;
-use eframe::egui::{Context, FocusDirection, Key, Ui, ViewportCommand};
+use eframe::egui::{Context, FocusDirection, Key, Popup, Ui, ViewportCommand};
 use std::path::PathBuf;
 
 impl Studio {
@@ -45,6 +45,8 @@ impl Studio {
                     self.view.apply(command, opened);
                 }
             }
+            UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
+            UiCommand::ResetLayout => self.reset_layout(),
             UiCommand::CompareModel => self.compare_dialog.show(),
             UiCommand::RemoveModel => self.view.remove_compared(),
             UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
@@ -72,35 +74,54 @@ impl Studio {
         self.worker.send(WorkerOrder::Report(kind, text));
     }
 
-    /// Whether an action makes sense now.
-    pub(super) fn is_possible(&self, action: Action, snapshot: &Snapshot) -> bool {
+    /// Why an action makes no sense now, if so.
+    pub(super) fn why_not(&self, action: Action, snapshot: &Snapshot) -> Option<&'static str> {
         match (action, &snapshot.opened) {
-            (Action::Command(UiCommand::RemoveModel), _) => self.view.compared().is_some(),
-            (Action::Command(command), _) => command.is_legal(snapshot.state, snapshot.source),
-            (Action::Tab(_), _) => true,
-            (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened).is_none(),
-            (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes).is_none(),
-            (Action::Mode(_) | Action::Color(_), None) => false,
+            (Action::Command(command), _) => {
+                let is_vain = command == UiCommand::RemoveModel && self.view.compared().is_none();
+                let vain = is_vain.then_some("No second model is open");
+                command.why_not(snapshot.state, snapshot.source).or(vain)
+            }
+            (Action::Tab(_), _) => None,
+            (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened),
+            (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes),
+            (Action::Mode(_) | Action::Color(_), None) => Some("Nothing is open"),
+        }
+    }
+
+    /// Whether what a command switches is on.
+    pub(super) fn is_on(&self, command: UiCommand, snapshot: &Snapshot) -> bool {
+        let is_open = snapshot.opened.is_some();
+        match command {
+            UiCommand::Follow => snapshot.follows,
+            UiCommand::RideAlong => is_open && self.view.is_guided(),
+            UiCommand::Measure => self.view.is_measuring(),
+            UiCommand::Cameras => self.view.settings.shows_cameras,
+            UiCommand::Grid => self.view.settings.shows_grid,
+            UiCommand::FrameStrip => self.layout.shows_frames,
+            UiCommand::ComparePhoto => self.view.mode().has_photo(),
+            _ => false,
         }
     }
 
     pub(super) fn apply_action(&mut self, action: Action, snapshot: &Snapshot) {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => self.apply_command(command, snapshot),
-            (Action::Tab(tab), _) => self.tab = tab,
+            (Action::Tab(tab), _) => self.layout.show(tab),
             (Action::Mode(mode), Some(opened)) => self.view.set_mode(mode, opened),
             (Action::Color(mode), _) => self.view.settings.color_mode = mode,
             (Action::Mode(_), None) => {}
         }
     }
 
-    /// Keys are left to text fields and open questions; a control that has the focus takes those that
+    /// Keys are left to text fields, open questions and open menus; a control that has the focus takes those that
     /// press it, change it or lead on to the next one.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
         let dialogs =
             [&self.open_dialog, &self.compare_dialog, &self.save_dialog, &self.export_dialog];
         let asks = self.pending.is_some()
             || self.finder.is_open()
+            || Popup::is_any_open(ui.ctx())
             || dialogs.iter().any(|dialog| dialog.is_open());
         if asks || ui.ctx().text_edit_focused() {
             return;

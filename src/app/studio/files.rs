@@ -83,7 +83,7 @@ impl Studio {
         }
         dialogs::help(ui, &mut self.help_is_open);
         let mut finder = std::mem::take(&mut self.finder);
-        let chosen = finder.ui(ui, |action| self.is_possible(action, snapshot));
+        let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
         self.finder = finder;
         if let Some(action) = chosen {
             self.apply_action(action, snapshot);

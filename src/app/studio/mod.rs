@@ -2,15 +2,20 @@
 
 mod cards;
 mod commands;
+mod dock;
 mod files;
+mod frames;
 mod side_panel;
+mod strip_memory;
 
 use super::action_finder::ActionFinder;
 use super::device::WindowDevice;
 use super::drawing::Drawer;
 use super::drop_target;
 use super::exit::{Exit, Leave};
+use super::layout::WindowLayout;
 use super::painting::Painting;
+use super::panels::menus::{MenuAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
 use super::panels::transport::TransportAnswer;
@@ -24,9 +29,9 @@ use super::recent::RecentPaths;
 use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
 use super::tab::SideTab;
 use super::training::TrainSettings;
+use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewer::settings::ViewSettings;
-use super::viewer::{SceneView, toolbar};
 use super::viewport;
 use super::worker::{Waker, Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
@@ -38,6 +43,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use strip_memory::StripMemory;
 
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
@@ -55,7 +61,8 @@ pub struct Studio {
     /// What the worker was asked to tell of components.
     watched: Option<Attribute>,
     adapter: String,
-    tab: SideTab,
+    layout: WindowLayout,
+    strip: StripMemory,
     /// The camera path that is being made.
     path: PathEditor,
     /// Whether the view is where that path was played to.
@@ -80,8 +87,6 @@ pub struct Studio {
     first_splats_logged: bool,
 }
 
-/// Narrowest side panel, points.
-const NARROWEST_PANEL: f32 = 240.0;
 /// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
 const GPU_INTERVAL: Duration = Duration::from_millis(33);
 const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
@@ -110,7 +115,7 @@ impl Studio {
         started: Instant,
     ) -> std::io::Result<Self> {
         // The trainer begins while the GPU is made ready.
-        let StoredSettings { view, training, recent, problems } =
+        let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(context.storage);
         // Settings go first, since they hold for what is opened after them.
         worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
@@ -140,7 +145,8 @@ impl Studio {
             waker,
             egui: context.egui_ctx.clone(),
             adapter,
-            tab: SideTab::default(),
+            layout,
+            strip: StripMemory::default(),
             path: PathEditor::default(),
             path_plays: false,
             finder: ActionFinder::default(),
@@ -208,7 +214,10 @@ impl Studio {
         match asked.inner {
             None => {}
             Some(TransportAnswer::Command(command)) => self.apply_command(command, snapshot),
-            Some(TransportAnswer::Open(path)) => self.open_path(path, snapshot),
+            Some(TransportAnswer::Menu(MenuAnswer::Action(action))) => {
+                self.apply_action(action, snapshot);
+            }
+            Some(TransportAnswer::Menu(MenuAnswer::Open(path))) => self.open_path(path, snapshot),
             Some(TransportAnswer::Again) => self.train_again(snapshot),
         }
         if let Some(run) = snapshot.abandoned.as_ref().filter(|run| !self.is_put_off(run)) {
@@ -226,36 +235,21 @@ impl Studio {
         if cancelled.inner {
             self.worker.cancel_file();
         }
-        // Of a small window most stays the picture's.
-        let widest = (0.42 * ui.max_rect().width()).clamp(NARROWEST_PANEL, 640.0);
-        Panel::right("panels")
-            .default_size(370.0)
-            .size_range(NARROWEST_PANEL..=widest)
-            .frame(frame)
-            .show(ui, |ui| self.side_panel(ui, snapshot));
-        if let Some(opened) = &snapshot.opened {
-            let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
-                ui.add_space(2.0);
-                let asked = toolbar::ui(&mut self.view, snapshot, opened, ui);
-                ui.add_space(2.0);
-                asked
-            });
-            if let Some(command) = asked.inner {
-                self.apply_command(command, snapshot);
-            }
-        }
+        self.frame_strip(ui, frame, snapshot);
         // The last panel: egui gives it the room that those before have left.
-        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
-            self.central_view(ui, snapshot);
-            self.notices.ui(snapshot, ui);
-        });
+        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| self.tiles(ui, frame, snapshot));
     }
 
     fn transport(&mut self, ui: &mut Ui, snapshot: &Snapshot) -> Option<TransportAnswer> {
-        let scale = &mut self.training.scene.scale;
-        let before = *scale;
-        let asked = transport::ui(snapshot, self.recent.paths(), scale, ui);
-        if *scale != before {
+        let mut scale = self.training.scene.scale;
+        let menu = MenuContext {
+            recent: self.recent.paths(),
+            why_not: &|action| self.why_not(action, snapshot),
+            is_on: &|command| self.is_on(command, snapshot),
+        };
+        let asked = transport::ui(snapshot, &menu, &mut scale, ui);
+        if scale != self.training.scene.scale {
+            self.training.scene.scale = scale;
             self.worker.send(WorkerOrder::TrainBy(Box::new(self.training.clone())));
         }
         asked
@@ -319,7 +313,7 @@ impl Studio {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click beside every splat deselects, which is no reason to turn to another tab.
             if picked.is_some() && !self.view.is_measuring() {
-                self.tab = SideTab::Inspector;
+                self.layout.show(SideTab::Inspector);
             }
         }
         if !self.first_splats_logged && self.view.n_drawn() > 0 {
@@ -372,7 +366,13 @@ impl eframe::App for Studio {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        persistence::write(storage, &self.view.settings, &self.training, &self.recent);
+        persistence::write(
+            storage,
+            &self.view.settings,
+            &self.training,
+            &self.recent,
+            &self.layout,
+        );
         let caveat = self.device.as_ref().and_then(|device| viewport::caveat(&device.state));
         storage.set_string(persistence::CAVEAT, caveat.unwrap_or_default());
     }

@@ -1,4 +1,4 @@
-//! The tabs beside the viewport, and what they ask of the window.
+//! The panels, and what they ask of the window.
 
 use super::Studio;
 use crate::app::adapter_memory;
@@ -18,17 +18,9 @@ use crate::export::camera_path::PacedPath;
 use eframe::egui::Ui;
 
 impl Studio {
-    pub(super) fn side_panel(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
-        ui.horizontal_wrapped(|ui| {
-            // Close enough to stand in one row.
-            ui.spacing_mut().item_spacing.x = 2.0;
-            ui.spacing_mut().button_padding.x = 5.0;
-            for tab in SideTab::ALL {
-                ui.selectable_value(&mut self.tab, tab, tab.label());
-            }
-        });
-        ui.separator();
-        match self.tab {
+    /// Draws what a tab shows.
+    pub(super) fn panel(&mut self, tab: SideTab, ui: &mut Ui, snapshot: &Snapshot) {
+        match tab {
             SideTab::Latency => self.latency_tab(ui, snapshot),
             SideTab::Quality => self.quality_tab(ui, snapshot),
             SideTab::Scene => scene::ui(snapshot, ui),

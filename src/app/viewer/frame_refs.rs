@@ -56,6 +56,18 @@ impl FrameRef {
         Some(Self { dataset: dataset.clone(), split, index })
     }
 
+    /// The frame at a place among all frames of a dataset, from 0; `None` past the last.
+    pub fn numbered(dataset: &Arc<Dataset>, number: usize) -> Option<Self> {
+        let mut index = number;
+        for (split, frames) in dataset.splits.iter().map(|split| split.frames.len()).enumerate() {
+            if index < frames {
+                return Some(Self { dataset: dataset.clone(), split, index });
+            }
+            index -= frames;
+        }
+        None
+    }
+
     /// The same frame of the dataset as it is now, if that has grown since.
     pub fn of_now(&self, dataset: Option<&Arc<Dataset>>) -> Self {
         let (split, index) = self.position();
@@ -70,17 +82,12 @@ impl FrameRef {
     /// The neighbouring frame; splits follow each other, the last frame is followed by the first.
     pub fn stepped(&self, direction: Direction) -> Self {
         let n = self.n_frames();
-        let mut index = match direction {
+        let number = match direction {
             Direction::Forth => (self.number() + 1) % n,
             Direction::Back => (self.number() + n - 1) % n,
         };
-        let mut split = 0;
-        // Splits without frames are passed over by the same rule.
-        while index >= self.dataset.splits[split].frames.len() {
-            index -= self.dataset.splits[split].frames.len();
-            split += 1;
-        }
-        Self { dataset: self.dataset.clone(), split, index }
+        // Below the number of frames there always is one.
+        Self::numbered(&self.dataset, number).unwrap_or_else(|| self.clone())
     }
 
     /// Its place among all frames of the dataset, from 0.
@@ -157,11 +164,13 @@ mod tests {
         let mut frame = first.clone();
         for number in 0..first.n_frames() {
             assert_eq!(frame.number(), number);
+            assert_eq!(FrameRef::numbered(&dataset, number).as_ref(), Some(&frame));
             let next = frame.stepped(Direction::Forth);
             assert_eq!(next.stepped(Direction::Back), frame);
             frame = next;
         }
         assert_eq!(frame, first);
+        assert_eq!(FrameRef::numbered(&dataset, first.n_frames()), None);
         assert!(dataset.splits.len() > 1, "splits follow each other");
     }
 

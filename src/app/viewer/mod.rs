@@ -16,6 +16,7 @@ mod photo;
 pub mod picture_request;
 mod pixel_status;
 mod place;
+pub mod preview;
 pub mod settings;
 mod stand;
 mod steering;

@@ -204,7 +204,8 @@ impl SceneView {
         self.camera.map_or(DVec3::Z, |camera| camera.up())
     }
 
-    fn stand_at(&mut self, frame: FrameRef) {
+    /// Stands where a dataset's camera stood.
+    pub fn stand_at(&mut self, frame: FrameRef) {
         (self.place, self.guide) = (Place::At(frame.clone()), None);
         self.latest_frame = Some(frame);
         self.moved_at = Instant::now();

@@ -1,89 +1,260 @@
-//! Small copies of photographs, decoded lazily on a thread of their own and kept as textures.
+//! Small copies of photographs and depth, decoded lazily on a thread of their own and kept as textures.
+//!
+//! How many are kept is bounded, so that a dataset of any length costs the same: what was looked at
+//! longest ago is forgotten, and nothing that is on screen ever is. While frames are trained the thread
+//! rests many times as long as it decodes and wakes nobody: the trainer keeps its cores, and the
+//! window takes what has come when it draws itself anyway.
 
 use super::frame_refs::FrameRef;
 use crate::app::worker::Waker;
+use crate::dataset::depth::Depth;
+use crate::eval::report::quantile;
+use crate::render::paint::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::{Duration, Instant};
 
 /// Longest side, pixels.
 const MAX_SIDE: usize = 192;
-/// Photographs that wait to be decoded.
+/// Frames that wait to be decoded.
 const MAX_WAITING: usize = 4;
+/// Frames kept: some 220 kB each, the cameras in the viewport, a strip across a wide screen and a table
+/// of views together.
+const MAX_KEPT: usize = 256;
+/// Rest after a frame while others are trained, in times of the decoding: on two cores training slows
+/// down by half of one part in so many.
+const REST: u32 = 15;
+/// How often a resting thread looks whether training still goes on.
+const LOOK: Duration = Duration::from_millis(50);
+/// What is dark of the depth where nothing was measured.
+const HOLE: Color32 = Color32::from_gray(18);
 
-/// A photograph that was decoded: split and index, and its small copy where that succeeded.
-type Decoded = ((usize, usize), Option<ColorImage>);
+/// What of a frame is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Part {
+    Photo,
+    PhotoAndDepth,
+}
+
+/// What came of a frame that was decoded.
+struct Decoded {
+    position: (usize, usize),
+    photo: Option<ColorImage>,
+    depth: Option<ColorImage>,
+    problem: Option<String>,
+}
+
+/// What is kept of a frame.
+struct Kept {
+    /// The most that was asked for.
+    part: Part,
+    /// In which pass of the window it was looked at last.
+    used_in: u64,
+    photo: Option<TextureHandle>,
+    depth: Option<TextureHandle>,
+    problem: Option<String>,
+}
+
+/// The pictures of a frame, as far as they are known.
+#[derive(Clone, Copy, Default)]
+pub struct FramePictures<'a> {
+    /// Its photograph.
+    pub photo: Option<&'a TextureHandle>,
+    /// Its depth: violet is near, yellow is far, by its own range.
+    pub depth: Option<&'a TextureHandle>,
+    /// Why it cannot be decoded.
+    pub problem: Option<&'a str>,
+}
 
 /// Thumbnails of one dataset.
 pub struct Thumbnails {
-    requests: SyncSender<FrameRef>,
+    requests: SyncSender<(FrameRef, Part)>,
     decoded: Receiver<Decoded>,
-    /// `None` while it is decoded, and for good where it cannot be.
-    textures: HashMap<(usize, usize), Option<TextureHandle>>,
+    kept: HashMap<(usize, usize), Kept>,
     /// Waiting or being decoded.
     n_waiting: usize,
+    stands_back: Arc<AtomicBool>,
 }
 
 impl Thumbnails {
     /// Starts the thread, which ends with this value.
     pub fn start(waker: Waker) -> std::io::Result<Self> {
-        let (requests, inbox) = sync_channel::<FrameRef>(MAX_WAITING);
+        let (requests, inbox) = sync_channel(MAX_WAITING);
         let (answers, decoded) = sync_channel(MAX_WAITING);
-        std::thread::Builder::new().name("thumbnails".into()).spawn(move || {
-            while let Ok(frame) = inbox.recv() {
-                // Skipped frames are told of elsewhere.
-                let image = frame.entry().load_color().ok().map(|color| {
-                    shrink([color.width, color.height], |column, row| *color.at(column, row))
-                });
-                if answers.send((frame.position(), image)).is_err() {
-                    return;
-                }
-                waker();
-            }
-        })?;
-        Ok(Self { requests, decoded, textures: HashMap::new(), n_waiting: 0 })
+        let stands_back = Arc::new(AtomicBool::new(false));
+        let flag = stands_back.clone();
+        // Decoders that would spread over the cores stay on one.
+        let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+        let alone = alone.map_err(std::io::Error::other)?;
+        let work = move || serve(&inbox, &answers, &alone, &flag, &waker);
+        std::thread::Builder::new().name("thumbnails".into()).spawn(work)?;
+        Ok(Self { requests, decoded, kept: HashMap::new(), n_waiting: 0, stands_back })
     }
 
-    /// A frame's thumbnail if it is known; asks for it if it is not and `may_decode`.
+    /// Whether the thread leaves the cores to somebody who needs them more.
+    pub fn stand_back(&self, stands_back: bool) {
+        // Relaxed: the flag stands for itself.
+        self.stands_back.store(stands_back, Ordering::Relaxed);
+    }
+
+    /// Frames that are kept.
+    pub fn n_kept(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// A frame's photograph if it is known; asks for it if it is not and `may_decode`.
     pub fn get(
         &mut self,
         context: &Context,
         frame: &FrameRef,
         may_decode: bool,
     ) -> Option<&TextureHandle> {
+        self.look_up(context, frame, may_decode.then_some(Part::Photo)).photo
+    }
+
+    /// What is known of a frame's photograph and depth; asks for what is not.
+    pub fn pictures(&mut self, context: &Context, frame: &FrameRef) -> FramePictures<'_> {
+        self.look_up(context, frame, Some(Part::PhotoAndDepth))
+    }
+
+    fn look_up(
+        &mut self,
+        context: &Context,
+        frame: &FrameRef,
+        wanted: Option<Part>,
+    ) -> FramePictures<'_> {
         self.take(context);
-        let position = frame.position();
-        if let Entry::Vacant(vacant) = self.textures.entry(position)
-            && may_decode
-            && self.n_waiting < MAX_WAITING
+        let (position, pass) = (frame.position(), context.cumulative_pass_nr());
+        let known = self.kept.get(&position).map(|kept| kept.part);
+        if let Some(part) = wanted
+            && known.is_none_or(|known| known == Part::Photo && part == Part::PhotoAndDepth)
         {
-            match self.requests.try_send(frame.clone()) {
-                Ok(()) => {
-                    vacant.insert(None);
-                    self.n_waiting += 1;
-                }
-                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
-            }
+            self.ask(frame, part, pass);
         }
-        self.textures.get(&position)?.as_ref()
+        let Some(kept) = self.kept.get_mut(&position) else { return FramePictures::default() };
+        kept.used_in = pass;
+        FramePictures {
+            photo: kept.photo.as_ref(),
+            depth: kept.depth.as_ref(),
+            problem: kept.problem.as_deref(),
+        }
+    }
+
+    fn ask(&mut self, frame: &FrameRef, part: Part, pass: u64) {
+        let position = frame.position();
+        let is_new = !self.kept.contains_key(&position);
+        if self.n_waiting == MAX_WAITING || is_new && !self.make_room(pass) {
+            return;
+        }
+        match self.requests.try_send((frame.clone(), part)) {
+            Ok(()) => {
+                self.n_waiting += 1;
+                let new = Kept { part, used_in: pass, photo: None, depth: None, problem: None };
+                self.kept.entry(position).or_insert(new).part = part;
+            }
+            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+        }
+    }
+
+    /// Forgets what was looked at longest ago where one more would be too many; whether there is room.
+    fn make_room(&mut self, pass: u64) -> bool {
+        if self.kept.len() < MAX_KEPT {
+            return true;
+        }
+        let oldest = self.kept.iter().min_by_key(|(_, kept)| kept.used_in);
+        // What was on screen in the pass before is there in this one too.
+        let oldest = oldest.filter(|(_, kept)| kept.used_in + 1 < pass);
+        match oldest.map(|(&position, _)| position) {
+            Some(position) => self.kept.remove(&position).is_some(),
+            None => false,
+        }
     }
 
     fn take(&mut self, context: &Context) {
-        while let Ok((position, image)) = self.decoded.try_recv() {
+        while let Ok(Decoded { position, photo, depth, problem }) = self.decoded.try_recv() {
             self.n_waiting = self.n_waiting.saturating_sub(1);
-            let name = format!("thumbnail {position:?}");
-            let texture =
-                image.map(|image| context.load_texture(name, image, TextureOptions::LINEAR));
-            self.textures.insert(position, texture);
+            let load = |what: &str, image: ColorImage| {
+                let name = format!("{what} {position:?}");
+                context.load_texture(name, image, TextureOptions::LINEAR)
+            };
+            // What was forgotten meanwhile is on screen no more.
+            if let Some(kept) = self.kept.get_mut(&position) {
+                kept.photo = photo.map(|image| load("photograph", image));
+                kept.depth = depth.map(|image| load("depth", image));
+                kept.problem = problem;
+            }
         }
     }
 }
 
+/// Decodes what is asked for until nobody asks any more.
+fn serve(
+    inbox: &Receiver<(FrameRef, Part)>,
+    answers: &SyncSender<Decoded>,
+    alone: &rayon::ThreadPool,
+    stands_back: &AtomicBool,
+    waker: &Waker,
+) {
+    while let Ok((frame, part)) = inbox.recv() {
+        let started = Instant::now();
+        let decoded = alone.install(|| decode(&frame, part));
+        let rest_until = Instant::now() + started.elapsed() * REST;
+        if answers.send(decoded).is_err() {
+            return;
+        }
+        if !stands_back.load(Ordering::Relaxed) {
+            waker();
+        }
+        while stands_back.load(Ordering::Relaxed) && Instant::now() < rest_until {
+            std::thread::sleep(LOOK);
+        }
+    }
+}
+
+fn decode(frame: &FrameRef, part: Part) -> Decoded {
+    let position = frame.position();
+    let photo_alone = || {
+        let color = frame.entry().load_color().map_err(|error| error.to_string());
+        color.map(|color| (color, None))
+    };
+    // Together: a frame is whole or of no use, and the reason is that of a skipped frame.
+    let whole = || {
+        let loaded = frame.dataset().load(position.0, position.1);
+        loaded.map(|frame| (frame.color, frame.depth)).map_err(|error| error.to_string())
+    };
+    let (loaded, problem) = match part {
+        Part::Photo => (photo_alone(), None),
+        Part::PhotoAndDepth => match whole() {
+            // Of a frame without depth the photograph still tells which one it is.
+            Err(problem) => (photo_alone(), Some(problem)),
+            loaded => (loaded, None),
+        },
+    };
+    match loaded {
+        Ok((color, depth)) => {
+            let size = [color.width, color.height];
+            let photo = shrink(size, |column, row| *color.at(column, row));
+            let depth = depth.as_ref().map(depth_picture);
+            Decoded { position, photo: Some(photo), depth, problem }
+        }
+        Err(error) => {
+            Decoded { position, photo: None, depth: None, problem: problem.or(Some(error)) }
+        }
+    }
+}
+
+/// Side of the blocks of pixels that become one, and the size of what they become.
+fn reduced(size: [usize; 2]) -> (usize, [usize; 2]) {
+    let factor = size[0].max(size[1]).div_ceil(MAX_SIDE).max(1);
+    (factor, size.map(|side| (side / factor).max(1)))
+}
+
 /// Means over blocks of pixels; what is transparent becomes dark.
 fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) -> ColorImage {
-    let factor = width.max(height).div_ceil(MAX_SIDE).max(1);
-    let size = [width, height].map(|side| (side / factor).max(1));
+    let (factor, size) = reduced([width, height]);
     let mut pixels = Vec::with_capacity(size[0] * size[1]);
     for row in 0..size[1] {
         for column in 0..size[0] {
@@ -103,9 +274,32 @@ fn shrink([width, height]: [usize; 2], pixel: impl Fn(usize, usize) -> [u8; 4]) 
     ColorImage::new(size, pixels)
 }
 
+/// Depth as colours of its own range, but for the few nearest and farthest values. One pixel stands for a
+/// block: a mean over an edge would be a surface that is not there.
+fn depth_picture(depth: &Depth) -> ColorImage {
+    let (width, height) = depth.size();
+    let (factor, size) = reduced([width, height]);
+    let middle = |i: usize, side: usize| (i * factor + factor / 2).min(side - 1);
+    let places = (0..size[1]).flat_map(|row| (0..size[0]).map(move |column| (column, row)));
+    let values: Vec<Option<f64>> =
+        places.map(|(x, y)| depth.value_at(middle(x, width), middle(y, height))).collect();
+    let mut known: Vec<f64> = values.iter().flatten().copied().collect();
+    known.sort_by(f64::total_cmp);
+    let [near, far] = [0.02, 0.98].map(|q| quantile(&known, q));
+    let span = (far - near).max(f64::MIN_POSITIVE);
+    let color = |value: f64| {
+        let [r, g, b] = ramp(((value - near) / span) as f32).map(|c| (255.0 * c).round() as u8);
+        Color32::from_rgb(r, g, b)
+    };
+    ColorImage::new(size, values.into_iter().map(|value| value.map_or(HOLE, color)).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::depth::{DepthCodes, DepthKind};
+    use crate::math::image::Image;
+    use crate::pipeline::demo;
 
     #[test]
     fn thumbnails_keep_shape_and_mean() {
@@ -117,5 +311,47 @@ mod tests {
         assert_eq!(image.size, [160, 120]);
         assert_eq!(image.pixels[0], Color32::from_gray(110));
         assert_eq!(shrink([1, 3], |_, _| [9, 9, 9, 0]).pixels, [Color32::BLACK; 3]);
+    }
+
+    #[test]
+    fn depth_runs_from_violet_to_yellow_and_holes_are_dark() {
+        let mut lengths = Image::filled(400, 2, 0.0f32);
+        for row in 0..2 {
+            for column in 1..400 {
+                lengths.data[row * 400 + column] = column as f32;
+            }
+        }
+        let codes = DepthCodes::Lengths(lengths);
+        let depth = Depth { codes, kind: DepthKind::Z, trusted: [0.0, 9e9], metre: 1.0 };
+        let image = depth_picture(&depth);
+        assert_eq!(image.size, [133, 1]);
+        let (near, far) = (image.pixels[0], image.pixels[132]);
+        assert!(near.b() > near.g() && far.r() > 200 && far.g() > 200 && far.b() < 80);
+        let depth = Depth { codes: DepthCodes::Lengths(Image::filled(2, 2, 0.0)), ..depth };
+        assert_eq!(depth_picture(&depth).pixels, [HOLE; 4]);
+    }
+
+    /// As if every frame of a long recording had been scrolled past.
+    #[test]
+    fn what_is_on_screen_stays_and_the_rest_is_bounded() {
+        let dataset = demo::dataset().unwrap();
+        let frame = FrameRef::first(&dataset).unwrap();
+        let mut thumbnails = Thumbnails::start(Arc::new(|| {})).unwrap();
+        let kept = |used_in| Kept {
+            part: Part::PhotoAndDepth,
+            used_in,
+            photo: None,
+            depth: None,
+            problem: None,
+        };
+        thumbnails.kept = (0..MAX_KEPT).map(|i| ((7, i), kept(10 + i as u64))).collect();
+        thumbnails.ask(&frame, Part::PhotoAndDepth, 10);
+        assert!(!thumbnails.kept.contains_key(&frame.position()), "all of them are on screen");
+        thumbnails.ask(&frame, Part::PhotoAndDepth, 12);
+        assert!(thumbnails.kept.contains_key(&frame.position()));
+        assert!(!thumbnails.kept.contains_key(&(7, 0)), "the one looked at longest ago");
+        assert_eq!(thumbnails.n_kept(), MAX_KEPT);
+        let decoded = thumbnails.decoded.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert!(decoded.photo.is_some() && decoded.depth.is_some() && decoded.problem.is_none());
     }
 }

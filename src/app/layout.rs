@@ -1,0 +1,257 @@
+//! What of the window is shown and where, kept between sessions.
+//!
+//! Panels and the picture are tiles of one tree, so that panels go to any side of the picture. The picture
+//! is a tile that is never dragged and never one of several tabs: it cannot be lost. Of a container in which
+//! the picture stands beside others the shares are points: as the window grows and shrinks, panels keep their
+//! size and the picture takes the rest.
+
+use super::stored_text;
+use super::tab::SideTab;
+use eframe::egui::{Id, Vec2};
+use egui_tiles::{Container, LinearDir, Tile, TileId, Tiles, Tree};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeSet, HashSet};
+
+/// Changes with what is stored: an older layout is not mistaken for one of now.
+const VERSION: u32 = 1;
+/// Width of the panels at first, points.
+const WIDTH: f32 = 370.0;
+/// Share of the room that panels have which were just put beside the picture.
+const NEW_SHARE: f32 = 0.24;
+/// Share of the room that panels on one side of the picture have at most, and those on both together.
+const MAX_SHARE: f32 = 0.42;
+const MAX_SHARE_OF_BOTH: f32 = 0.6;
+/// Smaller shares are no points: they come from a container that was just made.
+const MIN_POINTS: f32 = 60.0;
+/// Narrowest panels, points; a window that is smaller gives them what they need to be read.
+const MIN_WIDTH: f32 = 240.0;
+
+/// A part of the window that has a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum DockPane {
+    /// The scene.
+    Picture,
+    /// A panel.
+    Panel(SideTab),
+}
+
+impl DockPane {
+    fn all() -> BTreeSet<Self> {
+        SideTab::ALL.into_iter().map(Self::Panel).chain([Self::Picture]).collect()
+    }
+}
+
+/// The window's parts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WindowLayout {
+    version: u32,
+    /// Whether the strip of frames is open.
+    pub shows_frames: bool,
+    /// Where panels and picture stand.
+    pub tree: Tree<DockPane>,
+}
+
+impl Default for WindowLayout {
+    /// The picture, and beside it every panel as one of several tabs.
+    fn default() -> Self {
+        let mut tiles = Tiles::default();
+        let picture = tiles.insert_pane(DockPane::Picture);
+        let panels = SideTab::ALL.map(|tab| tiles.insert_pane(DockPane::Panel(tab)));
+        let side = tiles.insert_tab_tile(panels.to_vec());
+        let root = tiles.insert_horizontal_tile(vec![picture, side]);
+        if let Some(Tile::Container(Container::Linear(linear))) = tiles.get_mut(root) {
+            linear.shares.set_share(side, WIDTH);
+        }
+        let tree = Tree::new(Id::unique("dock"), root, tiles);
+        Self { version: VERSION, shows_frames: true, tree }
+    }
+}
+
+impl WindowLayout {
+    /// Reads what an earlier session wrote by [`Self::to_text`]. What cannot be read, or lacks a panel,
+    /// falls back to the default, with a text that says so.
+    pub fn from_text(text: &str) -> (Self, Option<String>) {
+        let (read, notice) = stored_text::from_text::<Self>("the layout", text);
+        let found = match &read {
+            _ if notice.is_some() => return (read, notice),
+            Self { version, .. } if *version != VERSION => format!("version {version}"),
+            _ if !is_whole(&read.tree) => {
+                "a layout that lacks a panel or holds one twice".to_owned()
+            }
+            _ => return (read, None),
+        };
+        let notice = format!(
+            "the stored settings of the layout: expected version {VERSION} with every panel once, found {found}; the default is used instead"
+        );
+        (Self::default(), Some(notice))
+    }
+
+    /// For the next session.
+    pub fn to_text(&self) -> Result<String, ron::Error> {
+        ron::to_string(self)
+    }
+
+    /// Turns to a panel, wherever it stands.
+    pub fn show(&mut self, tab: SideTab) {
+        let is_it =
+            |tile: &Tile<DockPane>| matches!(tile, Tile::Pane(DockPane::Panel(of)) if *of == tab);
+        self.tree.make_active(|_, tile| is_it(tile));
+    }
+
+    /// Gives the picture what the panels beside it leave of `size`, points.
+    pub fn fit(&mut self, size: Vec2, gap: f32) {
+        let Some(mut child) = self.tree.tiles.find_pane(&DockPane::Picture) else { return };
+        let mut path = Vec::new();
+        while let Some(parent) = self.tree.tiles.parent_of(child) {
+            path.push((parent, child));
+            child = parent;
+        }
+        let mut room = size;
+        for (parent, child) in path.into_iter().rev() {
+            if let Some(Tile::Container(Container::Linear(linear))) =
+                self.tree.tiles.get_mut(parent)
+            {
+                let is_wide = linear.dir == LinearDir::Horizontal;
+                let length = if is_wide { &mut room.x } else { &mut room.y };
+                let others: Vec<TileId> =
+                    linear.children.iter().copied().filter(|&id| id != child).collect();
+                let gaps = gap * others.len() as f32;
+                *length = fit_beside(&mut linear.shares, child, &others, *length - gaps);
+            }
+        }
+    }
+}
+
+/// Sets the shares of a container, in points: `others` keep theirs as far as there is room, `child` has the
+/// rest, which is returned.
+fn fit_beside(
+    shares: &mut egui_tiles::Shares,
+    child: TileId,
+    others: &[TileId],
+    length: f32,
+) -> f32 {
+    let mut sum = 0.0;
+    for &other in others {
+        let share = shares[other];
+        if !share.is_finite() || share < MIN_POINTS {
+            shares.set_share(other, NEW_SHARE * length);
+        }
+        sum += shares[other];
+    }
+    let share = if others.len() > 1 { MAX_SHARE_OF_BOTH } else { MAX_SHARE };
+    let most = (share * length).max(MIN_WIDTH.min(0.6 * length)).max(0.0);
+    if sum > most {
+        others.iter().for_each(|&other| shares[other] *= most / sum);
+        sum = most;
+    }
+    let rest = (length - sum).max(0.0);
+    shares.set_share(child, rest);
+    rest
+}
+
+/// Whether a tree holds every pane once, the picture beside no other tab, and nothing that cannot be reached.
+pub fn is_whole(tree: &Tree<DockPane>) -> bool {
+    let Some(root) = tree.root() else { return false };
+    let (mut seen, mut panes, mut waiting) = (HashSet::new(), BTreeSet::new(), vec![root]);
+    while let Some(id) = waiting.pop() {
+        // Also ends where a container holds itself, which egui would follow for ever.
+        if !seen.insert(id) {
+            return false;
+        }
+        match tree.tiles.get(id) {
+            None => return false,
+            Some(Tile::Pane(pane)) if !panes.insert(*pane) || !tree.is_visible(id) => return false,
+            Some(Tile::Pane(_)) => {}
+            Some(Tile::Container(container)) => waiting.extend(container.children()),
+        }
+    }
+    panes == DockPane::all() && !is_hidden(tree)
+}
+
+/// Whether the picture is one of several tabs, of which another one can be in front.
+fn is_hidden(tree: &Tree<DockPane>) -> bool {
+    let picture = tree.tiles.find_pane(&DockPane::Picture);
+    let ancestors = std::iter::successors(picture, |&id| tree.tiles.parent_of(id)).skip(1);
+    let mut containers = ancestors.filter_map(|id| tree.tiles.get_container(id));
+    containers.any(|container| match container {
+        Container::Tabs(tabs) => tabs.children.len() > 1,
+        Container::Linear(_) | Container::Grid(_) => false,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn width_of(layout: &WindowLayout, pane: DockPane) -> f32 {
+        let tiles = &layout.tree.tiles;
+        let mut id = tiles.find_pane(&pane).unwrap();
+        loop {
+            let parent = tiles.parent_of(id).unwrap();
+            match tiles.get_container(parent).unwrap() {
+                Container::Linear(linear) => return linear.shares[id],
+                _ => id = parent,
+            }
+        }
+    }
+
+    #[test]
+    fn layouts_survive_a_restart() {
+        let mut layout = WindowLayout { shows_frames: false, ..WindowLayout::default() };
+        layout.show(SideTab::Inspector);
+        layout.fit(Vec2::new(1000.0, 600.0), 0.0);
+        let (read, notice) = WindowLayout::from_text(&layout.to_text().unwrap());
+        assert_eq!((read, notice), (layout, None));
+    }
+
+    #[test]
+    fn broken_and_older_layouts_fall_back_and_say_so() {
+        let good = WindowLayout::default();
+        let older = WindowLayout { version: 0, ..good.clone() };
+        let mut lacking = good.clone();
+        let inspector = DockPane::Panel(SideTab::Inspector);
+        let id = lacking.tree.tiles.find_pane(&inspector).unwrap();
+        lacking.tree.remove_recursively(id);
+        let mut twice = good.clone();
+        let root = twice.tree.root().unwrap();
+        let again = twice.tree.tiles.insert_pane(inspector);
+        twice.tree.move_tile_to_container(again, root, 0, false);
+        let mut buried = good.clone();
+        let picture = buried.tree.tiles.find_pane(&DockPane::Picture).unwrap();
+        let id = buried.tree.tiles.find_pane(&inspector).unwrap();
+        let tabs = buried.tree.tiles.parent_of(id).unwrap();
+        buried.tree.move_tile_to_container(picture, tabs, 0, false);
+        let mut circle = good.clone();
+        if let Some(Tile::Container(Container::Linear(root))) = circle.tree.tiles.get_mut(root) {
+            let own = circle.tree.root.unwrap();
+            root.children.push(own);
+        }
+        let mut texts: Vec<String> =
+            [older, lacking, twice, buried, circle].map(|l| l.to_text().unwrap()).into();
+        texts.extend(["", "(version: 1)", "no RON at all"].map(str::to_owned));
+        for text in texts {
+            let (read, notice) = WindowLayout::from_text(&text);
+            assert_eq!(read, good, "{text}");
+            assert!(notice.is_some_and(|notice| notice.contains("used instead")), "{text}");
+        }
+    }
+
+    #[test]
+    fn panels_keep_their_width_and_the_picture_takes_the_rest() {
+        let mut layout = WindowLayout::default();
+        let panel = DockPane::Panel(SideTab::Quality);
+        for (width, expected) in [(1280.0, 370.0), (2000.0, 370.0), (700.0, 294.0)] {
+            layout.fit(Vec2::new(width, 600.0), 0.0);
+            assert_eq!(width_of(&layout, panel), expected, "{width}");
+            assert_eq!(width_of(&layout, DockPane::Picture), width - expected, "{width}");
+        }
+        // As after a panel was dropped on the other side of the picture.
+        let id = layout.tree.tiles.find_pane(&panel).unwrap();
+        let root = layout.tree.root().unwrap();
+        layout.tree.move_tile_to_container(id, root, 0, false);
+        layout.fit(Vec2::new(2000.0, 600.0), 0.0);
+        assert_eq!(width_of(&layout, panel), NEW_SHARE * 2000.0);
+        let others = width_of(&layout, DockPane::Panel(SideTab::Scene));
+        assert_eq!(width_of(&layout, DockPane::Picture), 2000.0 - others - NEW_SHARE * 2000.0);
+    }
+}

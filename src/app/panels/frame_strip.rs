@@ -1,0 +1,221 @@
+//! The strip of the dataset's frames: which they are, which were trained and how well, and cameras to look
+//! through.
+//!
+//! Only frames that are on screen are laid out, looked up and decoded: 10,000 cost what 20 do.
+
+use super::frame_cell::{FrameCell, described, draw};
+use super::signal_color::SignalColor;
+use crate::app::command::UiCommand;
+use crate::app::frame_outcomes::{FrameOutcomes, FrameState};
+use crate::app::quality::QualityMonitor;
+use crate::app::state::{Opened, RunState, Snapshot};
+use crate::app::viewer::frame_refs::FrameRef;
+use crate::app::viewer::thumbnails::Thumbnails;
+use crate::app::wording;
+use eframe::egui::scroll_area::{DragScroll, ScrollSource};
+use eframe::egui::{
+    Button, Label, Rangef, Rect, Response, RichText, Role, ScrollArea, Sense, Ui, Vec2, WidgetInfo,
+    pos2,
+};
+
+/// Lowest and highest strip, with its line, points.
+pub const HEIGHTS: Rangef = Rangef { min: 76.0, max: 320.0 };
+/// Size of the text above the frames, points.
+const SIZE: f32 = 11.0;
+/// Narrowest frame, points: its number and its error stand side by side.
+const MIN_WIDTH: f32 = 56.0;
+
+/// What the strip shows.
+pub struct StripContext<'a> {
+    /// The run.
+    pub snapshot: &'a Snapshot,
+    /// What is open.
+    pub opened: &'a Opened,
+    /// What became of its frames.
+    pub outcomes: &'a FrameOutcomes,
+    /// What is known of views that training does not take.
+    pub quality: &'a QualityMonitor,
+    /// The camera that is looked through.
+    pub shown: Option<&'a FrameRef>,
+}
+
+/// What the user asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StripAnswer {
+    /// To fold the strip away, or to open it.
+    Fold,
+    /// To look through a camera.
+    Show(FrameRef),
+    /// To look through it as long as the pointer is held down.
+    Preview(FrameRef),
+}
+
+/// Where the strip is scrolled to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StripPosition {
+    /// Serial of what is open, and the place of the frame that it was scrolled to last.
+    scrolled_to: Option<(u64, usize)>,
+}
+
+/// Draws the line above the frames: how the run takes them, and what came of it.
+pub fn line(context: &StripContext<'_>, is_open: bool, ui: &mut Ui) -> Option<StripAnswer> {
+    let StripContext { snapshot, opened, .. } = context;
+    let mut asked = None;
+    ui.horizontal(|ui| {
+        let command = UiCommand::FrameStrip;
+        let button = Button::selectable(is_open, command.label()).small();
+        if ui.add(button).on_hover_text(command.hint(ui.ctx())).clicked() {
+            asked = Some(StripAnswer::Fold);
+        }
+        let live = live(snapshot);
+        if let Some((text, hint)) = &live {
+            let color = SignalColor::Green.on(ui.visuals().dark_mode);
+            ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
+        }
+        if !snapshot.skipped.is_empty() {
+            let color = SignalColor::Red.on(ui.visuals().dark_mode);
+            let text = format!("{} skipped", snapshot.skipped.len());
+            let hint = "Frames that could not be used are crossed out; why is told where the pointer rests on them";
+            ui.label(RichText::new(text).size(SIZE).color(color)).on_hover_text(hint);
+        }
+        if let (Some(plan), Some(selection)) = (&opened.plan, &opened.selection) {
+            let order = RichText::new(wording::run_order(selection, plan)).size(SIZE).weak();
+            let hint = match &plan.held_out {
+                Some(why) => format!("Held out: {why}"),
+                None => "The order in which frames are trained".to_owned(),
+            };
+            ui.add(Label::new(order).truncate()).on_hover_text(hint);
+        }
+    });
+    asked
+}
+
+/// How a recording is followed just now, and where it lies.
+fn live(snapshot: &Snapshot) -> Option<(String, String)> {
+    let followed = snapshot.followed.as_ref()?;
+    let path = followed.path.display().to_string();
+    let ahead = snapshot.n_frames.saturating_sub(snapshot.frames_done + snapshot.skipped.len());
+    let text = match (&followed.problem, followed.is_waiting) {
+        (Some(_), _) => "Live: nothing can be read".to_owned(),
+        (None, true) => "Live: waiting for the next frame".to_owned(),
+        (None, false) => format!("Live: {ahead} frames to catch up"),
+    };
+    Some((text, followed.problem.clone().unwrap_or(path)))
+}
+
+/// Draws the frames in the room that is left.
+pub fn ui(
+    context: &StripContext<'_>,
+    position: &mut StripPosition,
+    mut thumbnails: Option<&mut Thumbnails>,
+    ui: &mut Ui,
+) -> Option<StripAnswer> {
+    let dataset = context.opened.dataset.as_ref()?;
+    let n = dataset.splits.iter().map(|split| split.frames.len()).sum::<usize>();
+    let (view, height) = (ui.available_rect_before_wrap(), ui.available_height());
+    let width = width_of(context.opened, height);
+    ui.style_mut().always_scroll_the_only_direction = true;
+    // Frames that are dragged over are cameras to preview.
+    let source = ScrollSource { drag: DragScroll::Never, ..ScrollSource::default() };
+    let mut area = ScrollArea::horizontal().auto_shrink(false).scroll_source(source);
+    if let Some(number) = follow(context, position, ui.rect_contains_pointer(view)) {
+        let middle = (number as f32 + 0.5) * width;
+        let last = (n as f32 * width - view.width()).max(0.0);
+        area = area.horizontal_scroll_offset((middle - 0.5 * view.width()).clamp(0.0, last));
+    }
+    let mut asked = None;
+    area.show_viewport(ui, |ui, shown| {
+        ui.set_min_size(Vec2::new(n as f32 * width, height));
+        let start = ui.min_rect().left_top();
+        let first = (shown.left() / width).floor().max(0.0) as usize;
+        let end = ((shown.right() / width).ceil().max(0.0) as usize).min(n);
+        for number in first..end {
+            let Some(frame) = FrameRef::numbered(dataset, number) else { continue };
+            let corner = pos2(start.x + number as f32 * width, start.y);
+            let rect = Rect::from_min_size(corner, Vec2::new(width, height));
+            let response = cell(context, &frame, thumbnails.as_deref_mut(), rect, ui);
+            if response.clicked() {
+                asked = Some(StripAnswer::Show(frame));
+            } else if let Some(pointer) = response.interact_pointer_pos()
+                && response.dragged()
+            {
+                let at = ((pointer.x - start.x) / width).clamp(0.0, (n - 1) as f32) as usize;
+                asked = FrameRef::numbered(dataset, at).map(StripAnswer::Preview);
+            }
+        }
+    });
+    asked
+}
+
+/// Width of a frame in a strip of this height, points.
+fn width_of(opened: &Opened, height: f32) -> f32 {
+    let first = opened.dataset.as_ref().and_then(FrameRef::first);
+    let aspect = first.map_or(1.0, |frame| {
+        let k = frame.entry().camera.intrinsics;
+        k.width as f32 / k.height as f32
+    });
+    FrameCell::width(height, aspect).max(MIN_WIDTH)
+}
+
+/// The frame to scroll to, where another one is looked through or trained than before. While the pointer
+/// is over the strip it stays where it is.
+fn follow(
+    context: &StripContext<'_>,
+    position: &mut StripPosition,
+    is_used: bool,
+) -> Option<usize> {
+    let StripContext { snapshot, opened, outcomes, shown, .. } = context;
+    let trained = || {
+        let latest = outcomes.latest().filter(|_| snapshot.state == RunState::Training)?;
+        FrameRef::trained(opened, latest)
+    };
+    let number = shown.map(FrameRef::number).or_else(|| trained().map(|frame| frame.number()))?;
+    let to = Some((opened.serial, number));
+    if is_used || position.scrolled_to == to {
+        return None;
+    }
+    position.scrolled_to = to;
+    Some(number)
+}
+
+/// One frame.
+fn cell(
+    context: &StripContext<'_>,
+    frame: &FrameRef,
+    thumbnails: Option<&mut Thumbnails>,
+    rect: Rect,
+    ui: &mut Ui,
+) -> Response {
+    let StripContext { opened, outcomes, quality, shown, .. } = context;
+    let entry = frame.entry();
+    let state = outcomes.of(frame.position(), &entry.name);
+    let (split, index) = frame.position();
+    let evaluated = quality.evaluation().filter(|evaluation| evaluation.split == split);
+    let measured = evaluated.and_then(|_| quality.views().iter().find(|view| view.index == index));
+    let pictures = thumbnails.map(|thumbnails| thumbnails.pictures(ui.ctx(), frame));
+    let latest = outcomes.latest();
+    let is_latest = match state {
+        FrameState::Trained(position, _) => latest == Some(position),
+        _ => false,
+    };
+    let is_shown = shown.is_some_and(|shown| shown.position() == frame.position());
+    let cell = FrameCell {
+        frame,
+        state,
+        measured,
+        pictures: pictures.unwrap_or_default(),
+        is_latest,
+        is_shown,
+        is_first_of_split: index == 0
+            && opened.dataset.as_ref().is_some_and(|d| d.splits.len() > 1),
+    };
+    // No stop of Tab: frames are stepped through by keys of their own.
+    let id = ui.scope_id().with(("frame", frame.number()));
+    let response = ui.interact(rect, id, Sense::CLICK | Sense::DRAG);
+    let label = format!("Frame {}", frame.number() + 1);
+    response.widget_info(|| WidgetInfo::selected(Role::Button, true, is_shown, &label));
+    draw(&cell, &response, ui);
+    response.on_hover_ui(|ui| {
+        ui.label(described(&cell));
+    })
+}

@@ -1,0 +1,193 @@
+//! Where panels and picture stand: tiles that the user rearranges by dragging tabs.
+
+use super::Studio;
+use crate::app::layout::{DockPane, WindowLayout, is_whole};
+use crate::app::state::Snapshot;
+use crate::app::viewer::toolbar;
+use eframe::egui::containers::panel::PanelState;
+use eframe::egui::{
+    Align2, CentralPanel, Color32, CursorIcon, Frame, Id, LayerId, Margin, Order, Painter, Panel,
+    Rect, Response, Role, Sense, Stroke, StrokeKind, Style, TextStyle, TextWrapMode, Ui, UiBuilder,
+    Vec2, Visuals, WidgetInfo, WidgetText,
+};
+use egui_tiles::{
+    Behavior, EditAction, ResizeState, SimplificationOptions, TabState, Tabs, TileId, Tiles, Tree,
+    UiResponse,
+};
+
+/// Width of the line between tiles, points.
+const GAP: f32 = 1.0;
+/// No panel becomes smaller by dragging, points.
+const MIN_SIZE: f32 = 120.0;
+/// Room around what a panel holds, and around the name of a tab, points.
+const MARGIN: Margin = Margin { left: 8, right: 4, top: 4, bottom: 2 };
+const TAB_MARGIN: Vec2 = Vec2::new(6.0, 2.0);
+
+/// What the tiles ask of the window while they are drawn.
+struct Dock<'a> {
+    studio: &'a mut Studio,
+    snapshot: &'a Snapshot,
+    picture: Option<TileId>,
+    /// Where the picture goes. It is drawn after the panels, by the settings that they leave.
+    place: Option<Rect>,
+    is_dropped: bool,
+}
+
+impl Dock<'_> {
+    fn holds_picture(&self, tiles: &Tiles<DockPane>, id: TileId) -> bool {
+        let is_it = |id: TileId| self.picture == Some(id);
+        is_it(id) || self.picture.and_then(|picture| tiles.parent_of(picture)) == Some(id)
+    }
+}
+
+impl Behavior<DockPane> for Dock<'_> {
+    fn pane_ui(&mut self, ui: &mut Ui, _: TileId, pane: &mut DockPane) -> UiResponse {
+        match *pane {
+            DockPane::Picture => self.place = Some(ui.max_rect()),
+            DockPane::Panel(tab) => {
+                let content = Frame::NONE.inner_margin(MARGIN);
+                content.show(ui, |ui| self.studio.panel(tab, ui, self.snapshot));
+            }
+        }
+        UiResponse::None
+    }
+
+    fn tab_title_for_pane(&mut self, pane: &DockPane) -> WidgetText {
+        match pane {
+            DockPane::Picture => "Picture".into(),
+            DockPane::Panel(tab) => tab.label().into(),
+        }
+    }
+
+    /// As the window's other buttons of which one is on.
+    fn tab_ui(
+        &mut self,
+        tiles: &mut Tiles<DockPane>,
+        ui: &mut Ui,
+        id: Id,
+        tile: TileId,
+        state: &TabState,
+    ) -> Response {
+        let title = self.tab_title_for_tile(tiles, tile);
+        let font = TextStyle::Button.resolve(ui.style());
+        let text = title.into_galley(ui, Some(TextWrapMode::Extend), f32::INFINITY, font);
+        let size = text.size() + 2.0 * TAB_MARGIN;
+        let (_, place) = ui.allocate_space(Vec2::new(size.x, ui.available_height()));
+        let rect = Align2::CENTER_CENTER.align_size_within_rect(size, place);
+        let response = ui.interact(rect, id, Sense::click_and_drag());
+        let is_enabled = ui.is_enabled();
+        response.widget_info(|| {
+            WidgetInfo::selected(Role::Button, is_enabled, state.active, text.text())
+        });
+        let look = ui.style().interact_selectable(&response, state.active);
+        if state.active || response.hovered() || response.has_focus() {
+            let (radius, stroke) = (look.corner_radius, look.bg_stroke);
+            ui.painter().rect(rect, radius, look.weak_bg_fill, stroke, StrokeKind::Inside);
+        }
+        ui.painter().galley(rect.min + TAB_MARGIN, text, look.text_color());
+        let hint = "Drag it beside the picture, beside other panels, or among their tabs";
+        response.on_hover_cursor(CursorIcon::Grab).on_hover_text(hint)
+    }
+
+    fn tab_bar_left_ui(&mut self, _: &Tiles<DockPane>, ui: &mut Ui, _: TileId, _: &Tabs) {
+        ui.add_space(f32::from(MARGIN.left) - TAB_MARGIN.x);
+    }
+
+    fn is_tile_draggable(&self, tiles: &Tiles<DockPane>, id: TileId) -> bool {
+        !self.holds_picture(tiles, id)
+    }
+
+    fn is_tab_bar_visible(&self, _: TileId, tabs: &Tabs) -> bool {
+        !self.picture.is_some_and(|picture| tabs.children.contains(&picture))
+    }
+
+    fn simplification_options(&self) -> SimplificationOptions {
+        // A panel alone has its tab too: it is its name, and what it is dragged by.
+        SimplificationOptions { all_panes_must_have_tabs: true, ..Default::default() }
+    }
+
+    fn tab_bar_color(&self, _: &Visuals) -> Color32 {
+        // Nothing is filled twice: the window is cleared to the panels' colour.
+        Color32::TRANSPARENT
+    }
+
+    fn gap_width(&self, _: &Style) -> f32 {
+        GAP
+    }
+
+    fn min_size(&self) -> f32 {
+        MIN_SIZE
+    }
+
+    fn resize_stroke(&self, style: &Style, state: ResizeState) -> Stroke {
+        match state {
+            ResizeState::Idle => style.visuals.widgets.noninteractive.bg_stroke,
+            ResizeState::Hovering => style.visuals.widgets.hovered.fg_stroke,
+            ResizeState::Dragging => style.visuals.widgets.active.fg_stroke,
+        }
+    }
+
+    /// Over the picture, which is drawn after the tiles.
+    fn paint_drag_preview(
+        &self,
+        visuals: &Visuals,
+        painter: &Painter,
+        _: Option<Rect>,
+        preview: Rect,
+    ) {
+        let layer = LayerId::new(Order::Foreground, Id::unique("dock preview"));
+        let painter = painter.ctx().layer_painter(layer);
+        let (fill, stroke) = (self.drag_preview_color(visuals), self.drag_preview_stroke(visuals));
+        painter.rect(preview, 1.0, fill, stroke, StrokeKind::Inside);
+    }
+
+    fn on_edit(&mut self, action: EditAction) {
+        self.is_dropped |= action == EditAction::TileDropped;
+    }
+}
+
+impl Studio {
+    /// Draws panels and picture in all room that is left.
+    pub(super) fn tiles(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
+        self.layout.fit(ui.available_size(), GAP);
+        let before = self.layout.tree.clone();
+        let nothing = Tree::empty(before.id());
+        let mut tree = std::mem::replace(&mut self.layout.tree, nothing);
+        let picture = tree.tiles.find_pane(&DockPane::Picture);
+        let mut dock = Dock { studio: self, snapshot, picture, place: None, is_dropped: false };
+        tree.ui(&mut dock, ui);
+        let Dock { place, is_dropped, .. } = dock;
+        // Dropped on the picture's middle a panel would hide it behind a tab.
+        self.layout.tree = if is_dropped && !is_whole(&tree) { before } else { tree };
+        let Some(place) = place else { return };
+        let mut ui = ui.new_child(UiBuilder::new().max_rect(place).id_salt("picture"));
+        ui.set_clip_rect(place);
+        self.picture(&mut ui, frame, snapshot);
+    }
+
+    /// The scene, with its bar above and what lies over it.
+    fn picture(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
+        if let Some(opened) = &snapshot.opened {
+            let asked = Panel::top("viewport bar").frame(frame).show(ui, |ui| {
+                ui.add_space(2.0);
+                let asked = toolbar::ui(&mut self.view, snapshot, opened, ui);
+                ui.add_space(2.0);
+                asked
+            });
+            if let Some(command) = asked.inner {
+                self.apply_command(command, snapshot);
+            }
+        }
+        // The last panel: egui gives it the room that those before have left.
+        CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
+            self.central_view(ui, snapshot);
+            self.notices.ui(snapshot, ui);
+        });
+    }
+
+    /// Everything where a fresh start has it.
+    pub(super) fn reset_layout(&mut self) {
+        self.layout = WindowLayout::default();
+        self.egui.data_mut(|data| data.remove_by_type::<PanelState>());
+    }
+}

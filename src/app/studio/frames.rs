@@ -1,0 +1,75 @@
+//! The strip of frames at the bottom, and the cameras that it previews.
+
+use super::Studio;
+use crate::app::panels::frame_strip::{self, StripAnswer, StripContext};
+use crate::app::state::{RunState, Snapshot};
+use eframe::egui::{Frame, Panel, Ui};
+
+/// Share of the window's height that the strip takes at first, and at most.
+const SHARE: f32 = 0.16;
+const MAX_SHARE: f32 = 0.4;
+
+impl Studio {
+    /// Draws the strip where the frames of a dataset are open.
+    pub(super) fn frame_strip(&mut self, ui: &mut Ui, frame: Frame, snapshot: &Snapshot) {
+        let Some(opened) = snapshot.opened.as_ref().filter(|opened| opened.dataset.is_some())
+        else {
+            return;
+        };
+        self.strip.outcomes.take(snapshot);
+        let shown = self.view.frame_ref().cloned();
+        let is_open = self.layout.shows_frames;
+        let mut thumbnails = self.view.thumbnails(opened);
+        if let Some(thumbnails) = &thumbnails {
+            thumbnails.stand_back(snapshot.state == RunState::Training);
+        }
+        let context = StripContext {
+            snapshot,
+            opened,
+            outcomes: &self.strip.outcomes,
+            quality: &self.quality,
+            shown: shown.as_ref(),
+        };
+        let position = &mut self.strip.position;
+        let asked = if is_open {
+            let room = ui.max_rect().height();
+            let heights = frame_strip::HEIGHTS;
+            let highest = (MAX_SHARE * room).clamp(heights.min, heights.max);
+            let panel = Panel::bottom("frames").frame(frame).resizable(true);
+            let panel = panel
+                .size_range(heights.min..=highest)
+                .default_size((SHARE * room).clamp(heights.min, highest));
+            panel.show(ui, |ui| {
+                let folded = frame_strip::line(&context, is_open, ui);
+                frame_strip::ui(&context, position, thumbnails.as_deref_mut(), ui).or(folded)
+            })
+        } else {
+            let panel = Panel::bottom("frames folded").frame(frame);
+            panel.show(ui, |ui| frame_strip::line(&context, is_open, ui))
+        };
+        self.answer_strip(asked.inner, opened.serial, ui);
+    }
+
+    fn answer_strip(&mut self, asked: Option<StripAnswer>, serial: u64, ui: &Ui) {
+        match asked {
+            None => {}
+            Some(StripAnswer::Fold) => self.layout.shows_frames = !self.layout.shows_frames,
+            Some(StripAnswer::Show(frame)) => self.view.stand_at(frame),
+            Some(StripAnswer::Preview(frame)) => {
+                if self.strip.before.is_none() {
+                    self.strip.before = Some((serial, self.view.place_now()));
+                }
+                if self.view.frame_ref() != Some(&frame) {
+                    self.view.stand_at(frame);
+                }
+            }
+        }
+        if ui.input(|i| i.pointer.any_down()) {
+            return;
+        }
+        // What is open may have changed under the hand: there is no way back to a camera of before.
+        if let Some((_, before)) = self.strip.before.take().filter(|(was, _)| *was == serial) {
+            self.view.return_to(before);
+        }
+    }
+}

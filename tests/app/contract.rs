@@ -1,0 +1,211 @@
+//! What the window promises, sentence by sentence, and the tests that hold it to that.
+//!
+//! A promise without a test of its own is not in the table.
+
+use std::fs;
+use std::path::Path;
+
+/// Promises and their tests: `file: test` below `tests/app`, or of unit tests below `src/app`.
+const PROMISES: &[(&str, &[&str])] = &[
+    (
+        "Top: menu and transport (Open, Train/Pause, Step, Reset, Export)",
+        &[
+            "menus.rs: every_command_is_in_one_menu",
+            "menus.rs: menus_do_what_they_say_and_tell_why_they_cannot",
+            "states.rs: a_dataset_goes_through_every_state",
+        ],
+    ),
+    (
+        "Right: tabs Latency, Quality, Scene, Inspector, Settings",
+        &[
+            "states.rs: help_lists_every_shortcut_and_tabs_switch",
+            "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
+            "inspect.rs: a_click_shows_the_posterior_and_escape_forgets_it",
+            "detail.rs: the_papers_settings_are_typed_in_the_panel_trained_by_and_copied",
+        ],
+    ),
+    (
+        "Bottom: frame strip (thumbnails, current frame, error)",
+        &[
+            "frames.rs: a_click_shows_the_camera_and_a_drag_previews_others",
+            "frames.rs: skipped_frames_tell_their_reason_and_trained_ones_how_well",
+            "frames.rs: ten_thousand_frames_cost_what_is_on_screen",
+            "src/app/viewer/thumbnails.rs: what_is_on_screen_stays_and_the_rest_is_bounded",
+            "src/app/frame_outcomes.rs: frames_are_ahead_then_trained_or_skipped_and_others_are_not_taken",
+        ],
+    ),
+    (
+        "Panels dock and their layout persists",
+        &[
+            "dock.rs: panels_are_dragged_beside_the_picture_and_put_back",
+            "dock.rs: a_window_of_any_size_has_its_panels",
+            "src/app/layout.rs: layouts_survive_a_restart",
+            "src/app/layout.rs: broken_and_older_layouts_fall_back_and_say_so",
+            "src/app/layout.rs: panels_keep_their_width_and_the_picture_takes_the_rest",
+        ],
+    ),
+    (
+        "Settings persist (RON)",
+        &[
+            "src/app/training.rs: settings_survive_a_restart",
+            "src/app/viewer/settings.rs: settings_survive_a_restart_but_not_the_colour_mode",
+            "src/app/recent.rs: the_newest_come_first_and_survive_a_restart",
+        ],
+    ),
+    (
+        "States: Empty, Loading, Ready, Training, Paused, Finished, Failed",
+        &[
+            "states.rs: a_dataset_goes_through_every_state",
+            "following.rs: a_recording_is_trained_from_before_its_first_frame_to_its_end",
+            "opening.rs: a_dataset_with_bad_frames_trains_on_the_others_and_counts_them",
+        ],
+    ),
+    (
+        "What each button does in each state is one table in the code",
+        &["src/app/command.rs: in_no_state_is_nothing_possible_and_space_is_never_ambiguous"],
+    ),
+    (
+        "Empty state: a target for dropping a folder, an Open button, the synthetic scene",
+        &["first_minute.rs: the_start_page_says_what_happens_and_how_to_begin"],
+    ),
+    (
+        "Progress is never discarded unasked",
+        &[
+            "states.rs: a_dataset_goes_through_every_state",
+            "saving.rs: closing_goes_on_after_the_file_was_written",
+            "saving.rs: a_minimised_window_with_something_to_lose_comes_up_and_asks",
+            "abandoned.rs: a_killed_run_is_offered_and_goes_on_to_the_same_scene",
+        ],
+    ),
+    (
+        "Space train/pause, . one frame, Ctrl+R, Ctrl+O, Ctrl+E, Ctrl+S, F1 all shortcuts",
+        &[
+            "states.rs: help_lists_every_shortcut_and_tabs_switch",
+            "files.rs: export_writes_the_newest_state_and_the_file_opens_again",
+            "files.rs: a_saved_run_opens_where_it_stopped_and_goes_on",
+        ],
+    ),
+    (
+        "Left drag orbits, right or middle drag pans, wheel dollies, F frames, H goes home",
+        &["camera.rs: the_camera_follows_the_pointer_and_keys"],
+    ),
+    (
+        "Double click sets the pivot on the surface",
+        &["tools.rs: a_double_click_turns_about_the_surface_where_it_is"],
+    ),
+    (
+        "WASD/QE flies, Shift 10 times faster and Ctrl 10 times slower",
+        &["tools.rs: keys_fly_and_with_ctrl_they_fly_slowly_instead_of_saving"],
+    ),
+    (
+        "Tab toggles projected/exact",
+        &[
+            "viewer.rs: tab_toggles_the_renderer_and_leaves_the_focus_alone",
+            "keyboard.rs: tab_is_the_renderers_until_controls_have_the_keyboard",
+        ],
+    ),
+    (
+        "[ ] or the arrow keys step through the dataset's cameras, G compares with the photograph",
+        &[
+            "viewer.rs: photographs_are_stepped_through_and_measured_as_eval_does",
+            "switching.rs: no_camera_outlives_its_dataset",
+        ],
+    ),
+    (
+        "Overlays: camera frusta, grid and axes",
+        &["tools.rs: cameras_and_grid_are_drawn_over_the_scene"],
+    ),
+    (
+        "Colour modes: colour, evidence, uncertainty, per-point ELBO, birth frame, depth, normal",
+        &[
+            "viewer.rs: every_colour_mode_is_offered_or_says_what_is_missing",
+            "inspect.rs: every_colour_that_stands_for_something_is_shown_with_its_legend",
+            "scene.rs: components_become_more_in_every_colour",
+        ],
+    ),
+    (
+        "A draggable wipe between projected and exact, with a difference view",
+        &["viewer.rs: renderers_are_compared_and_the_divider_is_dragged"],
+    ),
+    (
+        "A wipe between render and photograph, with a difference view and the live PSNR",
+        &[
+            "viewer.rs: photographs_are_stepped_through_and_measured_as_eval_does",
+            "compared.rs: a_second_model_is_wiped_to_measured_and_removed",
+        ],
+    ),
+    (
+        "Latency: stages, table of median/p95/max, sort and draw times, CSV",
+        &[
+            "viewer.rs: the_latency_panel_tells_what_drawing_takes",
+            "tools.rs: timings_are_written_beside_the_dataset_and_never_over_a_file",
+            "src/app/panels/latency.rs: frames_are_counted_against_the_budget_and_found_under_the_pointer",
+            "src/app/panels/timings.rs: csv_has_a_column_per_heading",
+        ],
+    ),
+    (
+        "Quality: PSNR/SSIM on held-out views against frames seen and against seconds",
+        &[
+            "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
+            "quality.rs: views_of_a_camera_whose_poses_were_corrected_are_drawn_from_where_it_stood",
+        ],
+    ),
+    (
+        "The viewport re-uploads only components that changed since the last upload",
+        &[
+            "src/app/splat_updates.rs: a_replacement_supersedes_what_waits_and_later_changes_may_add",
+        ],
+    ),
+    (
+        "Training time per frame is the same with the window",
+        &["window.rs: start_up_and_cost_of_the_window"],
+    ),
+    (
+        "Export, Save and Finish always use the trainer's newest state",
+        &[
+            "files.rs: export_writes_the_newest_state_and_the_file_opens_again",
+            "files.rs: a_saved_run_opens_where_it_stopped_and_goes_on",
+        ],
+    ),
+    (
+        "Every failure is a message that says what to do; the app goes on",
+        &[
+            "opening.rs: what_cannot_be_opened_is_said_and_what_was_open_stays",
+            "compared.rs: a_broken_second_model_is_a_notice_and_nothing_else_changes",
+            "crash.rs: a_panic_of_training_saves_the_scene_and_leaves_the_window",
+            "inspect.rs: a_lost_device_ends_the_window_and_not_the_training",
+            "scene.rs: depth_in_a_wrong_unit_is_said",
+        ],
+    ),
+];
+
+/// Whether a file has a test of this name.
+fn has_test(file: &str, name: &str) -> bool {
+    let file = if file.starts_with("src/") { file.to_owned() } else { format!("tests/app/{file}") };
+    let Ok(text) = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(file)) else {
+        return false;
+    };
+    let lines: Vec<&str> = text.lines().map(str::trim).collect();
+    let Some(at) = lines.iter().position(|line| line.starts_with(&format!("fn {name}()"))) else {
+        return false;
+    };
+    // Other attributes may stand between the two.
+    lines[..at]
+        .iter()
+        .rev()
+        .take_while(|line| line.starts_with("#["))
+        .any(|line| *line == "#[test]")
+}
+
+#[test]
+fn every_promise_has_its_tests() {
+    for (promise, tests) in PROMISES {
+        assert!(!tests.is_empty(), "{promise}");
+        for test in *tests {
+            let (file, name) = test.split_once(": ").unwrap();
+            assert!(has_test(file, name), "{promise}: there is no test {test}");
+        }
+    }
+    assert!(!has_test("states.rs", "what_nobody_has_written"));
+    assert!(!has_test("states.rs", "is"), "a function that is no test");
+}

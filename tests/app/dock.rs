@@ -1,0 +1,73 @@
+//! Panels that are dragged to other sides of the picture.
+
+use super::harness::{Window, click, drag_between, window};
+use super::viewer::press;
+use crate::common::adapter::turn;
+use eframe::egui::{Key, PointerButton, Pos2};
+use egui_kittest::kittest::Queryable;
+use vbgs_studio::app::Painting;
+
+fn tab(window: &Window, name: &str) -> Pos2 {
+    window.get_by_label(name).rect().center()
+}
+
+fn drag_tab(window: &mut Window, name: &str, to: Pos2) {
+    let from = tab(window, name);
+    drag_between(window, PointerButton::Primary, from, to);
+    window.run_steps(3);
+}
+
+#[test]
+fn panels_are_dragged_beside_the_picture_and_put_back() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.run_steps(3);
+    let (scene, quality) = (tab(&window, "Scene"), tab(&window, "Quality"));
+    assert_eq!(scene.y, quality.y);
+    assert!(window.query_by_label("Nothing is open.").is_none());
+
+    // To the left of the picture: both are seen at once.
+    drag_tab(&mut window, "Scene", Pos2::new(12.0, 320.0));
+    let moved = tab(&window, "Scene");
+    assert!(moved.x < 200.0, "{moved:?}");
+    assert!(tab(&window, "Quality").x > 600.0, "the others stay");
+    window.get_by_label("Nothing is open.");
+    click(&mut window, "Quality");
+    window.get_by_label_contains("Quality is measured");
+    window.get_by_label("Nothing is open.");
+
+    // Below its neighbours.
+    let settings = tab(&window, "Settings");
+    drag_tab(&mut window, "Inspector", Pos2::new(settings.x, 560.0));
+    let inspector = tab(&window, "Inspector");
+    assert!(inspector.y > settings.y + 100.0, "{inspector:?} below {settings:?}");
+
+    // The picture's middle takes no panel, which would hide it.
+    let path = tab(&window, "Path");
+    drag_tab(&mut window, "Path", Pos2::new(430.0, 320.0));
+    assert_eq!(tab(&window, "Path"), path);
+    window.get_by_label("Your own capture: drop a folder");
+
+    click(&mut window, "View");
+    window.get_by_label_contains("Reset layout").click();
+    window.run_steps(3);
+    for name in ["Latency", "Quality", "Scene", "Inspector", "Path", "Settings"] {
+        assert_eq!(tab(&window, name).y, quality.y, "{name}");
+    }
+    assert_eq!(tab(&window, "Scene"), scene);
+}
+
+#[test]
+fn a_window_of_any_size_has_its_panels() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    press(&mut window, Key::F6);
+    for size in [[1600.0, 1000.0], [640.0, 400.0], [240.0, 60.0], [1000.0, 640.0]] {
+        window.set_size(size.into());
+        window.run_steps(3);
+        window.render().unwrap();
+    }
+    window.run_steps(2);
+    // As wide as before it had no room.
+    assert!(tab(&window, "Latency").x > 500.0);
+}

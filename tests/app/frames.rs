@@ -1,0 +1,141 @@
+//! The strip of frames below the picture.
+
+use super::harness::{PATIENCE, Window, dataset, is, train, wait, wait_for_label, window};
+use super::viewer::{position, press};
+use crate::common::adapter::turn;
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2};
+use egui_kittest::kittest::Queryable;
+use std::fs;
+use std::path::Path;
+use std::time::Instant;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{SyntheticLayout, write};
+
+fn middle(window: &Window, label: &str) -> Pos2 {
+    window.get_by_label(label).rect().center()
+}
+
+fn point_at(window: &mut Window, at: Pos2, pressed: Option<bool>) {
+    window.event(Event::PointerMoved(at));
+    window.step();
+    if let Some(pressed) = pressed {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        window.event(Event::PointerButton { pos: at, button, pressed, modifiers });
+        window.run_steps(2);
+    }
+}
+
+/// Waits for a text that holds another one, such as of a tooltip.
+fn wait_for_text(window: &mut Window, part: &str) {
+    let started = Instant::now();
+    while window.query_all_by_label_contains(part).next().is_none() {
+        assert!(started.elapsed() < PATIENCE, "nothing says `{part}`");
+        window.step();
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn a_click_shows_the_camera_and_a_drag_previews_others() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Some(Subject::Path(dataset(folder.path(), 5)));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    wait_for_label(&mut window, "In the dataset's order, every frame");
+    window.run_steps(2);
+    assert_eq!(position(&window), None);
+    // The first frame is the held-out view, a split of its own.
+    let at = middle(&window, "Frame 3");
+    point_at(&mut window, at, Some(true));
+    point_at(&mut window, at, Some(false));
+    assert_eq!(position(&window), Some((1, 1)));
+
+    let (from, to) = (middle(&window, "Frame 1"), middle(&window, "Frame 5"));
+    point_at(&mut window, from, Some(true));
+    for i in 1..=4 {
+        point_at(&mut window, from.lerp(to, 0.25 * i as f32), None);
+    }
+    window.run_steps(2);
+    assert_eq!(position(&window), Some((1, 3)), "under the pointer");
+    point_at(&mut window, to, Some(false));
+    window.run_steps(2);
+    assert_eq!(position(&window), Some((1, 1)), "where one stood before");
+
+    press(&mut window, Key::T);
+    assert!(window.query_by_label("Frame 1").is_none());
+    wait_for_label(&mut window, "In the dataset's order, every frame");
+    press(&mut window, Key::T);
+    window.get_by_label("Frame 1");
+}
+
+#[test]
+fn skipped_frames_tell_their_reason_and_trained_ones_how_well() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 4);
+    let damaged = depth_of(&path, 2);
+    fs::write(&damaged, b"no image at all").unwrap();
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    wait_for_label(&mut window, "1 skipped");
+    let skipped = window.state().snapshot().skipped[0].message.clone();
+    let at = middle(&window, "Frame 4");
+    point_at(&mut window, at, None);
+    wait_for_text(&mut window, &format!("Skipped: {skipped}"));
+    let at = middle(&window, "Frame 5");
+    point_at(&mut window, at, None);
+    wait_for_text(&mut window, "Trained, number 4 of the run");
+    // The first is the held-out view, which the Quality tab measures.
+    wait(&mut window, "quality", |studio| studio.quality().result().is_some());
+    let psnr = window.state().quality().views()[0].psnr;
+    let at = middle(&window, "Frame 1");
+    point_at(&mut window, at, None);
+    wait_for_text(&mut window, &format!("{psnr:.1} dB, SSIM"));
+    wait_for_text(&mut window, "measured as a held-out view");
+}
+
+/// The depth file of a frame of the training split.
+fn depth_of(path: &Path, index: usize) -> std::path::PathBuf {
+    let dataset =
+        vbgs_studio::dataset::open(path, &vbgs_studio::dataset::LoadOptions::default()).unwrap();
+    let split = dataset.training_split().unwrap();
+    dataset.splits[split].frames[index].depth_path().unwrap().to_owned()
+}
+
+/// Only what is on screen is laid out and decoded.
+#[test]
+fn ten_thousand_frames_cost_what_is_on_screen() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room");
+    let params =
+        SyntheticParams { width: 64, height: 48, n_train: 4, n_eval: 0, seed: 1, depth_noise: 0.0 };
+    write(&params, &path, SyntheticLayout::Nerfstudio, &mut |_, _| {}).unwrap();
+    let file = path.join("transforms.json");
+    let mut json: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
+    let frames = json["frames"].as_array().unwrap().clone();
+    let frame = |i: usize| {
+        let mut frame = frames[i % frames.len()].clone();
+        let photograph = path.join(frame["file_path"].as_str().unwrap());
+        let own = photograph.with_file_name(format!("{i}.png"));
+        fs::hard_link(&photograph, &own).unwrap();
+        frame["file_path"] = own.strip_prefix(&path).unwrap().to_str().unwrap().into();
+        frame
+    };
+    json["frames"] = (0..10_000).map(frame).collect();
+    fs::write(&file, json.to_string()).unwrap();
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    press(&mut window, Key::OpenBracket);
+    window.run_steps(3);
+    let n_frames = window.state().view().frame_ref().unwrap().n_frames();
+    assert!(n_frames >= 10_000, "{n_frames}");
+    window.get_by_label(&format!("Frame {n_frames}"));
+    assert!(window.query_by_label("Frame 1").is_none(), "scrolled past");
+    let laid_out = window.query_all_by_label_contains("Frame ").count();
+    assert!(laid_out < 40, "{laid_out} frames are laid out");
+}
