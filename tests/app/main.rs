@@ -9,6 +9,7 @@ mod common;
 mod compared;
 mod crash;
 mod detail;
+mod editing;
 mod files;
 mod first_minute;
 mod following;

@@ -38,6 +38,14 @@ impl Studio {
             | UiCommand::NextCamera
             | UiCommand::RideAlong
             | UiCommand::Measure
+            | UiCommand::BoxSelect
+            | UiCommand::HideSelected
+            | UiCommand::ShowHidden
+            | UiCommand::DeleteSelected
+            | UiCommand::BringBack
+            | UiCommand::CropBox
+            | UiCommand::Redo
+            | UiCommand::Undo
             | UiCommand::Cameras
             | UiCommand::Grid
             | UiCommand::ComparePhoto => {
@@ -47,7 +55,12 @@ impl Studio {
             }
             UiCommand::CompareModel => self.compare_dialog.show(),
             UiCommand::RemoveModel => self.view.remove_compared(),
-            UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
+            UiCommand::Deselect => {
+                self.worker.send(WorkerOrder::Inspect(None));
+                if let Some(opened) = &snapshot.opened {
+                    self.view.apply(command, opened);
+                }
+            }
             UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
             UiCommand::Find => self.finder.show(),
             UiCommand::FocusControls => self.egui.memory_mut(|memory| match memory.focused() {
@@ -76,7 +89,9 @@ impl Studio {
     pub(super) fn is_possible(&self, action: Action, snapshot: &Snapshot) -> bool {
         match (action, &snapshot.opened) {
             (Action::Command(UiCommand::RemoveModel), _) => self.view.compared().is_some(),
-            (Action::Command(command), _) => command.is_legal(snapshot.state, snapshot.source),
+            (Action::Command(command), _) => {
+                command.is_legal(snapshot.state, snapshot.source) && self.view.is_of_use(command)
+            }
             (Action::Tab(_), _) => true,
             (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened).is_none(),
             (Action::Color(mode), Some(opened)) => mode.why_not(opened.available_modes).is_none(),
