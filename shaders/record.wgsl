@@ -341,6 +341,9 @@ fn outline_of_cone(placed: Placed, k: f32) -> Outline {
 // Colour
 
 fn painted(splat: Splat, placed: Placed) -> vec3<f32> {
+    if all(splat.color == MARK) {
+        return MARK;
+    }
     switch view.paint {
         case PAINT_DEPTH: {
             let ends = view.depth_range;

@@ -39,6 +39,22 @@ pub enum UiCommand {
     RideAlong,
     /// Clicks measure, or select again.
     Measure,
+    /// Drags over the viewport select splats, or turn the camera again.
+    BoxSelect,
+    /// Show what is selected no more.
+    HideSelected,
+    /// Show what was hidden.
+    ShowHidden,
+    /// Leave what is selected out of view and files.
+    DeleteSelected,
+    /// Leave nothing out that was deleted.
+    BringBack,
+    /// Cut the scene by a box, or no longer.
+    CropBox,
+    /// Make the edit again that was taken back last.
+    Redo,
+    /// Take the last edit back.
+    Undo,
     /// Show the dataset's cameras, or hide them.
     Cameras,
     /// Show ground and axes, or hide them.
@@ -67,7 +83,7 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 28] = [
+    pub const ALL: [UiCommand; 36] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -84,6 +100,15 @@ impl UiCommand {
         UiCommand::NextCamera,
         UiCommand::RideAlong,
         UiCommand::Measure,
+        UiCommand::BoxSelect,
+        UiCommand::HideSelected,
+        UiCommand::ShowHidden,
+        UiCommand::DeleteSelected,
+        UiCommand::BringBack,
+        UiCommand::CropBox,
+        // Before `Undo`, whose keys are held too where its own are.
+        UiCommand::Redo,
+        UiCommand::Undo,
         UiCommand::Cameras,
         UiCommand::Grid,
         UiCommand::FrameStrip,
@@ -117,6 +142,14 @@ impl UiCommand {
             UiCommand::NextCamera => "›",
             UiCommand::RideAlong => "Ride along",
             UiCommand::Measure => "Measure",
+            UiCommand::BoxSelect => "Box select",
+            UiCommand::HideSelected => "Hide",
+            UiCommand::ShowHidden => "Show hidden",
+            UiCommand::DeleteSelected => "Delete",
+            UiCommand::BringBack => "Bring back",
+            UiCommand::CropBox => "Crop box",
+            UiCommand::Redo => "Redo",
+            UiCommand::Undo => "Undo",
             UiCommand::Cameras => "Cameras",
             UiCommand::Grid => "Grid",
             UiCommand::FrameStrip => "Frame strip",
@@ -137,6 +170,12 @@ impl UiCommand {
         match self {
             UiCommand::PreviousCamera => "Previous camera",
             UiCommand::NextCamera => "Next camera",
+            UiCommand::HideSelected => "Hide selected splats",
+            UiCommand::ShowHidden => "Show hidden splats",
+            UiCommand::DeleteSelected => "Delete selected splats",
+            UiCommand::BringBack => "Bring deleted splats back",
+            UiCommand::Redo => "Redo edit",
+            UiCommand::Undo => "Undo edit",
             other => other.label().trim_end_matches('…'),
         }
     }
@@ -164,6 +203,22 @@ impl UiCommand {
                 "Look where the frame in training looks, until you move the camera"
             }
             UiCommand::Measure => "Measure between two clicked places",
+            UiCommand::BoxSelect => {
+                "Select splats by dragging over the picture, those behind others too; Shift adds, Ctrl takes away"
+            }
+            UiCommand::HideSelected => {
+                "Show the selected splats no more; files get them all the same"
+            }
+            UiCommand::ShowHidden => "Show all splats again that were hidden",
+            UiCommand::DeleteSelected => {
+                "Leave the selected splats out of view and exports; the model and its checkpoints keep them"
+            }
+            UiCommand::BringBack => "Show and export all splats again that were deleted",
+            UiCommand::CropBox => {
+                "Leave out what is outside a box: around what is selected, else around everything; or no longer"
+            }
+            UiCommand::Redo => "Make the edit again that was taken back last",
+            UiCommand::Undo => "Take the last selection, hiding, deleting or cropping back",
             UiCommand::Cameras => "Show where the photographs were taken, or hide it",
             UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
             UiCommand::FrameStrip => {
@@ -202,6 +257,8 @@ impl UiCommand {
             | UiCommand::CompareModel
             | UiCommand::RemoveModel
             | UiCommand::ResetLayout
+            | UiCommand::BringBack
+            | UiCommand::CropBox
             | UiCommand::CopyCommandLine => &[],
             // One key toggles the two, of which one is legal at a time.
             UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
@@ -218,6 +275,15 @@ impl UiCommand {
             UiCommand::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
             UiCommand::RideAlong => const { &[plain(Key::V)] },
             UiCommand::Measure => const { &[plain(Key::M)] },
+            UiCommand::BoxSelect => const { &[plain(Key::B)] },
+            UiCommand::HideSelected => const { &[plain(Key::K)] },
+            UiCommand::ShowHidden => const { &[plain(Key::U)] },
+            UiCommand::DeleteSelected => const { &[plain(Key::Delete)] },
+            UiCommand::Redo => {
+                const CONTROL_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
+                const { &[KeyboardShortcut::new(CONTROL_SHIFT, Key::Z), control(Key::Y)] }
+            }
+            UiCommand::Undo => const { &[control(Key::Z)] },
             UiCommand::Cameras => const { &[plain(Key::C)] },
             UiCommand::Grid => const { &[plain(Key::X)] },
             UiCommand::FrameStrip => const { &[plain(Key::T)] },
@@ -277,6 +343,14 @@ impl UiCommand {
             | UiCommand::Home
             | UiCommand::ToggleRenderer
             | UiCommand::Measure
+            | UiCommand::BoxSelect
+            | UiCommand::HideSelected
+            | UiCommand::ShowHidden
+            | UiCommand::DeleteSelected
+            | UiCommand::BringBack
+            | UiCommand::CropBox
+            | UiCommand::Redo
+            | UiCommand::Undo
             | UiCommand::Grid
             | UiCommand::CompareModel
             | UiCommand::RemoveModel

@@ -14,8 +14,10 @@ pub struct Palette {
     learned: Arc<SplatSet>,
     /// What colours the splats, if it is not what was learned.
     attribute: Option<Attribute>,
-    /// The rest is kept only while `attribute` is something: one for each splat.
+    /// One for each splat, kept only while they colour or somebody asks for them.
     attributes: Vec<ComponentAttributes>,
+    is_asked: bool,
+    /// The rest is kept only while `attribute` is something.
     range: Option<Range>,
     /// Plain: what stands for a value varies neither over a splat nor with the view.
     shown: SplatSet,
@@ -27,7 +29,7 @@ impl Palette {
         let SplatUpdate { change, attributes } = update;
         // Copies them only while a click is answered, whose thread holds a share.
         let changed = apply(Arc::make_mut(&mut self.learned), change.clone());
-        if self.attribute.is_none() {
+        if self.attribute.is_none() && !self.is_asked {
             return change;
         }
         self.attributes.resize(self.learned.len(), ComponentAttributes::default());
@@ -42,6 +44,9 @@ impl Palette {
                     }
                 }
             }
+        }
+        if self.attribute.is_none() {
+            return change;
         }
         // Another range gives every splat another colour, also those that did not change.
         let all_differ = self.moves_range();
@@ -63,11 +68,27 @@ impl Palette {
             return Some(self.color_all());
         }
         // Memory of a second scene is kept only while that is what is shown.
-        (self.attributes, self.range, self.shown) = (Vec::new(), None, SplatSet::default());
+        (self.range, self.shown) = (None, SplatSet::default());
+        if !self.is_asked {
+            self.attributes = Vec::new();
+        }
         Some(SplatChange::All(SplatSet::clone(&self.learned)))
     }
 
-    /// The splats as they are shown.
+    /// Keeps what is known of splats whatever colours them, or no longer.
+    pub fn keep_known(&mut self, is_asked: bool) {
+        self.is_asked = is_asked;
+        if !is_asked && self.attribute.is_none() {
+            self.attributes = Vec::new();
+        }
+    }
+
+    /// What is known of each splat: of none where nobody asked, nothing of those not told yet.
+    pub fn known(&self) -> &[ComponentAttributes] {
+        &self.attributes
+    }
+
+    /// The splats as they are coloured.
     pub fn splats(&self) -> &SplatSet {
         if self.attribute.is_some() { &self.shown } else { &self.learned }
     }

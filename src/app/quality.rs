@@ -5,6 +5,7 @@
 //! measuring, so that the trainer keeps its cores. At rest every view is measured once. The figures
 //! are those of `vbgs-studio eval`.
 
+use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
 use super::view_thread::{Announce, ViewThread};
@@ -52,9 +53,19 @@ pub struct QualityPoint {
     pub depth_error: Option<f64>,
 }
 
+/// What a measurement is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Purpose {
+    /// The quality, on views that were held out.
+    HeldOut,
+    /// What is kept of frames that were trained.
+    Retention,
+}
+
 /// What is measured: frames of a split of a dataset, with these settings.
 #[derive(Clone)]
 struct QualityQuery {
+    purpose: Purpose,
     dataset: Arc<Dataset>,
     split: usize,
     views: Vec<usize>,
@@ -97,6 +108,7 @@ pub struct QualityMonitor {
     /// Frames of the scene if it is at rest.
     at_rest: Option<usize>,
     problem: Option<String>,
+    retention: Retention,
     rest_until: Instant,
 }
 
@@ -115,6 +127,7 @@ impl QualityMonitor {
             n_measured: 0,
             at_rest: None,
             problem: None,
+            retention: Retention::default(),
             rest_until: Instant::now(),
         }
     }
@@ -149,6 +162,11 @@ impl QualityMonitor {
             .then(|| point(&self.views, (at.frames, at.seconds, at.components)))?
     }
 
+    /// How well frames are kept that were trained.
+    pub fn retention(&self) -> &Retention {
+        &self.retention
+    }
+
     /// Why nothing can be measured.
     pub fn problem(&self) -> Option<&str> {
         self.problem.as_deref()
@@ -175,8 +193,8 @@ impl QualityMonitor {
         self.take_answer();
         let rests = matches!(snapshot.state, RunState::Paused | RunState::Finished);
         self.at_rest = rests.then_some(snapshot.frames_done);
-        if let Some((views, rest)) = self.due(context, snapshot, every) {
-            self.ask(opened, snapshot, views, splats);
+        if let Some((purpose, views, rest)) = self.due(context, snapshot, every) {
+            self.ask(opened, snapshot, (purpose, views), splats);
             self.rest_until = Instant::now() + rest;
         }
     }
@@ -210,6 +228,13 @@ impl QualityMonitor {
         self.rest_until = Instant::now() + (took * REST).max(MIN_REST);
         match scores {
             Err(problem) => self.problem = Some(problem),
+            Ok(scores) if query.purpose == Purpose::Retention => {
+                self.problem = None;
+                let psnr = |view| scores.iter().find(|s| s.index == view).map(|s| s.psnr);
+                let followed = positions(query.at.0).into_iter().zip(query.views);
+                let known = followed.filter_map(|(position, view)| Some((position, psnr(view)?)));
+                self.retention.note(query.at.0, known);
+            }
             Ok(scores) => {
                 self.problem = None;
                 if query.at.0 != self.measured_at {
@@ -232,7 +257,7 @@ impl QualityMonitor {
         context: &Context,
         snapshot: &Snapshot,
         every: Option<usize>,
-    ) -> Option<(Vec<usize>, Duration)> {
+    ) -> Option<(Purpose, Vec<usize>, Duration)> {
         let frames = snapshot.frames_done;
         if frames == 0 || self.problem.is_some() {
             return None;
@@ -242,24 +267,46 @@ impl QualityMonitor {
         }
         let is_new = self.history.is_empty() || frames != self.measured_at;
         let sample = self.chosen(SAMPLED);
-        match snapshot.state {
+        let due = match snapshot.state {
             RunState::Training => {
                 let is_due = self.history.is_empty() || frames >= self.measured_at + every?;
+                let retained = || self.retained(snapshot).filter(|_| !self.history.is_empty());
+                // In turn: what is kept of earlier frames, then the quality again.
+                let next = match is_due {
+                    true => Some((Purpose::HeldOut, sample)),
+                    false => retained().map(|views| (Purpose::Retention, views)),
+                };
                 let rest = self.rest_until.saturating_duration_since(Instant::now());
-                if is_due && !rest.is_zero() {
+                if next.is_some() && !rest.is_zero() {
                     context.request_repaint_after(rest);
                 }
-                (is_due && rest.is_zero()).then_some((sample, MIN_REST))
+                next.filter(|_| rest.is_zero()).map(|(purpose, views)| (purpose, views, MIN_REST))
             }
-            RunState::Paused | RunState::Finished if is_new => Some((sample, MIN_REST)),
+            RunState::Paused | RunState::Finished if is_new => {
+                Some((Purpose::HeldOut, sample, MIN_REST))
+            }
             RunState::Paused | RunState::Finished => {
                 let mut others = self.chosen(MAX_VIEWS).into_iter().filter(|v| !sample.contains(v));
                 let next = others.nth(self.n_measured.saturating_sub(sample.len()));
-                next.map(|view| (vec![view], Duration::ZERO))
+                let next = next.map(|view| (Purpose::HeldOut, vec![view]));
+                let retained = || Some((Purpose::Retention, self.retained(snapshot)?));
+                next.or_else(retained).map(|(purpose, views)| (purpose, views, Duration::ZERO))
             }
             _ => None,
-        }
-        .filter(|(views, _)| !views.is_empty())
+        };
+        due.filter(|(_, views, _)| !views.is_empty())
+    }
+
+    /// The trained frames to measure again: at rest once, and while training after every measurement of
+    /// the quality.
+    fn retained(&self, snapshot: &Snapshot) -> Option<Vec<usize>> {
+        let plan = snapshot.opened.as_ref()?.plan.as_ref()?;
+        let is_due = match snapshot.state {
+            RunState::Training => self.retention.is_older_than(self.measured_at),
+            _ => self.retention.is_older_than(snapshot.frames_done),
+        };
+        let frame = |position: usize| plan.frames.get(position).copied();
+        is_due.then(|| positions(snapshot.frames_done).into_iter().map_while(frame).collect())
     }
 
     /// At most so many of the held-out views, evenly chosen.
@@ -270,17 +317,31 @@ impl QualityMonitor {
         (0..n).map(|i| all[(2 * i + 1) * all.len() / (2 * n)]).collect()
     }
 
-    fn ask(&mut self, opened: &Opened, snapshot: &Snapshot, views: Vec<usize>, splats: &SplatSet) {
+    fn ask(
+        &mut self,
+        opened: &Opened,
+        snapshot: &Snapshot,
+        (purpose, views): (Purpose, Vec<usize>),
+        splats: &SplatSet,
+    ) {
         let (Some(dataset), Some(evaluation), Some(options)) =
             (&opened.dataset, &self.evaluation, self.options)
         else {
             return;
         };
+        let split = match (purpose, &opened.plan) {
+            (Purpose::Retention, Some(plan)) => plan.split,
+            _ => evaluation.split,
+        };
         let query = QualityQuery {
             dataset: dataset.clone(),
-            split: evaluation.split,
+            split,
+            all: match purpose {
+                Purpose::HeldOut => self.chosen(MAX_VIEWS),
+                Purpose::Retention => views.clone(),
+            },
+            purpose,
             views,
-            all: self.chosen(MAX_VIEWS),
             options,
             at: (snapshot.frames_done, snapshot.trained_s, snapshot.used),
         };

@@ -15,14 +15,48 @@ use eframe::egui::{Color32, ColorImage, TextureHandle, TextureOptions, Ui};
 use std::time::{Duration, Instant};
 
 /// How much of the machine a picture may take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Effort {
-    /// While training: half resolution, one thread, with pauses.
-    Shared,
+    /// While training, whether or not the camera moves: one thread.
+    Shared {
+        /// Size, of the viewport's in each direction.
+        scale: f64,
+        /// Least time between two pictures that follow training.
+        apart: Duration,
+    },
     /// While the camera moves: half resolution.
     Moving,
     /// Otherwise: full resolution.
     Full,
+}
+
+impl Effort {
+    /// Size of the picture, of the viewport's in each direction.
+    fn scale(self) -> f64 {
+        match self {
+            Self::Shared { scale, .. } => scale,
+            Self::Moving => 0.5,
+            Self::Full => 1.0,
+        }
+    }
+
+    fn is_shared(self) -> bool {
+        matches!(self, Self::Shared { .. })
+    }
+
+    /// Whether a picture made by the other looks the same.
+    fn looks_like(self, other: Self) -> bool {
+        self.scale() == other.scale()
+    }
+}
+
+/// What a new picture took.
+#[derive(Clone, Copy, Debug)]
+pub struct SoftwareSample {
+    /// For the history of pictures.
+    pub sample: DrawSample,
+    /// Milliseconds of one core and the scale, of a picture made beside training.
+    pub beside_training: Option<(f64, f64)>,
 }
 
 struct Picture {
@@ -31,6 +65,7 @@ struct Picture {
     n_drawn: usize,
     /// What it took to make.
     ms: f64,
+    effort: Effort,
 }
 
 /// Painter of the viewport on machines without a real GPU.
@@ -43,10 +78,6 @@ pub struct SoftwarePainter {
     n_drawn: usize,
 }
 
-/// Least time between two pictures while training: on two cores drawing must leave the trainer its
-/// share, and one half-size picture takes some 30 ms of one core.
-const SHARED_INTERVAL: Duration = Duration::from_millis(450);
-
 impl SoftwarePainter {
     /// Starts the drawing thread.
     pub fn new(waker: Waker) -> std::io::Result<Self> {
@@ -54,16 +85,19 @@ impl SoftwarePainter {
         // In rayon's global pool a picture would take every core, those of the trainer included.
         let alone = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
+            // By this name its work is counted (`thread_times.rs`).
+            .thread_name(|_| "drawing".to_owned())
             .build()
             .map_err(std::io::Error::other)?;
         let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
             let started = Instant::now();
             let mut render = || picture(&mut renderer, splats, &request, effort);
-            let picture = if effort == Effort::Shared { alone.install(render) } else { render() };
+            let picture = if effort.is_shared() { alone.install(render) } else { render() };
             Picture {
                 image: texels(&picture),
                 n_drawn: splats.iter().filter(|s| s.opacity > 0.0).count(),
                 ms: started.elapsed().as_secs_f64() * 1e3,
+                effort,
             }
         };
         Ok(Self {
@@ -90,13 +124,18 @@ impl SoftwarePainter {
         rect: eframe::egui::Rect,
         request: &PictureRequest,
         effort: Effort,
-    ) -> Option<DrawSample> {
+    ) -> Option<SoftwareSample> {
         let mut drawn = None;
         if let Some(picture) = self.thread.take() {
             self.n_drawn = picture.n_drawn;
-            let sample = drawn.insert(DrawSample::new(0));
+            let mut sample = DrawSample::new(0);
             sample.add(DrawStage::Picture, Some(picture.ms));
-            // Linear, since pictures made beside training or in haste have half the size.
+            // Counted by the test of what orbiting costs (`tests/app/window.rs`).
+            tracing::debug!("picture: {:.1} ms, scale {:.2}", picture.ms, picture.effort.scale());
+            let beside_training =
+                picture.effort.is_shared().then_some((picture.ms, picture.effort.scale()));
+            drawn = Some(SoftwareSample { sample, beside_training });
+            // Linear, since pictures made beside training or in haste are smaller.
             match &mut self.texture {
                 Some(texture) => texture.set(picture.image, TextureOptions::LINEAR),
                 None => {
@@ -127,21 +166,26 @@ impl SoftwarePainter {
 
     fn ask(&mut self, ui: &Ui, request: &PictureRequest, effort: Effort) {
         let moved = self.asked.as_ref().is_none_or(|(asked, _)| asked != request);
-        let refine = self.asked.as_ref().is_none_or(|(_, asked)| *asked != effort);
+        let refine = self.asked.as_ref().is_none_or(|(_, asked)| !asked.looks_like(effort));
         if !(moved || refine || self.is_stale) || self.thread.is_busy() {
             return; // a finished picture wakes the window, which asks again
         }
         // Only pictures that follow the training wait: not those of a moved camera, nor the first.
-        let pause = SHARED_INTERVAL.saturating_sub(self.asked_at.elapsed());
         let has_picture = self.n_drawn > 0;
-        if effort == Effort::Shared && !moved && has_picture && !pause.is_zero() {
-            ui.ctx().request_repaint_after(pause);
-            return;
+        if let Effort::Shared { apart, .. } = effort
+            && !moved
+            && has_picture
+        {
+            let pause = apart.saturating_sub(self.asked_at.elapsed());
+            if !pause.is_zero() {
+                ui.ctx().request_repaint_after(pause);
+                return;
+            }
         }
         // While training, the next snapshot shows the picture: painting the window through a software
         // adapter costs more than the picture, so it happens once per snapshot and not twice.
         let announce = match effort {
-            Effort::Shared if !moved && has_picture => Announce::Quietly,
+            Effort::Shared { .. } if !moved && has_picture => Announce::Quietly,
             _ => Announce::Wake,
         };
         self.thread.ask((request.clone(), effort), announce);
@@ -160,8 +204,9 @@ fn picture(
 ) -> RgbImage {
     let camera = match effort {
         Effort::Full => request.camera,
-        Effort::Shared | Effort::Moving => {
-            Camera { intrinsics: request.camera.intrinsics.scaled(0.5), ..request.camera }
+        smaller => {
+            let intrinsics = request.camera.intrinsics.scaled(smaller.scale());
+            Camera { intrinsics, ..request.camera }
         }
     };
     let mut first = renderer.render(splats, &camera, &request.options).color;

@@ -13,6 +13,8 @@ pub enum SideTab {
     Scene,
     /// The selected splat.
     Inspector,
+    /// What is hidden, deleted and cropped.
+    Edit,
     /// Where the camera of a film goes.
     Path,
     /// How is trained and drawn.
@@ -21,11 +23,12 @@ pub enum SideTab {
 
 impl SideTab {
     /// Every tab, in the order they stand.
-    pub const ALL: [SideTab; 6] = [
+    pub const ALL: [SideTab; 7] = [
         SideTab::Latency,
         SideTab::Quality,
         SideTab::Scene,
         SideTab::Inspector,
+        SideTab::Edit,
         SideTab::Path,
         SideTab::Settings,
     ];
@@ -37,6 +40,7 @@ impl SideTab {
             SideTab::Quality => "Quality",
             SideTab::Scene => "Scene",
             SideTab::Inspector => "Inspector",
+            SideTab::Edit => "Edit",
             SideTab::Path => "Path",
             SideTab::Settings => "Settings",
         }

@@ -1,5 +1,6 @@
 //! A run whose window is gone for good: it goes on to its end and is written to files.
 
+use super::edit::left_out::LeftOut;
 use super::state::{NoticeKind, RunState};
 use super::worker::{Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
@@ -37,8 +38,11 @@ impl Unattended {
         }
         // Nobody waits for these by number: windows count from 1.
         self.0.send(WorkerOrder::Save(0, folder.join("checkpoint.vbgs")));
-        self.0.send(WorkerOrder::Export(0, folder.join("scene.ply"), Mapping::default()));
-        self.0.send(WorkerOrder::Export(0, folder.join("scene.glb"), Mapping::default()));
+        // What a window had taken out went with it: everything is written.
+        for name in ["scene.ply", "scene.glb"] {
+            let (all, mapping) = (LeftOut::default(), Mapping::default());
+            self.0.send(WorkerOrder::Export(0, folder.join(name), mapping, all));
+        }
         // Orders are followed in turn: once this one is seen, the files are written or have failed.
         let done = WorkerOrder::Report(NoticeKind::Info, DONE.to_owned());
         self.0.send(done);

@@ -138,6 +138,7 @@ fn options<'a>(
             min_evidence: args.min_evidence,
             max_uncertainty: args.max_uncertainty,
             uncertainty: training.map(|t| &t.uncertainty[..]),
+            left_out: None,
         },
         progress,
         ..WriteOptions::new(format)

@@ -131,6 +131,8 @@ pub struct WriteSelection<'a> {
     pub max_uncertainty: Option<f64>,
     /// Standard deviation of the position of every splat given, world units; point clouds also hold it.
     pub uncertainty: Option<&'a [f64]>,
+    /// Splats that stay out whatever else is asked for, one flag for each.
+    pub left_out: Option<&'a [bool]>,
 }
 
 impl WriteSelection<'_> {
@@ -142,6 +144,7 @@ impl WriteSelection<'_> {
         let evidence = evidence.map_or(f64::INFINITY, |all| all[i]);
         let uncertainty = self.uncertainty.map_or(0.0, |all| all[i]);
         is_inside
+            && self.left_out.is_none_or(|all| !all[i])
             && self.min_evidence.is_none_or(|min| evidence >= min)
             && self.max_uncertainty.is_none_or(|max| uncertainty <= max)
     }

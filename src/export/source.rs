@@ -23,6 +23,8 @@ pub(super) struct Source<'a> {
     has_directions: bool,
     /// Splats that files can hold, selected or not.
     n_drawable: usize,
+    /// Of those, not selected.
+    n_left_out: usize,
 }
 
 /// Where a row comes from.
@@ -66,12 +68,18 @@ impl<'a> Source<'a> {
             rows,
             has_directions: found.iter().flatten().any(|&(n_pieces, has)| n_pieces > 0 && has),
             n_drawable: found.iter().flatten().count(),
+            n_left_out: found.iter().flatten().filter(|(n_pieces, _)| *n_pieces == 0).count(),
         })
     }
 
     /// Splats that files can hold, selected or not.
     pub fn n_drawable(&self) -> usize {
         self.n_drawable
+    }
+
+    /// Splats that files can hold and that were not asked for.
+    pub fn n_left_out(&self) -> usize {
+        self.n_left_out
     }
 
     /// Number of the splat that a row shows.
@@ -154,16 +162,21 @@ fn check(n_splats: usize, options: &WriteOptions) -> Result<(), Fault> {
     let setting = |setting, expected: &str, found: String| {
         Err(Fault::Setting { setting, expected: expected.into(), found })
     };
-    let WriteSelection { crop, min_evidence, max_uncertainty, uncertainty } = options.selection;
+    let WriteSelection { crop, min_evidence, max_uncertainty, uncertainty, left_out } =
+        options.selection;
     if let Some([a, b]) = crop.filter(|[a, b]| !(a.is_finite() && b.is_finite())) {
         return setting("crop box", "finite corners", format!("{a} and {b}"));
     }
-    let lists = [("confidence", options.confidence), ("uncertainty", uncertainty)];
+    let lists = [
+        ("confidence", options.confidence.map(<[f64]>::len)),
+        ("uncertainty", uncertainty.map(<[f64]>::len)),
+        ("left out", left_out.map(<[bool]>::len)),
+    ];
     // A list of another length would give every splat a stranger's number.
-    for (name, list) in lists {
-        if let Some(list) = list.filter(|list| list.len() != n_splats) {
+    for (name, length) in lists {
+        if let Some(length) = length.filter(|length| *length != n_splats) {
             let expected = format!("one value for each of {n_splats} splats");
-            return setting(name, &expected, format!("{} values", list.len()));
+            return setting(name, &expected, format!("{length} values"));
         }
     }
     let training = "a model with its training behind it (a checkpoint)";

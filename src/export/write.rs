@@ -18,6 +18,8 @@ pub struct WriteSummary {
     pub n_written: usize,
     /// Splats left out: not finite, or of opacity 0 (unused components).
     pub n_skipped: usize,
+    /// Drawable splats that [`WriteOptions::selection`] leaves out.
+    pub n_left_out: usize,
     /// Size of the file.
     pub bytes: u64,
 }
@@ -43,7 +45,8 @@ pub fn write<'a>(
     let content = prepare(&source, options).map_err(|fault| fault.at(path))?;
     let bytes = atomic::write_atomic(path, |out| content(out))?;
     let n_skipped = view.splats().len() - source.n_drawable();
-    Ok(WriteSummary { n_written: source.n_rows(), n_skipped, bytes })
+    let n_left_out = source.n_left_out();
+    Ok(WriteSummary { n_written: source.n_rows(), n_skipped, n_left_out, bytes })
 }
 
 /// The rows of the file, of which there is at least one.

@@ -13,6 +13,11 @@ pub const RAMP: [[f32; 3]; 7] = [
     [-5.435_456, 4.645_852_6, 26.312_435],
 ];
 
+/// Stored colour of a splat that a viewer marks, such as one of a selection: under every paint a splat of
+/// exactly this colour keeps it. Neither the ramp nor what cameras record comes near it; what training
+/// learns has other digits.
+pub const MARK: [f32; 3] = [1.0, 0.353, 0.863];
+
 /// Colour of a share from 0 (dark violet) to 1 (yellow); others are clamped, NaN is dark.
 pub fn ramp(share: f32) -> [f32; 3] {
     // `clamp` keeps NaN, and a NaN colour would spread through blending.

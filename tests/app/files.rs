@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
+use vbgs_studio::app::edit::left_out::LeftOut;
 use vbgs_studio::app::state::{Notice, NoticeKind, RunState, Source, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::export;
@@ -105,7 +106,7 @@ fn an_export_is_given_up_when_the_user_says_so() {
     wait("the end", &|| started.snapshot().state == RunState::Finished);
     let file = folder.path().join("scene.ply");
     std::fs::write(&file, "older").unwrap();
-    started.send(WorkerOrder::Export(1, file.clone(), Mapping::default()));
+    started.send(WorkerOrder::Export(1, file.clone(), Mapping::default(), LeftOut::default()));
     let is_told = |n: &Notice| n.kind == NoticeKind::Info && n.text.contains("cancelled");
     wait("the message", &|| started.snapshot().notices.iter().any(is_told));
     assert!(seen.load(Ordering::SeqCst));

@@ -11,6 +11,7 @@ mod contract;
 mod crash;
 mod detail;
 mod dock;
+mod editing;
 mod files;
 mod first_minute;
 mod following;

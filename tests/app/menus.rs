@@ -35,7 +35,7 @@ fn every_command_is_in_one_menu() {
     window.run_steps(2);
     let mut n_found = [0; UiCommand::ALL.len()];
     let before = UiCommand::ALL.map(|command| n_named(&window, command));
-    for menu in ["File", "View", "Run", "Help"] {
+    for menu in ["File", "Selection", "View", "Run", "Help"] {
         open(&mut window, menu);
         for (i, command) in UiCommand::ALL.into_iter().enumerate() {
             n_found[i] += usize::from(n_named(&window, command) > before[i]);

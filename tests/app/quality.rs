@@ -33,6 +33,21 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     assert_eq!(result.frames, 3);
     assert!(result.depth_error.is_some() && result.seconds > 0.0);
     wait_for_label(&mut window, &format!("{:.2} dB", expected.psnr));
+    wait(&mut window, "what is kept", |s| {
+        let kept = s.quality().retention().frames().first();
+        kept.and_then(|kept| kept.psnr.last()).is_some_and(|[frames, _]| *frames == 3.0)
+    });
+    let first = (session.plan().split, session.plan().frames[0]);
+    let [kept] = window.state().quality().retention().frames() else { panic!("one frame") };
+    let expected = evaluated_on_black(&session, first).psnr;
+    let [_, psnr] = *kept.psnr.last().unwrap();
+    assert!((psnr - expected).abs() < 0.01, "{psnr} dB, not {expected}");
+    window.run_steps(2);
+    window.get_by_label("Retention");
+    wait(&mut window, "the evidence", |s| s.view().known().iter().any(|k| k.evidence.is_some()));
+    window.run_steps(2);
+    let drawn = window.state().view().known().iter().filter(|k| k.evidence.is_some()).count();
+    window.get_by_label_contains(&format!("{drawn} components. The tab Edit"));
     let name = window.state().quality().views()[0].frame.clone();
     click(&mut window, &name);
     assert_eq!(position(&window), Some(held_out));

@@ -102,6 +102,7 @@ fn what_is_not_asked_for_is_left_out() {
         min_evidence: Some(2.0),
         max_uncertainty: Some(0.2),
         uncertainty: Some(&uncertainty),
+        left_out: Some(&[false, false, false, false, true, false]),
     };
     // Of native splats all pieces, by the centre of the whole.
     let gradient = [[1.0, 0.0, 0.0], [0.0; 3], [0.0; 3]];
@@ -113,7 +114,7 @@ fn what_is_not_asked_for_is_left_out() {
             let model = read_bytes(&written(view, &options)).unwrap();
             let mut found: Vec<f32> = model.splats.iter().map(|s| s.mean[0].round()).collect();
             found.sort_by(f32::total_cmp);
-            assert_eq!(found, [0.0, 2.0, 4.0], "{format}");
+            assert_eq!(found, [0.0, 2.0], "{format}");
         }
     }
 }
@@ -138,6 +139,10 @@ fn options_without_a_meaning_are_named() {
         (
             selected(WriteSelection { uncertainty: Some(&[1.0]), ..plain }),
             "uncertainty: expected one value for each of 2 splats, found 1 values",
+        ),
+        (
+            selected(WriteSelection { left_out: Some(&[true]), ..plain }),
+            "left out: expected one value for each of 2 splats, found 1 values",
         ),
         (
             selected(WriteSelection { crop: Some([DVec3::NAN, DVec3::ONE]), ..plain }),

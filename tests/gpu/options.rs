@@ -5,6 +5,7 @@ use super::device::{Gpu, PLAIN, outside, random_scene};
 use crate::common::scenes::random_appearance;
 use vbgs_studio::model::splat::appearance::SplatView;
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::render::paint::MARK;
 use vbgs_studio::render::{Paint, RenderMethod, RenderOptions, SplatStyle};
 
 /// Two compilations of the same formulas may round apart, by one step of a half float.
@@ -14,7 +15,9 @@ const ROUNDING: f32 = 1e-3;
 fn looks_and_paints_agree_with_the_oracle() {
     let Some(gpu) = Gpu::new() else { return };
     let view = outside(61, 45);
-    let splats = random_scene(14, 200, 0.2);
+    let mut splats = random_scene(14, 200, 0.2);
+    // Marked splats keep their colour under every paint.
+    splats.iter_mut().step_by(7).for_each(|splat| splat.color = MARK);
     let appearance = random_appearance(&splats, 14);
     let native = SplatView::new(&splats, &appearance).unwrap();
     let looks = [

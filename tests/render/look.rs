@@ -44,7 +44,8 @@ fn whole_changed_images_agree_with_the_oracle() {
         SplatStyle { paint: Paint::Depth([2.0, 5.0]), ..SplatStyle::PLAIN },
         SplatStyle { scale: 0.6, opacity_cut: 0.1, paint: Paint::Normal },
     ];
-    let splats = SCENES[1].splats(9);
+    let mut splats = SCENES[1].splats(9);
+    splats.iter_mut().step_by(7).for_each(|splat| splat.color = paint::MARK);
     let appearance = random_appearance(&splats, 9);
     let view = SplatView::new(&splats, &appearance).unwrap();
     for method in METHODS {
@@ -77,6 +78,16 @@ fn painted(splat: Splat, method: RenderMethod, paint: Paint) -> [f64; 3] {
 fn assert_color(found: [f64; 3], expected: [f32; 3], label: &str) {
     let worst = found.iter().zip(expected).map(|(f, e)| (f - f64::from(e)).abs());
     assert!(worst.fold(0.0, f64::max) < 1e-6, "{label}: {found:?} for {expected:?}");
+}
+
+#[test]
+fn a_mark_is_seen_under_every_paint() {
+    for method in METHODS {
+        for paint in [Paint::Depth([0.0, 8.0]), Paint::Normal] {
+            let marked = Splat { color: paint::MARK, ..ball(0.9) };
+            assert_color(painted(marked, method, paint), paint::MARK, &format!("{method:?}"));
+        }
+    }
 }
 
 #[test]

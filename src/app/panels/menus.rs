@@ -9,17 +9,19 @@ use std::path::PathBuf;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Menu {
     File,
+    Selection,
     View,
     Run,
     Help,
 }
 
 impl Menu {
-    const ALL: [Self; 4] = [Self::File, Self::View, Self::Run, Self::Help];
+    const ALL: [Self; 5] = [Self::File, Self::Selection, Self::View, Self::Run, Self::Help];
 
     fn label(self) -> &'static str {
         match self {
             Self::File => "File",
+            Self::Selection => "Selection",
             Self::View => "View",
             Self::Run => "Run",
             Self::Help => "Help",
@@ -32,6 +34,13 @@ fn place(command: UiCommand) -> (Menu, u8) {
     match command {
         UiCommand::Open | UiCommand::OpenDemo => (Menu::File, 0),
         UiCommand::Save | UiCommand::Export => (Menu::File, 1),
+        UiCommand::Undo | UiCommand::Redo => (Menu::Selection, 0),
+        UiCommand::BoxSelect | UiCommand::Deselect => (Menu::Selection, 1),
+        UiCommand::HideSelected
+        | UiCommand::ShowHidden
+        | UiCommand::DeleteSelected
+        | UiCommand::BringBack
+        | UiCommand::CropBox => (Menu::Selection, 2),
         UiCommand::FrameScene
         | UiCommand::Home
         | UiCommand::PreviousCamera
@@ -41,7 +50,7 @@ fn place(command: UiCommand) -> (Menu, u8) {
         | UiCommand::ComparePhoto
         | UiCommand::CompareModel
         | UiCommand::RemoveModel => (Menu::View, 1),
-        UiCommand::Measure | UiCommand::Deselect => (Menu::View, 2),
+        UiCommand::Measure => (Menu::View, 2),
         UiCommand::Cameras | UiCommand::Grid | UiCommand::FrameStrip | UiCommand::ResetLayout => {
             (Menu::View, 3)
         }

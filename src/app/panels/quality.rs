@@ -3,8 +3,10 @@
 use super::legend::number;
 use super::plot_axes::numbered;
 use super::signal_color::SignalColor;
+use super::{histogram, retention};
+use crate::app::evidence_histogram::EvidenceHistogram;
 use crate::app::quality::{QualityMonitor, QualityPoint};
-use crate::app::state::{Opened, Snapshot};
+use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::eval::report::ViewReport;
@@ -77,6 +79,7 @@ pub fn ui(
     thumbnails: Option<&mut Thumbnails>,
     plot: &mut QualityPlot,
     every: &mut Option<usize>,
+    evidence: Option<&EvidenceHistogram>,
     ui: &mut Ui,
 ) -> Option<FrameRef> {
     let (Some(opened), Some(evaluation)) = (&snapshot.opened, quality.evaluation()) else {
@@ -95,6 +98,9 @@ pub fn ui(
         if !quality.history().is_empty() {
             curve(quality.history(), plot, ui);
         }
+        retention::ui(quality.retention().frames(), ui);
+        let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
+        histogram::ui(evidence, is_at_rest, ui);
         rate(every, ui);
         if !quality.views().is_empty() {
             ui.add_space(6.0);

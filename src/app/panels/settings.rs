@@ -1,7 +1,7 @@
 //! How scenes are trained and how the viewport draws them, all in one place.
 
 use super::adapter::{self, AdapterRequest, Adapters};
-use super::{badge, training};
+use super::{badge, draw_share, training};
 use crate::app::command::UiCommand;
 use crate::app::training::TrainSettings;
 use crate::app::viewer::settings::{
@@ -17,6 +17,8 @@ pub struct SettingsContext<'a> {
     pub adapter: &'a str,
     /// Vertical field of view of the scene's own camera, degrees.
     pub own_fov_deg: f32,
+    /// What drawing takes of the cores, where the CPU draws.
+    pub drawing: Option<&'a str>,
 }
 
 /// What the user asks for beyond settings.
@@ -46,6 +48,10 @@ pub fn ui(
             asked = Some(SettingsAnswer::Command(copy));
         }
         viewport(settings, surroundings.own_fov_deg, ui);
+        marked_section(ui, settings, "Drawing while training", |s| {
+            s.draw_share = ViewSettings::default().draw_share;
+        });
+        draw_share::ui(&mut settings.draw_share, surroundings.drawing, ui);
         section(ui, "Window");
         theme(ui);
         section(ui, "Drawn by");

@@ -38,6 +38,14 @@ impl Studio {
             | UiCommand::NextCamera
             | UiCommand::RideAlong
             | UiCommand::Measure
+            | UiCommand::BoxSelect
+            | UiCommand::HideSelected
+            | UiCommand::ShowHidden
+            | UiCommand::DeleteSelected
+            | UiCommand::BringBack
+            | UiCommand::CropBox
+            | UiCommand::Redo
+            | UiCommand::Undo
             | UiCommand::Cameras
             | UiCommand::Grid
             | UiCommand::ComparePhoto => {
@@ -49,7 +57,12 @@ impl Studio {
             UiCommand::ResetLayout => self.reset_layout(),
             UiCommand::CompareModel => self.compare_dialog.show(),
             UiCommand::RemoveModel => self.view.remove_compared(),
-            UiCommand::Deselect => self.worker.send(WorkerOrder::Inspect(None)),
+            UiCommand::Deselect => {
+                self.worker.send(WorkerOrder::Inspect(None));
+                if let Some(opened) = &snapshot.opened {
+                    self.view.apply(command, opened);
+                }
+            }
             UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
             UiCommand::Find => self.finder.show(),
             UiCommand::FocusControls => self.egui.memory_mut(|memory| match memory.focused() {
@@ -80,7 +93,9 @@ impl Studio {
             (Action::Command(command), _) => {
                 let is_vain = command == UiCommand::RemoveModel && self.view.compared().is_none();
                 let vain = is_vain.then_some("No second model is open");
-                command.why_not(snapshot.state, snapshot.source).or(vain)
+                let useless =
+                    (!self.view.is_of_use(command)).then_some("There is nothing to do it to");
+                command.why_not(snapshot.state, snapshot.source).or(vain).or(useless)
             }
             (Action::Tab(_), _) => None,
             (Action::Mode(mode), Some(opened)) => self.view.why_not(mode, opened),

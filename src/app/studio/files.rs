@@ -67,10 +67,17 @@ impl Studio {
             }
         }
         let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
+        let left_out = match self.export_dialog.is_open() {
+            true => self.view.n_left_out(),
+            false => None,
+        };
         let mapping = &mut self.mapping;
         let choices = |ui: &mut Ui| {
             if is_native {
                 export_options::ui(mapping, ui);
+            }
+            if let Some((n, all)) = left_out {
+                ui.label(format!("{n} of {all} splats are left out, as edited (tab Edit)."));
             }
         };
         match self.export_dialog.ui(ui, &self.waker, choices) {
@@ -78,7 +85,8 @@ impl Studio {
             Some(PathAnswer::Cancelled) => self.forget_named(),
             Some(PathAnswer::Path(path)) => {
                 let number = self.begin_write();
-                self.worker.send(WorkerOrder::Export(number, path, self.mapping));
+                let left_out = self.view.editor().left_out();
+                self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
             }
         }
         dialogs::help(ui, &mut self.help_is_open);

@@ -3,6 +3,7 @@
 mod cards;
 mod commands;
 mod dock;
+mod editing;
 mod files;
 mod frames;
 mod side_panel;
@@ -42,7 +43,7 @@ use glam::DVec3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use strip_memory::StripMemory;
 
 /// The application's state; the trainer's is on its own thread.
@@ -87,10 +88,6 @@ pub struct Studio {
     first_splats_logged: bool,
 }
 
-/// Shortest time between two snapshots on a real GPU, and where the CPU draws the window too.
-const GPU_INTERVAL: Duration = Duration::from_millis(33);
-const SOFTWARE_INTERVAL: Duration = Duration::from_millis(500);
-
 impl Studio {
     /// Builds the application on eframe's context and opens `subject`, if there is one.
     pub fn new(
@@ -125,11 +122,8 @@ impl Studio {
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
-        let on_cpu = painter.drawer() == Drawer::Cpu;
-        // Every snapshot repaints the window, which a software adapter does on the cores that train
-        // (`rendering.md`, Software adapters).
-        worker.set_interval(if on_cpu { SOFTWARE_INTERVAL } else { GPU_INTERVAL });
         let view = scene_view(painter, view, waker.clone(), device.as_ref());
+        worker.set_interval(view.snapshot_interval());
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
@@ -303,12 +297,7 @@ impl Studio {
         let (every, splats) = (settings.quality_every, self.view.learned());
         self.quality.update(ui.ctx(), snapshot, method, every, splats);
         self.cards(ui, snapshot);
-        // Asked after the view was drawn, which leaves modes that this scene cannot show.
-        let watched = self.view.settings.color_mode.attribute();
-        if watched != self.watched {
-            self.watched = watched;
-            self.worker.send(WorkerOrder::Watch(watched));
-        }
+        self.watch_components();
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
             // A click beside every splat deselects, which is no reason to turn to another tab.
@@ -381,6 +370,8 @@ impl eframe::App for Studio {
     fn logic(&mut self, ctx: &Context, _: &mut eframe::Frame) {
         // Here, since eframe closes a hidden window without a pass of `ui`.
         let snapshot = self.worker.snapshot();
+        std::thread::sleep(self.view.begin_pass(snapshot.state));
+        self.worker.set_interval(self.view.snapshot_interval());
         self.take_close_request(ctx, &snapshot);
     }
 

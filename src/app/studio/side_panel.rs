@@ -8,7 +8,7 @@ use crate::app::exit::Leave;
 use crate::app::panels::adapter::{self, AdapterRequest};
 use crate::app::panels::path::PathRequest;
 use crate::app::panels::settings::SettingsAnswer;
-use crate::app::panels::{inspector, latency, path, quality, scene, settings};
+use crate::app::panels::{draw_share, inspector, latency, path, quality, scene, settings};
 use crate::app::state::{NoticeKind, Snapshot};
 use crate::app::tab::SideTab;
 use crate::app::viewer::painter::ViewPainter;
@@ -25,6 +25,7 @@ impl Studio {
             SideTab::Quality => self.quality_tab(ui, snapshot),
             SideTab::Scene => scene::ui(snapshot, ui),
             SideTab::Inspector => inspector::ui(snapshot, ui),
+            SideTab::Edit => self.edit_tab(ui, snapshot),
             SideTab::Path => self.path_tab(ui, snapshot),
             SideTab::Settings => self.settings(ui, snapshot),
         }
@@ -42,9 +43,11 @@ impl Studio {
     fn quality_tab(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let mut every = self.view.settings.quality_every;
         let opened = snapshot.opened.as_deref();
+        let evidence = self.evidence(snapshot);
         let thumbnails = opened.and_then(|opened| self.view.thumbnails(opened));
         let (known, plot) = (&self.quality, &mut self.quality_plot);
-        let asked = quality::ui(known, snapshot, thumbnails, plot, &mut every, ui);
+        let asked =
+            quality::ui(known, snapshot, thumbnails, plot, &mut every, evidence.as_ref(), ui);
         self.view.settings.quality_every = every;
         if let (Some(frame), Some(opened)) = (asked, opened) {
             self.view.compare_at(frame, opened);
@@ -106,7 +109,12 @@ impl Studio {
 
     fn settings(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
         let own_fov_deg = self.view.own_fov_deg();
-        let around = settings::SettingsContext { adapter: &self.drawn_by(), own_fov_deg };
+        let drawing = self.view.budget().map(draw_share::described);
+        let around = settings::SettingsContext {
+            adapter: &self.drawn_by(),
+            own_fov_deg,
+            drawing: drawing.as_deref(),
+        };
         let adapters = self.device.as_ref().map(|device| adapter::Adapters {
             there: &device.there,
             current: &device.adapter,

@@ -94,6 +94,13 @@ impl SceneView {
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }
+        if let Some(last) = self.editor.born_until {
+            let (frame, of) = (last + 1, self.n_frames);
+            return Some(format!("Born up to frame {frame} of {of}, as they are now (Edit)"));
+        }
+        if self.editor.is_boxing {
+            return Some("Box select: drag over splats (B ends it)".to_owned());
+        }
         if let Some(hint) = self.measure.hint() {
             return Some(hint.to_owned());
         }

@@ -5,12 +5,15 @@ mod axes;
 mod captions;
 pub mod compared_model;
 mod comparison;
+mod crop_handles;
+mod editing;
 pub mod frame_refs;
 mod frusta;
 mod guide;
 pub mod measure;
 pub mod mode;
 mod overlay;
+mod pacing;
 pub mod painter;
 mod photo;
 pub mod picture_request;
@@ -25,7 +28,9 @@ pub mod toolbar;
 mod world_painter;
 
 use super::camera::ViewCamera;
+use super::draw_budget::DrawBudget;
 use super::drawing::DrawHistory;
+use super::edit::editor::Editor;
 use super::file_proposal::FileProposal;
 use super::palette::Palette;
 use super::panels::legend;
@@ -40,6 +45,7 @@ use crate::model::splat::appearance::SplatSet;
 use crate::render::Lens;
 use crate::render::compare::Area;
 use compared_model::ModelSlot;
+use crop_handles::EditDrag;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
 use frame_refs::{FrameRef, fit};
 use glam::DVec3;
@@ -93,9 +99,16 @@ pub struct SceneView {
     serial: u64,
     /// What is drawn: for framing, for the GPU, and to hand over when the GPU fails.
     palette: Palette,
+    editor: Editor,
+    /// Frames of the run.
+    n_frames: usize,
+    edit_drag: Option<EditDrag>,
+    /// The box that a drag has drawn last, points.
+    latest_box: Option<Rect>,
     selection: SplatSelection,
     moved_at: Instant,
     drawn: DrawHistory,
+    budget: DrawBudget,
     gpu_failed: bool,
 }
 
@@ -124,8 +137,13 @@ impl SceneView {
             hint: None,
             serial: 0,
             palette: Palette::default(),
+            editor: Editor::default(),
+            n_frames: 0,
+            edit_drag: None,
+            latest_box: None,
             selection: SplatSelection::default(),
             moved_at: Instant::now(),
+            budget: DrawBudget::default(),
             gpu_failed: false,
         }
     }
@@ -138,7 +156,8 @@ impl SceneView {
             photos.change(update.change.clone());
         }
         let change = self.palette.change(update);
-        self.painter.change(change, self.palette.splats());
+        let change = self.editor.change(change, &self.palette);
+        self.painter.change(change, self.editor.shown(&self.palette));
     }
 
     /// Whether the GPU was given up.
@@ -154,7 +173,7 @@ impl SceneView {
     /// Draws with another painter from here on; the scene is handed over again.
     pub fn draw_by(&mut self, mut painter: ViewPainter) {
         // A new painter has nothing, and the trainer sends no more than what changes.
-        let splats = self.palette.splats();
+        let splats = self.editor.shown(&self.palette);
         painter.change(SplatChange::All(splats.clone()), splats);
         self.drawn = DrawHistory::new(painter.drawer());
         self.painter = painter;
@@ -222,8 +241,10 @@ impl SceneView {
             return None; // minimised, or squeezed out by the panels
         }
         self.viewport = size;
+        self.n_frames = snapshot.n_frames;
         self.follow_guide(opened, snapshot);
         self.measure.take(snapshot.inspected.as_deref());
+        self.begin_edit(ui, &response, opened);
         // Before the camera is asked for: a drag shows in the picture of the same pass.
         self.steer(ui, &response, opened, size);
         let (camera, area) = self.camera_now(opened, size)?;
@@ -237,9 +258,10 @@ impl SceneView {
         if let Some((attribute, range)) = self.palette.legend() {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
+        self.edit(ui, &response, &request, opened);
         // A click is about places, which colours do not change, and these
         // splats are shared uncopied.
-        let splats = self.palette.learned();
+        let splats = self.editor.clickable(&self.palette);
         let picked = self.selection.ui(
             ui,
             &response,
@@ -286,9 +308,7 @@ impl SceneView {
         if self.settings.color_mode.why_not(opened.available_modes).is_some() {
             self.settings.color_mode = Default::default();
         }
-        if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
-            self.painter.change(change, self.palette.splats());
-        }
+        self.show_edits();
     }
 
     /// The camera for a viewport of `size` pixels, and the part of it that a photograph would fill.
@@ -319,17 +339,20 @@ impl SceneView {
         state: RunState,
     ) -> Option<String> {
         let moving = self.moved_at.elapsed() < SETTLE;
-        // Steering comes before training: while a hand moves the camera, pictures take all threads.
-        let effort = match (moving, state) {
-            (true, _) => Effort::Moving,
-            (false, RunState::Training) => Effort::Shared,
-            (false, _) => Effort::Full,
+        // Training comes before pictures, also of a camera that a hand moves: they keep to a budget.
+        let effort = match (state, moving) {
+            (RunState::Training, _) => {
+                Effort::Shared { scale: self.budget.scale(), apart: self.snapshot_interval() }
+            }
+            (_, true) => Effort::Moving,
+            (_, false) => Effort::Full,
         };
         if moving {
             // egui sleeps without input: it is woken once more to refine what was drawn in haste.
             ui.ctx().request_repaint_after(SETTLE);
         }
-        match self.painter.paint(ui, rect, request, effort, self.palette.splats()) {
+        let splats = self.editor.shown(&self.palette);
+        match self.painter.paint(ui, rect, request, effort, &mut self.budget, splats) {
             Ok(sample) => {
                 if let Some(sample) = sample {
                     self.drawn.push(sample);

@@ -2,6 +2,7 @@
 
 use super::picture_request::PictureRequest;
 use crate::app::device::WindowDevice;
+use crate::app::draw_budget::DrawBudget;
 use crate::app::drawing::{DrawSample, Drawer};
 use crate::app::painting::Painting;
 use crate::app::software::{Effort, SoftwarePainter};
@@ -75,19 +76,26 @@ impl ViewPainter {
         }
     }
 
-    /// Paints over `rect`, the CPU with as much effort as is said; what a new picture took. An error
-    /// means that this painter is of no more use.
+    /// Paints over `rect`, the CPU with as much effort as is said; what a new picture took, which the
+    /// budget learns. An error means that this painter is of no more use.
     pub fn paint(
         &mut self,
         ui: &Ui,
         rect: Rect,
         request: &PictureRequest,
         effort: Effort,
+        budget: &mut DrawBudget,
         splats: &SplatSet,
     ) -> Result<Option<DrawSample>, ViewPaintError> {
         match self {
             Self::Gpu(painter) => painter.paint(ui, rect, request, splats).map(Some),
-            Self::Software(painter) => Ok(painter.paint(ui, rect, request, effort)),
+            Self::Software(painter) => {
+                let drawn = painter.paint(ui, rect, request, effort);
+                if let Some((ms, scale)) = drawn.and_then(|drawn| drawn.beside_training) {
+                    budget.note_picture(ms, scale);
+                }
+                Ok(drawn.map(|drawn| drawn.sample))
+            }
         }
     }
 }

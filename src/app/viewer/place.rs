@@ -11,7 +11,6 @@ use crate::app::selection::{PickPurpose, SplatSelection};
 use crate::app::state::Opened;
 use crate::math::camera::Camera;
 use crate::math::camera_path::{CameraPath, Keyframe};
-use crate::model::splat::splats::framing;
 use crate::render::{Lens, Renderer};
 use glam::DVec3;
 use std::time::Instant;
@@ -32,6 +31,7 @@ impl SceneView {
         self.measure = MeasureTool::default();
         self.mode = ViewMode::Single;
         self.selection = SplatSelection::default();
+        self.editor.reset();
         if self.kept.take().is_some_and(|kept| kept == opened.files) {
             return;
         }
@@ -116,7 +116,8 @@ impl SceneView {
                 self.set_mode(ViewMode::Single, opened);
             }
             UiCommand::ComparePhoto => self.set_mode(ViewMode::PhotoWipe, opened),
-            _ => {}
+            // The editor knows which are its own.
+            edit => self.editor.apply(edit, &self.palette),
         }
     }
 
@@ -145,7 +146,9 @@ impl SceneView {
 
     fn frame_scene(&mut self) {
         (self.place, self.guide) = (Place::Free, None);
-        if let (Some(camera), Some(framing)) = (&mut self.camera, framing(self.palette.splats())) {
+        if let (Some(camera), Some(framing)) =
+            (&mut self.camera, self.editor.framing(&self.palette))
+        {
             camera.frame(&framing, self.viewport);
             self.moved_at = Instant::now();
         }

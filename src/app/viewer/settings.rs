@@ -1,6 +1,7 @@
 //! What the user chose about the viewport; kept between sessions.
 
 use crate::app::color_mode::ColorMode;
+use crate::app::draw_budget::{DEFAULT_SHARE, SHARES};
 use crate::app::panels::quality::DEFAULT_EVERY;
 use crate::app::stored_text;
 use crate::render::Exposing;
@@ -90,6 +91,8 @@ pub struct ViewSettings {
     pub quality_every: Option<usize>,
     /// What training a frame may take, milliseconds: a line in the plot of latencies.
     pub frame_budget_ms: f64,
+    /// Share of all cores that drawing may take while frames are trained, where no GPU draws.
+    pub draw_share: f32,
     /// What colours mean. Not kept: the next scene may not tell it.
     #[serde(skip)]
     pub color_mode: ColorMode,
@@ -112,6 +115,7 @@ impl Default for ViewSettings {
             shows_grid: false,
             quality_every: Some(DEFAULT_EVERY),
             frame_budget_ms: FRAME_BUDGET_MS,
+            draw_share: DEFAULT_SHARE,
             color_mode: ColorMode::Color,
         }
     }
@@ -150,6 +154,7 @@ impl ViewSettings {
                 ms if ms.is_finite() && ms > 0.0 => ms,
                 _ => FRAME_BUDGET_MS,
             },
+            draw_share: within(self.draw_share, SHARES, start.draw_share),
             difference_gain: within(self.difference_gain, GAINS, start.difference_gain),
             ..self
         }

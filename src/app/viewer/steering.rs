@@ -31,10 +31,10 @@ const SLOW: f64 = 0.1;
 const MAX_STEP_S: f32 = 0.1;
 
 impl Gesture {
-    fn read(ui: &Ui, response: &Response, is_flying: &mut bool) -> Self {
+    fn read(ui: &Ui, response: &Response, is_flying: &mut bool, turns: bool) -> Self {
         let delta = response.drag_delta();
         let delta = [f64::from(delta.x), f64::from(delta.y)];
-        let is_turn = response.dragged_by(PointerButton::Primary);
+        let is_turn = turns && response.dragged_by(PointerButton::Primary);
         let is_pan = response.dragged_by(PointerButton::Secondary)
             || response.dragged_by(PointerButton::Middle);
         // Over a panel the wheel scrolls the panel.
@@ -96,7 +96,8 @@ impl SceneView {
         opened: &Opened,
         size_px: [u32; 2],
     ) {
-        let gesture = Gesture::read(ui, response, &mut self.is_flying);
+        let turns = !self.is_editing();
+        let gesture = Gesture::read(ui, response, &mut self.is_flying, turns);
         if gesture.is_nothing() {
             return;
         }

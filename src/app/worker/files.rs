@@ -1,6 +1,7 @@
 //! Files that the trainer writes.
 
 use super::thread::WorkerThread;
+use crate::app::edit::left_out::LeftOut;
 use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
 use crate::export::local_origin::warning;
@@ -35,16 +36,26 @@ impl WorkerThread {
         }
     }
 
-    pub(super) fn export(&mut self, number: u64, path: &Path, mapping: Mapping) {
+    pub(super) fn export(
+        &mut self,
+        number: u64,
+        path: &Path,
+        mapping: Mapping,
+        left_out: &LeftOut,
+    ) {
         self.begin_write(number);
         self.shared.file.begin();
-        let written = self.write_model(path, mapping);
+        let written = self.write_model(path, mapping, left_out);
         self.shared.file.end();
         match written {
             Ok(summary) => {
                 let megabytes = summary.bytes as f64 * 1e-6;
+                let left_out = match summary.n_left_out {
+                    0 => String::new(),
+                    n => format!("; {n} of the scene's were left out, as edited"),
+                };
                 let text = format!(
-                    "Wrote {} splats ({megabytes:.1} MB) to {}",
+                    "Wrote {} splats ({megabytes:.1} MB) to {}{left_out}",
                     summary.n_written,
                     path.display()
                 );
@@ -80,7 +91,12 @@ impl WorkerThread {
         }
     }
 
-    fn write_model(&self, path: &Path, mapping: Mapping) -> Result<WriteSummary, ExportError> {
+    fn write_model(
+        &self,
+        path: &Path,
+        mapping: Mapping,
+        left_out: &LeftOut,
+    ) -> Result<WriteSummary, ExportError> {
         let told = |share: f64| {
             if self.shared.file.tell(share) {
                 (self.waker)();
@@ -94,7 +110,18 @@ impl WorkerThread {
                 }
                 _ => Vec::new(),
             };
+            // Edits go by the numbers that splats have in the window, not by those in files.
+            let (splats, flags) = match left_out.is_nothing() {
+                true => (self.stored_splats(), None),
+                false => {
+                    let splats = self.splats();
+                    let flags = left_out.flags(&splats);
+                    (splats, Some(flags))
+                }
+            };
+            let selection = flags.as_deref().map(|flags| left_out.selection(flags));
             let options = WriteOptions {
+                selection: selection.unwrap_or_default(),
                 comments: &comments,
                 metric: self.is_metric(),
                 up: self.up(),
@@ -103,7 +130,7 @@ impl WorkerThread {
                 progress: WriteProgress::new(&told),
                 ..WriteOptions::new(format)
             };
-            export::write(path, &self.stored_splats(), &options)
+            export::write(path, &splats, &options)
         })
     }
 

@@ -1,5 +1,6 @@
 //! What the window asks of the training thread.
 
+use crate::app::edit::left_out::LeftOut;
 use crate::app::rescue::Rescue;
 use crate::app::state::{NoticeKind, Subject};
 use crate::app::training::TrainSettings;
@@ -34,8 +35,8 @@ pub enum WorkerOrder {
     /// Write a checkpoint of the newest state; the snapshot tells the outcome by this number.
     Save(u64, PathBuf),
     /// Write the newest scene to a file, its outcome told by this number; how it becomes plain splats,
-    /// where it is more.
-    Export(u64, PathBuf, Mapping),
+    /// where it is more, and what the user took out of it.
+    Export(u64, PathBuf, Mapping, LeftOut),
     /// Write a text to a file, beside older ones of its name.
     WriteText(PathBuf, String),
     /// Save what no checkpoint holds yet and tell where: the window has crashed.

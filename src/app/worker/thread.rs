@@ -196,7 +196,9 @@ impl WorkerThread {
                 self.set_state(RunState::Training);
             }
             WorkerOrder::Save(number, path) => self.save(number, &path),
-            WorkerOrder::Export(number, path, mapping) => self.export(number, &path, mapping),
+            WorkerOrder::Export(number, path, mapping, left_out) => {
+                self.export(number, &path, mapping, &left_out);
+            }
             WorkerOrder::WriteText(path, text) => self.write_text(&path, &text),
             WorkerOrder::Rescue(answer) => {
                 // Nobody listens any more if the window has given up waiting.

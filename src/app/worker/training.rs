@@ -84,9 +84,10 @@ impl WorkerThread {
         self.mark_visibility();
         if let Some(Content::Session(session)) = &self.content {
             let summary = Summary::of_frames(session.frames(), 0.0);
-            // The test of what the window costs the trainer reads this line
+            // The tests of what the window costs the trainer read this line
             // (`tests/app/window.rs`).
-            tracing::info!("finished: train_ms_median {:.3}", summary.train_ms_median);
+            let (median, all) = (summary.train_ms_median, self.snapshot.trained_s);
+            tracing::info!("finished: train_ms_median {median:.3} trained_s {all:.3}");
             for warning in session.learner().warnings() {
                 let text = wording::warning(&warning);
                 self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);

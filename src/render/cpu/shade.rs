@@ -6,7 +6,7 @@ use super::view::{CameraSplat, CpuView};
 use crate::model::splat::appearance::Appearance;
 use crate::model::splat::splats::Splat;
 use crate::render::options::Paint;
-use crate::render::paint::ramp;
+use crate::render::paint::{MARK, ramp};
 use glam::{DMat3, DVec3};
 
 /// The colour gradient of one splat in camera axes.
@@ -42,6 +42,7 @@ pub(super) fn color(
             Some(appearance) => directed(view, splat, placed, appearance),
             None => splat.color.map(|channel| channel.max(0.0)),
         },
+        Paint::Depth(_) | Paint::Normal if splat.color == MARK => MARK,
         Paint::Depth([near, far]) => ramp((placed.m.length() as f32 - near) / (far - near)),
         Paint::Normal => normal(view, placed),
     }

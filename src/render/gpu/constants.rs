@@ -5,7 +5,7 @@
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::compare::OUTSIDE;
 use crate::render::cpu::photometric::{MIN_WEIGHT, N_IMAGE_SUMS, SEEN};
-use crate::render::paint::RAMP;
+use crate::render::paint::{MARK, RAMP};
 use crate::render::{
     ALPHA_CAP, ALPHA_CUT, Antialias, FLATTEST, FOOTPRINT_PX2, LOW_PASS_PX2, Lens, POINT_SCALE,
     REFERENCE_VARIANCE, SCALE_FLOOR, TILE, TRANSMITTANCE_STOP,
@@ -112,6 +112,8 @@ pub fn with_constants(shader: &str) -> String {
     for (name, value) in NUMBERS {
         let _ = writeln!(text, "const {name}: f32 = {value:?}f;");
     }
+    let [r, g, b] = MARK;
+    let _ = writeln!(text, "const MARK = vec3<f32>({r:?}f, {g:?}f, {b:?}f);");
     let _ = writeln!(text, "const RAMP = array<vec3<f32>, {}>(", RAMP.len());
     for [r, g, b] in RAMP {
         let _ = writeln!(text, "    vec3<f32>({r:?}f, {g:?}f, {b:?}f),");

@@ -1,0 +1,112 @@
+//! Sets of splats that follow a scene in training.
+
+use crate::model::splat::splats::Splat;
+use glam::Vec3;
+
+/// A splat is the one that was marked while it is within so many of the standard deviations that it had
+/// along its longest axis. Its mean moves within them as points come; a number that was given to a splat
+/// elsewhere is met beyond.
+const REACH: f32 = 3.0;
+
+/// Where a splat was when it was marked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Mark {
+    slot: u32,
+    mean: [f32; 3],
+    /// World units.
+    reach: f32,
+}
+
+/// A set of splats, by their numbers and places.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SplatMarks {
+    /// A bit for each slot, so that most questions need no search.
+    bits: Vec<u64>,
+    /// By ascending slots.
+    marks: Vec<Mark>,
+}
+
+impl SplatMarks {
+    /// The splats of ascending slots, of which those that are not there are left out.
+    pub fn of(slots: impl IntoIterator<Item = u32>, splats: &[Splat]) -> Self {
+        let there = |slot: u32| Some((slot, splats.get(slot as usize)?));
+        let mark = |(slot, splat): (u32, &Splat)| Mark {
+            slot,
+            mean: splat.mean,
+            reach: REACH * splat.scale.into_iter().fold(0.0, f32::max),
+        };
+        Self::from_marks(slots.into_iter().filter_map(there).map(mark).collect())
+    }
+
+    fn from_marks(marks: Vec<Mark>) -> Self {
+        let n = marks.last().map_or(0, |last| last.slot as usize / 64 + 1);
+        let mut bits = vec![0; n];
+        for mark in &marks {
+            bits[mark.slot as usize / 64] |= 1 << (mark.slot % 64);
+        }
+        Self { bits, marks }
+    }
+
+    /// Whether the splat that is in a slot now is one of the set.
+    pub fn has(&self, slot: u32, splat: &Splat) -> bool {
+        let word = self.bits.get(slot as usize / 64);
+        if word.is_none_or(|word| word >> (slot % 64) & 1 == 0) {
+            return false;
+        }
+        let Ok(at) = self.marks.binary_search_by_key(&slot, |mark| mark.slot) else { return false };
+        let Mark { mean, reach, .. } = self.marks[at];
+        Vec3::from_array(mean).distance(Vec3::from_array(splat.mean)) <= reach
+    }
+
+    /// Splats in the set.
+    pub fn len(&self) -> usize {
+        self.marks.len()
+    }
+
+    /// Whether no splat is in it.
+    pub fn is_empty(&self) -> bool {
+        self.marks.is_empty()
+    }
+
+    /// Both sets together; of a splat in both, the other's mark.
+    pub fn with(&self, other: &Self) -> Self {
+        let mut marks = self.without(other).marks;
+        marks.extend(&other.marks);
+        marks.sort_unstable_by_key(|mark| mark.slot);
+        Self::from_marks(marks)
+    }
+
+    /// Those that are not in the other set.
+    pub fn without(&self, other: &Self) -> Self {
+        let is_other =
+            |mark: &&Mark| other.marks.binary_search_by_key(&mark.slot, |o| o.slot).is_ok();
+        Self::from_marks(self.marks.iter().filter(|mark| !is_other(mark)).copied().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x: f32) -> Splat {
+        Splat { mean: [x, 0.0, 0.0], scale: [0.1, 0.2, 0.01], opacity: 1.0, ..Splat::default() }
+    }
+
+    #[test]
+    fn a_splat_is_met_where_it_was_and_not_where_another_has_its_number() {
+        let splats: Vec<Splat> = (0..100).map(|i| at(i as f32)).collect();
+        let marks = SplatMarks::of([3, 70, 500], &splats);
+        assert_eq!(marks.len(), 2, "there is no splat 500");
+        assert!(marks.has(3, &at(3.5)) && marks.has(70, &at(69.5)));
+        assert!(!marks.has(3, &at(3.7)) && !marks.has(4, &at(4.0)) && !marks.has(500, &at(0.0)));
+    }
+
+    #[test]
+    fn sets_are_added_and_taken_away() {
+        let splats: Vec<Splat> = (0..9).map(|i| at(i as f32)).collect();
+        let (a, b) = (SplatMarks::of([1, 2, 5], &splats), SplatMarks::of([2, 8], &splats));
+        assert_eq!(a.with(&b), SplatMarks::of([1, 2, 5, 8], &splats));
+        assert_eq!(a.without(&b), SplatMarks::of([1, 5], &splats));
+        assert!(a.without(&a).is_empty() && a.without(&a) == SplatMarks::default());
+    }
+}

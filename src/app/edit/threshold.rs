@@ -1,0 +1,95 @@
+//! Selecting by what is known of splats: too few points, or too uncertain a position.
+
+use crate::model::attributes::ComponentAttributes;
+use crate::model::splat::splats::Splat;
+use crate::render::attributes::{Attribute, Range};
+
+/// What is looked at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Doubt {
+    /// Splats with less evidence than the threshold, points.
+    #[default]
+    LittleEvidence,
+    /// Splats of a larger standard deviation than the threshold, world units.
+    GreatUncertainty,
+}
+
+impl Doubt {
+    /// Both, in the order of the panel.
+    pub const ALL: [Self; 2] = [Self::LittleEvidence, Self::GreatUncertainty];
+
+    /// As the panel names it.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::LittleEvidence => "Evidence below",
+            Self::GreatUncertainty => "Uncertainty above",
+        }
+    }
+
+    /// What it looks at.
+    pub fn attribute(self) -> Attribute {
+        match self {
+            Self::LittleEvidence => Attribute::Evidence,
+            Self::GreatUncertainty => Attribute::Uncertainty,
+        }
+    }
+
+    /// Whether a splat is meant; none of which the value is not known.
+    pub fn is_met(self, known: &ComponentAttributes, threshold: f64) -> bool {
+        match self {
+            Self::LittleEvidence => known.evidence.is_some_and(|n| f64::from(n) < threshold),
+            Self::GreatUncertainty => known.uncertainty.is_some_and(|d| f64::from(d) > threshold),
+        }
+    }
+
+    /// The slots of splats that are meant and can be drawn.
+    pub fn slots<'a>(
+        self,
+        threshold: f64,
+        splats: &'a [Splat],
+        known: &'a [ComponentAttributes],
+    ) -> impl Iterator<Item = u32> + 'a {
+        let all = splats.iter().zip(known).zip(0..);
+        let met = all.filter(move |((splat, known), _)| {
+            splat.is_drawable() && self.is_met(known, threshold)
+        });
+        met.map(|(_, slot)| slot)
+    }
+
+    /// Thresholds that tell splats apart, of those that are known; `None` where nothing is known. Wider
+    /// than the middle of the values by a factor of ten at either end, where the strays are.
+    pub fn range(self, known: &[ComponentAttributes]) -> Option<[f64; 2]> {
+        let [lo, hi] = Range::of(self.attribute(), known)?.ends();
+        Some([0.1 * lo, 10.0 * hi])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_known_is_not_doubted() {
+        let splat = Splat {
+            opacity: 1.0,
+            scale: [1.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+            ..Splat::default()
+        };
+        let known = |evidence, uncertainty| ComponentAttributes {
+            evidence,
+            uncertainty,
+            ..ComponentAttributes::default()
+        };
+        let all = [known(Some(5.0), Some(0.1)), known(None, None), known(Some(50.0), Some(0.9))];
+        let splats = [splat, splat, splat, splat];
+        let slots = |doubt: Doubt, threshold| -> Vec<u32> {
+            doubt.slots(threshold, &splats, &all).collect()
+        };
+        assert_eq!(slots(Doubt::LittleEvidence, 20.0), [0]);
+        assert_eq!(slots(Doubt::GreatUncertainty, 0.5), [2]);
+        assert_eq!(Doubt::LittleEvidence.range(&[known(None, None)]), None);
+        let [lo, hi] = Doubt::LittleEvidence.range(&all).unwrap();
+        assert!(lo < 5.0 && hi > 50.0);
+    }
+}

@@ -1,0 +1,230 @@
+//! The splats as painters get them: without what is hidden, and marked where they are selected.
+
+use super::edits::Edits;
+use super::left_out::LeftOut;
+use crate::app::splat_updates::{SplatChange, apply};
+use crate::model::attributes::ComponentAttributes;
+use crate::model::splat::appearance::{Appearance, SplatSet};
+use crate::model::splat::splats::Splat;
+use crate::render::paint::MARK;
+use std::sync::Arc;
+
+/// How a splat is shown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Look {
+    /// As it is coloured.
+    #[default]
+    Plain,
+    /// In the colour of the selection.
+    Marked,
+    /// Not at all.
+    Nowhere,
+}
+
+/// What decides about a splat.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VisibilityRules {
+    /// What the user edited.
+    pub edits: Edits,
+    /// Splats of a later birth are not shown; those of an unknown birth are.
+    pub born_until: Option<u32>,
+}
+
+impl VisibilityRules {
+    fn is_nothing(&self) -> bool {
+        !self.edits.is_shown() && self.born_until.is_none()
+    }
+
+    fn look(&self, slot: u32, splat: &Splat, known: Option<&ComponentAttributes>) -> Look {
+        let birth = known.and_then(|known| known.birth);
+        let is_later = birth.zip(self.born_until).is_some_and(|(birth, until)| birth > until);
+        if is_later
+            || self.edits.hidden.has(slot, splat)
+            || !LeftOut::new(&self.edits).keeps(slot, splat)
+        {
+            Look::Nowhere
+        } else if self.edits.selected.has(slot, splat) {
+            Look::Marked
+        } else {
+            Look::Plain
+        }
+    }
+}
+
+/// What is shown is made of.
+#[derive(Clone, Copy)]
+pub struct SceneParts<'a> {
+    /// The splats in the colours that were chosen.
+    pub colored: &'a SplatSet,
+    /// What is known of them, as far as it was asked for.
+    pub known: &'a [ComponentAttributes],
+}
+
+/// The splats as they are shown, kept apart only while rules are in force.
+#[derive(Default)]
+pub struct VisibleSplats {
+    rules: VisibilityRules,
+    looks: Vec<Look>,
+    shown: Arc<SplatSet>,
+}
+
+impl VisibleSplats {
+    /// Takes a change that `parts` contain already; returns what painters are to change.
+    pub fn change(&mut self, change: SplatChange, parts: SceneParts<'_>) -> SplatChange {
+        if self.rules.is_nothing() {
+            return change;
+        }
+        match change {
+            SplatChange::All(_) => self.renew(parts),
+            SplatChange::Some { ids, .. } => self.update(ids, parts),
+        }
+    }
+
+    /// Shows by other rules; returns what painters are to change, if anything.
+    pub fn follow(&mut self, rules: VisibilityRules, parts: SceneParts<'_>) -> Option<SplatChange> {
+        if rules == self.rules {
+            return None;
+        }
+        let was_nothing = self.rules.is_nothing();
+        self.rules = rules;
+        if self.rules.is_nothing() {
+            (self.looks, self.shown) = (Vec::new(), Arc::default());
+            return Some(SplatChange::All(parts.colored.clone()));
+        }
+        if was_nothing {
+            return Some(self.renew(parts));
+        }
+        let looks = (0..).zip(&self.looks);
+        let changed = looks.filter(|(slot, look)| self.look(*slot, parts) != **look);
+        let ids: Vec<u32> = changed.map(|(slot, _)| slot).collect();
+        (!ids.is_empty()).then(|| self.update(ids, parts))
+    }
+
+    /// The splats as they are shown; `None` while that is how they are coloured.
+    pub fn splats(&self) -> Option<&Arc<SplatSet>> {
+        (!self.rules.is_nothing()).then_some(&self.shown)
+    }
+
+    fn look(&self, slot: u32, SceneParts { colored, known }: SceneParts<'_>) -> Look {
+        self.rules.look(slot, &colored[slot as usize], known.get(slot as usize))
+    }
+
+    fn renew(&mut self, parts: SceneParts<'_>) -> SplatChange {
+        self.looks = (0..parts.colored.len() as u32).map(|slot| self.look(slot, parts)).collect();
+        let mut all = SplatSet::default().finished(parts.colored.finishing().clone());
+        for slot in 0..parts.colored.len() {
+            let (splat, appearance) = self.shown_as(slot, parts);
+            all.push(splat, appearance);
+        }
+        self.shown = Arc::new(all.clone());
+        SplatChange::All(all)
+    }
+
+    fn update(&mut self, ids: Vec<u32>, parts: SceneParts<'_>) -> SplatChange {
+        self.looks.resize(parts.colored.len(), Look::default());
+        let mut splats = SplatSet::default().finished(parts.colored.finishing().clone());
+        for &id in &ids {
+            self.looks[id as usize] = self.look(id, parts);
+            let (splat, appearance) = self.shown_as(id as usize, parts);
+            splats.push(splat, appearance);
+        }
+        let change = SplatChange::Some { ids, splats };
+        // Copies only while a click is answered, whose thread holds a share.
+        apply(Arc::make_mut(&mut self.shown), change.clone());
+        change
+    }
+
+    fn shown_as(
+        &self,
+        slot: usize,
+        SceneParts { colored, .. }: SceneParts<'_>,
+    ) -> (Splat, Appearance) {
+        let (splat, appearance) = (colored[slot], colored.appearance_of(slot));
+        match self.looks[slot] {
+            Look::Plain => (splat, appearance),
+            // Plain, so that neither gradient nor direction changes the mark.
+            Look::Marked => (Splat { color: MARK, ..splat }, Appearance::default()),
+            Look::Nowhere => (Splat { opacity: 0.0, ..splat }, appearance),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::app::edit::edits::SelectHow;
+    use crate::app::edit::marks::SplatMarks;
+    use glam::DVec3;
+
+    fn scene(n: usize) -> SplatSet {
+        let splat = |i: usize| Splat {
+            mean: [i as f32, 0.0, 0.0],
+            opacity: 1.0,
+            color: [0.5; 3],
+            scale: [0.1; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0],
+        };
+        (0..n).map(splat).collect::<Vec<_>>().into()
+    }
+
+    /// A letter for each splat: shown, marked or nowhere.
+    fn seen(splats: &SplatSet) -> String {
+        let letter = |s: &Splat| match (s.opacity > 0.0, s.color == MARK) {
+            (false, _) => '.',
+            (true, true) => 'm',
+            (true, false) => 's',
+        };
+        splats.iter().map(letter).collect()
+    }
+
+    #[test]
+    fn painters_get_what_differs_and_the_scene_back_in_the_end() {
+        let colored = scene(6);
+        let born: Vec<ComponentAttributes> = (0..6)
+            .map(|i| ComponentAttributes { birth: Some(i), ..ComponentAttributes::default() })
+            .collect();
+        let parts = SceneParts { colored: &colored, known: &born };
+        let mut visible = VisibleSplats::default();
+        assert!(visible.splats().is_none() && visible.follow(Default::default(), parts).is_none());
+        let marks = |slots: &[u32]| SplatMarks::of(slots.iter().copied(), &colored);
+        let mut edits = Edits::default().selecting(marks(&[0]), SelectHow::Replace).hiding();
+        edits = edits.selecting(marks(&[1]), SelectHow::Replace).deleting();
+        edits = edits.selecting(marks(&[2]), SelectHow::Replace);
+        edits.crop = Some([DVec3::splat(-1.0), DVec3::new(4.5, 1.0, 1.0)]);
+        let rules = VisibilityRules { edits: edits.clone(), born_until: None };
+        visible.follow(rules, parts);
+        assert_eq!(seen(visible.splats().unwrap()), "..mss.");
+        let rules = VisibilityRules { edits: edits.clone(), born_until: Some(3) };
+        let change = visible.follow(rules, parts).unwrap();
+        assert!(matches!(change, SplatChange::Some { ids, .. } if ids == [4]));
+        assert_eq!(seen(visible.splats().unwrap()), "..ms..");
+        let change = visible.follow(VisibilityRules::default(), parts).unwrap();
+        assert!(matches!(change, SplatChange::All(all) if all == colored));
+        assert!(visible.splats().is_none());
+    }
+
+    #[test]
+    fn what_training_changes_stays_edited_and_what_it_bears_is_shown() {
+        let mut colored = scene(3);
+        let marks = SplatMarks::of([1], &colored);
+        let edits = Edits::default().selecting(marks, SelectHow::Replace).deleting();
+        let mut visible = VisibleSplats::default();
+        let rules = VisibilityRules { edits, born_until: None };
+        visible.follow(rules, SceneParts { colored: &colored, known: &[] });
+        let moved = Splat { mean: [1.1, 0.0, 0.0], ..colored[1] };
+        let change = SplatChange::Some {
+            ids: vec![1, 3],
+            splats: vec![moved, Splat { mean: [1.0, 0.0, 0.0], ..moved }].into(),
+        };
+        apply(&mut colored, change.clone());
+        let parts = SceneParts { colored: &colored, known: &[] };
+        visible.change(change, parts);
+        assert_eq!(seen(visible.splats().unwrap()), "s.ss");
+        // Its number went to a splat elsewhere.
+        let elsewhere = Splat { mean: [5.0, 0.0, 0.0], ..moved };
+        let change = SplatChange::Some { ids: vec![1], splats: vec![elsewhere].into() };
+        apply(&mut colored, change.clone());
+        visible.change(change, SceneParts { colored: &colored, known: &[] });
+        assert_eq!(seen(visible.splats().unwrap()), "ssss");
+    }
+}

@@ -1,0 +1,45 @@
+//! How many components have how much evidence.
+
+use crate::model::attributes::ComponentAttributes;
+
+/// Bars for each factor of ten.
+pub const PER_DECADE: f64 = 4.0;
+
+/// Components by the logarithm of their evidence.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EvidenceHistogram {
+    /// Number of the first bar: bar `i` begins at `10^(i / PER_DECADE)` points.
+    pub first: i32,
+    /// Components of each bar from there on.
+    pub counts: Vec<usize>,
+}
+
+impl EvidenceHistogram {
+    /// Of all components whose evidence is known; `None` if it is of none.
+    pub fn of(known: &[ComponentAttributes]) -> Option<Self> {
+        let evidence = known.iter().filter_map(|known| known.evidence).filter(|n| *n > 0.0);
+        let bar = |n: f32| (PER_DECADE * f64::from(n).log10()).floor() as i32;
+        let bars: Vec<i32> = evidence.map(bar).collect();
+        let (first, last) = (*bars.iter().min()?, *bars.iter().max()?);
+        // Of floats: a few hundred bars at most.
+        let mut counts = vec![0; (last - first) as usize + 1];
+        for bar in bars {
+            counts[(bar - first) as usize] += 1;
+        }
+        Some(Self { first, counts })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_component_with_points_is_counted_once() {
+        let known = |n: f32| ComponentAttributes { evidence: Some(n), ..Default::default() };
+        let all = [known(1.0), known(1.5), known(10.0), known(11.0), known(0.5), known(0.0)];
+        let histogram = EvidenceHistogram::of(&all).unwrap();
+        assert_eq!((histogram.first, histogram.counts), (-2, vec![1, 0, 2, 0, 0, 0, 2]));
+        assert_eq!(EvidenceHistogram::of(&[known(0.0), Default::default()]), None);
+    }
+}

@@ -1,0 +1,215 @@
+//! What is selected, hidden, deleted and cropped; and the walk back to earlier frames.
+
+use super::legend::number;
+use crate::app::command::UiCommand;
+use crate::app::edit::editor::{EditCounts, Editor};
+use crate::app::edit::edits::Edits;
+use crate::app::edit::threshold::Doubt;
+use crate::app::palette::Palette;
+use crate::app::state::{Opened, Snapshot};
+use crate::app::viewer::SceneView;
+use eframe::egui::{Button, DragValue, Grid, Label, Response, RichText, ScrollArea, Slider, Ui};
+
+/// Width of the sliders, points.
+const SLIDER: f32 = 200.0;
+
+/// Draws the panel; the command that was asked for.
+pub fn ui(
+    view: &mut SceneView,
+    snapshot: &Snapshot,
+    opened: &Opened,
+    ui: &mut Ui,
+) -> Option<UiCommand> {
+    let is_boxing = view.editor().is_boxing;
+    let mut asked = None;
+    ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+        let mut row = |ui: &mut Ui, commands: &[UiCommand]| {
+            ui.horizontal_wrapped(|ui| {
+                for &command in commands {
+                    let is_on = command == UiCommand::BoxSelect && is_boxing;
+                    let button = Button::new(command.label()).selected(is_on);
+                    let button = ui.add_enabled(view.is_of_use(command), button);
+                    if button.on_hover_text(command.hint(ui.ctx())).clicked() {
+                        asked = Some(command);
+                    }
+                }
+            });
+        };
+        row(ui, &[UiCommand::BoxSelect, UiCommand::Undo, UiCommand::Redo]);
+        weak(ui, "Drags over the picture select what they frame, also behind others. Shift adds, Ctrl takes away; the right button still pans.");
+        section(ui, "Select by what is known");
+        let (editor, palette) = view.editing();
+        editor.is_asked = true;
+        let counts = editor.counts(palette);
+        threshold(editor, palette, ui);
+        section(ui, "Selected");
+        ui.label(format!("{} of {} splats", counts.selected, counts.all));
+        let row_of_selection =
+            [UiCommand::HideSelected, UiCommand::DeleteSelected, UiCommand::Deselect];
+        let mut inverts = false;
+        ui.horizontal_wrapped(|ui| {
+            for command in row_of_selection {
+                let is_of_use = counts.selected > 0;
+                let button = ui.add_enabled(is_of_use, Button::new(command.label()));
+                if button.on_hover_text(command.hint(ui.ctx())).clicked() {
+                    asked = Some(command);
+                }
+            }
+            inverts = ui.button("Invert").on_hover_text("Select the others that are shown").clicked();
+        });
+        if inverts {
+            editor.invert(palette);
+        }
+        crop(editor, opened, &mut asked, ui);
+        section(ui, "Left out");
+        left_out(editor, &counts, &mut asked, ui);
+        section(ui, "Walk back");
+        walk_back(editor, palette, &counts, snapshot, ui);
+    });
+    asked
+}
+
+fn section(ui: &mut Ui, title: &str) {
+    ui.add_space(8.0);
+    ui.label(RichText::new(title).strong());
+}
+
+fn weak(ui: &mut Ui, text: &str) {
+    ui.add(Label::new(RichText::new(text).weak()).wrap());
+}
+
+fn command(ui: &mut Ui, command: UiCommand, is_of_use: bool, asked: &mut Option<UiCommand>) {
+    let button = ui.add_enabled(is_of_use, Button::new(command.label()));
+    if button.on_hover_text(command.hint(ui.ctx())).clicked() {
+        *asked = Some(command);
+    }
+}
+
+/// One slider; what it means is selected while it moves.
+fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
+    ui.horizontal_wrapped(|ui| {
+        for doubt in Doubt::ALL {
+            if ui.selectable_label(editor.doubt == doubt, doubt.label()).clicked() {
+                (editor.doubt, editor.threshold) = (doubt, None);
+            }
+        }
+    });
+    let doubt = editor.doubt;
+    let Some([low, high]) = doubt.range(palette.known()) else {
+        weak(
+            ui,
+            "What is open does not tell it of its splats: it takes a scene in training, or a checkpoint.",
+        );
+        return;
+    };
+    let start = match doubt {
+        Doubt::LittleEvidence => low,
+        Doubt::GreatUncertainty => high,
+    };
+    ui.spacing_mut().slider_width = SLIDER;
+    let mut value = editor.threshold.unwrap_or(start).clamp(low, high);
+    let slider = Slider::new(&mut value, low..=high)
+        .logarithmic(true)
+        .custom_formatter(|value, _| number(value))
+        .suffix(format!(" {}", doubt.attribute().unit()));
+    let slider = ui.add(slider).on_hover_text("What it means is selected while it moves");
+    if slider.changed() {
+        editor.select_doubtful(value, palette);
+    }
+    end_step(editor, &slider);
+}
+
+/// What a control changes is one step from when it is grabbed until it is let go.
+fn end_step(editor: &mut Editor, control: &Response) {
+    if control.drag_stopped() || control.changed() && !control.dragged() {
+        editor.history().end_drag();
+    }
+}
+
+fn crop(editor: &mut Editor, opened: &Opened, asked: &mut Option<UiCommand>, ui: &mut Ui) {
+    section(ui, "Crop box");
+    let Some(now) = editor.edits().crop else {
+        command(ui, UiCommand::CropBox, true, asked);
+        return;
+    };
+    let crop = UiCommand::CropBox;
+    if ui.button("No crop box").on_hover_text(crop.tooltip()).clicked() {
+        *asked = Some(crop);
+    }
+    let origin = opened.local_origin;
+    let [mut low, mut high] = now.map(|corner| corner + origin);
+    let speed = 2e-3 * opened.home.radius;
+    Grid::new("crop").num_columns(3).show(ui, |ui| {
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let label = ui.label(name).id;
+            let (least, most) = (low[axis], high[axis]);
+            let from = DragValue::new(&mut low[axis]).speed(speed).range(f64::MIN..=most);
+            let from = ui.add(from.max_decimals(4)).labelled_by(label).on_hover_text("From");
+            let to = DragValue::new(&mut high[axis]).speed(speed).range(least..=f64::MAX);
+            let to = ui.add(to.max_decimals(4)).labelled_by(label).on_hover_text("To");
+            for control in [from, to] {
+                if control.changed() {
+                    let crop = Some([low, high].map(|corner| corner - origin));
+                    let next = Edits { crop, ..editor.edits().clone() };
+                    editor.history().drag(next);
+                }
+                end_step(editor, &control);
+            }
+            ui.end_row();
+        }
+    });
+    weak(
+        ui,
+        "World units, as `export --crop` takes them. The handles in the picture move its faces.",
+    );
+}
+
+fn left_out(editor: &Editor, counts: &EditCounts, asked: &mut Option<UiCommand>, ui: &mut Ui) {
+    let edits = editor.edits();
+    let written = counts.all - counts.left_out;
+    ui.label(format!("An export writes {written} of {} splats.", counts.all));
+    if counts.left_out > 0 {
+        let (deleted, outside) = (counts.deleted, counts.left_out - counts.deleted);
+        ui.label(format!("Left out: {deleted} deleted, {outside} more outside the crop box"));
+    }
+    if counts.hidden > 0 {
+        ui.label(format!("{} hidden, which are written all the same", counts.hidden));
+    }
+    ui.horizontal_wrapped(|ui| {
+        command(ui, UiCommand::ShowHidden, !edits.hidden.is_empty(), asked);
+        command(ui, UiCommand::BringBack, !edits.deleted.is_empty(), asked);
+    });
+    weak(ui, "The model itself, its checkpoints and its quality keep all splats.");
+}
+
+/// The scene as far as it was born at a frame.
+fn walk_back(
+    editor: &mut Editor,
+    palette: &Palette,
+    counts: &EditCounts,
+    snapshot: &Snapshot,
+    ui: &mut Ui,
+) {
+    let is_known = palette.known().iter().any(|known| known.birth.is_some());
+    if !is_known || snapshot.n_frames == 0 {
+        editor.born_until = None;
+        weak(ui, "Births are known of scenes that were trained since they were opened.");
+        return;
+    }
+    let last = snapshot.n_frames;
+    ui.spacing_mut().slider_width = SLIDER;
+    let mut frames = editor.born_until.map_or(last, |k| k as usize + 1);
+    ui.label("Show splats born up to frame");
+    let slider = Slider::new(&mut frames, 1..=last);
+    let hint = "Where splats are that a later frame bore is left empty; those that are left are as they are now, not as they were then";
+    if ui.add(slider).on_hover_text(hint).changed() {
+        editor.born_until = (frames < last).then_some(frames as u32 - 1);
+    }
+    weak(
+        ui,
+        "Only shows which splats were born by then, as they are now. Nothing is left out of files by it.",
+    );
+    if counts.unborn > 0 {
+        weak(ui, &format!("{} splats of an unknown birth are always shown.", counts.unborn));
+    }
+}

@@ -1,0 +1,34 @@
+//! How much evidence stands behind the components: a histogram.
+
+use super::plot_axes::numbered;
+use crate::app::evidence_histogram::{EvidenceHistogram, PER_DECADE};
+use eframe::egui::{Color32, Label, RichText, Ui};
+use egui_plot::{Bar, BarChart, Plot};
+
+const BAR: Color32 = Color32::from_rgb(86, 180, 233);
+
+/// Draws the histogram of a scene at rest: counted while frames are trained it would take their time.
+pub fn ui(histogram: Option<&EvidenceHistogram>, is_at_rest: bool, ui: &mut Ui) {
+    ui.add_space(6.0);
+    ui.label(RichText::new("Evidence of the components").strong());
+    let (true, Some(EvidenceHistogram { first, counts })) = (is_at_rest, histogram) else {
+        ui.label(RichText::new("Counted when training rests.").weak());
+        return;
+    };
+    let bars = (*first..).zip(counts).map(|(bar, &count)| {
+        let middle = (f64::from(bar) + 0.5) / PER_DECADE;
+        Bar::new(middle, count as f64).width(1.0 / PER_DECADE)
+    });
+    let chart = BarChart::new("Components", bars.collect()).color(BAR);
+    let axes = ["points of a component, powers of ten", "components"];
+    numbered(Plot::new("evidence"), axes)
+        .height(150.0)
+        .allow_drag(false)
+        .allow_zoom(false)
+        .allow_scroll(false)
+        .allow_boxed_zoom(false)
+        .show(ui, |plot| plot.bar_chart(chart));
+    let n: usize = counts.iter().sum();
+    let text = format!("{n} components. The tab Edit selects those of little evidence.");
+    ui.add(Label::new(RichText::new(text).weak()).wrap());
+}

@@ -1,0 +1,83 @@
+//! How well frames that were trained long ago are still reproduced: their PSNR, again and again as training
+//! goes on.
+
+/// Distance of the first frames that are followed, in the order of training; it doubles from there on, so
+/// that a long run follows few.
+const STEP: usize = 10;
+/// Frames that are followed at most.
+const MAX_FOLLOWED: usize = 8;
+
+/// One frame over the run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RetainedFrame {
+    /// Its position in the order of training.
+    pub position: usize,
+    /// Frames trained and PSNR then, dB.
+    pub psnr: Vec<[f64; 2]>,
+}
+
+/// What is known of frames that are followed.
+#[derive(Clone, Debug, Default)]
+pub struct Retention {
+    frames: Vec<RetainedFrame>,
+    measured_at: Option<usize>,
+}
+
+impl Retention {
+    /// The frames that are followed, by their position.
+    pub fn frames(&self) -> &[RetainedFrame] {
+        &self.frames
+    }
+
+    /// Whether it was not measured yet after so many frames.
+    pub fn is_older_than(&self, frames_done: usize) -> bool {
+        self.measured_at.is_none_or(|at| at < frames_done)
+    }
+
+    /// Notes the PSNR of frames, by their positions, after so many trained ones.
+    pub fn note(&mut self, frames_done: usize, measured: impl IntoIterator<Item = (usize, f64)>) {
+        self.measured_at = Some(frames_done);
+        for (position, psnr) in measured {
+            let at = match self.frames.iter().position(|frame| frame.position == position) {
+                Some(at) => at,
+                None => {
+                    self.frames.push(RetainedFrame { position, psnr: Vec::new() });
+                    self.frames.len() - 1
+                }
+            };
+            self.frames[at].psnr.push([frames_done as f64, psnr]);
+        }
+    }
+}
+
+/// Positions of the frames to follow once so many were trained: 0, 10, 20, 40, 80 and so on.
+pub fn positions(frames_done: usize) -> Vec<usize> {
+    let doubling = std::iter::successors(Some(STEP), |position| position.checked_mul(2));
+    let all = std::iter::once(0).chain(doubling).take(MAX_FOLLOWED);
+    all.take_while(|position| *position < frames_done).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_frames_are_followed_from_the_moment_they_are_trained() {
+        assert!(positions(0).is_empty());
+        assert_eq!(positions(1), [0]);
+        assert_eq!(positions(21), [0, 10, 20]);
+        assert_eq!(positions(100_000).len(), MAX_FOLLOWED);
+    }
+
+    #[test]
+    fn curves_begin_when_their_frame_is_trained() {
+        let mut retention = Retention::default();
+        assert!(retention.is_older_than(1));
+        retention.note(5, [(0, 30.0)]);
+        retention.note(12, [(0, 29.0), (10, 31.0)]);
+        assert!(!retention.is_older_than(12) && retention.is_older_than(13));
+        let [first, second] = retention.frames() else { panic!("two frames") };
+        assert_eq!(first.psnr, [[5.0, 30.0], [12.0, 29.0]]);
+        assert_eq!((second.position, second.psnr.len()), (10, 1));
+    }
+}

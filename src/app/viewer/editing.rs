@@ -1,0 +1,181 @@
+//! Edits in the viewport: boxes that select, the crop box, and what painters are told of both.
+
+use super::SceneView;
+use super::crop_handles::{self, EditDrag};
+use super::picture_request::PictureRequest;
+use super::stand::Place;
+use super::world_painter::WorldPainter;
+use crate::app::command::UiCommand;
+use crate::app::edit::editor::Editor;
+use crate::app::edit::edits::{Edits, SelectHow};
+use crate::app::edit::screen_box::slots_within;
+use crate::app::palette::Palette;
+use crate::app::state::Opened;
+use crate::math::camera::Camera;
+use crate::model::attributes::ComponentAttributes;
+use crate::render::Lens;
+use crate::render::attributes::Attribute;
+use eframe::egui::{Color32, PointerButton, Rect, Response, Stroke, StrokeKind, Ui};
+use glam::DVec2;
+
+const FRAME: Color32 = Color32::from_rgb(255, 90, 220);
+
+impl SceneView {
+    /// The edits.
+    pub fn editor(&self) -> &Editor {
+        &self.editor
+    }
+
+    /// What is known of each splat, as far as colours, edits or panels ask for it.
+    pub fn known(&self) -> &[ComponentAttributes] {
+        self.palette.known()
+    }
+
+    /// The edits and the splats that they are about, for the panel.
+    pub fn editing(&mut self) -> (&mut Editor, &Palette) {
+        (&mut self.editor, &self.palette)
+    }
+
+    /// How many of how many splats an export leaves out, if some.
+    pub fn n_left_out(&mut self) -> Option<(usize, usize)> {
+        let counts = self.editor.counts(&self.palette);
+        (counts.left_out > 0).then_some((counts.left_out, counts.all))
+    }
+
+    /// Whether a command of the edits would change anything; other commands always do.
+    pub fn is_of_use(&self, command: UiCommand) -> bool {
+        let edits = self.editor.edits();
+        match command {
+            UiCommand::Undo => self.editor.can_undo(),
+            UiCommand::Redo => self.editor.can_redo(),
+            UiCommand::HideSelected | UiCommand::DeleteSelected => !edits.selected.is_empty(),
+            UiCommand::ShowHidden => !edits.hidden.is_empty(),
+            UiCommand::BringBack => !edits.deleted.is_empty(),
+            _ => true,
+        }
+    }
+
+    /// What the worker is to tell of components: what colours them, else what a panel or the walk back
+    /// needs.
+    fn watched(&self) -> Option<Attribute> {
+        let is_asked = self.editor.is_asked || self.editor.born_until.is_some();
+        self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
+    }
+
+    /// The same, at the end of a pass: in the next one panels say anew what they need.
+    pub fn take_watched(&mut self) -> Option<Attribute> {
+        let watched = self.watched();
+        self.editor.is_asked = false;
+        watched
+    }
+
+    /// Colours and edits as they are chosen now.
+    pub(super) fn show_edits(&mut self) {
+        self.palette.keep_known(self.watched().is_some());
+        if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
+            let change = self.editor.change(change, &self.palette);
+            self.painter.change(change, self.editor.shown(&self.palette));
+        }
+        if let Some(change) = self.editor.follow(&self.palette) {
+            self.painter.change(change, self.editor.shown(&self.palette));
+        }
+    }
+
+    /// Whether a drag edits, and so turns nothing.
+    pub(super) fn is_editing(&self) -> bool {
+        self.edit_drag.is_some()
+    }
+
+    /// Takes the beginning of a drag: a handle of the crop box before all else.
+    pub(super) fn begin_edit(&mut self, ui: &Ui, response: &Response, opened: &Opened) {
+        if !response.drag_started_by(PointerButton::Primary) {
+            return;
+        }
+        let Some(at) = ui.input(|i| i.pointer.press_origin()) else { return };
+        let face = self.crop_shown().and_then(|crop| {
+            let world = self.world_of(ui, response.rect, &self.latest_camera?, opened)?;
+            crop_handles::face_at(&world, crop, at)
+        });
+        let selects = self.editor.is_boxing.then_some(EditDrag::Select);
+        self.edit_drag = face.map(EditDrag::Face).or(selects);
+        if self.edit_drag.is_some() {
+            // What is framed must not be carried away while it is framed.
+            self.guide = None;
+        }
+    }
+
+    /// Draws the crop box and the box that selects, and follows the drag.
+    pub(super) fn edit(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        request: &PictureRequest,
+        opened: &Opened,
+    ) {
+        let world = self.world_of(ui, response.rect, &request.camera, opened);
+        if let (Some(crop), Some(world)) = (self.crop_shown(), &world) {
+            crop_handles::draw(world, crop);
+        }
+        match self.edit_drag {
+            None => return,
+            Some(EditDrag::Select) => self.drag_box(ui, response, request),
+            Some(EditDrag::Face(face)) => {
+                if let (Some(crop), Some(world)) = (self.editor.edits().crop, &world) {
+                    let crop = crop_handles::dragged(world, crop, face, response.drag_delta());
+                    let next = Edits { crop: Some(crop), ..self.editor.edits().clone() };
+                    self.editor.history().drag(next);
+                }
+            }
+        }
+        if !response.dragged_by(PointerButton::Primary) {
+            self.editor.history().end_drag();
+            self.edit_drag = None;
+        }
+    }
+
+    fn drag_box(&mut self, ui: &Ui, response: &Response, request: &PictureRequest) {
+        let ends = ui.input(|i| i.pointer.press_origin().zip(i.pointer.latest_pos()));
+        if let Some((from, to)) = ends {
+            let frame = Rect::from_two_pos(from, to).intersect(response.rect);
+            let painter = ui.painter().with_clip_rect(response.rect);
+            painter.rect_filled(frame, 0.0, FRAME.gamma_multiply(0.15));
+            painter.rect_stroke(frame, 0.0, Stroke::new(1.5, FRAME), StrokeKind::Inside);
+            self.latest_box = Some(frame);
+        }
+        if !response.drag_stopped_by(PointerButton::Primary) {
+            return;
+        }
+        let Some(frame) = self.latest_box.take() else { return };
+        let pixel = |at: eframe::egui::Pos2| {
+            let at = (at - response.rect.min) * ui.ctx().pixels_per_point();
+            DVec2::new(at.x.into(), at.y.into())
+        };
+        let corners = [frame.min, frame.max].map(pixel);
+        let (lens, near) = (request.options.method.lens(), request.options.near);
+        let slots = slots_within(self.palette.learned(), &request.camera, lens, near, corners);
+        let how = match ui.input(|i| i.modifiers) {
+            modifiers if modifiers.command => SelectHow::Remove,
+            modifiers if modifiers.shift => SelectHow::Add,
+            _ => SelectHow::Replace,
+        };
+        let slots = slots.collect();
+        self.editor.select(slots, &self.palette, how);
+    }
+
+    /// The crop box while its panel is open.
+    fn crop_shown(&self) -> Option<[glam::DVec3; 2]> {
+        self.editor.edits().crop.filter(|_| self.editor.is_asked)
+    }
+
+    /// `None` through a fisheye, in which straight lines are not straight.
+    fn world_of(
+        &self,
+        ui: &Ui,
+        rect: Rect,
+        camera: &Camera,
+        opened: &Opened,
+    ) -> Option<WorldPainter> {
+        let is_pinhole = self.place != Place::Free || self.settings.lens == Lens::Pinhole;
+        is_pinhole.then(|| WorldPainter::new(ui, rect, camera, opened.home.radius))
+    }
+}

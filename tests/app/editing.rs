@@ -1,0 +1,235 @@
+//! Selecting, hiding, deleting and cropping splats, and the walk back to earlier frames.
+
+use super::harness::{
+    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_picture, window,
+    write_to,
+};
+use super::viewer::{choose, press};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Rect, pos2};
+use egui_kittest::kittest::Queryable;
+use std::path::Path;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::color_mode::ColorMode;
+use vbgs_studio::app::edit::edits::Edits;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::export;
+
+const BOTH: [Painting; 2] = [Painting::Auto, Painting::Gpu];
+/// Corners of a box that holds some of the scene and not all of it.
+const BOX: [Pos2; 2] = [pos2(220.0, 250.0), pos2(420.0, 450.0)];
+
+fn trained(room: &Path, painting: Painting) -> Option<Window> {
+    let mut window = window(Some(Subject::Path(room.to_owned())), painting)?;
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    wait_for_picture(&mut window);
+    Some(window)
+}
+
+fn edits(window: &Window) -> Edits {
+    window.state().view().editor().edits().clone()
+}
+
+/// Selects what the box frames; orbiting is what drags do again afterwards.
+fn select_box(window: &mut Window) {
+    press(window, Key::B);
+    drag_between(window, PointerButton::Primary, BOX[0], BOX[1]);
+    press(window, Key::B);
+    assert!(!edits(window).selected.is_empty(), "the box holds no splat");
+}
+
+/// Pixels in the colour of the selection.
+fn n_marked(window: &mut Window) -> usize {
+    let image = window.render().unwrap();
+    let pixels = (150..500).flat_map(|y| (50..550).map(move |x| (x, y)));
+    let is_marked = |[r, g, b, _]: [u8; 4]| r > 220 && g < 130 && (180..240).contains(&b);
+    pixels.filter(|&(x, y)| is_marked(image.get_pixel(x, y).0)).count()
+}
+
+fn wait_for_marks(window: &mut Window, what: &str, is_right: impl Fn(usize) -> bool) {
+    let begun = std::time::Instant::now();
+    loop {
+        let n = n_marked(window);
+        if is_right(n) {
+            return;
+        }
+        assert!(begun.elapsed() < super::harness::PATIENCE, "{what}: {n} marked pixels");
+        window.step();
+    }
+}
+
+#[test]
+fn what_a_box_selects_is_seen_in_every_colour_and_is_hidden_and_comes_back() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 3);
+    for painting in BOTH {
+        let Some(mut window) = trained(&room, painting) else { return };
+        assert_eq!(n_marked(&mut window), 0);
+        let eye = window.state().view().eye();
+        select_box(&mut window);
+        assert_eq!(window.state().view().eye(), eye, "the drag does not turn the camera");
+        for mode in ColorMode::ALL.into_iter().rev() {
+            choose(&mut window, 1, mode.label());
+            wait_for_marks(&mut window, mode.label(), |n| n > 500);
+        }
+        let (all, selected) = (window.state().n_drawn(), edits(&window).selected.len());
+        press(&mut window, Key::K);
+        wait(&mut window, "hidden", move |s| s.n_drawn() == all - selected);
+        wait_for_marks(&mut window, "hidden", |n| n == 0);
+        press(&mut window, Key::U);
+        wait(&mut window, "shown again", move |s| s.n_drawn() == all);
+        for _ in 0..2 {
+            window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+            window.run_steps(2);
+        }
+        wait_for_marks(&mut window, "selected again", |n| n > 500);
+        window.key_press_modifiers(Modifiers::COMMAND | Modifiers::SHIFT, Key::Z);
+        wait(&mut window, "hidden again", move |s| s.n_drawn() == all - selected);
+    }
+}
+
+/// Splats of a new file after an export, and the words about it.
+fn exported(window: &mut Window, file: &Path) -> (usize, String) {
+    let before = window.state().snapshot().latest_write;
+    write_to(window, Key::E, "Export", file);
+    wait(window, "the file", move |s| {
+        let latest = s.snapshot().latest_write;
+        latest != before && latest.is_some_and(|write| write.is_written)
+    });
+    let words = window.state().snapshot().notices.last().unwrap().text.clone();
+    (export::read(file).unwrap().splats.len(), words)
+}
+
+#[test]
+fn exports_lack_what_was_deleted_or_cropped_and_the_model_keeps_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 3);
+    let Some(mut window) = trained(&room, Painting::Auto) else { return };
+    let file = |name: &str| folder.path().join(format!("{name}.ply"));
+    let (all, words) = exported(&mut window, &file("all"));
+    assert!(!words.contains("left out"), "{words}");
+    select_box(&mut window);
+    let n = edits(&window).selected.len();
+    press(&mut window, Key::Delete);
+    let (without, words) = exported(&mut window, &file("without"));
+    assert!(without < all, "{without} of {all}");
+    assert!(words.contains(&format!("{n} of the scene's were left out")), "{words}");
+    assert!(window.state().snapshot().used >= all, "the model has them all");
+    click(&mut window, "Edit");
+    window.get_by_label_contains("An export writes");
+    click(&mut window, "Crop box");
+    let [low, high] = edits(&window).crop.unwrap();
+    let drawn = window.state().n_drawn();
+    // The handle of a face in the picture would be elsewhere in every scene: the number moves it too.
+    assert!(low.cmplt(high).all());
+    let value = window.query_all_by_role(Role::SpinButton).next().unwrap();
+    value.focus();
+    window.run_steps(2);
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(Event::Text(format!("{}", 0.5 * (low.x + high.x))));
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    let found = edits(&window).crop.unwrap()[0].x;
+    assert!((found - 0.5 * (low.x + high.x)).abs() < 1e-3, "{found} between {low} and {high}");
+    wait(&mut window, "the crop", move |s| s.n_drawn() < drawn);
+    // While a number is typed it is a text, as the path of the file is.
+    click(&mut window, "Scene");
+    let (cropped, words) = exported(&mut window, &file("cropped"));
+    assert!(cropped < without && words.contains("left out"), "{cropped}: {words}");
+    while window.state().view().editor().can_undo() {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        window.run_steps(2);
+    }
+    assert_eq!(exported(&mut window, &file("again")).0, all, "everything is taken back");
+}
+
+/// A slider of the open panel.
+fn slider(window: &mut Window, n: usize) -> Rect {
+    window.run_steps(2);
+    let sliders = window.query_all_by_role(Role::Slider).map(|slider| slider.rect());
+    // Not the one of the detail, which is in the bar above.
+    sliders.filter(|rect| rect.top() > 100.0).nth(n).unwrap()
+}
+
+#[test]
+fn one_slider_selects_by_evidence_while_it_moves_and_is_one_step() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 3);
+    let Some(mut window) = trained(&room, Painting::Auto) else { return };
+    click(&mut window, "Edit");
+    wait(&mut window, "what is known", |s| !s.view().known().is_empty());
+    for doubt in ["Evidence below", "Uncertainty above"] {
+        click(&mut window, doubt);
+        let at = slider(&mut window, 0);
+        let place = |share: f32| at.left_center().lerp(at.right_center(), share);
+        window.event(Event::PointerMoved(place(0.3)));
+        window.step();
+        let press = |pressed| Event::PointerButton {
+            pos: place(0.3),
+            button: PointerButton::Primary,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        window.event(press(true));
+        window.step();
+        let mut selected = Vec::new();
+        for i in 0..=4 {
+            window.event(Event::PointerMoved(place(0.3 + 0.1 * i as f32)));
+            window.run_steps(2);
+            selected.push(edits(&window).selected.len());
+        }
+        window.event(press(false));
+        window.run_steps(2);
+        assert!(selected.iter().any(|n| *n != selected[0]), "{doubt}: {selected:?}");
+        let last = edits(&window).selected.len();
+        let all = window.state().snapshot().used;
+        assert!(last > 0 && last < all, "{doubt}: {last} of {all}");
+        window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+        window.run_steps(2);
+        assert!(edits(&window).selected.is_empty(), "the whole drag is one step");
+    }
+}
+
+#[test]
+fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(dataset(folder.path(), 4));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Step");
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1 && s.n_drawn() > 100);
+    settled(&mut window);
+    select_box(&mut window);
+    let deleted = edits(&window).selected.len();
+    press(&mut window, Key::Delete);
+    let before = window.state().n_drawn();
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", is(RunState::Finished));
+    wait(&mut window, "more splats", move |s| s.n_drawn() > before);
+    settled(&mut window);
+    let left = window.state().n_drawn();
+    for (key, n) in [(Key::Z, left + deleted), (Key::Y, left)] {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        wait(&mut window, "the deleted, back and away", move |s| s.n_drawn() == n);
+    }
+    // Walking back, the first frame's alone are left; files are as they were.
+    click(&mut window, "Edit");
+    wait(&mut window, "births", |s| s.view().known().iter().any(|k| k.birth.is_some()));
+    let at = slider(&mut window, 1);
+    drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
+    let first = wait_until_fewer(&mut window, left);
+    assert!(first > 0, "the first frame bore some");
+    window.get_by_label_contains("Born up to frame 1 of 4");
+}
+
+fn wait_until_fewer(window: &mut Window, than: usize) -> usize {
+    wait(window, "fewer splats", move |s| s.n_drawn() < than);
+    window.state().n_drawn()
+}
