@@ -18,14 +18,14 @@ pub enum FrameState {
     /// To be trained, at this position of the order.
     Ahead(usize),
     /// Trained, at this position; with its report where the window saw it.
-    Trained(usize, Option<FrameOutcome>),
+    Trained(usize, Option<TrainedFrame>),
     /// It could not be used, and why.
     Skipped(String),
 }
 
 /// How a frame was trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameOutcome {
+pub struct TrainedFrame {
     /// Points learnt from.
     pub points: usize,
     /// Mean ELBO of its points, nats.
@@ -35,7 +35,7 @@ pub struct FrameOutcome {
     pub psnr_before: Option<f64>,
 }
 
-impl From<&FrameReport> for FrameOutcome {
+impl From<&FrameReport> for TrainedFrame {
     fn from(report: &FrameReport) -> Self {
         // Of a frame that contradicts by its points the difference is not that of its photograph.
         let is_of_photograph = |photo: &PhotographOutcome| {
@@ -58,7 +58,7 @@ pub struct FrameOutcomes {
     plan: Option<Arc<Plan>>,
     /// First position in the order of training of each frame of the split that is trained.
     positions: HashMap<usize, usize>,
-    outcomes: HashMap<usize, FrameOutcome>,
+    outcomes: HashMap<usize, TrainedFrame>,
     /// Frames before this position are trained or skipped.
     n_reached: usize,
     skipped: Arc<Vec<SkippedFrame>>,
@@ -76,7 +76,7 @@ impl FrameOutcomes {
         self.take_plan(opened);
         let is_new = |report: &&FrameReport| report.index >= self.n_reached;
         let new: Vec<&FrameReport> = snapshot.recent.iter().rev().take_while(is_new).collect();
-        self.outcomes.extend(new.iter().map(|report| (report.index, FrameOutcome::from(*report))));
+        self.outcomes.extend(new.iter().map(|report| (report.index, TrainedFrame::from(*report))));
         self.n_reached = new.first().map_or(self.n_reached, |newest| newest.index + 1);
         if !Arc::ptr_eq(&self.skipped, &snapshot.skipped) {
             self.skipped = snapshot.skipped.clone();

@@ -135,7 +135,9 @@ fn item(context: &MenuContext<'_>, action: Action, ui: &mut Ui) -> Option<MenuAn
     let why_not = (context.why_not)(action);
     let is_on = matches!(action, Action::Command(command) if (context.is_on)(command));
     let button = Button::selectable(is_on, action.menu_label());
-    let button = button.shortcut_text(action.keys(ui.ctx()));
+    let keys = action.keys(ui.ctx());
+    // A text that is empty would be read out as part of the name.
+    let button = if keys.is_empty() { button } else { button.shortcut_text(keys) };
     let response = ui.add_enabled(why_not.is_none(), button);
     let response = response.on_hover_text(action.tooltip());
     let is_chosen = response.on_disabled_hover_text(why_not.unwrap_or_default()).clicked();

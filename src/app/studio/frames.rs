@@ -19,7 +19,7 @@ impl Studio {
         self.strip.outcomes.take(snapshot);
         let shown = self.view.frame_ref().cloned();
         let is_open = self.layout.shows_frames;
-        let mut thumbnails = self.view.thumbnails(opened);
+        let thumbnails = self.view.thumbnails(opened);
         if let Some(thumbnails) = &thumbnails {
             thumbnails.stand_back(snapshot.state == RunState::Training);
         }
@@ -41,7 +41,7 @@ impl Studio {
                 .default_size((SHARE * room).clamp(heights.min, highest));
             panel.show(ui, |ui| {
                 let folded = frame_strip::line(&context, is_open, ui);
-                frame_strip::ui(&context, position, thumbnails.as_deref_mut(), ui).or(folded)
+                frame_strip::ui(&context, position, thumbnails, ui).or(folded)
             })
         } else {
             let panel = Panel::bottom("frames folded").frame(frame);

@@ -2,7 +2,9 @@
 
 use glam::{DVec3, dvec3};
 use vbgs_studio::dataset::frame::{Depth, DepthCodes, DepthKind, Frame};
-use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceCounts, SurfaceSettings};
+use vbgs_studio::dataset::surface::{
+    PixelSampling, Preparer, Sensor, SurfaceCounts, SurfaceSettings,
+};
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::Image;
 use vbgs_studio::math::pose::Pose;
@@ -69,6 +71,7 @@ pub fn settings(sensor: Sensor) -> SurfaceSettings {
         plane_fit: true,
         flying_pixels: true,
         cosine: true,
+        sampling: PixelSampling::Every,
         calibration: None,
         photograph: false,
         origin: DVec3::ZERO,
