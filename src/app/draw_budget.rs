@@ -34,7 +34,7 @@ pub struct DrawBudget {
     last: Option<(Instant, Option<Duration>)>,
     /// Mean work of a pass, s of a core.
     pass_s: f64,
-    /// Mean work of a picture at the scale of now, s of a core.
+    /// Mean work of a picture of a moving camera, at the scale of now, s of a core.
     picture_s: f64,
     /// Mean time between passes, s.
     apart_s: f64,
@@ -85,9 +85,10 @@ impl DrawBudget {
         }
     }
 
-    /// Scale of a picture beside training, of the viewport's size in each direction.
-    pub fn scale(&self) -> f64 {
-        self.scale
+    /// Scale of a picture beside training, of the viewport's size in each direction: the largest for a
+    /// camera that rests, of which pictures come seldom.
+    pub fn scale(&self, moving: bool) -> f64 {
+        if moving { self.scale } else { *SCALES.end() }
     }
 
     /// How long passes must be apart for drawing to stay within its share.
@@ -142,10 +143,10 @@ mod tests {
         let mut budget = budget(0.2);
         let draw = |budget: &mut DrawBudget, ms_at_full: f64| {
             for _ in 0..60 {
-                let scale = budget.scale();
+                let scale = budget.scale(true);
                 budget.note_picture(ms_at_full * scale * scale, scale);
             }
-            budget.scale()
+            budget.scale(true)
         };
         assert_eq!(draw(&mut budget, 40.0), 0.5);
         let small = draw(&mut budget, 200.0);

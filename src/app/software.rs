@@ -3,6 +3,7 @@
 
 use super::drawing::{DrawSample, DrawStage};
 use super::splat_updates::SplatChange;
+use super::thread_times;
 use super::view_thread::{Announce, ViewThread};
 use super::viewer::picture_request::{Partner, PictureRequest};
 use super::worker::Waker;
@@ -65,6 +66,9 @@ struct Picture {
     n_drawn: usize,
     /// What it took to make.
     ms: f64,
+    /// What the thread that began it worked for it: all, where it is alone. Less than it took where
+    /// training has the cores.
+    worked_ms: f64,
     effort: Effort,
 }
 
@@ -91,12 +95,19 @@ impl SoftwarePainter {
             .map_err(std::io::Error::other)?;
         let draw = move |splats: &SplatSet, (request, effort): (PictureRequest, Effort)| {
             let started = Instant::now();
-            let mut render = || picture(&mut renderer, splats, &request, effort);
-            let picture = if effort.is_shared() { alone.install(render) } else { render() };
+            let mut render = || {
+                let before = thread_times::own();
+                let picture = picture(&mut renderer, splats, &request, effort);
+                (picture, thread_times::own().zip(before).map(|(now, before)| now - before))
+            };
+            let (picture, worked) =
+                if effort.is_shared() { alone.install(render) } else { render() };
+            let ms = started.elapsed().as_secs_f64() * 1e3;
             Picture {
                 image: texels(&picture),
                 n_drawn: splats.iter().filter(|s| s.opacity > 0.0).count(),
-                ms: started.elapsed().as_secs_f64() * 1e3,
+                ms,
+                worked_ms: worked.map_or(ms, |worked| worked.as_secs_f64() * 1e3),
                 effort,
             }
         };
@@ -131,9 +142,13 @@ impl SoftwarePainter {
             let mut sample = DrawSample::new(0);
             sample.add(DrawStage::Picture, Some(picture.ms));
             // Counted by the test of what orbiting costs (`tests/app/window.rs`).
-            tracing::debug!("picture: {:.1} ms, scale {:.2}", picture.ms, picture.effort.scale());
+            let (worked, scale) = (picture.worked_ms, picture.effort.scale());
+            tracing::debug!(
+                "picture: {:.1} ms, {worked:.1} of a core, scale {scale:.2}",
+                picture.ms
+            );
             let beside_training =
-                picture.effort.is_shared().then_some((picture.ms, picture.effort.scale()));
+                picture.effort.is_shared().then_some((picture.worked_ms, picture.effort.scale()));
             drawn = Some(SoftwareSample { sample, beside_training });
             // Linear, since pictures made beside training or in haste are smaller.
             match &mut self.texture {

@@ -46,6 +46,11 @@ impl ThreadTimes {
     }
 }
 
+/// The processor time of the thread that asks, since it began; `None` where the system does not tell it.
+pub fn own() -> Option<Duration> {
+    worked(Path::new("/proc/thread-self"))
+}
+
 fn draws(task: &Path) -> bool {
     let name = std::fs::read_to_string(task.join("comm")).unwrap_or_default();
     DRAWING.iter().any(|start| name.starts_with(start))

@@ -137,11 +137,14 @@ struct DemoRun {
 fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
     let (_running, lines) = open_demo_with(folder, "debug");
     xdotool(&["version"])?;
-    let done = AtomicBool::new(false);
+    let (done, is_seen) = (AtomicBool::new(false), AtomicBool::new(false));
     std::thread::scope(|scope| {
         scope.spawn(|| {
             let at = |x: usize| (300 + x).to_string();
-            xdotool(&["search", "--sync", "--onlyvisible", "--name", "VBGS Studio"]);
+            // A press before there is a scene to turn is none.
+            while !is_seen.load(Ordering::Relaxed) && !done.load(Ordering::Relaxed) {
+                std::thread::sleep(Duration::from_millis(20));
+            }
             xdotool(&["mousemove", "300", "400"]);
             if orbits {
                 xdotool(&["mousedown", "1"]);
@@ -165,6 +168,7 @@ fn demo_with_a_hand(folder: &Path, orbits: bool) -> Option<DemoRun> {
         for line in lines {
             if line.contains("picture: ") {
                 first.get_or_insert_with(Instant::now);
+                is_seen.store(true, Ordering::Relaxed);
                 n_pictures += 1;
             }
             if let Some(trained_s) = number_after(&line, "trained_s ") {

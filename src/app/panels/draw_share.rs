@@ -19,7 +19,7 @@ pub fn ui(share: &mut f32, taken: Option<&str>, ui: &mut Ui) {
 
 /// What drawing takes, in words.
 pub fn described(budget: &DrawBudget) -> String {
-    let (taken, scale) = (100.0 * budget.taken(), 100.0 * budget.scale());
+    let (taken, scale) = (100.0 * budget.taken(), 100.0 * budget.scale(true));
     let apart = budget.interval().as_millis();
     format!(
         "Drawing took {taken:.0} % of late. While training, a moving camera is drawn every {apart} ms at {scale:.0} % of the size."

@@ -342,7 +342,7 @@ impl SceneView {
         // Training comes before pictures, also of a camera that a hand moves: they keep to a budget.
         let effort = match (state, moving) {
             (RunState::Training, _) => {
-                Effort::Shared { scale: self.budget.scale(), apart: self.snapshot_interval() }
+                Effort::Shared { scale: self.budget.scale(moving), apart: self.snapshot_interval() }
             }
             (_, true) => Effort::Moving,
             (_, false) => Effort::Full,
