@@ -10,6 +10,9 @@ pub fn warning(warning: &TrainingWarning) -> String {
         TrainingWarning::OverBudget { points } => format!(
             "{points} points found no component within the budget and were left out; raise the Budget in Settings, or widen the Structural scale if depth is noisy"
         ),
+        TrainingWarning::Coarsened { asked, scale } => format!(
+            "the budget is far too small for a structural scale of {asked}, which grew to {scale}; raise the Budget in Settings, or begin with that Structural scale, which is faster"
+        ),
         TrainingWarning::OutOfReach { points } => format!(
             "{points} points lie more than a million structural scales from the scene's origin and were left out: a wild pose puts them there, or depth of another unit; correct it, or widen the Structural scale in Settings"
         ),
@@ -104,6 +107,7 @@ mod tests {
     fn the_window_speaks_of_no_options() {
         for value in [
             TrainingWarning::OverBudget { points: 3 },
+            TrainingWarning::Coarsened { asked: 0.01, scale: 0.0141421 },
             TrainingWarning::OutOfReach { points: 4 },
             TrainingWarning::Repaired { splats: 5 },
         ] {

@@ -25,6 +25,9 @@ pub fn warning(warning: &TrainingWarning) -> String {
         TrainingWarning::OverBudget { points } => format!(
             "{points} points found no component within the budget and were left out; raise --budget, or widen --scale if depth is noisy"
         ),
+        TrainingWarning::Coarsened { asked, scale } => format!(
+            "the budget is far too small for a structural scale of {asked}, which grew to {scale}; raise --budget, or begin with --scale {scale}, which is faster"
+        ),
         TrainingWarning::OutOfReach { points } => format!(
             "{points} points lie more than a million structural scales from the scene's origin and were left out: a wild pose puts them there (`info` names frames that have one), or depth of another unit; correct it, or widen --scale"
         ),
@@ -215,6 +218,8 @@ mod tests {
     fn warnings_name_options() {
         let text = warning(&TrainingWarning::OverBudget { points: 3 });
         assert!(text.starts_with("3 points") && text.contains("raise --budget"), "{text}");
+        let text = warning(&TrainingWarning::Coarsened { asked: 0.01, scale: 0.0141421 });
+        assert!(text.contains("raise --budget") && text.contains("--scale 0.0141421,"), "{text}");
         let text = warning(&TrainingWarning::OutOfReach { points: 4 });
         assert!(text.contains("`info` names") && text.contains("widen --scale"), "{text}");
     }

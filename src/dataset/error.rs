@@ -151,7 +151,9 @@ pub enum DatasetError {
 
 /// Why one frame cannot be used. At opening it becomes a [`Warning`], at loading an error.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: frame {frame}: {problem}", file.display())]
+#[error(
+    "{}: frame {}: {}", abridged(&file.display().to_string()), abridged(frame), abridged(&problem.to_string())
+)]
 pub struct FrameError {
     /// The file at fault.
     pub file: PathBuf,
@@ -379,4 +381,43 @@ pub enum FrameProblem {
         /// What was asked for.
         asked: usize,
     },
+}
+
+/// Text that a dataset's files put into a message, which they may not fill: on one line, and of a long one
+/// its beginning and end.
+fn abridged(text: &str) -> String {
+    const MOST: usize = 400;
+    let plain: Vec<char> = text.chars().flat_map(on_one_line).collect();
+    if plain.len() <= MOST {
+        return plain.into_iter().collect();
+    }
+    let (start, end) = (&plain[..2 * MOST / 3], &plain[plain.len() - MOST / 3..]);
+    start.iter().chain(&['…']).chain(end).collect()
+}
+
+fn on_one_line(c: char) -> impl Iterator<Item = char> {
+    let escaped = c.is_control().then(|| c.escape_default());
+    let kept = escaped.is_none().then_some(c);
+    escaped.into_iter().flatten().chain(kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_cannot_fill_messages_with_themselves() {
+        assert_eq!(abridged("rgb/1.png"), "rgb/1.png");
+        assert_eq!(abridged("a\nb"), "a\\nb");
+        let long = abridged(&format!("begin{}end", "ä".repeat(5000)));
+        assert!(long.starts_with("begin") && long.ends_with("end") && long.contains('…'), "{long}");
+        assert_eq!(long.chars().count(), 400);
+        let error = FrameError {
+            file: "x/".repeat(3000).into(),
+            frame: "y".repeat(3000),
+            problem: FrameProblem::MissingColor("z".repeat(3000)),
+        };
+        let text = error.to_string();
+        assert!(text.len() < 1300 && text.ends_with("or remove the frame"), "{text}");
+    }
 }

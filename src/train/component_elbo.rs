@@ -26,6 +26,11 @@ impl ComponentElbo {
         Self { scoring, ownership: None }
     }
 
+    /// Turns effective distances into nats otherwise from now on.
+    pub(super) fn score_by(&mut self, scoring: Scoring) {
+        self.scoring = scoring;
+    }
+
     /// Sums the ELBO of the points of every frame to come by the component with the largest share
     /// in each.
     pub fn start(&mut self) {

@@ -24,6 +24,7 @@ mod opening;
 mod path;
 mod poses;
 mod quality;
+mod random;
 mod saving;
 mod scene;
 mod states;

@@ -6,9 +6,13 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use vbgs_studio::export::checkpoint::{Checkpoint, Cursor, parse, to_bytes};
 use vbgs_studio::model::splat::splats::Splat;
+use vbgs_studio::model::stored::StoredModel;
 use vbgs_studio::observation::surface::{Observation, SurfacePoint};
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig};
 use vbgs_studio::train::scene::engine;
+use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+use vbgs_studio::train::warnings::TrainingWarning;
 
 /// Structural scale, world units.
 pub const H: f64 = 0.05;
@@ -54,18 +58,101 @@ proptest! {
             prop_assert!(births != BirthRule::Seeds || scene.used() <= budget, "{}", scene.used());
             prop_assert!(scene.used() <= 8 * budget);
             prop_assert!(outcome.points <= frame.points.len());
+            // What merging makes no room for, a wider scale does.
+            prop_assert!(births != BirthRule::Seeds || outcome.points == frame.points.len());
             let drawn = |splat: &&Splat| splat.opacity > 0.0;
             let n_drawn = scene.stored_splats().iter().filter(drawn).count();
             prop_assert!(n_drawn <= budget, "{n_drawn} drawn");
-            let stored = Checkpoint {
-                config: "{}".into(),
-                meta: "{}".into(),
-                numerics: "{}".into(),
-                history: None,
-                cursor: Cursor { frames: n, points: 1, visited: (0..n as u32).collect() },
-                model: scene.stored(),
-            };
+            let stored = checkpoint(&*scene, n);
             prop_assert_eq!(parse(&to_bytes(&stored)).unwrap().checkpoint, stored);
         }
     }
+
+    /// Any number of threads, and a run that stops after any frame.
+    #[test]
+    fn a_budget_far_too_small_widens_the_scale_alike_however_it_is_run(
+        budget in 1..30usize,
+        frames in vec(frame(250), 2..5),
+        photometric in prop_oneof![Just(PhotometricMode::Off), Just(PhotometricMode::Light)],
+    ) {
+        let config = SceneConfig {
+            max_components: budget,
+            photometric: photometric.rule(),
+            ..SceneConfig::coarse(H)
+        };
+        let whole = in_one(&config, &frames, 1);
+        prop_assert!(whole == in_one(&config, &frames, 3));
+        let mut scene = engine::begin(&config, DVec3::ZERO);
+        for (frame, n) in frames.iter().zip(1..) {
+            scene.learn(frame).unwrap();
+            let bytes = to_bytes(&checkpoint(&*scene, n));
+            let StoredModel::Scene(state) = parse(&bytes).unwrap().checkpoint.model else {
+                panic!("a scene is stored as one")
+            };
+            scene = engine::restore(&config, state, n).unwrap();
+        }
+        prop_assert!(whole == scene.stored());
+    }
+}
+
+pub fn checkpoint(scene: &dyn SceneLearner, n: u64) -> Checkpoint {
+    Checkpoint {
+        config: "{}".into(),
+        meta: "{}".into(),
+        numerics: "{}".into(),
+        history: None,
+        cursor: Cursor { frames: n, points: 1, visited: (0..n as u32).collect() },
+        model: scene.stored(),
+    }
+}
+
+fn in_one(config: &SceneConfig, frames: &[Observation], n_threads: usize) -> StoredModel {
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+    threads.install(|| {
+        let mut scene = engine::begin(config, DVec3::ZERO);
+        for frame in frames {
+            scene.learn(frame).unwrap();
+        }
+        scene.stored()
+    })
+}
+
+/// A floor of a hundred structural scales by as many, a strip of it in every frame: a twentieth of the
+/// components that it asks for still cover all of it.
+#[test]
+fn a_twentieth_of_the_budget_covers_everything_by_coarser_components() {
+    let strip = |i: i32| {
+        let point = |k: i32| SurfacePoint {
+            position: [
+                (k % 400) as f32 * 0.25 * H as f32,
+                (10 * i + k / 400) as f32 * 0.25 * H as f32,
+                1.0,
+            ],
+            range: 1.0,
+            color: [0.5, (k % 7) as f32 / 7.0, 0.5],
+            normal: [0.0, 0.0, -1.0],
+            direction: [0.0, 0.0, 1.0],
+            ..SurfacePoint::default()
+        };
+        Observation { points: (0..4000).map(point).collect(), ..Observation::empty() }
+    };
+    let learn = |budget: usize| {
+        let config = SceneConfig { max_components: budget, ..SceneConfig::fine(H) };
+        let mut scene = engine::begin(&config, DVec3::ZERO);
+        for i in 0..40 {
+            assert_eq!(scene.learn(&strip(i)).unwrap().points, 4000);
+        }
+        scene
+    };
+    let asked = learn(1_000_000);
+    assert_eq!(asked.warnings(), []);
+    let few = learn(asked.used() / 20);
+    assert!(few.used() <= asked.used() / 20 && few.used() > asked.used() / 50, "{}", few.used());
+    let warnings = few.warnings();
+    let [TrainingWarning::Coarsened { asked: h, scale }] = warnings[..] else {
+        panic!("{warnings:?}")
+    };
+    assert!(h == H && (2.0 * H..8.0 * H).contains(&scale), "{scale}");
+    let all = learn(asked.used());
+    assert!(all.stored() == asked.stored(), "a budget that is not reached changes nothing");
 }

@@ -1,7 +1,7 @@
 //! What holds of every scene, whatever it saw: how it may be put together, what it may not lose, and
 //! that the place, the turn and the unit of the world are nobody's business.
 
-use super::budget::{H, births, frame};
+use super::budget::{H, births, checkpoint, frame};
 use glam::{DMat4, DQuat, DVec3};
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
-use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::export::checkpoint::{StoredModel, parse, to_bytes};
 use vbgs_studio::model::scene::merging::add;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
@@ -87,6 +87,27 @@ proptest! {
                 prop_assert!(least > 0.0, "{posterior:?}");
             }
         }
+    }
+
+    /// A checkpoint that is read is written again as the same file, and a scene that is restored is stored
+    /// and drawn as the one that was saved.
+    #[test]
+    fn checkpoints_of_what_was_read_are_the_same_files(
+        births in births(),
+        sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
+        budget in 1..200usize,
+        frames in vec(frame(200), 1..4),
+    ) {
+        let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
+        let scene = learnt(&config, &frames);
+        let n = frames.len() as u64;
+        let bytes = to_bytes(&checkpoint(&*scene, n));
+        let read = parse(&bytes).unwrap().checkpoint;
+        prop_assert!(to_bytes(&read) == bytes);
+        let StoredModel::Scene(state) = read.model else { panic!("a scene is stored as one") };
+        let again = engine::restore(&config, state, n).unwrap();
+        prop_assert!(to_bytes(&checkpoint(&*again, n)) == bytes);
+        prop_assert!(again.stored_splats() == scene.stored_splats());
     }
 
     /// Whatever the sums are kept in.

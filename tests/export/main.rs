@@ -25,6 +25,7 @@ mod samples;
 mod splat;
 mod spz;
 mod spz_written;
+mod stable;
 
 use std::path::PathBuf;
 use vbgs_studio::export::{ExportError, Imported, ModelFormat, WriteOptions, read, write};

@@ -5,7 +5,9 @@ use super::error::Defect;
 use super::sections::{F32, F64, I32, Sections, check_size, wrong_type};
 use super::{check, tag};
 use crate::model::scene::photometric::PhotometricState;
-use crate::model::scene::state::{SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow};
+use crate::model::scene::state::{
+    MOST_COARSENED, SceneState, StoredSums, VisibilityCounts, WHOLE, WideRow,
+};
 use crate::model::scene::sums::N_SUMS;
 use crate::model::scene::trajectory::TrackedPose;
 use crate::model::splat::appearance::Appearance;
@@ -44,6 +46,10 @@ pub(super) fn sections(state: &SceneState) -> Vec<Section<'_>> {
         }
         StoredSums::F32(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
         StoredSums::F64(rows) => sections.push(Section::new(tag::SUMS, rows.as_flattened())),
+    }
+    // Scenes whose budget held what was asked for keep the bytes that files had before.
+    if state.coarsened > 0 {
+        sections.push(Section::owned::<u32>(tag::COARSENED, vec![state.coarsened]));
     }
     if let Some(shares) = &state.shares {
         let words = shares.iter().map(|&share| share.into()).collect();
@@ -101,6 +107,10 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     check_size(tag::LOOKS, 0, n)?;
     let state = SceneState {
         origin: sections.numbers(tag::ORIGIN)?,
+        coarsened: match sections.has(tag::COARSENED) {
+            true => coarsened(sections)?,
+            false => 0,
+        },
         seeds,
         shares,
         components,
@@ -125,6 +135,18 @@ pub(super) fn read(sections: &Sections) -> Result<SceneState, Defect> {
     };
     check::scene(&state)?;
     Ok(state)
+}
+
+/// Steps by which the structural scale grew.
+fn coarsened(sections: &Sections) -> Result<u32, Defect> {
+    let steps = sections.elements::<u32>(tag::COARSENED, Some(1))?;
+    match steps.first().copied().unwrap_or(0) {
+        steps @ 1..=MOST_COARSENED => Ok(steps),
+        steps => {
+            let expected = format!("a whole number from 1 to {MOST_COARSENED}");
+            Err(check::value(tag::COARSENED, 0, "steps", &expected, steps.into()))
+        }
+    }
 }
 
 /// One to 64 for every seed.

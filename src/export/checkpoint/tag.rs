@@ -18,6 +18,7 @@ pub const CARRY_LIMBS: [u8; 4] = *b"CARL";
 
 pub const ORIGIN: [u8; 4] = *b"ORIG";
 pub const SEEDS: [u8; 4] = *b"SEED";
+pub const COARSENED: [u8; 4] = *b"COAR";
 pub const SHARES: [u8; 4] = *b"SHAR";
 pub const SUMS: [u8; 4] = *b"SUMS";
 pub const WIDE_IDS: [u8; 4] = *b"WIDI";
@@ -41,9 +42,10 @@ const OF_ALL: [[u8; 4]; 5] = [CONFIG, META, NUMERICS, CURSOR, HISTORY];
 pub const OF_MIXTURES: [[u8; 4]; 9] =
     [NORMALIZATION, PRIOR, ALPHA, MEANS, COUNTS, FIRST, SECOND, CARRY_IDS, CARRY_LIMBS];
 /// What only scenes have.
-pub const OF_SCENES: [[u8; 4]; 18] = [
+pub const OF_SCENES: [[u8; 4]; 19] = [
     ORIGIN,
     SEEDS,
+    COARSENED,
     SHARES,
     SUMS,
     WIDE_IDS,

@@ -8,7 +8,7 @@ use super::N_REST_DEGREE_1;
 use super::body::Body;
 use super::compressed;
 use super::header::{Kind, PlyElement, PlyHeader};
-use crate::export::error::Fault;
+use crate::export::error::{Fault, shorten};
 use crate::export::gaussian::{Gaussian, sigmoid};
 use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
@@ -103,8 +103,8 @@ impl Columns<'_> {
     }
 
     fn missing(&self, name: &str) -> Fault {
-        let names: Vec<&str> =
-            self.element.properties.iter().take(20).map(|p| p.name.as_str()).collect();
+        let names: Vec<String> =
+            self.element.properties.iter().take(20).map(|p| shorten(&p.name)).collect();
         Fault::MissingProperty { property: name.to_owned(), found: names.join(" ") }
     }
 }

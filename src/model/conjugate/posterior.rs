@@ -191,13 +191,15 @@ impl Conversion {
         };
         let (scale, q) = decompose(posterior.world_covariance(normalization), self.form);
         let color = Normalization::denormalize_color(posterior.mean_color);
-        Splat {
+        let splat = Splat {
             mean: normalization.denormalize(posterior.mean_space).as_vec3().to_array(),
             opacity: opacity as f32,
             color: color.clamp(DVec3::ZERO, DVec3::ONE).as_vec3().to_array(),
             scale: (scale * self.scale_factor).as_vec3().to_array(),
             rotation: [q.w as f32, q.x as f32, q.y as f32, q.z as f32],
-        }
+        };
+        // Beyond what renderers can work with, as of a range of positions that no world has.
+        if splat.is_valid() { splat } else { Splat::default() }
     }
 }
 

@@ -33,6 +33,7 @@ pub fn add(a: &SceneState, b: &SceneState) -> Result<SceneState, AddError> {
     terms.sort_unstable_by(|a, b| seed_order(&a.seed, &b.seed));
     let mut scene = SceneState {
         origin: a.origin,
+        coarsened: 0,
         seeds: Vec::with_capacity(terms.len()),
         shares: None,
         components: None,
@@ -128,6 +129,7 @@ mod tests {
         }
         SceneState {
             origin: [1.0, 2.0, 3.0],
+            coarsened: 0,
             seeds: components.iter().map(|&(x, _)| [x, 0.5, -0.5]).collect(),
             shares: None,
             components: None,

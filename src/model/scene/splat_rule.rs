@@ -120,7 +120,8 @@ impl SplatRule {
             scale: scale.as_vec3().to_array(),
             rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|q| q as f32),
         };
-        (splat, appearance)
+        // Beyond what renderers can work with, as of worlds in nanometres or files of nobody's making.
+        if splat.is_valid() { (splat, appearance) } else { Default::default() }
     }
 
     /// The covariance with the prior's points added to it.

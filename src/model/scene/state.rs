@@ -22,12 +22,19 @@ pub const MAX_SUM: f64 = (1u64 << 38) as f64;
 /// Parts of the structural scale that a seed's share of it is counted in.
 pub const WHOLE: u8 = 64;
 
+/// Most steps by which a structural scale grows: 64 times as wide.
+// By then a whole seed's share is one part of what it was.
+pub const MOST_COARSENED: u32 = 12;
+
 /// A trained scene at a frame boundary. Row `k` of the sums and of the visibility
 /// counts is component `k`; it is free if no seed is its.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneState {
     /// World position that seeds are relative to.
     pub origin: [f64; 3],
+    /// By how many steps of √2 the structural scale is wider than the one asked for, at most
+    /// [`MOST_COARSENED`].
+    pub coarsened: u32,
     /// Seeds, world units, in the order they were born in.
     pub seeds: Vec<[f32; 3]>,
     /// By seed the share of the structural scale that points may be from it, in parts of [`WHOLE`]; `None` where all

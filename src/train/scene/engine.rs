@@ -1,5 +1,6 @@
 //! Where the form of a scene's sums is chosen.
 
+use super::coarsening::coarsened;
 use super::component_sums::SumScalar;
 use super::config::SceneConfig;
 use super::fusion;
@@ -8,6 +9,7 @@ use super::sum_form::SumForm;
 use super::trainer::SceneTrainer;
 use crate::model::scene::state::SceneState;
 use glam::DVec3;
+use std::borrow::Cow;
 
 /// A scene without components, whose positions are kept relative to `origin` (world units), with
 /// sums of the form that `config` names.
@@ -71,13 +73,30 @@ fn fused<W: SumScalar>(
     start: Option<&SceneState>,
     scenes: &[&SceneState],
 ) -> Option<SceneState> {
-    let state = fusion::fuse::<W>(config, start, scenes)?;
+    // In units of one scale: the widest that a budget asked for.
+    let steps = scenes.iter().map(|scene| scene.coarsened).max()?;
+    let start = match start {
+        Some(start) => Some(alike::<W>(start, steps)?),
+        None => None,
+    };
+    let scenes: Option<Vec<_>> = scenes.iter().map(|scene| alike::<W>(scene, steps)).collect();
+    let scenes = scenes?;
+    let scenes: Vec<&SceneState> = scenes.iter().map(AsRef::as_ref).collect();
+    let state = fusion::fuse::<W>(config, start.as_deref(), &scenes)?;
     if state.visibility.len() <= config.max_components {
         return Some(state);
     }
     let mut over_budget = SceneTrainer::<W>::restore(config, state, 0)?;
     over_budget.merge_to(config.max_components);
     Some(over_budget.state())
+}
+
+/// A scene at the scale of so many steps.
+fn alike<W: SumScalar>(scene: &SceneState, steps: u32) -> Option<Cow<'_, SceneState>> {
+    match scene.coarsened == steps {
+        true => Some(Cow::Borrowed(scene)),
+        false => coarsened::<W>(scene.clone(), steps).map(Cow::Owned),
+    }
 }
 
 fn restored<W: SumScalar + 'static>(

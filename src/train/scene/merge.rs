@@ -37,13 +37,15 @@ struct Summary {
     error: f64,
 }
 
-/// Merges until at most `most` components are left, or no two neighbours may be merged.
+/// Merges until at most `most` components are left, or a pass over all of them finds fewer pairs than
+/// `worthwhile`, at least one.
 pub fn merge_down<W: SumScalar>(
     component_sums: &mut ComponentSums<W>,
     components: &mut Components,
     grid: &SeedGrid,
     h: f64,
     most: usize,
+    worthwhile: usize,
 ) {
     for _ in 0..PASSES {
         let surplus = components.used().saturating_sub(most);
@@ -64,6 +66,9 @@ pub fn merge_down<W: SumScalar>(
             );
         }
         components.merge(&pairs);
+        if pairs.len() < worthwhile {
+            return;
+        }
     }
 }
 

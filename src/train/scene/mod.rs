@@ -24,6 +24,7 @@ mod align;
 mod align_tests;
 mod assign;
 mod births;
+mod coarsening;
 mod component_sums;
 mod components;
 mod fusion;

@@ -71,6 +71,7 @@ pub fn sample(sums: StoredSums) -> Checkpoint {
     let visibility = (0..N as u32).map(look).collect();
     checkpoint(StoredModel::Scene(SceneState {
         origin: [1.0, -2.0, 0.5],
+        coarsened: 0,
         seeds,
         shares: None,
         components: None,
@@ -88,6 +89,7 @@ pub fn nothing() -> SceneState {
     let sums = StoredSums::Mixed { rows: Vec::new(), wide: Vec::new() };
     SceneState {
         origin: [0.0; 3],
+        coarsened: 0,
         seeds: Vec::new(),
         shares: None,
         components: None,

@@ -7,6 +7,7 @@
 
 mod estimate;
 
+use super::coarsening::factor;
 use super::component_sums::{ComponentSums, SumScalar};
 use super::config::SceneConfig;
 use super::grid::{SeedGrid, squared_distance};
@@ -18,7 +19,7 @@ use estimate::{Estimate, Later};
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Scenes that went on from `start`, if they share one, as one scene, in this order: of places that
+/// Scenes of one scale that went on from `start`, if they share one, as one scene, in this order: of places that
 /// several found by themselves the first one's components stay. Components of the start come first, and
 /// the result may exceed the budget. `None` without scenes or if sums are of another form than `W`.
 pub fn fuse<W: SumScalar>(
@@ -34,11 +35,11 @@ pub fn fuse<W: SumScalar>(
         let later: Vec<&Component> = all.iter().filter_map(|scene| scene.get(id)).collect();
         start.with_all(&later, config.photometric_rule().as_ref())
     });
-    let mut fused = Fused::new(config.h, of_start.collect());
+    let mut fused = Fused::new(config.h * factor(first.coarsened), of_start.collect());
     for scene in all {
         fused.take_in(scene.into_iter().skip(shared.len()));
     }
-    let mut state = fused.state::<W>(first.origin);
+    let mut state = fused.state::<W>(first);
     // What the start knew of frames is in every scene's log, before the scene's own.
     let (n_exposures, n_poses) = start.map_or((0, 0), |s| (s.exposures.len(), s.poses.len()));
     state.exposures.extend(first.exposures.iter().take(n_exposures));
@@ -169,7 +170,8 @@ impl Fused {
         }
     }
 
-    fn state<W: SumScalar>(self, origin: [f64; 3]) -> SceneState {
+    /// Where and in what units `like` is.
+    fn state<W: SumScalar>(self, like: &SceneState) -> SceneState {
         let mut sums = ComponentSums::<W>::default();
         let mut photometric = PhotometricState::default();
         photometric.grow(self.components.len());
@@ -183,7 +185,8 @@ impl Fused {
         let (sums, visibility) = sums.state(&order);
         let shares: Vec<u8> = self.components.iter().map(|component| component.share).collect();
         SceneState {
-            origin,
+            origin: like.origin,
+            coarsened: like.coarsened,
             seeds: self.components.iter().map(|component| component.seed).collect(),
             shares: shares.iter().any(|&share| share != WHOLE).then_some(shares),
             components: None,

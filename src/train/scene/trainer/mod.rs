@@ -4,6 +4,7 @@
 //! before points look for components, births are over before anything is summed, and visibility is
 //! counted with the means of after the frame.
 
+mod budget;
 mod photograph;
 mod posing;
 mod seam;
@@ -11,13 +12,13 @@ mod tracking;
 
 use super::accumulate::{Matched, accumulate};
 use super::assign::assign;
-use super::births::{FrameBirths, Limits, assign_to_lattice, give_birth};
+use super::births::assign_to_lattice;
+use super::coarsening;
 use super::component_sums::{ComponentSums, SumScalar};
 use super::components::Components;
 use super::config::{BirthRule, SceneConfig, VisibilityRule};
 use super::gain::{MIN_MATCHES, gain};
 use super::grid::{NONE, SeedGrid, squared_distance};
-use super::merge::merge_down;
 use super::observe::observe;
 use super::photometric::PhotometricLearner;
 use super::refine::shift;
@@ -58,7 +59,12 @@ pub struct UnassignedPoints {
 
 /// Components and buffers; sums are kept in words `W`.
 pub struct SceneTrainer<W> {
+    /// As asked for, but for a structural scale that may have grown to hold the budget.
     config: SceneConfig,
+    /// The structural scale that was asked for, world units.
+    scale: f64,
+    /// By how many steps it has grown.
+    coarsened: u32,
     origin: DVec3,
     hyper: Hyper,
     scoring: Scoring,
@@ -95,6 +101,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         let scoring = Scoring::new(&hyper);
         Self {
             config: config.clone(),
+            scale: config.h,
+            coarsened: 0,
             origin,
             hyper,
             scoring,
@@ -120,7 +128,10 @@ impl<W: SumScalar> SceneTrainer<W> {
     /// A scene that goes on where another, configured alike, stopped after `frames` frames; `None` if
     /// its sums have another form, or seeds are farther away than their scale tells apart.
     pub fn restore(config: &SceneConfig, state: SceneState, frames: u64) -> Option<Self> {
-        let mut trainer = Self::new(config, DVec3::from_array(state.origin));
+        let h = config.h * coarsening::factor(state.coarsened);
+        let mut trainer =
+            Self::new(&SceneConfig { h, ..config.clone() }, DVec3::from_array(state.origin));
+        (trainer.scale, trainer.coarsened) = (config.h, state.coarsened);
         trainer.component_sums = ComponentSums::restore(state.sums, state.visibility)?;
         let shares = state.shares.unwrap_or_default();
         for (i, place) in state.seeds.into_iter().enumerate() {
@@ -156,6 +167,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let photometric = photometric.then(|| self.photometric.state().listed(&order));
         SceneState {
             origin: self.origin.to_array(),
+            coarsened: self.coarsened,
             seeds,
             shares: self.components.shares().map(<[u8]>::to_vec),
             components,
@@ -207,6 +219,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             let photograph = contradiction;
             return FrameOutcome { photograph, tracking, ms, ..FrameOutcome::default() };
         }
+        let coarsened = self.coarsened;
         let [born, merged] = self.bear(points, |stage| lap(&mut ms, stage));
         // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
@@ -231,8 +244,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         }
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
-        // Looks and merging change components without points as well.
-        self.has_changed_all = merged > 0 || self.frames.is_multiple_of(EVERYTHING_EVERY);
+        // Looks, merging and another scale change components without points as well.
+        let is_rebuilt = merged > 0 || self.coarsened != coarsened;
+        self.has_changed_all = is_rebuilt || self.frames.is_multiple_of(EVERYTHING_EVERY);
         ms.train = wall.elapsed_ms();
         FrameOutcome {
             points: n_points,
@@ -271,70 +285,6 @@ impl<W: SumScalar> SceneTrainer<W> {
             let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
             observe(&mut self.component_sums, seed_positions, frame, camera, self.config.h);
         }
-    }
-
-    /// Gives points without a component one of their own, after merging others where the budget leaves no
-    /// room; how many were born and how many became part of others.
-    fn bear(&mut self, points: &[SurfacePoint], mut lap: impl FnMut(SceneStage)) -> [usize; 2] {
-        let mut births = self.give_birth(points);
-        lap(SceneStage::Births);
-        let merged = if births.refused > 0 { self.make_room(births.refused) } else { 0 };
-        lap(SceneStage::Merge);
-        if merged > 0 {
-            // Components of this frame's points may have become parts of others.
-            self.assign(points);
-            let more = self.give_birth(points);
-            births = FrameBirths { born: births.born + more.born, ..more };
-        }
-        self.unassigned.budget += births.refused as u64;
-        self.unassigned.reach += births.out_of_reach as u64;
-        lap(SceneStage::Births);
-        [births.born, merged]
-    }
-
-    /// Gives points without a component one of their own, as far as the budget allows.
-    fn give_birth(&mut self, points: &[SurfacePoint]) -> FrameBirths {
-        let (rule, spacing) = (self.config.births, self.spacing());
-        let seeds = self.config.most_seeds();
-        let limits = match rule.is_order_invariant() {
-            true => Limits { components: seeds, seeds },
-            false => Limits { components: self.config.max_components, seeds },
-        };
-        let Self { grid, components, owners, .. } = self;
-        give_birth(rule, spacing, grid, components, points, owners, limits)
-    }
-
-    /// Merges components until so many may be born, an eighth of the budget at most; how many became
-    /// part of others. Before births and not after them: so the budget holds at every moment, and what
-    /// cannot be merged costs points instead of memory. Components of a lattice may not depend on when
-    /// the budget was reached: they are merged when they are drawn.
-    fn make_room(&mut self, refused: usize) -> usize {
-        let (most, used) = (self.config.max_components, self.components.used());
-        if used < most || self.config.births.is_order_invariant() {
-            return 0;
-        }
-        // More than this frame needs: merging takes longer than a frame.
-        self.merge_to(most - (most / 16).max(refused.min(most / 8)))
-    }
-
-    /// Merges components until so many are left, or none may be merged; how many became part of
-    /// others.
-    pub(super) fn merge_to(&mut self, target: usize) -> usize {
-        let used = self.components.used();
-        self.component_sums.grow(self.components.n_rows());
-        let photographed = self.config.photometric.is_some();
-        let count = |sums: &ComponentSums<W>, id: usize| sums.sums(id)[0];
-        let n = if photographed { self.component_sums.len() } else { 0 };
-        let before: Vec<f64> = (0..n).map(|id| count(&self.component_sums, id)).collect();
-        let Self { component_sums, components, grid, .. } = self;
-        merge_down(component_sums, components, grid, self.config.h, target);
-        // What photographs taught of two splats says nothing of their union: it begins anew.
-        for (id, before) in before.into_iter().enumerate() {
-            if count(&self.component_sums, id) != before {
-                self.photometric.forget(id);
-            }
-        }
-        used - self.components.used()
     }
 
     /// Points that have a component, and the mean of their ELBO under the initial model; 0 without

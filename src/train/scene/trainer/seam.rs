@@ -132,13 +132,21 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
     fn warnings(&self) -> Vec<TrainingWarning> {
         let super::UnassignedPoints { budget, reach } = self.unassigned;
         let budget = (budget > 0).then_some(TrainingWarning::OverBudget { points: budget });
+        let is_coarser = self.coarsened > 0;
+        let (asked, scale) = (self.scale, round(self.config.h));
+        let coarsened = is_coarser.then_some(TrainingWarning::Coarsened { asked, scale });
         let reach = (reach > 0).then_some(TrainingWarning::OutOfReach { points: reach });
         let splats = self.photometric.repaired();
         let repaired = (splats > 0).then_some(TrainingWarning::Repaired { splats });
-        budget.into_iter().chain(reach).chain(repaired).collect()
+        budget.into_iter().chain(coarsened).chain(reach).chain(repaired).collect()
     }
 
     fn stored(&self) -> StoredModel {
         StoredModel::Scene(self.state())
     }
+}
+
+/// To four significant digits.
+fn round(value: f64) -> f64 {
+    format!("{value:.3e}").parse().unwrap_or(value)
 }

@@ -1,0 +1,11 @@
+//! Every target in one binary, so that a machine elsewhere is handed one: `VBGS_FUZZ_TARGET` names it.
+
+#![no_main]
+
+use std::sync::LazyLock;
+use vbgs_fuzz::{entries, fuzz_target, watch_panics};
+
+static NAME: LazyLock<String> =
+    LazyLock::new(|| std::env::var("VBGS_FUZZ_TARGET").expect("VBGS_FUZZ_TARGET names a target"));
+
+fuzz_target!(init: watch_panics(), |data: &[u8]| entries::run(&NAME, data));

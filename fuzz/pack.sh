@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Builds every target as one binary and packs it with its corpora for another machine, where
+# parallel.sh of the folder runs it: fuzz/pack.sh FOLDER (inputs of fuzz/corpus go along)
+set -euo pipefail
+[ $# -eq 1 ] || { echo "usage: fuzz/pack.sh FOLDER" >&2; exit 2; }
+mkdir -p "$1"
+folder="$(realpath "$1")"
+cd "$(dirname "$0")"
+
+host="$(rustc -vV | sed -n 's/^host: //p')"
+# What `cargo fuzz build` asks for, but optimised: this build is run for much longer than it takes.
+flags=(--cfg fuzzing -Zsanitizer=address -Cdebug-assertions -Cpasses=sancov-module)
+for flag in coverage-level=4 coverage-inline-8bit-counters coverage-pc-table \
+    coverage-trace-compares coverage-stack-depth; do
+    flags+=("-Cllvm-args=-sanitizer-$flag")
+done
+flags+=(-Cllvm-args=-simplifycfg-branch-fold-threshold=0)
+RUSTFLAGS="${flags[*]}" CARGO_INCREMENTAL=0 cargo +nightly build --release --target "$host" \
+    --bin all --bin seeds \
+    --config 'profile.release.incremental=false' --config 'profile.release.codegen-units=8' \
+    --config 'profile.release.package.vbgs-studio.opt-level=2' \
+    --config 'profile.release.package.vbgs-studio.incremental=false'
+built="${CARGO_TARGET_DIR:-target}/$host/release"
+"$built/seeds" corpus
+
+packed="$(mktemp -d)"
+trap 'rm -r "$packed"' EXIT
+strip --strip-debug -o "$packed/all" "$built/all"
+cp -r corpus found "$packed"
+tar -C "$packed" -czf "$folder/fuzz.tar.gz" .
+cp parallel.sh "$folder"
+du -h "$folder/fuzz.tar.gz"

@@ -1,0 +1,186 @@
+//! Any commands in any state of the window: keys, clicks, drags, text, files and sizes in a seeded random
+//! order, with a watchdog that ends the process where a step never returns.
+//!
+//! `VBGS_WINDOW_INPUTS=100000 cargo test --release --test app -- random` is the long run.
+
+use super::harness::{PATIENCE, Window, dataset, drop_on, is, wait, window};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use egui_kittest::kittest::{NodeT, Queryable};
+use std::path::PathBuf;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::Instant;
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::command::UiCommand;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::math::rng::{Purpose, Rng};
+
+/// Inputs in CI.
+const INPUTS: u64 = 400;
+
+/// What is not pressed: dialogs of the desktop, which no test can close, and the demo, whose files would
+/// be proposed in the current folder.
+fn is_pressed(label: &str) -> bool {
+    !(label.starts_with("Browse") || label.contains("emo"))
+}
+
+/// Ends the process unless it hears something every now and then.
+fn watchdog() -> Sender<String> {
+    let (alive, signs) = channel::<String>();
+    std::thread::spawn(move || {
+        let mut last = String::new();
+        loop {
+            match signs.recv_timeout(PATIENCE) {
+                Ok(input) => last = input,
+                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) => {
+                    eprintln!("the window never came back from: {last}");
+                    std::process::abort();
+                }
+            }
+        }
+    });
+    alive
+}
+
+/// Presses one of the controls of a role, and says which.
+fn press_any(window: &Window, role: Role, rng: &mut Rng) -> String {
+    let of_role: Vec<_> = window.query_all_by_role(role).collect();
+    let label = |node: &egui_kittest::Node<'_>| {
+        node.accesskit_node().label().unwrap_or_default().to_string()
+    };
+    let pressed: Vec<_> = of_role.iter().filter(|node| is_pressed(&label(node))).collect();
+    if pressed.is_empty() {
+        return format!("no {role:?}");
+    }
+    let node = pressed[rng.below(pressed.len())];
+    node.click();
+    format!("{role:?} {}", label(node))
+}
+
+fn pointer(window: &Window, rng: &mut Rng) -> String {
+    let mut place = || Pos2::new(rng.range(0.0, 1000.0) as f32, rng.range(0.0, 640.0) as f32);
+    let (from, to) = (place(), place());
+    let buttons = [PointerButton::Primary, PointerButton::Secondary, PointerButton::Middle];
+    let button = buttons[rng.below(3) as usize];
+    let press =
+        |pos, pressed| Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
+    let is_drag = rng.below(2) == 0;
+    let to = if is_drag { to } else { from };
+    for event in
+        [Event::PointerMoved(from), press(from, true), Event::PointerMoved(to), press(to, false)]
+    {
+        window.event(event);
+    }
+    format!("{button:?} from {from:?} to {to:?}")
+}
+
+fn key(window: &Window, rng: &mut Rng) -> String {
+    const OTHERS: [Key; 9] = [
+        Key::Enter,
+        Key::Escape,
+        Key::Tab,
+        Key::ArrowUp,
+        Key::ArrowDown,
+        Key::Delete,
+        Key::W,
+        Key::Num1,
+        Key::Backspace,
+    ];
+    let shortcuts: Vec<_> = UiCommand::ALL.iter().flat_map(|command| command.shortcuts()).collect();
+    match rng.below(4) {
+        0 => {
+            let key = OTHERS[rng.below(OTHERS.len())];
+            window.key_press(key);
+            format!("{key:?}")
+        }
+        _ => {
+            let shortcut = shortcuts[rng.below(shortcuts.len())];
+            window.key_press_modifiers(shortcut.modifiers, shortcut.logical_key);
+            format!("{shortcut:?}")
+        }
+    }
+}
+
+fn any_input(window: &mut Window, files: &[PathBuf], rng: &mut Rng) -> String {
+    match rng.below(20) {
+        0..=5 => key(window, rng),
+        6..=9 => press_any(window, Role::Button, rng),
+        10..=11 => press_any(window, Role::CheckBox, rng),
+        12 => press_any(window, Role::ComboBox, rng),
+        13 => press_any(window, Role::Slider, rng),
+        14..=16 => pointer(window, rng),
+        17 => {
+            let texts = ["", "0", "-1e30", "nan", "0.02", "train", "\u{202e}x", "/dev/null/x"];
+            let text = texts[rng.below(texts.len())];
+            window.event(Event::Text(text.to_owned()));
+            format!("text {text:?}")
+        }
+        18 => {
+            let file = &files[rng.below(files.len())];
+            drop_on(window, file);
+            format!("dropped {}", file.display())
+        }
+        _ => {
+            let size = Vec2::new(rng.range(200.0, 1600.0) as f32, rng.range(120.0, 1000.0) as f32);
+            window.set_size(size);
+            format!("size {size:?}")
+        }
+    }
+}
+
+/// Opens a dataset whatever the window is at, and trains it.
+fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String>) {
+    window.set_size(Vec2::new(1000.0, 640.0));
+    let started = Instant::now();
+    loop {
+        let snapshot = window.state().snapshot();
+        if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
+            break;
+        }
+        assert!(started.elapsed() < PATIENCE, "cannot be brought back from {:?}", snapshot.state);
+        alive.send("coming back".to_owned()).unwrap();
+        window.key_press(Key::Escape);
+        window.run_steps(3);
+        drop_on(window, path);
+        window.run_steps(3);
+        if let Some(button) = window.query_by_label("Discard") {
+            button.click();
+        }
+        for _ in 0..20 {
+            window.step();
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    }
+}
+
+#[test]
+fn the_window_survives_any_input_in_any_state() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 6);
+    let nonsense = folder.path().join("nonsense.ply");
+    std::fs::write(&nonsense, "ply\nformat nothing\n").unwrap();
+    let files =
+        [room.clone(), nonsense, folder.path().join("missing"), folder.path().join("room.ply")];
+    let subject = Some(Subject::Path(room.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    let asked = std::env::var("VBGS_WINDOW_INPUTS").ok().and_then(|n| n.parse().ok());
+    let seed = std::env::var("VBGS_WINDOW_SEED").ok().and_then(|n| n.parse().ok());
+    let mut rng = Rng::new(seed.unwrap_or(1), Purpose::Synthetic, 0);
+    let alive = watchdog();
+    let (mut states, mut worst) = (std::collections::BTreeSet::new(), 0.0f64);
+    for i in 0..asked.unwrap_or(INPUTS) {
+        let input = any_input(&mut window, &files, &mut rng);
+        alive.send(format!("{i}: {input}")).unwrap();
+        let start = Instant::now();
+        window.run_steps(1 + rng.below(3));
+        worst = worst.max(start.elapsed().as_secs_f64());
+        states.insert(format!("{:?}", window.state().snapshot().state));
+    }
+    eprintln!("states {states:?}, the longest pause {worst:.2} s");
+    assert!(states.len() >= 3, "the inputs reach hardly any state: {states:?}");
+    comes_back(&mut window, &room, &alive);
+}

@@ -1,0 +1,85 @@
+//! Export, import, export: what comes back of a file is what is written of it again, however often.
+
+use super::round_trip::assert_same;
+use super::{distance, random_splats, read_bytes, set, written_as};
+use crate::common::scenes::random_appearance;
+use proptest::prelude::*;
+use vbgs_studio::export::ModelFormat;
+use vbgs_studio::model::splat::appearance::{Appearance, SplatSet};
+use vbgs_studio::model::splat::splats::Splat;
+
+/// Round trips after the first.
+const AGAIN: usize = 4;
+
+/// Splats of sizes that every format can hold, some at the borders of what splats may be.
+fn splats(n: usize, seed: u64, odd: u8) -> Vec<Splat> {
+    let mut splats = random_splats(n, seed);
+    for splat in &mut splats {
+        splat.scale = splat.scale.map(|s| s.clamp(1e-4, 100.0));
+    }
+    let first = &mut splats[0];
+    match odd {
+        0 => first.opacity = 1.0,
+        1 => first.color = [0.0, 1.0, 2.0],
+        2 => first.scale = [1e-4; 3],
+        3 => first.rotation = [0.0, 0.0, 0.0, -1.0],
+        4 => first.mean = [0.0, -0.0, 49.999],
+        _ => {}
+    }
+    splats
+}
+
+/// What a file of some splats gives back.
+fn back(format: ModelFormat, splats: &SplatSet) -> (Vec<u8>, SplatSet) {
+    let bytes = written_as(format, splats);
+    let model = read_bytes(&bytes).unwrap();
+    assert_eq!(model.skipped, 0, "{format}");
+    (bytes, model.splats)
+}
+
+fn appearance(splats: &SplatSet) -> Vec<Appearance> {
+    splats.view().appearance().to_vec()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// To the bit where numbers are bytes, else within the rounding of one conversion, not of several.
+    #[test]
+    fn files_of_what_was_read_say_the_same_however_often(
+        n in 1..40usize,
+        seed in any::<u64>(),
+        odd in 0..8u8,
+        is_directed in any::<bool>(),
+        format in prop_oneof![Just(ModelFormat::Ply), Just(ModelFormat::Glb), Just(ModelFormat::Spz)],
+    ) {
+        let splats = splats(n, seed, odd);
+        let plain = |a: Appearance| Appearance { gradient: [[0.0; 3]; 3], ..a };
+        let of: Vec<Appearance> = match is_directed {
+            true => random_appearance(&splats, seed).into_iter().map(plain).collect(),
+            false => vec![Appearance::default(); n],
+        };
+        let (_, first) = back(format, &set(&splats, &of));
+        prop_assert_eq!(first.len(), n);
+        let (_, second) = back(format, &first);
+        let (bytes, mut last) = back(format, &second);
+        for _ in 1..AGAIN {
+            let (again, next) = back(format, &last);
+            if format == ModelFormat::Spz {
+                prop_assert!(again == bytes, "a file of what its own file says is another");
+            }
+            last = next;
+        }
+        for (a, b) in first.iter().zip(last.iter()) {
+            prop_assert_eq!(a.mean, b.mean);
+            assert_same(a, b, format.name());
+        }
+        let (a, b) = (appearance(&first), appearance(&last));
+        prop_assert_eq!(a.len(), b.len());
+        for (a, b) in a.iter().zip(&b) {
+            for (a, b) in a.directional.iter().zip(b.directional) {
+                prop_assert!(distance(*a, b) <= 1e-5, "{a:?} {b:?}");
+            }
+        }
+    }
+}

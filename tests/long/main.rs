@@ -1,0 +1,166 @@
+//! A camera that goes round and round the same room: memory and time per frame stay flat, and sums do
+//! not drift. Alone in its process, so that the memory it measures is its own.
+//!
+//! `VBGS_LONG_FRAMES=10000 cargo test --release --test long -- --nocapture` is the long run.
+#![allow(clippy::unwrap_used)]
+
+use glam::DVec3;
+use std::time::Instant;
+use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
+use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
+use vbgs_studio::eval::machine::rss_bytes;
+use vbgs_studio::model::scene::state::{QUANTUM, StoredSums};
+use vbgs_studio::model::scene::sums::N_SUMS;
+use vbgs_studio::model::stored::StoredModel;
+use vbgs_studio::observation::surface::Observation;
+use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
+use vbgs_studio::train::scene::engine;
+use vbgs_studio::train::scene::learner::SceneLearner;
+use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
+
+/// Frames of one round.
+const ROUND: usize = 24;
+/// Rounds in CI.
+const ROUNDS: usize = 25;
+/// Structural scale, world units: coarse, so that the room is full after one round.
+const H: f64 = 0.15;
+
+/// The camera's round through the synthetic room.
+fn round(surface: &SurfaceSettings) -> Vec<Observation> {
+    let (width, height) = (64, 48);
+    let noise = 1.0;
+    let params = SyntheticParams {
+        width,
+        height,
+        n_train: ROUND,
+        n_eval: 0,
+        depth_noise: noise,
+        ..SyntheticParams::demo()
+    };
+    let room = dataset(&params).unwrap();
+    let mut preparer = Preparer::new();
+    let observed = (0..ROUND).map(|i| {
+        let mut seen = Observation::empty();
+        preparer.prepare(&room.load(0, i).unwrap(), surface, &mut seen).unwrap();
+        seen
+    });
+    observed.collect()
+}
+
+fn rounds() -> usize {
+    let asked = std::env::var("VBGS_LONG_FRAMES").ok().and_then(|n| n.parse::<usize>().ok());
+    asked.map_or(ROUNDS, |frames| frames.div_ceil(ROUND)).max(10)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// By how much the last tenth of some values, one a round, is above the tenth after warm-up.
+fn rise(by_round: &[f64]) -> f64 {
+    let tenth = (by_round.len() / 10).max(2);
+    let of = |part: &[f64]| median(part.to_vec());
+    of(&by_round[by_round.len() - tenth..]) / of(&by_round[tenth..2 * tenth]) - 1.0
+}
+
+/// Bytes of the model without its wide rows: once in its life, when it has seen 4,096 points, a component
+/// is given one.
+fn without_wide_rows(scene: &dyn SceneLearner) -> f64 {
+    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    let StoredSums::Mixed { wide, .. } = state.sums else { panic!("sums are integers") };
+    let row = size_of::<[f64; N_SUMS]>();
+    assert!(wide.len() <= scene.used());
+    (scene.model_bytes() - row * wide.len()) as f64
+}
+
+/// The sums of all components.
+fn totals(scene: &dyn SceneLearner) -> Vec<[f64; N_SUMS]> {
+    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    let StoredSums::Mixed { rows, wide } = state.sums else { panic!("sums are integers") };
+    let mut totals: Vec<[f64; N_SUMS]> =
+        rows.iter().map(|row| row.map(|quanta| f64::from(quanta) * QUANTUM)).collect();
+    for row in wide {
+        totals[row.id as usize] = row.sums;
+    }
+    totals
+}
+
+/// One test, since a second one's memory would count.
+#[test]
+fn a_long_run_is_flat_and_its_sums_are_exact() {
+    let n = rounds();
+    memory_and_time_stay_flat(n);
+    sums_do_not_drift(n);
+}
+
+/// Everything that a scene learns from, photographs too.
+fn memory_and_time_stay_flat(n: usize) {
+    let mut surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
+    surface.photograph = true;
+    let frames = round(&surface);
+    let photometric = PhotometricMode::Light.rule();
+    let config = SceneConfig { photometric, max_components: 4000, ..SceneConfig::coarse(H) };
+    let mut scene = engine::begin(&config, surface.origin);
+    let (mut memory, mut model, mut ms, mut used) = (vec![], vec![], vec![], vec![]);
+    for _ in 0..n {
+        let mut times = Vec::with_capacity(ROUND);
+        for frame in &frames {
+            let start = Instant::now();
+            scene.learn(frame).unwrap();
+            times.push(1e3 * start.elapsed().as_secs_f64());
+        }
+        ms.push(median(times));
+        model.push(without_wide_rows(scene.as_ref()));
+        used.push(scene.used() as f64);
+        memory.extend(rss_bytes().map(|bytes| bytes as f64 - scene.model_bytes() as f64));
+    }
+    let [of_model, of_components, of_time] = [&model, &used, &ms].map(|values| rise(values));
+    eprintln!(
+        "{} frames: {} components, {:.1} KB; from the second tenth to the last one components \
+         {:+.2} %, model {:+.2} %, ms a frame {:+.1} % of {:.2}",
+        n * ROUND,
+        scene.used(),
+        model[model.len() - 1] / 1e3,
+        100.0 * of_components,
+        100.0 * of_model,
+        100.0 * of_time,
+        ms[n / 10],
+    );
+    assert!(of_model <= 0.03, "the model grows by {of_model}");
+    // Others use the machine, too: what grows with the number of frames does so by far more.
+    assert!(of_time <= 0.5, "a frame takes {of_time} longer");
+    if !memory.is_empty() {
+        let of_memory = rise(&memory);
+        eprintln!("resident beside it {:.1} MB, {:+.2} %", memory[n - 1] / 1e6, 100.0 * of_memory);
+        assert!(of_memory <= 0.03, "memory grows by {of_memory}");
+    }
+}
+
+/// What depends on no order is added up to the bit: so many rounds are so many times the first.
+fn sums_do_not_drift(n: usize) {
+    let surface = SurfaceSettings::of_sensor(Sensor::Kinect, DVec3::ZERO);
+    let frames = round(&surface);
+    let config = SceneConfig {
+        births: BirthRule::BodyCentred,
+        refine: false,
+        visibility: VisibilityRule::Returned,
+        ..SceneConfig::fine(H)
+    };
+    let mut scene = engine::begin(&config, surface.origin);
+    let mut once = Vec::new();
+    for i in 0..n {
+        for frame in &frames {
+            scene.learn(frame).unwrap();
+        }
+        if i == 0 {
+            once = totals(scene.as_ref());
+        }
+    }
+    let times = n as f64;
+    assert_eq!(
+        totals(scene.as_ref()),
+        once.iter().map(|row| row.map(|x| x * times)).collect::<Vec<_>>()
+    );
+    eprintln!("{} sums are exact after {} frames", once.len() * N_SUMS, n * ROUND);
+}
