@@ -47,6 +47,7 @@ fn main() {
     let quanta = |sums: [f32; scene::N_SUMS]| sums.map(|sum| (f64::from(sum) / QUANTUM) as i32);
     let scene = SceneState {
         origin: [0.0; 3],
+        coarsened: 0,
         seeds: rows.iter().map(|r| [r[1], r[2], r[3]].map(|v| v as f32)).collect(),
         shares: None,
         components: None,
