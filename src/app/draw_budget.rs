@@ -127,12 +127,12 @@ mod tests {
 
     #[test]
     fn passes_are_as_far_apart_as_their_work_asks_for() {
-        let mut budget = budget(0.2);
+        let mut budget = budget(0.25);
         assert_eq!(budget.interval(), Duration::ZERO, "nothing is known yet");
-        (budget.pass_s, budget.apart_s) = (0.04, 0.2);
+        (budget.pass_s, budget.apart_s) = (0.05, 0.25);
         assert_eq!(budget.interval(), Duration::from_millis(100));
         assert!((budget.taken() - 0.1).abs() < 1e-9);
-        budget.share = 0.4;
+        budget.share = 0.5;
         assert_eq!(budget.interval(), Duration::from_millis(50));
         budget.share = f32::NAN;
         assert!(budget.interval() <= Duration::from_secs(10));
