@@ -63,7 +63,7 @@ fn pointer(window: &Window, rng: &mut Rng) -> String {
     let mut place = || Pos2::new(rng.range(0.0, 1000.0) as f32, rng.range(0.0, 640.0) as f32);
     let (from, to) = (place(), place());
     let buttons = [PointerButton::Primary, PointerButton::Secondary, PointerButton::Middle];
-    let button = buttons[rng.below(3) as usize];
+    let button = buttons[rng.below(3)];
     let press =
         |pos, pressed| Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
     let is_drag = rng.below(2) == 0;
