@@ -110,6 +110,13 @@ pub fn train(window: &mut Window) {
     wait(window, "the end", is(RunState::Finished));
 }
 
+/// Leaves the room of the window to the picture: closes the card after the end and folds the strip away.
+pub fn clear_view(window: &mut Window) {
+    click(window, "×");
+    window.key_press(Key::T);
+    window.run_steps(3);
+}
+
 /// Presses what is labelled so. What the worker published since the last frame is laid out first:
 /// otherwise the press lands where the button was.
 pub fn click(window: &mut Window, label: &str) {

@@ -1,6 +1,6 @@
 //! Picking, the Inspector, what colours a scene, adapters, and a window that loses its device.
 
-use super::harness::{PATIENCE, Window, dataset, train, wait, window};
+use super::harness::{PATIENCE, Window, clear_view, dataset, train, wait, window};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
@@ -71,6 +71,7 @@ fn a_click_shows_the_posterior_and_escape_forgets_it() {
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     train(&mut window);
     wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    clear_view(&mut window);
     click_at(&mut window, MIDDLE);
     wait(&mut window, "the selection", |s| s.snapshot().inspected.is_some());
     window.run_steps(2);

@@ -143,6 +143,12 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
         alive.send("coming back".to_owned()).unwrap();
         window.key_press(Key::Escape);
         window.run_steps(3);
+        // What is followed is trained as soon as it is there: it never rests before.
+        let follow = snapshot.follows.then(|| window.query_all_by_label("Follow").next()).flatten();
+        if let Some(button) = follow {
+            button.click();
+            window.run_steps(3);
+        }
         drop_on(window, path);
         window.run_steps(3);
         if let Some(button) = window.query_by_label("Discard") {

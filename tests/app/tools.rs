@@ -1,6 +1,8 @@
 //! Flying, turning about a place, measuring, and what lies over the picture.
 
-use super::harness::{Window, click, dataset, drop_on, is, train, wait, wait_for_picture, window};
+use super::harness::{
+    Window, clear_view, click, dataset, drop_on, is, train, wait, wait_for_picture, window,
+};
 use super::inspect::{MIDDLE, click_at};
 use crate::common::adapter::turn;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2, ViewportCommand, ViewportId};
@@ -68,6 +70,7 @@ fn a_double_click_turns_about_the_surface_where_it_is() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
+    clear_view(&mut window);
     let view = |window: &Window| {
         let view = window.state().view();
         (view.eye().unwrap(), view.target().unwrap())
@@ -92,6 +95,7 @@ fn two_clicks_measure_with_a_standard_deviation() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let Some(mut window) = trained(folder.path()) else { return };
+    clear_view(&mut window);
     window.key_press(Key::M);
     window.run_steps(2);
     assert!(window.state().view().is_measuring());

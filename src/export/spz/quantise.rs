@@ -106,8 +106,9 @@ pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
     let mut bits = largest as u32;
     for i in (0..4).filter(|&i| i != largest) {
         let magnitude = (LARGEST_MAGNITUDE * xyzw[i].abs() / FRAC_1_SQRT_2).round();
-        let is_negative = (xyzw[i] < 0.0) != (xyzw[largest] < 0.0);
         let magnitude = magnitude.min(LARGEST_MAGNITUDE) as u32;
+        // Nought has no sign: a turn and its negative are one, and make the same file.
+        let is_negative = magnitude > 0 && (xyzw[i] < 0.0) != (xyzw[largest] < 0.0);
         bits = bits << 10 | u32::from(is_negative) << 9 | magnitude;
     }
     bits.to_le_bytes()
@@ -127,6 +128,19 @@ fn nearest(v: f64) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_turn_and_its_negative_are_the_same_bytes() {
+        for q in [
+            [0.0, 0.0, 0.0, 1.0],
+            [1.0, -0.0, 0.0, 0.0],
+            [0.5, -0.5, 0.1, 0.7],
+            [0.0, 1e-9, 0.0, -1.0],
+        ] {
+            let turn = DQuat::from_array(q).normalize();
+            assert_eq!(to_smallest_three(turn), to_smallest_three(-turn), "{q:?}");
+        }
+    }
 
     #[test]
     fn halves() {

@@ -355,7 +355,10 @@ fn merged_scenes_are_read_back() {
             let asked = SceneOverrides { sums: Some(sums), budget, ..births(BirthRule::Seeds) };
             let session = trained(&asked, first(6));
             let run = saved(&session);
-            assert!(scene(&run.content).components.is_some(), "{sums:?} {budget:?}: none merged");
+            // The smallest are held by a wider scale instead, at which nothing need be merged.
+            let scene = scene(&run.content);
+            let is_reached = scene.components.is_some() || scene.coarsened > 0;
+            assert!(is_reached, "{sums:?} {budget:?}: none merged");
             assert_eq!(run.splats().unwrap(), session.stored_splats(), "{sums:?} {budget:?}");
         }
     }
