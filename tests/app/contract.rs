@@ -151,6 +151,13 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "Retention: the PSNR of frames 0, 10, 20, … measured again as training goes on",
+        &[
+            "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
+            "src/app/retention.rs: few_frames_are_followed_from_the_moment_they_are_trained",
+        ],
+    ),
+    (
         "The viewport re-uploads only components that changed since the last upload",
         &[
             "src/app/splat_updates.rs: a_replacement_supersedes_what_waits_and_later_changes_may_add",

@@ -31,6 +31,21 @@ impl Studio {
             UiCommand::Reset => self.discard_then(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.save_dialog.show(),
             UiCommand::Export => self.export_dialog.show(),
+            UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
+            UiCommand::ResetLayout => self.reset_layout(),
+            UiCommand::CompareModel => self.compare_dialog.show(),
+            UiCommand::RemoveModel => self.view.remove_compared(),
+            UiCommand::Deselect => {
+                self.worker.send(WorkerOrder::Inspect(None));
+                self.apply_to_view(command, snapshot);
+            }
+            UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
+            UiCommand::Find => self.finder.show(),
+            UiCommand::FocusControls => self.egui.memory_mut(|memory| match memory.focused() {
+                Some(control) => memory.surrender_focus(control),
+                None => memory.move_focus(FocusDirection::Next),
+            }),
+            UiCommand::Help => self.help_is_open = !self.help_is_open,
             UiCommand::FrameScene
             | UiCommand::Home
             | UiCommand::ToggleRenderer
@@ -48,28 +63,13 @@ impl Studio {
             | UiCommand::Undo
             | UiCommand::Cameras
             | UiCommand::Grid
-            | UiCommand::ComparePhoto => {
-                if let Some(opened) = &snapshot.opened {
-                    self.view.apply(command, opened);
-                }
-            }
-            UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
-            UiCommand::ResetLayout => self.reset_layout(),
-            UiCommand::CompareModel => self.compare_dialog.show(),
-            UiCommand::RemoveModel => self.view.remove_compared(),
-            UiCommand::Deselect => {
-                self.worker.send(WorkerOrder::Inspect(None));
-                if let Some(opened) = &snapshot.opened {
-                    self.view.apply(command, opened);
-                }
-            }
-            UiCommand::CopyCommandLine => self.copy_command_line(snapshot),
-            UiCommand::Find => self.finder.show(),
-            UiCommand::FocusControls => self.egui.memory_mut(|memory| match memory.focused() {
-                Some(control) => memory.surrender_focus(control),
-                None => memory.move_focus(FocusDirection::Next),
-            }),
-            UiCommand::Help => self.help_is_open = !self.help_is_open,
+            | UiCommand::ComparePhoto => self.apply_to_view(command, snapshot),
+        }
+    }
+
+    fn apply_to_view(&mut self, command: UiCommand, snapshot: &Snapshot) {
+        if let Some(opened) = &snapshot.opened {
+            self.view.apply(command, opened);
         }
     }
 

@@ -70,8 +70,8 @@ mod tests {
         let even = Spacing::new(0.035, None);
         assert_eq!([0.0, 0.001, 1.0].map(|f| even.reach(&at(f))), [0.035; 3]);
         let room = Spacing::new(0.036, Some(NearSpacing::ROOM));
-        assert_eq!([0.0, 0.002, 0.0027, 0.004].map(|f| room.share(&at(f))), [42, 42, 48, 64]);
-        assert!((room.reach(&at(0.0027)) - 0.027).abs() < 1e-6);
+        assert_eq!([0.0, 0.002, 0.00269, 0.004].map(|f| room.share(&at(f))), [42, 42, 48, 64]);
+        assert!((room.reach(&at(0.00269)) - 0.027).abs() < 1e-6);
         assert_eq!(room.share(&at(f32::NAN)), 1);
     }
 }

@@ -209,14 +209,13 @@ impl<W: SumScalar> SceneTrainer<W> {
         let points = moved.as_deref().unwrap_or(&frame.points);
         lap(&mut ms, SceneStage::Pose);
         self.assign(points);
-        let mut gain = self.gain(points, frame.point_weight);
-        let contradiction = self.contradiction(frame, &camera, points, gain);
+        let gain = self.gain(points, frame.point_weight);
+        let photograph = self.contradiction(frame, &camera, points, gain);
         lap(&mut ms, SceneStage::Assign);
-        if contradiction.is_some() {
+        if photograph.is_some() {
             self.moved = moved.unwrap_or_default();
             self.pass_over();
             ms.train = wall.elapsed_ms();
-            let photograph = contradiction;
             return FrameOutcome { photograph, tracking, ms, ..FrameOutcome::default() };
         }
         let coarsened = self.coarsened;
@@ -224,10 +223,8 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
         self.refine(points, frame.tolerance);
-        if merged > 0 {
-            // Points may belong to other components now.
-            gain = self.gain(points, frame.point_weight);
-        }
+        // By merging points may have come to other components.
+        let gain = if merged > 0 { self.gain(points, frame.point_weight) } else { gain };
         lap(&mut ms, SceneStage::Refine);
         self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
@@ -236,12 +233,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         lap(&mut ms, SceneStage::Visibility);
         let photograph = self.learn_photograph(frame, &camera, gain);
         lap(&mut ms, SceneStage::Photometric);
-        if self.config.gain {
-            self.exposures.push(FrameExposure::new(&camera.pose, gain));
-        }
-        if self.config.align && !self.config.track {
-            self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
-        }
+        self.log(frame, &camera, gain);
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
         // Looks, merging and another scale change components without points as well.
@@ -258,6 +250,16 @@ impl<W: SumScalar> SceneTrainer<W> {
             photograph,
             tracking,
             ms,
+        }
+    }
+
+    /// Keeps how a frame was exposed and where it stood, as far as these were fitted.
+    fn log(&mut self, frame: &Observation, camera: &Camera, gain: [f32; 3]) {
+        if self.config.gain {
+            self.exposures.push(FrameExposure::new(&camera.pose, gain));
+        }
+        if self.config.align && !self.config.track {
+            self.poses.push(FramePose::new(&frame.camera.pose, &camera.pose));
         }
     }
 
