@@ -11,11 +11,13 @@ use vbgs_studio::model::splat::splats::Splat;
 /// Round trips after the first.
 const AGAIN: usize = 4;
 
-/// Splats of sizes that every format can hold, some at the borders of what splats may be.
+/// Splats of sizes and opacities that every format can hold, some at the borders of what splats may be.
 fn splats(n: usize, seed: u64, odd: u8) -> Vec<Splat> {
     let mut splats = random_splats(n, seed);
     for splat in &mut splats {
         splat.scale = splat.scale.map(|s| s.clamp(1e-4, 100.0));
+        // Less is a byte of 0, and nothing that is drawn.
+        splat.opacity = splat.opacity.max(1.0 / 255.0);
     }
     let first = &mut splats[0];
     match odd {
@@ -42,7 +44,7 @@ fn appearance(splats: &SplatSet) -> Vec<Appearance> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// To the bit where numbers are bytes, else within the rounding of one conversion, not of several.
     #[test]

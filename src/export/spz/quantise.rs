@@ -15,6 +15,9 @@ const COEFFICIENT_STEPS: f64 = 32.0;
 /// Largest magnitude of a rotation's 9 bits, which stands for √½.
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
+/// Turns that differ by less, in any number, are one: above the rounding of single precision.
+const SAME_TURN: f64 = 1e-6;
+
 /// A coordinate of 24 bits.
 pub(super) fn fixed(bytes: [u8; 3], fraction_bits: u8) -> f64 {
     // Into the upper bytes and back: the sign comes along.
@@ -99,16 +102,34 @@ pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
     scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
 }
 
-/// Inverse of [`smallest_three`].
+/// Inverse of [`smallest_three`]. That number is left out with which the turn comes back best, the largest
+/// or one nearly as large: a turn that was read from a file is written as it stood there.
 pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
-    let xyzw = rotation.to_array();
-    let largest = (1..4).fold(0, |l, i| if xyzw[i].abs() > xyzw[l].abs() { i } else { l });
-    let mut bits = largest as u32;
-    for i in (0..4).filter(|&i| i != largest) {
+    let candidate = |left_out: usize| {
+        let bytes = without(left_out, rotation.to_array());
+        let [w, x, y, z] = smallest_three(bytes);
+        (bytes, difference(DQuat::from_xyzw(x, y, z, w), rotation))
+    };
+    let better = |best: ([u8; 4], f64), other: ([u8; 4], f64)| {
+        if other.1 < best.1 - SAME_TURN { other } else { best }
+    };
+    (1..4).map(candidate).fold(candidate(0), better).0
+}
+
+/// Largest difference of two turns' numbers; a turn and its negative are one.
+fn difference(a: DQuat, b: DQuat) -> f64 {
+    let b = if a.dot(b) < 0.0 { -b } else { b };
+    (a - b).to_array().iter().fold(0.0, |most, v| most.max(v.abs()))
+}
+
+/// A turn of which one number follows from the others.
+fn without(left_out: usize, xyzw: [f64; 4]) -> [u8; 4] {
+    let mut bits = left_out as u32;
+    for i in (0..4).filter(|&i| i != left_out) {
         let magnitude = (LARGEST_MAGNITUDE * xyzw[i].abs() / FRAC_1_SQRT_2).round();
         let magnitude = magnitude.min(LARGEST_MAGNITUDE) as u32;
         // Nought has no sign: a turn and its negative are one, and make the same file.
-        let is_negative = magnitude > 0 && (xyzw[i] < 0.0) != (xyzw[largest] < 0.0);
+        let is_negative = magnitude > 0 && (xyzw[i] < 0.0) != (xyzw[left_out] < 0.0);
         bits = bits << 10 | u32::from(is_negative) << 9 | magnitude;
     }
     bits.to_le_bytes()
@@ -139,6 +160,22 @@ mod tests {
         ] {
             let turn = DQuat::from_array(q).normalize();
             assert_eq!(to_smallest_three(turn), to_smallest_three(-turn), "{q:?}");
+        }
+    }
+
+    #[test]
+    fn turns_whose_largest_numbers_tie_keep_their_bytes() {
+        let half = FRAC_1_SQRT_2;
+        let quarter = [half, 0.0, 0.0, half];
+        // Rounded, another number is larger than the one that was.
+        let near = [0.7, 0.1, 0.0, 0.70005];
+        for q in [quarter, [0.0, -half, half, 0.0], [0.5, 0.5, -0.5, 0.5], near] {
+            let bytes = to_smallest_three(DQuat::from_array(q).normalize());
+            let [w, x, y, z] = smallest_three(bytes);
+            for nudge in [-1e-7, 0.0, 1e-7] {
+                let nudged = DQuat::from_xyzw(x + nudge, y, z, w - nudge).normalize();
+                assert_eq!(to_smallest_three(nudged), bytes, "{q:?} {nudge}");
+            }
         }
     }
 

@@ -8,7 +8,7 @@
 use super::columns::{COLUMN_NAMES, MAGIC};
 use super::container::NGSP_BYTES;
 use super::quantise::{
-    to_coefficient, to_color, to_fixed, to_opacity, to_scale, to_smallest_three,
+    fixed, scale, to_coefficient, to_color, to_fixed, to_opacity, to_scale, to_smallest_three,
 };
 use crate::export::error::Fault;
 use crate::export::gaussian::Gaussian;
@@ -51,7 +51,7 @@ impl SpzLayout {
             .map(|i| rows.row(i).mean.abs().max_element())
             .reduce(|| 0.0, f64::max);
         let fraction_bits = fraction_bits(rows, largest)?;
-        let order = curve(rows, largest);
+        let order = curve(rows, fraction_bits);
         Ok(Self { order, fraction_bits, degree: u8::from(rows.has_directions()) })
     }
 
@@ -136,7 +136,8 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
     }
     let step = rows.n_rows().div_ceil(N_SAMPLED).max(1);
     let middle = |i: usize| {
-        let [a, b, c] = rows.row(i).scale.to_array();
+        // As the file holds it: what is read of a file gets its bits again.
+        let [a, b, c] = scale(to_scale(rows.row(i).scale)).to_array();
         a.max(b).min(a.max(c)).min(b.max(c))
     };
     let mut deviations: Vec<f64> = (0..rows.n_rows()).step_by(step).map(middle).collect();
@@ -146,10 +147,13 @@ fn fraction_bits(rows: &impl SplatRows, largest: f64) -> Result<u8, Fault> {
     Ok(needed.clamp(0, MAX_FRACTION_BITS).min(room) as u8)
 }
 
-/// The rows along a Morton curve through the cube that holds them all.
-fn curve(rows: &impl SplatRows, largest: f64) -> Vec<u32> {
-    let cells = f64::from(1u32 << CURVE_BITS) - 1.0;
-    let cell = |v: f64| (0.5 * (v / largest.max(f64::MIN_POSITIVE) + 1.0) * cells) as u64;
+/// The rows along a Morton curve through the cube of all coordinates that the file can hold, as it holds
+/// them: what is read of a file is written in its order.
+fn curve(rows: &impl SplatRows, fraction_bits: u8) -> Vec<u32> {
+    let cell = |v: f64| {
+        let held = (fixed(to_fixed(v, fraction_bits), 0) as i64 + (1 << COORDINATE_BITS)) as u64;
+        held >> (COORDINATE_BITS as u32 + 1 - CURVE_BITS)
+    };
     let key = |i: u32| {
         let [x, y, z] = rows.row(i as usize).mean.to_array().map(cell);
         spread(x) | spread(y) << 1 | spread(z) << 2
