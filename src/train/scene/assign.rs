@@ -7,7 +7,7 @@
 //! components and no better picture (`scene.md`, Tried and dropped).
 
 use super::components::Components;
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::{CellBox, NONE, SeedGrid, squared_distance};
 use super::spacing::Spacing;
 use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::surface::SurfacePoint;
@@ -69,20 +69,16 @@ fn assign_group(
     owners: &mut [u32],
     near: &mut Near,
 ) {
-    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    let mut around = CellBox::EMPTY;
     for point in points.iter().filter(|p| grid.reaches(p.position)) {
         let cell = grid.cell_of(point.position);
-        for axis in 0..3 {
-            low[axis] = low[axis].min(cell[axis] - 1);
-            high[axis] = high[axis].max(cell[axis] + 1);
-        }
+        around.include(cell.map(|c| c - 1), cell.map(|c| c + 1));
     }
-    if low[0] > high[0] {
+    let n_cells = around.n_cells();
+    if n_cells == 0.0 {
         return; // no point within reach
     }
-    // Their number itself may be more than 64 bits hold.
-    let cells: f64 = (0..3).map(|i| f64::from(high[i]) - f64::from(low[i]) + 1.0).product();
-    if cells > MAX_CELLS {
+    if n_cells > MAX_CELLS {
         for (point, owner) in points.iter().zip(owners) {
             *owner = grid.nearest(point.position).unwrap_or(NONE);
         }
@@ -92,7 +88,7 @@ fn assign_group(
     near.seeds.clear();
     // Cells are wider than a group: most of their seeds are within reach of none of its points.
     let (low_corner, high_corner) = corners(points);
-    grid.visit(low, high, |id, seed| {
+    grid.visit(around.low, around.high, |id, seed| {
         let is_near =
             (0..3).all(|i| seed[i] >= low_corner[i] - reach && seed[i] <= high_corner[i] + reach);
         if is_near {

@@ -3,6 +3,7 @@
 use super::component_sums::{ComponentSums, SumScalar};
 use super::grid::NONE;
 use crate::observation::surface::SurfacePoint;
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Fewest points of a component whose colour is trusted.
@@ -12,37 +13,52 @@ pub const MIN_MATCHES: f64 = 5000.0;
 /// Points of one partial sum: sums do not depend on the number of threads.
 const CHUNK: usize = 4096;
 
-/// Per channel the factor that brings the frame's colours closest to those of its points'
-/// components, `Σ c̄·c / Σ c²`; 1 where fewer than `fewest` points are known.
+/// Per channel the factor that makes the frame's colours as bright as those of its points' components,
+/// `Σ c̄ / Σ c`; 1 where fewer than `fewest` points are known.
+///
+/// Not that of least squares, `Σ c̄·c / Σ c²`: noise of the frame's colours is in its denominator, so that it
+/// is too small by a few per cent, and in a chain of frames, each beside the last, once more with each.
 pub fn gain<W: SumScalar>(
     component_sums: &ComponentSums<W>,
     points: &[SurfacePoint],
     owners: &[u32],
     fewest: f64,
 ) -> [f32; 3] {
-    let sums: Vec<[f64; 7]> = points
+    let sums: Vec<Brightness> = points
         .par_chunks(CHUNK)
         .zip(owners.par_chunks(CHUNK))
         .map(|(points, owners)| chunk_sums(component_sums, points, owners))
         .collect();
-    let total = sums.iter().fold([0.0; 7], |mut total, sums| {
-        total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
-        total
-    });
-    if total[6] < fewest {
+    let mut total = Brightness::default();
+    for sums in &sums {
+        total.expected += sums.expected;
+        total.seen += sums.seen;
+        total.points += sums.points;
+    }
+    if total.points < fewest {
         return [1.0; 3];
     }
     // A factor alone: with an offset beside it scores were worse (`scene.md`, Gain).
-    [0, 1, 2].map(|i| if total[3 + i] > 0.0 { (total[i] / total[3 + i]) as f32 } else { 1.0 })
+    let (expected, seen) = (total.expected.to_array(), total.seen.to_array());
+    [0, 1, 2].map(|i| if seen[i] > 0.0 { (expected[i] / seen[i]) as f32 } else { 1.0 })
 }
 
-/// `Σ c̄·c` and `Σ c²` by channel, and the points they are over.
+/// Sums of colours over points of known components.
+#[derive(Default)]
+struct Brightness {
+    /// Of the components' means.
+    expected: DVec3,
+    /// Of the points.
+    seen: DVec3,
+    points: f64,
+}
+
 fn chunk_sums<W: SumScalar>(
     component_sums: &ComponentSums<W>,
     points: &[SurfacePoint],
     owners: &[u32],
-) -> [f64; 7] {
-    let mut sums = [0.0; 7];
+) -> Brightness {
+    let mut sums = Brightness::default();
     for (point, &owner) in points.iter().zip(owners) {
         // Components born in this frame have no row yet.
         if owner == NONE || owner as usize >= component_sums.len() {
@@ -52,12 +68,9 @@ fn chunk_sums<W: SumScalar>(
         if n < MIN_POINTS {
             continue;
         }
-        for i in 0..3 {
-            let c = f64::from(point.color[i]);
-            sums[i] += color[i] / n * c;
-            sums[3 + i] += c * c;
-        }
-        sums[6] += 1.0;
+        sums.expected += DVec3::from_array(color) / n;
+        sums.seen += DVec3::from_array(point.color.map(f64::from));
+        sums.points += 1.0;
     }
     sums
 }

@@ -152,6 +152,35 @@ impl SeedGrid {
     }
 }
 
+/// Cells around some places, all that lie between the outermost.
+#[derive(Clone, Copy, Debug)]
+pub struct CellBox {
+    /// The first along each axis.
+    pub low: [i32; 3],
+    /// The last along each axis.
+    pub high: [i32; 3],
+}
+
+impl CellBox {
+    /// That of no place.
+    pub const EMPTY: Self = Self { low: [i32::MAX; 3], high: [i32::MIN; 3] };
+
+    /// Grows until it holds the cells from `low` to `high`.
+    pub fn include(&mut self, low: [i32; 3], high: [i32; 3]) {
+        for axis in 0..3 {
+            self.low[axis] = self.low[axis].min(low[axis]);
+            self.high[axis] = self.high[axis].max(high[axis]);
+        }
+    }
+
+    /// How many cells it holds.
+    pub fn n_cells(&self) -> f64 {
+        // More, it may be, than 64 bits hold.
+        let along = |i: usize| f64::from(self.high[i]) - f64::from(self.low[i]) + 1.0;
+        (0..3).map(|i| along(i).max(0.0)).product()
+    }
+}
+
 /// Squared distance of two places, summed x, y, z.
 #[inline(always)]
 pub fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {

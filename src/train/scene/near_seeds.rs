@@ -1,7 +1,7 @@
 //! Seeds near points that are about to move a little, gathered once for all their moves.
 
 use super::components::Components;
-use super::grid::{NONE, SeedGrid, squared_distance};
+use super::grid::{CellBox, NONE, SeedGrid, squared_distance};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
@@ -121,21 +121,16 @@ fn gather(
     points: &[SurfacePoint],
     seeds: &mut Vec<(u32, [f32; 3])>,
 ) -> bool {
-    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    let mut around = CellBox::EMPTY;
     for point in points {
-        let Some([from, to]) = cells(grid, radius, point.position) else { return false };
-        for axis in 0..3 {
-            low[axis] = low[axis].min(from[axis]);
-            high[axis] = high[axis].max(to[axis]);
-        }
+        let Some([low, high]) = cells(grid, radius, point.position) else { return false };
+        around.include(low, high);
     }
-    // Their number itself may be more than 64 bits hold.
-    let n_cells: f64 = (0..3).map(|i| f64::from(high[i]) - f64::from(low[i]) + 1.0).product();
-    if n_cells > MAX_CELLS {
+    if around.n_cells() > MAX_CELLS {
         return false;
     }
     seeds.clear();
-    grid.visit(low, high, |id, seed| seeds.push((id, seed)));
+    grid.visit(around.low, around.high, |id, seed| seeds.push((id, seed)));
     true
 }
 

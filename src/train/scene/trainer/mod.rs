@@ -223,8 +223,9 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Before refinement: evidence is of points as they were measured.
         let (n_points, elbo_mean) = self.explain(points);
         self.refine(points, frame.tolerance);
-        // By merging points may have come to other components.
-        let gain = if merged > 0 { self.gain(points, frame.point_weight) } else { gain };
+        // By merging and by another scale points may have come to other components.
+        let is_rebuilt = merged > 0 || self.coarsened != coarsened;
+        let gain = if is_rebuilt { self.gain(points, frame.point_weight) } else { gain };
         lap(&mut ms, SceneStage::Refine);
         self.sum_up(points, frame.point_weight, gain);
         lap(&mut ms, SceneStage::Stats);
@@ -237,7 +238,6 @@ impl<W: SumScalar> SceneTrainer<W> {
         self.moved = moved.unwrap_or_default();
         self.frames += 1;
         // Looks, merging and another scale change components without points as well.
-        let is_rebuilt = merged > 0 || self.coarsened != coarsened;
         self.has_changed_all = is_rebuilt || self.frames.is_multiple_of(EVERYTHING_EVERY);
         ms.train = wall.elapsed_ms();
         FrameOutcome {

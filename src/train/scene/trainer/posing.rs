@@ -34,14 +34,18 @@ impl<W: SumScalar> SceneTrainer<W> {
 
     /// The most probable motion of a frame; `None` where too little of the scene is known.
     pub(in crate::train::scene) fn motion(&mut self, frame: &Observation) -> Option<Motion> {
-        let part = looked_at(frame);
+        self.motion_of(&looked_at(frame))
+    }
+
+    /// That of a frame with as many of its points as are [`looked_at`].
+    pub(super) fn motion_of(&mut self, part: &Observation) -> Option<Motion> {
         let mut owners = std::mem::take(&mut self.owners);
-        let motion = self.motion_of(&part, &mut owners);
+        let motion = self.found_motion(part, &mut owners);
         self.owners = owners;
         motion
     }
 
-    fn motion_of(&self, part: &Observation, owners: &mut Vec<u32>) -> Option<Motion> {
+    fn found_motion(&self, part: &Observation, owners: &mut Vec<u32>) -> Option<Motion> {
         let h = self.config.h;
         let ridge = self.config.splat_rule.gradient_ridge * h * h;
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };

@@ -38,7 +38,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         let mut points = Vec::with_capacity(part.points.len());
         part.camera = Motion::between(&frame.camera.pose, &pose).apply(&part, &mut points);
         part.points = points;
-        match self.motion(&part) {
+        match self.motion_of(&part) {
             None => *tracked,
             Some(motion) => {
                 let deviations = [tracked.turn_deviation, tracked.shift_deviation];
