@@ -36,6 +36,7 @@ use failure::Failure;
 use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::time::Instant;
+use vbgs_studio::pipeline::prefetch::default_threads;
 
 /// More threads than any machine this is meant for has.
 const MAX_THREADS: usize = 1024;
@@ -93,7 +94,7 @@ fn open_window(arguments: Arguments, _: Instant) -> Result<(), Failure> {
 }
 
 fn set_threads(threads: Option<usize>) -> Result<(), Failure> {
-    let Some(threads) = threads else { return Ok(()) };
+    let threads = threads.unwrap_or_else(|| default_threads().min(MAX_THREADS));
     if threads > MAX_THREADS {
         return Err(Failure::Usage(format!(
             "--threads: expected 1 to {MAX_THREADS}, found {threads}"

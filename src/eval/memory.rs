@@ -51,7 +51,7 @@ mod tests {
             let photometric = photographs.then(|| PhotometricMode::Light.rule()).flatten();
             let config =
                 SceneConfig { photometric, max_components: components, ..SceneConfig::exact(0.02) };
-            let mut estimate = config.memory(pixels);
+            let mut estimate = config.memory(pixels, 3);
             if measured {
                 estimate = with_measuring(estimate, pixels, components);
             }

@@ -79,7 +79,7 @@ mod tests {
     #[test]
     fn what_does_not_fit_is_refused_with_what_would() {
         let estimate = |overrides: PaperOverrides| {
-            PaperConfig::paper().with(&overrides).unwrap().memory(640_000, 2)
+            PaperConfig::paper().with(&overrides).unwrap().memory(640_000, 3, 2)
         };
         let paper = estimate(PaperOverrides::default());
         assert!((50_000_000..300_000_000).contains(&paper.total()), "{paper:?}");
@@ -98,12 +98,12 @@ mod tests {
         });
         assert!(dense.total() > 500_000_000_000, "{dense:?}");
         let asked = SceneConfig { max_components: 20_000_000, ..SceneConfig::fine(0.02) };
-        let scene = asked.memory(300_000);
+        let scene = asked.memory(300_000, 3);
         let error = check_against(scene, ComponentLimit::Asked(20_000_000), scene.frames * 3);
         let (setting, would_fit, found) = most(error.unwrap_err());
         assert_eq!((setting, found), ("budget", 20_000_000));
         let fits = SceneConfig { max_components: would_fit as usize, ..asked };
-        assert!(fits.memory(300_000).total() <= scene.frames * 3, "{would_fit}");
+        assert!(fits.memory(300_000, 3).total() <= scene.frames * 3, "{would_fit}");
         let default = ComponentLimit::Default(20_000_000);
         assert_eq!(check_against(scene, default, scene.frames), Ok(()), "nobody asked for them");
         let error = check_against(scene, default, scene.frames - 1).unwrap_err();

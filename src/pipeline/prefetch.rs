@@ -1,6 +1,6 @@
-//! Decoding and unprojection of the frames to come: on their own thread through a bounded queue
-//! where a core is left for it, else some frames at once between trainings. On a machine whose cores
-//! all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
+//! Decoding and unprojection of the frames to come: on threads of their own, in order and boundedly far
+//! ahead, where cores are left for them, else some frames at once between trainings. On a machine whose
+//! cores all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
 //! Prefetch).
 
 use super::plan::Plan;
@@ -10,14 +10,38 @@ use crate::dataset::{Dataset, FrameEntry};
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
 use std::collections::VecDeque;
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
-/// Prepared frames that may wait: one being trained, one ready, one in the making.
-pub const QUEUE_LENGTH: usize = 2;
-/// Frames prepared at once between trainings, at most.
+/// Frames prepared at once, at most: ahead of training or between two trainings.
 const MAX_AT_ONCE: usize = 4;
+/// Of so many cores one decodes, where nobody says how many threads train.
+const CORES_PER_DECODER: usize = 8;
+
+/// Threads that train and render where nobody says how many: one per core, less those that decode beside
+/// them on machines of many.
+pub fn default_threads() -> usize {
+    let cores = cores();
+    cores - (cores / CORES_PER_DECODER).min(MAX_AT_ONCE)
+}
+
+/// Frames in memory at once in a run on the current threads: trained on, ready, in the making.
+pub fn frames_at_once() -> usize {
+    match decoders() {
+        0 => rayon::current_num_threads().min(MAX_AT_ONCE) + 1,
+        decoders => decoders + 2,
+    }
+}
+
+/// Threads of their own that decode: one for each core that the current thread pool leaves free.
+fn decoders() -> usize {
+    cores().saturating_sub(rayon::current_num_threads()).min(MAX_AT_ONCE)
+}
+
+fn cores() -> usize {
+    thread::available_parallelism().map_or(1, usize::from)
+}
 
 /// A frame ready to be trained on.
 pub struct Prepared<O> {
@@ -66,23 +90,34 @@ impl PlannedFrame {
     }
 }
 
-/// The frames to come. Dropping it ends its thread, if it has one.
+/// The frames to come. Dropping it ends its threads, if it has any.
 pub struct Prefetch<P: Prepare> {
     upcoming: VecDeque<PlannedFrame>,
     source: Source<P>,
 }
 
 enum Source<P: Prepare> {
-    /// A thread that runs ahead.
+    /// Threads that run ahead.
     Ahead {
-        asked: SyncSender<PlannedFrame>,
-        /// Frames asked for that did not come yet.
-        n_asked: usize,
-        frames: Receiver<Prepared<P::Observation>>,
+        asked: Sender<Task<P>>,
+        /// Where the frames asked for will be, in their order.
+        coming: VecDeque<Receiver<Prepared<P::Observation>>>,
+        /// Most of them.
+        most: usize,
         recycle: SyncSender<P::Observation>,
     },
     /// Threads of the trainer, while it waits.
     Between { preparation: P, workers: Vec<Worker<P>>, ready: VecDeque<Prepared<P::Observation>> },
+}
+
+/// A frame to prepare, and where to.
+type Task<P> = (PlannedFrame, SyncSender<Prepared<<P as Prepare>::Observation>>);
+
+/// What the threads that run ahead share.
+struct Shared<P: Prepare> {
+    preparation: P,
+    tasks: Mutex<Receiver<Task<P>>>,
+    recycled: Mutex<Receiver<P::Observation>>,
 }
 
 /// Prepares frames one after the other; keeps memory between them.
@@ -98,9 +133,9 @@ impl<P: Prepare> Default for Worker<P> {
     }
 }
 
-/// The decoding thread could not be started.
+/// A decoding thread could not be started.
 #[derive(Debug, thiserror::Error)]
-#[error("starting the decoding thread failed: {0}; close other programs and try again")]
+#[error("starting a decoding thread failed: {0}; close other programs and try again")]
 pub struct SpawnError(#[from] std::io::Error);
 
 impl<P: Prepare> Prefetch<P> {
@@ -112,11 +147,9 @@ impl<P: Prepare> Prefetch<P> {
         first: usize,
         preparation: P,
     ) -> Result<Self, SpawnError> {
-        let threads = rayon::current_num_threads();
-        let cores = thread::available_parallelism().map_or(1, usize::from);
-        let source = match threads < cores {
-            true => Source::ahead(preparation)?,
-            false => Source::between(preparation, threads),
+        let source = match decoders() {
+            0 => Source::between(preparation, rayon::current_num_threads()),
+            decoders => Source::ahead(preparation, decoders)?,
         };
         let upcoming = PlannedFrame::of(&dataset, plan, first).collect();
         let mut prefetch = Self { upcoming, source };
@@ -130,15 +163,16 @@ impl<P: Prepare> Prefetch<P> {
         self.ask();
     }
 
-    /// Keeps the thread busy.
+    /// Keeps the threads busy.
     fn ask(&mut self) {
-        let Source::Ahead { asked, n_asked, .. } = &mut self.source else { return };
-        while *n_asked <= QUEUE_LENGTH
+        let Source::Ahead { asked, coming, most, .. } = &mut self.source else { return };
+        while coming.len() < *most
             && let Some(frame) = self.upcoming.pop_front()
         {
-            // Only a panic ends the thread before the handle is dropped; no frame comes then.
-            drop(asked.send(frame));
-            *n_asked += 1;
+            let (slot, prepared) = sync_channel(1);
+            // Only panics end the threads before the handle is dropped; no frame comes then.
+            drop(asked.send((frame, slot)));
+            coming.push_back(prepared);
         }
     }
 
@@ -146,10 +180,7 @@ impl<P: Prepare> Prefetch<P> {
     pub fn next_frame(&mut self) -> Option<Prepared<P::Observation>> {
         self.ask();
         match &mut self.source {
-            Source::Ahead { n_asked, frames, .. } => {
-                *n_asked = n_asked.checked_sub(1)?;
-                frames.recv().ok()
-            }
+            Source::Ahead { coming, .. } => coming.pop_front()?.recv().ok(),
             Source::Between { preparation, workers, ready } => {
                 if ready.is_empty() {
                     let n = self.upcoming.len().min(workers.len());
@@ -168,7 +199,7 @@ impl<P: Prepare> Prefetch<P> {
     /// Gives a frame's memory back for another frame.
     pub fn recycle(&mut self, observation: P::Observation) {
         match &mut self.source {
-            // The thread may have ended, or have memory enough: then this one is simply freed.
+            // The threads may have ended, or have memory enough: then this one is simply freed.
             Source::Ahead { recycle, .. } => drop(recycle.try_send(observation)),
             Source::Between { workers, .. } => {
                 if let Some(worker) = workers.iter_mut().find(|worker| worker.recycled.is_none()) {
@@ -180,21 +211,18 @@ impl<P: Prepare> Prefetch<P> {
 }
 
 impl<P: Prepare> Source<P> {
-    fn ahead(preparation: P) -> Result<Self, SpawnError> {
-        // No more is asked for than there are frames in training, ready and in the making.
-        let (asked, inbox) = sync_channel(QUEUE_LENGTH + 1);
-        let (sender, frames) = sync_channel(QUEUE_LENGTH - 1);
-        let (recycle, recycled) = sync_channel(QUEUE_LENGTH + 1);
-        thread::Builder::new().name("prefetch".into()).spawn(move || {
-            let mut worker = Worker::<P>::default();
-            for frame in inbox {
-                worker.recycled = recycled.try_recv().ok();
-                if sender.send(worker.prepare(&preparation, &frame)).is_err() {
-                    return; // the handle was dropped
-                }
-            }
-        })?;
-        Ok(Self::Ahead { asked, n_asked: 0, frames, recycle })
+    fn ahead(preparation: P, decoders: usize) -> Result<Self, SpawnError> {
+        // One frame ready beside those in the making.
+        let most = decoders + 1;
+        let (asked, tasks) = channel();
+        let (recycle, recycled) = sync_channel(most);
+        let (tasks, recycled) = (Mutex::new(tasks), Mutex::new(recycled));
+        let shared = Arc::new(Shared { preparation, tasks, recycled });
+        for _ in 0..decoders {
+            let shared = shared.clone();
+            thread::Builder::new().name("prefetch".into()).spawn(move || shared.run())?;
+        }
+        Ok(Self::Ahead { asked, coming: VecDeque::new(), most, recycle })
     }
 
     fn between(preparation: P, threads: usize) -> Self {
@@ -202,6 +230,26 @@ impl<P: Prepare> Source<P> {
         workers.resize_with(threads.clamp(1, MAX_AT_ONCE), Worker::default);
         Self::Between { preparation, workers, ready: VecDeque::new() }
     }
+}
+
+impl<P: Prepare> Shared<P> {
+    /// Prepares frames until the handle is dropped.
+    fn run(&self) {
+        let mut worker = Worker::<P>::default();
+        while let Some((frame, slot)) = received(&self.tasks, |tasks| tasks.recv().ok()) {
+            worker.recycled = received(&self.recycled, |recycled| recycled.try_recv().ok());
+            // Nobody waits for it once the handle was dropped.
+            drop(slot.send(worker.prepare(&self.preparation, &frame)));
+        }
+    }
+}
+
+/// What comes next out of a channel that several threads read.
+fn received<T>(
+    channel: &Mutex<Receiver<T>>,
+    next: impl FnOnce(&Receiver<T>) -> Option<T>,
+) -> Option<T> {
+    next(&channel.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
 impl<P: Prepare> Worker<P> {
@@ -235,5 +283,77 @@ impl<P: Prepare> Worker<P> {
             ));
         }
         Ok(PreparedFrame { observation, dropped: P::dropped(&counts), load_ms, prepare_ms })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::frame::Frame;
+    use crate::dataset::synthetic::{self, SyntheticParams};
+    use std::time::Duration;
+
+    /// Takes the longer the earlier a frame is.
+    struct Later;
+
+    impl Prepare for Later {
+        type Observation = String;
+        type Memory = usize;
+        type Counts = usize;
+
+        fn empty() -> String {
+            String::new()
+        }
+
+        fn prepare(
+            &self,
+            frame: &Frame,
+            calls: &mut usize,
+            observation: &mut String,
+        ) -> Result<usize, FrameError> {
+            let number: u64 =
+                frame.name.chars().filter_map(|c| c.to_digit(10)).last().unwrap().into();
+            thread::sleep(Duration::from_millis(10 * (9 - number)));
+            observation.clone_from(&frame.name);
+            *calls += 1;
+            Ok(*calls)
+        }
+
+        fn n_points(observation: &String) -> usize {
+            observation.len()
+        }
+
+        fn dropped(calls: &usize) -> usize {
+            *calls
+        }
+    }
+
+    #[test]
+    fn frames_come_in_their_order_however_many_threads_prepare_them() {
+        let params = SyntheticParams {
+            width: 16,
+            height: 12,
+            n_train: 9,
+            n_eval: 0,
+            seed: 1,
+            depth_noise: 0.0,
+        };
+        let dataset = synthetic::dataset(&params).unwrap();
+        let plan = Plan { split: 0, frames: (0..9).collect(), held_out: None };
+        for decoders in [1, 4] {
+            let upcoming = PlannedFrame::of(&dataset, &plan, 0).collect();
+            let source = Source::ahead(Later, decoders).unwrap();
+            let mut prefetch = Prefetch { upcoming, source };
+            let mut calls = 0;
+            for position in 0..9 {
+                let prepared = prefetch.next_frame().unwrap();
+                let frame = prepared.result.unwrap();
+                assert_eq!((prepared.position, &prepared.name), (position, &frame.observation));
+                calls = calls.max(frame.dropped);
+                prefetch.recycle(frame.observation);
+            }
+            assert!(prefetch.next_frame().is_none());
+            assert_eq!(calls == 9, decoders == 1, "{calls} frames by one of {decoders} threads");
+        }
     }
 }

@@ -1,8 +1,6 @@
 //! What learning takes of the machine's memory: the form of an estimate, and what both presets take.
 //! Each preset's own is beside its engine.
 
-/// Frames in memory at once: trained on, ready, in the making.
-pub(super) const FRAMES_AT_ONCE: usize = 3;
 /// Decoded images of a frame and memory of unprojection, per pixel.
 pub(super) const PIXEL_BYTES: usize = 24;
 /// The program itself.

@@ -40,7 +40,7 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Dataset folder, checkpoint or file of splats (.ply, .glb, .gltf, .spz, .splat) to open in the window
     pub path: Option<PathBuf>,
-    /// Threads that train and render [default: one per core]
+    /// Threads that train and render [default: one per core, less one of eight that decode frames]
     #[arg(long, global = true, value_name = "N", value_parser = parse_count)]
     pub threads: Option<usize>,
     /// Graphics adapter of the window: part of its name, its number, `auto` or `software` [default:

@@ -14,6 +14,7 @@ use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Re
 use crate::pipeline::error::SessionError;
 use crate::pipeline::mismatch::Mismatch;
 use crate::pipeline::plan::Plan;
+use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::preset::{Beginning, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
 use crate::train::memory::MemoryEstimate;
@@ -53,7 +54,7 @@ impl AnyPreset for PaperConfig {
     }
 
     fn memory(&self, pixels: usize) -> MemoryEstimate {
-        self.memory(pixels, rayon::current_num_threads())
+        self.memory(pixels, frames_at_once(), rayon::current_num_threads())
     }
 
     /// A mixture depends on the order by its start and its totals alone, which merging compares.

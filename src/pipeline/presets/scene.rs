@@ -13,6 +13,7 @@ use crate::observation::surface::Observation;
 use crate::pipeline::any_preset::{AnyPreset, ComponentLimit, OrderDependence, Revived};
 use crate::pipeline::error::SessionError;
 use crate::pipeline::mismatch::Mismatch;
+use crate::pipeline::prefetch::frames_at_once;
 use crate::pipeline::preset::{Beginning, TypedPreset, revive};
 use crate::pipeline::run::RunConfig;
 use crate::pipeline::settings::scene::SceneRun;
@@ -54,7 +55,7 @@ impl AnyPreset for SceneRun {
     }
 
     fn memory(&self, pixels: usize) -> MemoryEstimate {
-        self.engine.memory(pixels)
+        self.engine.memory(pixels, frames_at_once())
     }
 
     fn order_dependence(&self, components: usize) -> Option<OrderDependence> {

@@ -5,7 +5,7 @@ use super::config::{
 };
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::splat::splats::Splat;
-use crate::train::memory::{FRAMES_AT_ONCE, MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
+use crate::train::memory::{MemoryEstimate, PIXEL_BYTES, PROGRAM_BYTES};
 
 /// Bytes of a point in memory: six f32 coordinates.
 const POINT_BYTES: usize = 24;
@@ -23,8 +23,9 @@ const SLOT_BYTES: usize = 8;
 const TREE_BYTES: usize = 32 + 24;
 
 impl PaperConfig {
-    /// What a run over frames of `pixels` takes at most on `threads` threads.
-    pub fn memory(&self, pixels: usize, threads: usize) -> MemoryEstimate {
+    /// What a run over frames of `pixels`, so many of them in memory at once, takes at most on `threads`
+    /// threads.
+    pub fn memory(&self, pixels: usize, frames_at_once: usize, threads: usize) -> MemoryEstimate {
         let scalar = if self.precision == Precision::F64 { 8 } else { 4 };
         let total = match self.operations.update {
             UpdateWidth::F32 => size_of::<[f32; 16]>(),
@@ -52,7 +53,7 @@ impl PaperConfig {
             (StatisticsForm::Unfused, Batch::Frame) => pixels,
             (StatisticsForm::Unfused, Batch::Points(n)) => n.min(pixels) + TILE_POINTS,
         };
-        let of_points = pixels * (FRAMES_AT_ONCE * POINT_BYTES + size_of::<f64>() + PIXEL_BYTES);
+        let of_points = pixels * (frames_at_once * POINT_BYTES + size_of::<f64>() + PIXEL_BYTES);
         let records = pixels.min(2 * self.components) * RECORD_BYTES * threads;
         let pairs = (pairs as u64).saturating_mul((per_point * PAIR_BYTES) as u64);
         MemoryEstimate {

@@ -3,7 +3,7 @@
 use super::config::{COMPONENT_BYTES, SceneConfig};
 use crate::model::scene::photometric::PhotometricState;
 use crate::observation::surface::SurfacePoint;
-use crate::train::memory::{FRAMES_AT_ONCE, MemoryEstimate, PIXEL_BYTES};
+use crate::train::memory::{MemoryEstimate, PIXEL_BYTES};
 
 /// What a component of a scene takes, beside its own bytes, while a checkpoint of it is written: a copy
 /// of its sums and seed, its place in their order, and room to grow. Measured on Lego with 96,000 to
@@ -24,13 +24,14 @@ const DECODER_PIXEL_BYTES: usize = 30;
 const SCENE_POINT_BYTES: usize = 16;
 
 impl SceneConfig {
-    /// What a run over frames of `pixels` takes with as many components as the settings allow.
-    pub fn memory(&self, pixels: usize) -> MemoryEstimate {
+    /// What a run over frames of `pixels`, so many of them in memory at once, takes with as many components
+    /// as the settings allow.
+    pub fn memory(&self, pixels: usize, frames_at_once: usize) -> MemoryEstimate {
         // A checkpoint holds a copy of what photographs taught, too.
         let [of_splat, of_pixel] = match self.photometric {
             Some(_) => {
                 let of_splat = 2 * PhotometricState::BYTES + PHOTOGRAPH_SPLAT_BYTES;
-                [of_splat, FRAMES_AT_ONCE * PHOTOGRAPH_PIXEL_BYTES]
+                [of_splat, frames_at_once * PHOTOGRAPH_PIXEL_BYTES]
             }
             None => [0; 2],
         };
@@ -43,7 +44,7 @@ impl SceneConfig {
         let per_component = COMPONENT_BYTES + SCENE_COPY_BYTES + of_splat;
         let point = size_of::<SurfacePoint>() + size_of::<f32>();
         let of_points = pixels
-            * (FRAMES_AT_ONCE * point
+            * (frames_at_once * point
                 + SCENE_POINT_BYTES
                 + PIXEL_BYTES
                 + DECODER_PIXEL_BYTES
