@@ -218,7 +218,8 @@ pub(super) fn jpeg_ends(bytes: &[u8]) -> bool {
     let mut at = 2;
     while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
         if marker == START_OF_SCAN {
-            return bytes[at..].windows(2).any(|pair| pair == [0xFF, 0xD9]);
+            let scans = bytes.get(at..).unwrap_or_default();
+            return scans.windows(2).any(|pair| pair == [0xFF, 0xD9]);
         }
         at += match marker {
             0xFF => 1, // padding before a marker

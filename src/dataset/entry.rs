@@ -209,7 +209,7 @@ impl FrameEntry {
         depth.check(size).map_err(|p| self.fail(file, p))?;
         if let Some((map, least)) = confidence {
             let sure = decode::confidence(map, size).map_err(|p| self.fail(map, p))?;
-            depth.punch(|i| sure.data[i] < *least);
+            depth.punch(|i| sure.data.get(i).is_none_or(|sure| sure < least));
             // Nothing may be left where the sensor trusts nothing: said of the depth.
             depth.check(size).map_err(|p| self.fail(map, p))?;
         }

@@ -391,8 +391,8 @@ fn abridged(text: &str) -> String {
     if plain.len() <= MOST {
         return plain.into_iter().collect();
     }
-    let (start, end) = (&plain[..2 * MOST / 3], &plain[plain.len() - MOST / 3..]);
-    start.iter().chain(&['…']).chain(end).collect()
+    let (start, end) = (plain.iter().take(2 * MOST / 3), plain.iter().skip(plain.len() - MOST / 3));
+    start.chain(&['…']).chain(end).collect()
 }
 
 fn on_one_line(c: char) -> impl Iterator<Item = char> {
