@@ -78,7 +78,8 @@ impl CaptureCheck {
     }
 }
 
-/// Looks at a split. Frames that cannot be read are passed over: they are defects told elsewhere.
+/// Looks at a split. Frames without a photograph are passed over, and those that cannot be read: these are
+/// defects told elsewhere.
 ///
 /// ```
 /// use vbgs_studio::dataset::capture_check;
@@ -122,7 +123,7 @@ fn runs(n: usize) -> Vec<Range<usize>> {
 
 fn look(frames: &[FrameEntry], run: Range<usize>) -> Vec<Look<'_>> {
     let one = |index: usize| {
-        let frame = frames.get(index)?;
+        let frame = frames.get(index).filter(|frame| frame.has_photograph())?;
         let measure = PictureMeasure::of(&frame.load_color().ok()?);
         Some(Look { index, name: &frame.name, measure })
     };

@@ -207,7 +207,7 @@ pub enum FrameProblem {
     /// Not an image, or a damaged one.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(#[from] image::ImageError),
-    /// A depth file of floats that is damaged or of an unknown kind.
+    /// A depth file of floats, or an image, that is damaged or of an unknown kind.
     #[error("expected {expected}, found {found}; copy or export the file again")]
     DepthFile {
         /// What belongs there.

@@ -1,23 +1,36 @@
 //! Any commands in any state of the window: keys, clicks, drags, text, files and sizes in a seeded random
 //! order, with a watchdog that ends the process where a step never returns.
 //!
-//! `VBGS_WINDOW_INPUTS=100000 cargo test --release --test app -- random` is the long run.
+//! `VBGS_WINDOW_MINUTES=120 cargo test --release --test app -- --nocapture random` is the long run, or
+//! `VBGS_WINDOW_INPUTS=100000` in place of minutes. After every so many inputs it opens the same dataset
+//! again and measures the process there, where the window holds the same things each time: what a state
+//! in between holds says nothing about what is never given back. Memory is what the program's own
+//! allocations hold; what is resident follows the drivers and the system's allocator as well.
 
 use super::harness::{PATIENCE, Window, dataset, drop_on, is, wait, window};
 use crate::common::adapter::turn;
+use crate::common::live::bytes;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::PathBuf;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::command::UiCommand;
 use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::eval::machine::rss_bytes;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
-/// Inputs in CI.
-const INPUTS: u64 = 400;
+/// Inputs between two measurements of memory; all there are in CI.
+const INPUTS: usize = 400;
+/// Inputs between two pictures: until one is drawn, the harness and the device keep every texture that was
+/// sent to them, which a window's next frame takes.
+const DRAWN: usize = 20;
+/// Measurements from which on memory must be flat: fewer are mostly warm-up.
+const MIN_MEASURED: usize = 30;
+/// By how much memory may rise after warm-up.
+const MAX_RISE: f64 = 0.03;
 
 /// What is not pressed: dialogs of the desktop, which no test can close, and the demo, whose files would
 /// be proposed in the current folder.
@@ -161,6 +174,37 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
     }
 }
 
+/// A number that a long run is asked for by.
+fn asked(variable: &str) -> Option<u64> {
+    std::env::var(variable).ok().and_then(|n| n.parse().ok())
+}
+
+/// Whether a run is over: after so many minutes, or so many inputs.
+fn is_over(started: Instant, inputs: usize) -> bool {
+    match asked("VBGS_WINDOW_MINUTES") {
+        Some(minutes) => started.elapsed() >= Duration::from_secs(60 * minutes),
+        None => inputs as u64 >= asked("VBGS_WINDOW_INPUTS").unwrap_or(INPUTS as u64),
+    }
+}
+
+/// Says how memory went, and holds a long run to a flat one.
+fn memory_is_flat(measured: &[f64]) {
+    let n = measured.len();
+    if n < MIN_MEASURED {
+        return;
+    }
+    let median = |part: &[f64]| {
+        let mut sorted = part.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted[part.len() / 2]
+    };
+    let tenth = n / 10;
+    let (warm, end) = (median(&measured[tenth..3 * tenth]), median(&measured[n - 2 * tenth..]));
+    let rise = end / warm - 1.0;
+    eprintln!("memory {warm:.1} MB after warm-up, {end:.1} MB at the end: {:+.2} %", 100.0 * rise);
+    assert!(rise <= MAX_RISE, "memory of the window rises by {rise}");
+}
+
 #[test]
 fn the_window_survives_any_input_in_any_state() {
     let _turn = turn();
@@ -173,20 +217,34 @@ fn the_window_survives_any_input_in_any_state() {
     let subject = Some(Subject::Path(room.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    let asked = std::env::var("VBGS_WINDOW_INPUTS").ok().and_then(|n| n.parse().ok());
-    let seed = std::env::var("VBGS_WINDOW_SEED").ok().and_then(|n| n.parse().ok());
-    let mut rng = Rng::new(seed.unwrap_or(1), Purpose::Synthetic, 0);
+    let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(1), Purpose::Synthetic, 0);
     let alive = watchdog();
     let (mut states, mut worst) = (std::collections::BTreeSet::new(), 0.0f64);
-    for i in 0..asked.unwrap_or(INPUTS) {
+    let (started, mut inputs, mut measured) = (Instant::now(), 0, Vec::new());
+    while !is_over(started, inputs) {
         let input = any_input(&mut window, &files, &mut rng);
-        alive.send(format!("{i}: {input}")).unwrap();
+        alive.send(format!("{inputs}: {input}")).unwrap();
         let start = Instant::now();
         window.run_steps(1 + rng.below(3));
         worst = worst.max(start.elapsed().as_secs_f64());
         states.insert(format!("{:?}", window.state().snapshot().state));
+        inputs += 1;
+        if inputs % DRAWN == 0 {
+            window.render().unwrap();
+        }
+        if inputs % INPUTS == 0 {
+            comes_back(&mut window, &room, &alive);
+            measured.push(bytes() as f64 / 1e6);
+            eprintln!(
+                "{inputs} inputs in {:.0} s, {:.2} MB held, {:.1} resident",
+                started.elapsed().as_secs_f64(),
+                measured[measured.len() - 1],
+                rss_bytes().map_or(f64::NAN, |bytes| bytes as f64 / 1e6)
+            );
+        }
     }
     eprintln!("states {states:?}, the longest pause {worst:.2} s");
     assert!(states.len() >= 3, "the inputs reach hardly any state: {states:?}");
     comes_back(&mut window, &room, &alive);
+    memory_is_flat(&measured);
 }
