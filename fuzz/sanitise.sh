@@ -1,20 +1,20 @@
 #!/usr/bin/env bash
 # What memory tools say of the engine: fuzz/sanitise.sh
-# 1. The module with `unsafe`, and what calls it with slices, under AddressSanitizer (a nightly compiler).
+# 1. The module with `unsafe` under AddressSanitizer (a nightly compiler).
 # 2. Training, saving and going on under valgrind: as much is left at the end of few frames as of many.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 printf '\n=== AddressSanitizer\n'
+target="$(realpath -m "${CARGO_TARGET_DIR:-target}")"
 host="$(rustc -vV | sed -n 's/^host: //p')"
-RUSTFLAGS=-Zsanitizer=address CARGO_TARGET_DIR="${CARGO_TARGET_DIR:-target}/sanitised" \
-    cargo +nightly test --release --locked --target "$host" --no-default-features --lib -- \
-    math::simd math::lane_cholesky render::cpu train::candidates train::scene::assign
+RUSTFLAGS=-Zsanitizer=address CARGO_TARGET_DIR="$target/sanitised" \
+    cargo +nightly test --locked --manifest-path fuzz/simd/Cargo.toml --target "$host" --lib
 
 printf '\n=== valgrind\n'
 command -v valgrind >/dev/null || { echo "error: valgrind is missing; install it" >&2; exit 1; }
 cargo build --release --locked
-program="$PWD/${CARGO_TARGET_DIR:-target}/release/vbgs-studio"
+program="$target/release/vbgs-studio"
 work="$(mktemp -d)"
 trap 'rm -r "$work"' EXIT
 cd "$work"

@@ -9,7 +9,9 @@ use crate::dataset::error::FrameError;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
+use std::any::Any;
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
@@ -136,7 +138,7 @@ impl<P: Prepare> Prefetch<P> {
         while *n_asked <= QUEUE_LENGTH
             && let Some(frame) = self.upcoming.pop_front()
         {
-            // Only a panic ends the thread before the handle is dropped; no frame comes then.
+            // The thread ends with the handle alone.
             drop(asked.send(frame));
             *n_asked += 1;
         }
@@ -210,8 +212,18 @@ impl<P: Prepare> Worker<P> {
         preparation: &P,
         PlannedFrame { position, is_repeat, entry }: &PlannedFrame,
     ) -> Prepared<P::Observation> {
-        let result = self.frame(preparation, entry);
         let name = entry.name.clone();
+        // A defect costs this frame, by name: were the thread to end, the run would end with the frames so
+        // far as if there were no more.
+        let prepared = catch_unwind(AssertUnwindSafe(|| self.frame(preparation, entry)));
+        let result = prepared.unwrap_or_else(|panic| {
+            // Its buffers may be half done.
+            *self = Self::default();
+            Err(format!(
+                "{name}: left out by a defect of this program, please report it: {}",
+                said(&*panic)
+            ))
+        });
         Prepared { position: *position, is_repeat: *is_repeat, name, result }
     }
 
@@ -235,5 +247,79 @@ impl<P: Prepare> Worker<P> {
             ));
         }
         Ok(PreparedFrame { observation, dropped: P::dropped(&counts), load_ms, prepare_ms })
+    }
+}
+
+/// What a panic said.
+fn said(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without words")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::frame::Frame;
+    use crate::dataset::synthetic::{SyntheticParams, dataset};
+    use crate::pipeline::plan::Selection;
+
+    /// Panics where a frame says so.
+    struct Defect(String);
+
+    impl Prepare for Defect {
+        type Observation = usize;
+        type Memory = ();
+        type Counts = usize;
+
+        fn empty() -> usize {
+            0
+        }
+
+        fn prepare(&self, frame: &Frame, _: &mut (), n: &mut usize) -> Result<usize, FrameError> {
+            assert!(frame.name != self.0, "a defect of {}", frame.name);
+            *n = 1;
+            Ok(0)
+        }
+
+        fn n_points(observation: &usize) -> usize {
+            *observation
+        }
+
+        fn dropped(counts: &usize) -> usize {
+            *counts
+        }
+    }
+
+    #[test]
+    fn a_defect_costs_one_frame_and_not_those_behind_it() {
+        let small = SyntheticParams {
+            width: 8,
+            height: 6,
+            n_train: 7,
+            n_eval: 0,
+            ..SyntheticParams::demo()
+        };
+        let room = Arc::new(dataset(&small).unwrap());
+        let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
+        let names = || plan.frames.iter().map(|&i| room.splits[plan.split].frames[i].name.clone());
+        let defect: String = names().nth(2).unwrap();
+        // A thread of its own where there is a core for it, and the trainer's threads.
+        for n_threads in [1, 64] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+            let results = pool.install(|| {
+                let mut prefetch =
+                    Prefetch::start(Arc::clone(&room), &plan, 0, Defect(defect.clone())).unwrap();
+                std::iter::from_fn(|| prefetch.next_frame())
+                    .map(|frame| (frame.name, frame.result.map(drop)))
+                    .collect::<Vec<_>>()
+            });
+            assert!(results.iter().map(|(name, _)| name.clone()).eq(names()), "{results:?}");
+            for (name, result) in results {
+                let said = result.err().unwrap_or_default();
+                let expected = format!("{defect}: left out by a defect of this program");
+                assert_eq!(name == defect, said.starts_with(&expected), "{name}: {said}");
+                assert_eq!(name == defect, said.contains("a defect of "), "{name}: {said}");
+            }
+        }
     }
 }

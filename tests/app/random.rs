@@ -7,18 +7,21 @@
 //! in between holds says nothing about what is never given back. Memory is what the program's own
 //! allocations hold; what is resident follows the drivers and the system's allocator as well.
 
+use super::crash::attached;
 use super::harness::{PATIENCE, Window, dataset, drop_on, is, wait, window};
-use crate::common::adapter::turn;
+use crate::common::adapter::{turn, vulkan};
 use crate::common::live::bytes;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
-use vbgs_studio::app::Painting;
 use vbgs_studio::app::command::UiCommand;
 use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+use vbgs_studio::app::{Exit, Leave, Painting};
 use vbgs_studio::eval::machine::rss_bytes;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
@@ -248,4 +251,44 @@ fn the_window_survives_any_input_in_any_state() {
     assert!(states.len() >= 3, "the inputs reach hardly any state: {states:?}");
     comes_back(&mut window, &room, &alive);
     memory_is_flat(&measured);
+}
+
+/// Inputs before a device is lost, at most.
+const BEFORE_LOSS: usize = 40;
+
+/// Whatever the window is at when its device goes, it leaves in order, and the next one, on another device,
+/// takes up the same worker and can be used.
+#[test]
+fn a_device_may_be_lost_at_any_moment() {
+    let _turn = turn();
+    if vulkan().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 6);
+    let files = [room.clone(), folder.path().join("missing")];
+    let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(2), Purpose::Synthetic, 0);
+    let alive = watchdog();
+    let rescued = vec![folder.path().to_owned()];
+    let worker = Arc::new(Worker::start_with(Arc::new(|| {}), rescued).unwrap());
+    let mut first = vec![WorkerOrder::Open(Subject::Path(room.clone()))];
+    for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(5) {
+        let exit = Exit::default();
+        let (mut window, device) = attached(&worker, &exit, std::mem::take(&mut first));
+        comes_back(&mut window, &room, &alive);
+        let mut inputs = Vec::new();
+        for _ in 0..rng.below(BEFORE_LOSS) {
+            inputs.push(any_input(&mut window, &files, &mut rng));
+            alive.send(format!("round {round}: {inputs:?}")).unwrap();
+            window.run_steps(1 + rng.below(3));
+        }
+        device.destroy();
+        let started = Instant::now();
+        while exit.why() != Leave::DeviceLost {
+            assert!(started.elapsed() < PATIENCE, "round {round}: not noticed after {inputs:?}");
+            alive.send(format!("round {round}: lost after {inputs:?}")).unwrap();
+            window.step();
+        }
+        assert!(worker.is_alive() && worker.crash().is_none(), "round {round}: {inputs:?}");
+    }
 }
