@@ -293,8 +293,8 @@ mod tests {
     #[test]
     fn a_defect_costs_one_frame_and_not_those_behind_it() {
         let small = SyntheticParams {
-            width: 8,
-            height: 6,
+            width: 12,
+            height: 9,
             n_train: 7,
             n_eval: 0,
             ..SyntheticParams::demo()

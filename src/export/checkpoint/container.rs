@@ -12,6 +12,7 @@ use super::tag;
 use super::version::VERSION;
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
+use std::cmp::Ordering;
 use std::io::{self, Read, Write};
 
 /// The line ends and the high bit show damage by transfers in text mode.
@@ -163,13 +164,7 @@ impl<'a> Container<'a> {
         if crc32fast::hash(start).to_le_bytes() != crc {
             return Err(Defect::Checksum { place: "header".into() });
         }
-        if found < header.file_bytes {
-            return Err(Defect::Truncated { expected: header.file_bytes, found });
-        }
-        if found > header.file_bytes {
-            let expected = format!("{} bytes", header.file_bytes);
-            return Err(Defect::malformed("header", expected, found.to_string()));
-        }
+        check_length(header.file_bytes, found)?;
         let version = (header.major, header.minor);
         let mut sections = reserved(n).map_err(Defect::Memory)?;
         let mut end = table_end + CRC_BYTES;
@@ -202,6 +197,18 @@ impl<'a> Container<'a> {
     pub fn find(&self, tag: [u8; 4]) -> Option<(&'a [u8], u32)> {
         let found = self.sections.iter().find(|(entry, _)| entry.tag == tag);
         found.map(|(entry, bytes)| (*bytes, entry.element))
+    }
+}
+
+/// Neither cut short nor with anything behind.
+fn check_length(expected: u64, found: u64) -> Result<(), Defect> {
+    match found.cmp(&expected) {
+        Ordering::Less => Err(Defect::Truncated { expected, found }),
+        Ordering::Equal => Ok(()),
+        Ordering::Greater => {
+            let expected = format!("{expected} bytes");
+            Err(Defect::malformed("header", expected, found.to_string()))
+        }
     }
 }
 
