@@ -2,7 +2,7 @@
 //! finds nothing.
 
 use super::folders::{IMAGE_FILES, MARK, POSE_FILES, sound};
-use super::training::FIRST_OF_PAPER;
+use super::training::{FIRST_OF_PAPER, steps_wider};
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout;
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
@@ -219,6 +219,13 @@ pub fn training() -> Vec<Vec<u8>> {
         [&config[..], &commands].concat()
     };
     let scenes = (0..9).flat_map(|kind| [scene(kind, 0), scene(kind, 0b1001_0111)]);
+    // A budget far too small for a fine scale, by what sums and features there are; fused with itself.
+    let narrow = (0..3).flat_map(|kind| {
+        let config = |flags| [kind, 1, 0, kind, flags, 2, kind, 0];
+        [0, 0b1101_0111].map(|flags| [&config(flags)[..], &commands, &[6]].concat())
+    });
+    let narrow: Vec<Vec<u8>> = narrow.collect();
+    assert!(narrow.iter().all(|seed| steps_wider(seed) > 0), "a scale that was fine enough");
     let papers = (0..5).flat_map(|kind| (0..3).map(move |precision| paper(kind, 0, precision)));
-    scenes.chain(papers).chain([paper(0, 2, 3), paper(3, 4, 1)]).collect()
+    scenes.chain(narrow).chain(papers).chain([paper(0, 2, 3), paper(3, 4, 1)]).collect()
 }

@@ -78,7 +78,8 @@ impl CaptureCheck {
     }
 }
 
-/// Looks at a split. Frames that cannot be read are passed over: they are defects told elsewhere.
+/// Looks at a split. Frames without a photograph are passed over, and those that cannot be read: these are
+/// defects told elsewhere.
 ///
 /// ```
 /// use vbgs_studio::dataset::capture_check;
@@ -122,23 +123,24 @@ fn runs(n: usize) -> Vec<Range<usize>> {
 
 fn look(frames: &[FrameEntry], run: Range<usize>) -> Vec<Look<'_>> {
     let one = |index: usize| {
-        let measure = PictureMeasure::of(&frames[index].load_color().ok()?);
-        Some(Look { index, name: &frames[index].name, measure })
+        let frame = frames.get(index).filter(|frame| frame.has_photograph())?;
+        let measure = PictureMeasure::of(&frame.load_color().ok()?);
+        Some(Look { index, name: &frame.name, measure })
     };
     run.into_par_iter().filter_map(one).collect()
 }
 
 fn blurred(run: &[Look]) -> Vec<BlurredFrame> {
-    let one = |i: usize| {
-        let sharpness = run[i].measure.sharpness?;
-        let near = i.saturating_sub(REACH)..(i + REACH + 1).min(run.len());
-        let others = near.filter(|&j| j != i).filter_map(|j| run[j].measure.sharpness);
+    let one = |(i, look): (usize, &Look)| {
+        let sharpness = look.measure.sharpness?;
+        let near = run.iter().enumerate().take(i + REACH + 1).skip(i.saturating_sub(REACH));
+        let others = near.filter(|(j, _)| *j != i).filter_map(|(_, look)| look.measure.sharpness);
         let others: Vec<f64> = others.collect();
         let is_enough = others.len() >= MIN_NEIGHBOURS;
         let share = sharpness / median(others).filter(|_| is_enough)?;
-        (share < BLURRED).then(|| BlurredFrame { frame: run[i].name.to_owned(), share })
+        (share < BLURRED).then(|| BlurredFrame { frame: look.name.to_owned(), share })
     };
-    (0..run.len()).filter_map(one).collect()
+    run.iter().enumerate().filter_map(one).collect()
 }
 
 fn jumps(runs: &[Vec<Look>]) -> Vec<BrightnessJump> {
@@ -161,8 +163,8 @@ fn jumps(runs: &[Vec<Look>]) -> Vec<BrightnessJump> {
 /// The usual distance in time, and the distances that are not.
 fn gaps(frames: &[FrameEntry]) -> (Option<f64>, Vec<TimeGap>) {
     let steps: Vec<(&str, f64)> = frames
-        .windows(2)
-        .filter_map(|pair| Some((pair[1].name.as_str(), pair[1].time? - pair[0].time?)))
+        .array_windows()
+        .filter_map(|[before, here]| Some((here.name.as_str(), here.time? - before.time?)))
         .collect();
     let usual = median(steps.iter().map(|(_, seconds)| *seconds).collect());
     let Some(usual) = usual.filter(|usual| *usual > 0.0) else { return (None, Vec::new()) };

@@ -7,7 +7,7 @@ use super::lengths;
 use super::source::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -188,8 +188,9 @@ fn decode(
 ) -> Result<DynamicImage, FrameProblem> {
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
     // A decoder fills the rest of a truncated JPEG with grey and says nothing; a truncated PNG it
-    // refuses by itself.
-    if reader.format() == Some(image::ImageFormat::Jpeg) && !jpeg_ends(bytes) {
+    // refuses by itself, but after it took memory for all.
+    let format = reader.format();
+    if format == Some(ImageFormat::Jpeg) && !jpeg_ends(bytes) {
         return Err(FrameProblem::TruncatedJpeg);
     }
     guarded(|| {
@@ -197,6 +198,13 @@ fn decode(
         // Asked before the pixels are: a small file may hold a thousand times its bytes of them.
         if decoder.dimensions() != size {
             return Err(wrong(decoder.dimensions()));
+        }
+        let most = (bytes.len() as u64).saturating_mul(lengths::MAX_FACTOR as u64);
+        if format == Some(ImageFormat::Png) && decoder.total_bytes() > most {
+            return Err(FrameProblem::DepthFile {
+                expected: "a size that the file's bytes can hold",
+                found: format!("{}x{} pixels in {} bytes", size.0, size.1, bytes.len()),
+            });
         }
         Limits::default().reserve(decoder.total_bytes())?;
         Ok(DynamicImage::from_decoder(decoder)?)
@@ -218,7 +226,8 @@ pub(super) fn jpeg_ends(bytes: &[u8]) -> bool {
     let mut at = 2;
     while let Some(&[0xFF, marker, high, low]) = bytes.get(at..at + 4) {
         if marker == START_OF_SCAN {
-            return bytes[at..].windows(2).any(|pair| pair == [0xFF, 0xD9]);
+            let scans = bytes.get(at..).unwrap_or_default();
+            return scans.windows(2).any(|pair| pair == [0xFF, 0xD9]);
         }
         at += match marker {
             0xFF => 1, // padding before a marker

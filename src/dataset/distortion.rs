@@ -8,7 +8,7 @@
 use super::rolling_shutter::RollingShutter;
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
-use glam::DVec2;
+use glam::{DVec2, Vec4};
 use rayon::prelude::*;
 
 /// What bends the images of a frame: a lens, and rows that were read at different times.
@@ -68,14 +68,12 @@ impl Distortion {
                 [image.at(x, y), image.at(right, y)],
                 [image.at(x, below), image.at(right, below)],
             );
-            std::array::from_fn(|channel| {
-                let mix = |[left, right]: [&[u8; 4]; 2]| {
-                    let (left, right) = (f32::from(left[channel]), f32::from(right[channel]));
-                    left + t.x * (right - left)
-                };
-                let (upper, lower) = (mix(upper), mix(lower));
-                (upper + t.y * (lower - upper) + 0.5) as u8
-            })
+            let mix = |[left, right]: [&[u8; 4]; 2]| {
+                let [left, right] = [left, right].map(|of| Vec4::from_array(of.map(f32::from)));
+                left + t.x * (right - left)
+            };
+            let (upper, lower) = (mix(upper), mix(lower));
+            (upper + t.y * (lower - upper) + 0.5).to_array().map(|channel| channel as u8)
         })
     }
 

@@ -89,8 +89,14 @@ impl FrameEntry {
                 Ok(scene.frame(&self.name, self.camera, *noise_stream))
             }
             FrameSource::Files(files) => {
-                let color = self.load_color()?;
-                let depth = self.depth(files)?;
+                let (color, depth) = match &files.color {
+                    // Grey of the depth's size, which its header alone may have said so far.
+                    ByteSource::Grey(_) => {
+                        let depth = self.depth(files)?;
+                        (self.grey(), depth)
+                    }
+                    _ => (self.color(files)?, self.depth(files)?),
+                };
                 let (name, camera) = (self.name.clone(), self.camera);
                 Ok(Frame { name, camera, color_camera: self.color_camera, color, depth })
             }
@@ -130,6 +136,14 @@ impl FrameEntry {
         let camera = Camera { pose, ..self.camera };
         let color = photographed_by(self.color_camera, calibrated);
         color.map_or(camera, |color| color.beside(&camera))
+    }
+
+    /// Whether a photograph was taken, and not left out.
+    pub(super) fn has_photograph(&self) -> bool {
+        match &self.source {
+            FrameSource::Files(files) => !matches!(files.color, ByteSource::Grey(_)),
+            FrameSource::Synthetic { .. } => true,
+        }
     }
 
     /// File of the colour image, if the frame has files.
@@ -186,10 +200,16 @@ impl FrameEntry {
         }
     }
 
+    /// What stands for a photograph where there is none.
+    fn grey(&self) -> Image<[u8; 4]> {
+        let k = &self.camera.intrinsics;
+        Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255])
+    }
+
     fn color(&self, files: &FrameFiles) -> Result<Image<[u8; 4]>, FrameError> {
         if let ByteSource::Grey(_) = files.color {
-            let k = &self.camera.intrinsics;
-            return Ok(Image::filled(k.width as usize, k.height as usize, [128, 128, 128, 255]));
+            self.depth(files)?;
+            return Ok(self.grey());
         }
         // Intrinsics were taken from some images of the split or from metadata; every image must fit
         // them.
@@ -209,7 +229,7 @@ impl FrameEntry {
         depth.check(size).map_err(|p| self.fail(file, p))?;
         if let Some((map, least)) = confidence {
             let sure = decode::confidence(map, size).map_err(|p| self.fail(map, p))?;
-            depth.punch(|i| sure.data[i] < *least);
+            depth.punch(|i| sure.data.get(i).is_none_or(|sure| sure < least));
             // Nothing may be left where the sensor trusts nothing: said of the depth.
             depth.check(size).map_err(|p| self.fail(map, p))?;
         }

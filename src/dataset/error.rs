@@ -207,7 +207,7 @@ pub enum FrameProblem {
     /// Not an image, or a damaged one.
     #[error("expected a whole PNG or JPEG image, found: {0}; copy or export the file again")]
     Decode(#[from] image::ImageError),
-    /// A depth file of floats that is damaged or of an unknown kind.
+    /// A depth file of floats, or an image, that is damaged or of an unknown kind.
     #[error("expected {expected}, found {found}; copy or export the file again")]
     DepthFile {
         /// What belongs there.
@@ -391,8 +391,8 @@ fn abridged(text: &str) -> String {
     if plain.len() <= MOST {
         return plain.into_iter().collect();
     }
-    let (start, end) = (&plain[..2 * MOST / 3], &plain[plain.len() - MOST / 3..]);
-    start.iter().chain(&['…']).chain(end).collect()
+    let (start, end) = (plain.iter().take(2 * MOST / 3), plain.iter().skip(plain.len() - MOST / 3));
+    start.chain(&['…']).chain(end).collect()
 }
 
 fn on_one_line(c: char) -> impl Iterator<Item = char> {

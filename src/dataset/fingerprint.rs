@@ -69,6 +69,7 @@ impl Fingerprint {
     }
 
     /// Of a split as it was when it had `n` frames, if frames were only ever appended.
+    #[expect(clippy::indexing_slicing, reason = "a split of the dataset, with a frame at least")]
     pub fn of_first(dataset: &Dataset, split: usize, n: usize) -> Self {
         let split = &dataset.splits[split];
         let frames = &split.frames[..n.clamp(1, split.frames.len())];

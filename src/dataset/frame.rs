@@ -135,7 +135,8 @@ impl Frame {
     /// Whether nothing shines through a pixel of the depth image. Photographs by another camera hold
     /// no such mask.
     pub fn is_opaque(&self, pixel: usize) -> bool {
-        self.color_camera.is_some() || self.color.data[pixel][3] == u8::MAX
+        self.color_camera.is_some()
+            || self.color.data.get(pixel).is_some_and(|rgba| rgba[3] == u8::MAX)
     }
 
     /// The frame with a colour for every depth pixel: its own where colours are registered, else
@@ -190,13 +191,11 @@ impl Frame {
         let depth = self.depth.as_ref()?;
         let (width, height) = depth.size();
         let mut out = Image::filled(width, height, 0.0);
-        for row in 0..height {
-            for column in 0..width {
-                if let Some(value) = depth.value_at(column, row) {
-                    let per_z = |kind| length_per_z(&self.camera.intrinsics, kind, column, row);
-                    let length = value / per_z(depth.kind) * per_z(kind);
-                    out.data[row * width + column] = length as f32;
-                }
+        for (i, out) in out.data.iter_mut().enumerate() {
+            let (column, row) = (i % width, i / width);
+            if let Some(value) = depth.value_at(column, row) {
+                let per_z = |kind| length_per_z(&self.camera.intrinsics, kind, column, row);
+                *out = (value / per_z(depth.kind) * per_z(kind)) as f32;
             }
         }
         Some(out)

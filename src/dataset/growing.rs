@@ -80,7 +80,7 @@ impl GrowingRecording {
     /// for frames that come from no folder.
     pub fn of(dataset: &Dataset, split: usize) -> Option<Self> {
         let path = dataset.path.as_ref().filter(|path| path.is_dir())?;
-        let name = &dataset.splits[split].name;
+        let name = &dataset.splits.get(split)?.name;
         // All looks have one origin: zero too, which options leave out, is settled.
         let settled = dataset.options.settled();
         let mut growing = Self::new(path, &settled, Some(name)).ok()?;
@@ -135,11 +135,13 @@ impl GrowingRecording {
             // Of the frames that are taken, not of those that were found.
             let held_out = dataset.splits.iter_mut().filter(|split| split.name == HELD_OUT);
             held_out.for_each(|split| split.frames.clear());
-            let frames = std::mem::take(&mut dataset.splits[at].frames);
-            dataset.splits[at].frames = match is_growing {
-                true => self.whole(frames, now_s),
-                false => with_depth(frames, &dataset.splits[at].name, &mut dataset.warnings),
-            };
+            if let Some(split) = dataset.splits.get_mut(at) {
+                let frames = std::mem::take(&mut split.frames);
+                split.frames = match is_growing {
+                    true => self.whole(frames, now_s),
+                    false => with_depth(frames, &split.name, &mut dataset.warnings),
+                };
+            }
             dataset.hold_out(at);
         }
         dataset.splits.retain(|split| !split.frames.is_empty());
@@ -159,7 +161,8 @@ impl GrowingRecording {
 
     /// Takes what a look has found: these frames are not found again. Their number.
     pub fn take(&mut self, found: &Dataset) -> usize {
-        let Ok(split) = self.split_of(found).map(|at| &found.splits[at]) else { return 0 };
+        let split = self.split_of(found).ok().and_then(|at| found.splits.get(at));
+        let Some(split) = split else { return 0 };
         if !split.frames.is_empty() {
             self.layout = Some(found.layout);
             // The first frames decide where the origin lies.
@@ -200,7 +203,7 @@ impl GrowingRecording {
         // Before anything is read: what changes meanwhile is found by the next look.
         let marks = self.asked.iter().map(|(path, _)| (path.clone(), FileMark::of(path)));
         let marks: HashMap<PathBuf, Option<FileMark>> = marks.collect();
-        self.is_fresh = self.asked.iter().any(|(path, mark)| marks[path] != *mark);
+        self.is_fresh = self.asked.iter().any(|(path, mark)| marks.get(path) != Some(mark));
         let recorded = Recorded { is_growing, taken: Arc::clone(&self.taken) };
         let folder = Folder::open(&self.path, recorded)?;
         let dataset = read(&folder, &self.path, &self.options);

@@ -39,13 +39,13 @@ pub(super) fn from_json(value: Option<&Value>) -> Result<DMat4, FrameProblem> {
     let mut values = [0.0; 16];
     // Three rows are an affine matrix whose last row was left out.
     values[15] = 1.0;
-    for (i, row) in rows.iter().enumerate() {
+    for (i, (row, values)) in rows.iter().zip(values.as_chunks_mut::<4>().0).enumerate() {
         let Some(row) = row.as_array().filter(|row| row.len() == 4) else {
             return wrong(format!("{} as row {i}", describe(row)));
         };
-        for (j, cell) in row.iter().enumerate() {
+        for (j, (cell, value)) in row.iter().zip(values).enumerate() {
             match cell.as_f64() {
-                Some(number) => values[4 * i + j] = number,
+                Some(number) => *value = number,
                 None => return wrong(format!("{} at row {i}, column {j}", describe(cell))),
             }
         }

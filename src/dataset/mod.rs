@@ -18,6 +18,9 @@
 //!
 //! No threads are started here: the prefetcher of `pipeline` calls [`Dataset::load`].
 #![doc = include_str!("dataset.md")]
+// Files come from anywhere: a number in one must never be an index that is not there. What works on
+// pixels works on images whose size was checked when they were decoded.
+#![warn(clippy::indexing_slicing, clippy::string_slice)]
 
 pub mod calibration;
 pub mod capture_check;
@@ -29,14 +32,18 @@ pub mod frame;
 pub mod pose_check;
 pub mod range;
 pub mod splits;
+#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 pub mod surface;
+#[expect(clippy::indexing_slicing, reason = "makes frames: reads none")]
 pub mod synthetic;
+#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 pub mod unproject;
 pub mod wild_poses;
 
 mod archive;
 mod decode;
 mod distortion;
+#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod edges;
 mod entry;
 mod files;
@@ -52,6 +59,7 @@ pub mod pace;
 mod pose_convention;
 mod position_range;
 mod rolling_shutter;
+#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod sharpness;
 mod source;
 mod video;

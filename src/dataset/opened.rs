@@ -216,10 +216,11 @@ impl Dataset {
             if new.name == HELD_OUT {
                 new.frames.clear();
             }
-            match self.splits.iter().position(|old| old.name == new.name) {
-                Some(old) if old == split => self.splits[old].frames.extend(new.frames),
+            let mut splits = self.splits.iter_mut().enumerate();
+            match splits.find(|(_, old)| old.name == new.name) {
+                Some((at, old)) if at == split => old.frames.extend(new.frames),
                 Some(_) if new.name == HELD_OUT => {}
-                Some(old) => self.splits[old] = new,
+                Some((_, old)) => *old = new,
                 None => self.splits.push(new),
             }
         }
@@ -232,10 +233,11 @@ impl Dataset {
     pub(super) fn hold_out(&mut self, split: usize) {
         let held_out = self.splits.iter().position(|split| split.name == HELD_OUT);
         let Some(at) = held_out.filter(|at| *at != split) else { return };
-        let known = self.splits[at].frames.len();
-        let frames = self.splits[split].frames.iter().step_by(HOLD_OUT_EVERY);
-        let more: Vec<_> = frames.skip(known).cloned().collect();
-        self.splits[at].frames.extend(more);
+        if let Ok([held_out, trained]) = self.splits.get_disjoint_mut([at, split]) {
+            let frames = trained.frames.iter().step_by(HOLD_OUT_EVERY);
+            let more = frames.skip(held_out.frames.len()).cloned();
+            held_out.frames.extend(more);
+        }
     }
 
     /// What its layout knows of the cameras without a calibration: the colour camera of a Kinect
@@ -257,7 +259,8 @@ impl Dataset {
 
     /// Direction that points up in the world, as far as the cameras of a split tell.
     pub fn up(&self, split: usize) -> DVec3 {
-        mean_up(self.splits[split].frames.iter().map(|frame| &frame.camera.pose))
+        let frames = self.splits.get(split).into_iter().flat_map(|split| &split.frames);
+        mean_up(frames.map(|frame| &frame.camera.pose))
     }
 
     /// Whether its world is known to be in metres.

@@ -36,6 +36,10 @@ pub struct LoadOptions {
 const SENSOR_RANGE: [f64; 2] = [0.3, FARTHEST_SENSED];
 /// The far end of it.
 pub(super) const FARTHEST_SENSED: f64 = 5.0;
+/// The step of most sensors' codes, metres.
+const MILLIMETRE: f64 = 0.001;
+/// By how much better a range must fit where a unit that no layout has is to be believed.
+const UNLIKELY: f64 = 3.0;
 
 fn is_false(value: &bool) -> bool {
     !value
@@ -55,14 +59,17 @@ fn in_sensor_ranges([near, far]: [f64; 2]) -> Option<f64> {
 impl LoadOptions {
     /// World units per metre, as scale and range of depth say together, where a layout's own step is
     /// `unit` metres; 1 unless both are given. A scale alone may correct the step of a file whose world
-    /// is in metres, and a range tells which: it is where sensors measure.
+    /// is in metres, and a range tells which: it is where sensors measure. Where neither the layout's
+    /// step nor a world in metres, centimetres or millimetres fits it, steps may be millimetres, as
+    /// most sensors' are, in a world of any unit.
     pub(super) fn metre(&self, unit: f64) -> f64 {
         let (Some(scale), Some(range)) = (self.depth_scale, self.depth_range) else { return 1.0 };
         let Some(ratio) = in_sensor_ranges(range) else { return 1.0 };
-        let off = |metre: &f64| (ratio / metre).ln().abs();
+        let off = |(metre, unlikely): &(f64, f64)| unlikely * (ratio / metre).max(metre / ratio);
         // Metres come first: of equals they are the likelier.
-        let units = [1.0, scale / unit, 100.0, 1000.0];
-        units.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(1.0)
+        let units = [1.0, scale / unit, 100.0, 1000.0].map(|metre| (metre, 1.0));
+        let units = units.into_iter().chain([(scale / MILLIMETRE, UNLIKELY)]);
+        units.min_by(|a, b| off(a).total_cmp(&off(b))).map_or(1.0, |(metre, _)| metre)
     }
 
     /// These options for opening beside what was opened with them: the origin stays where it was, zero
@@ -146,5 +153,12 @@ mod tests {
             ..LoadOptions::default()
         };
         assert_eq!(tum.metre(1.0 / 5000.0), 1000.0);
+        let of_tum = |scale, range| {
+            let options = LoadOptions { depth_scale: Some(scale), depth_range: Some(range), ..tum };
+            options.metre(1.0 / 5000.0)
+        };
+        assert_eq!(of_tum(0.01, [3.0, 40.0]), 10.0, "millimetres in a world of decimetres");
+        assert_eq!(of_tum(0.002, [3.0, 40.0]), 10.0, "its own steps there");
+        assert_eq!(of_tum(0.2, [100.0, 2000.0]), 1000.0, "its own steps of millimetres");
     }
 }

@@ -114,7 +114,7 @@ struct FramePair {
 fn pairs(split: &DatasetSplit) -> Vec<FramePair> {
     let n = split.frames.len();
     let anchors = n.min(MAX_PAIRS);
-    (0..anchors).filter_map(|i| pair(&split.frames[i * n / anchors..])).collect()
+    (0..anchors).filter_map(|i| pair(split.frames.get(i * n / anchors..)?)).collect()
 }
 
 /// The first frame and the nearest behind it from which the camera has moved.

@@ -32,9 +32,9 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let n_sampled = sound.len().min(MAX_FRAMES);
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
-    for i in 0..n_sampled {
+    for at in (0..n_sampled).filter_map(|i| sound.get(i * sound.len() / n_sampled)) {
         // A damaged frame must not keep a recording from training: others tell the range too.
-        if let Err(error) = sample(dataset, split, sound[i * sound.len() / n_sampled], &mut axes) {
+        if let Err(error) = sample(dataset, split, *at, &mut axes) {
             failure = Some(error);
         }
     }
@@ -109,7 +109,7 @@ fn from_samples(axes: &mut [Vec<f64>; 3]) -> Option<PositionRange> {
         axis.sort_unstable_by(f64::total_cmp);
         // Quantiles, not extremes: a few wrong depths would otherwise set the box.
         let cut = (last as f64 * TAIL) as usize;
-        let (low, high) = (axis[cut], axis[last - cut]);
+        let (low, high) = (axis.get(cut)?, axis.get(last.checked_sub(cut)?)?);
         *centre = 0.5 * (low + high);
         // One width for all axes: a Gaussian that is round in the world stays round.
         half_width = half_width.max(0.5 * (high - low));

@@ -60,7 +60,8 @@ impl Dataset {
             splits: self.split_names(),
         })?;
         let [training, ..] = TRAINING_NAMES;
-        let is_for_evaluation = EVALUATION_NAMES.contains(&self.splits[split].name.as_str());
+        let name = self.splits.get(split).map_or("", |split| split.name.as_str());
+        let is_for_evaluation = EVALUATION_NAMES.contains(&name);
         match self.find(|s| s.name == training) {
             Some(_) if is_for_evaluation => refuse(training, "colour only".to_owned()),
             _ => Ok(split),
@@ -88,9 +89,11 @@ impl Dataset {
         let trained = self.splits.get(training_split).map(|s| s.name.as_str());
         // Depth is not asked for: photographs alone measure colour.
         let other = |name: &&str| self.find(|s| s.name == *name && trained != Some(name));
-        if let Some(split) = EVALUATION_NAMES.iter().find_map(other) {
-            let frames = (0..self.splits[split].frames.len()).collect();
-            let why = format!("all frames of the split `{}`", self.splits[split].name);
+        if let Some(split) = EVALUATION_NAMES.iter().find_map(other)
+            && let Some(DatasetSplit { name, frames, .. }) = self.splits.get(split)
+        {
+            let frames = (0..frames.len()).collect();
+            let why = format!("all frames of the split `{name}`");
             return Evaluation { split, frames, held_out: false, why };
         }
         let n_frames = self.splits.get(training_split).map_or(0, |s| s.frames.len());

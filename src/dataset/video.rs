@@ -54,7 +54,7 @@ fn unpack(path: &Path) -> Result<TempDir, String> {
     let video = std::path::absolute(path).map_err(|e| e.to_string())?;
     let [option, older] = EVERY_FRAME;
     let mut output = run(&video, folder.path(), option)?;
-    if !output.status.success() && first_line(&output).contains(&option[1..]) {
+    if !output.status.success() && first_line(&output).contains(option.trim_start_matches('-')) {
         output = run(&video, folder.path(), older)?;
     }
     match output.status.success() {

@@ -46,7 +46,7 @@ pub fn wild_poses(split: &DatasetSplit) -> Vec<WildPose> {
     let found = isolated(&centres);
     let wild = |(index, distance, usual)| WildPose {
         index,
-        frame: split.frames[index].name.clone(),
+        frame: split.frames.get(index).map(|frame| frame.name.clone()).unwrap_or_default(),
         distance,
         usual,
     };
@@ -65,11 +65,11 @@ fn isolated(centres: &[DVec3]) -> Vec<(usize, f64, f64)> {
         i if i == last => [last - 1, last - 2],
         i => [i - 1, i + 1],
     };
-    let nearer = |i: usize| {
-        let [a, b] = neighbours(i).map(|k| centres[i].distance(centres[k]));
-        a.min(b)
+    let nearer = |(i, centre): (usize, &DVec3)| {
+        let [a, b] = neighbours(i).map(|k| centres.get(k).map(|other| centre.distance(*other)));
+        a.unwrap_or(f64::INFINITY).min(b.unwrap_or(f64::INFINITY))
     };
-    let apart: Vec<f64> = (0..=last).map(nearer).collect();
+    let apart: Vec<f64> = centres.iter().enumerate().map(nearer).collect();
     let axis = |of: fn(&DVec3) -> f64| median(centres.iter().map(of));
     let middle = DVec3::new(axis(|c| c.x), axis(|c| c.y), axis(|c| c.z));
     let spread = median(centres.iter().map(|centre| centre.distance(middle)));

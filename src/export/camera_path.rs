@@ -161,10 +161,11 @@ impl FileText {
             keyframes.push(keyframe);
         }
         let n = keyframes.len();
-        let Some(path) = CameraPath::new(keyframes, self.is_loop) else {
+        let ends = keyframes.first().zip(keyframes.last()).map(|(a, b)| [a.pose, b.pose]);
+        let path = CameraPath::new(keyframes, self.is_loop);
+        let Some((path, [first, last])) = path.zip(ends) else {
             return refuse("keyframes", "two or more", n.to_string());
         };
-        let [first, last] = [path.keyframes()[0], path.keyframes()[n - 1]].map(|k| k.pose);
         let (apart, turn) = first.offset_to(&last);
         if self.is_loop
             && (apart.length() > 1e-6 * (1.0 + first.centre().length())

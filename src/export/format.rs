@@ -141,10 +141,10 @@ impl WriteSelection<'_> {
     pub fn takes(&self, i: usize, mean: DVec3, evidence: Option<&[f64]>) -> bool {
         let is_inside =
             self.crop.is_none_or(|[a, b]| mean.cmpge(a.min(b)).all() && mean.cmple(a.max(b)).all());
-        let evidence = evidence.map_or(f64::INFINITY, |all| all[i]);
-        let uncertainty = self.uncertainty.map_or(0.0, |all| all[i]);
+        let evidence = evidence.and_then(|all| all.get(i)).map_or(f64::INFINITY, |of| *of);
+        let uncertainty = self.uncertainty.and_then(|all| all.get(i)).map_or(0.0, |of| *of);
         is_inside
-            && self.left_out.is_none_or(|all| !all[i])
+            && self.left_out.is_none_or(|all| all.get(i) != Some(&true))
             && self.min_evidence.is_none_or(|min| evidence >= min)
             && self.max_uncertainty.is_none_or(|max| uncertainty <= max)
     }

@@ -41,7 +41,7 @@ pub(super) fn drawable(view: SplatView) -> impl Iterator<Item = (usize, Gaussian
 
 /// The splat of that number, if files can hold it.
 pub(super) fn drawable_at(view: SplatView, i: usize) -> Option<Gaussian> {
-    let (splat, appearance) = (&view.splats()[i], view.appearance().get(i));
+    let (splat, appearance) = (view.splats().get(i)?, view.appearance().get(i));
     let appearance = appearance.copied().unwrap_or_default();
     let is_sound = splat.is_finite() && appearance.is_valid();
     is_sound.then(|| Gaussian::of(splat, &appearance))

@@ -48,7 +48,7 @@ fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fau
         // Last: the only format without a mark of its own.
         splat::splat(bytes, max_splats)
     } else {
-        let start = String::from_utf8_lossy(&bytes[..bytes.len().min(16)]);
+        let start = String::from_utf8_lossy(bytes.get(..16).unwrap_or(bytes));
         let found = match bytes {
             [] => "an empty file".to_owned(),
             _ => format!("a file starting \"{}\"", shorten(&start)),

@@ -83,11 +83,13 @@ impl<'a> Source<'a> {
     }
 
     /// Number of the splat that a row shows.
+    #[expect(clippy::indexing_slicing, reason = "asked for rows below their number")]
     pub fn splat_of(&self, row: usize) -> usize {
         self.rows[row].splat as usize
     }
 
     /// The splat of a row in the model's own axes and units.
+    #[expect(clippy::indexing_slicing, reason = "asked for rows below their number")]
     pub fn in_world(&self, row: usize) -> Gaussian {
         let row = self.rows[row];
         // Kept rows are of splats that can be drawn: the other branch is never taken.

@@ -16,17 +16,17 @@ const LENGTH_SLACK: f64 = 0.1;
 /// Whether most of the first rows look like splats: finite, scales not negative and no rotation
 /// other than one of length 1, which words and pictures are not.
 pub(super) fn is_likely(bytes: &[u8]) -> bool {
-    let rows = &bytes.as_chunks::<ROW_BYTES>().0;
-    let probed = &rows[..rows.len().min(N_PROBED)];
+    let probed = bytes.as_chunks::<ROW_BYTES>().0.iter().take(N_PROBED);
     let likely = |row: &&[u8; ROW_BYTES]| {
-        let (mean, scale) = (vector(row, 0), vector(row, 12));
-        let length: f64 = quaternion(row).iter().map(|v| v * v).sum();
+        let Record { mean, scale, rotation, .. } = Record::of(row);
+        let length: f64 = rotation.iter().map(|v| v * v).sum();
         mean.is_finite()
             && scale.is_finite()
             && scale.min_element() >= 0.0
             && (length - 1.0).abs() < LENGTH_SLACK
     };
-    !probed.is_empty() && 2 * probed.iter().filter(likely).count() > probed.len()
+    // Of no rows at all not most are.
+    2 * probed.clone().filter(likely).count() > probed.len()
 }
 
 /// Reads a file of at most `max_splats` splats.
@@ -41,12 +41,12 @@ pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> 
     }
     let mut rows = Rows::with_room(records.len())?;
     for record in records {
-        let rotation = rows.rotation(quaternion(record));
-        let scale = vector(record, 12);
+        let Record { mean, scale, color: [r, g, b, opacity], rotation } = Record::of(record);
+        let rotation = rows.rotation(rotation);
         rows.push(Gaussian {
-            mean: vector(record, 0),
-            opacity: f64::from(record[27]) / 255.0,
-            color: DVec3::from_array([24, 25, 26].map(|i| f64::from(record[i]) / 255.0)),
+            mean,
+            opacity,
+            color: DVec3::new(r, g, b),
             // A negative deviation is no number of the format: counted as not finite.
             scale: if scale.min_element() < 0.0 { DVec3::NAN } else { scale },
             rotation,
@@ -56,15 +56,29 @@ pub(super) fn splat(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> 
     rows.finish(ModelKind::Splats, Vec::new(), Vec::new())
 }
 
-fn vector(record: &[u8; ROW_BYTES], at: usize) -> DVec3 {
-    let float = |i: usize| {
-        let b = &record[at + 4 * i..];
-        f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-    };
-    DVec3::new(float(0), float(1), float(2))
+/// The numbers of a row.
+struct Record {
+    mean: DVec3,
+    scale: DVec3,
+    /// Red, green, blue and opacity, 0 to 1.
+    color: [f64; 4],
+    /// `w x y z`, each byte 128 for 0 and a step of 1/128.
+    rotation: [f64; 4],
 }
 
-/// `w x y z`, each byte 128 for 0 and a step of 1/128.
-fn quaternion(record: &[u8; ROW_BYTES]) -> [f64; 4] {
-    std::array::from_fn(|i| (f64::from(record[28 + i]) - 128.0) / 128.0)
+impl Record {
+    fn of(row: &[u8; ROW_BYTES]) -> Self {
+        let [x, y, z, sx, sy, sz, color, rotation]: [[u8; 4]; 8] = bytemuck::cast(*row);
+        let vector = |numbers: [[u8; 4]; 3]| DVec3::from_array(numbers.map(float));
+        Self {
+            mean: vector([x, y, z]),
+            scale: vector([sx, sy, sz]),
+            color: color.map(|byte| f64::from(byte) / 255.0),
+            rotation: rotation.map(|byte| (f64::from(byte) - 128.0) / 128.0),
+        }
+    }
+}
+
+fn float(bytes: [u8; 4]) -> f64 {
+    f64::from(f32::from_le_bytes(bytes))
 }

@@ -9,7 +9,9 @@ use crate::dataset::error::FrameError;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
+use std::any::Any;
 use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -170,7 +172,7 @@ impl<P: Prepare> Prefetch<P> {
             && let Some(frame) = self.upcoming.pop_front()
         {
             let (slot, prepared) = sync_channel(1);
-            // Only panics end the threads before the handle is dropped; no frame comes then.
+            // The threads end with the handle alone.
             drop(asked.send((frame, slot)));
             coming.push_back(prepared);
         }
@@ -258,8 +260,18 @@ impl<P: Prepare> Worker<P> {
         preparation: &P,
         PlannedFrame { position, is_repeat, entry }: &PlannedFrame,
     ) -> Prepared<P::Observation> {
-        let result = self.frame(preparation, entry);
         let name = entry.name.clone();
+        // A defect costs this frame, by name: were the thread to end, the run would end with the frames so
+        // far as if there were no more.
+        let prepared = catch_unwind(AssertUnwindSafe(|| self.frame(preparation, entry)));
+        let result = prepared.unwrap_or_else(|panic| {
+            // Its buffers may be half done.
+            *self = Self::default();
+            Err(format!(
+                "{name}: left out by a defect of this program, please report it: {}",
+                said(&*panic)
+            ))
+        });
         Prepared { position: *position, is_repeat: *is_repeat, name, result }
     }
 
@@ -286,17 +298,28 @@ impl<P: Prepare> Worker<P> {
     }
 }
 
+/// What a panic said.
+fn said(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without words")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::dataset::frame::Frame;
-    use crate::dataset::synthetic::{self, SyntheticParams};
+    use crate::dataset::synthetic::{SyntheticParams, dataset};
+    use crate::pipeline::plan::Selection;
     use std::time::Duration;
 
-    /// Takes the longer the earlier a frame is.
-    struct Later;
+    const N_FRAMES: usize = 9;
 
-    impl Prepare for Later {
+    /// Takes the longer the earlier a frame is, and panics where one has this name.
+    struct Slow {
+        defect: Option<String>,
+    }
+
+    impl Prepare for Slow {
         type Observation = String;
         type Memory = usize;
         type Counts = usize;
@@ -309,18 +332,18 @@ mod tests {
             &self,
             frame: &Frame,
             calls: &mut usize,
-            observation: &mut String,
+            name: &mut String,
         ) -> Result<usize, FrameError> {
-            let number: u64 =
-                frame.name.chars().filter_map(|c| c.to_digit(10)).last().unwrap().into();
-            thread::sleep(Duration::from_millis(10 * (9 - number)));
-            observation.clone_from(&frame.name);
+            assert!(Some(&frame.name) != self.defect.as_ref(), "a defect of {}", frame.name);
+            let number = frame.name.chars().filter_map(|c| c.to_digit(10)).next_back().unwrap();
+            thread::sleep(Duration::from_millis(10 * u64::from(9 - number)));
+            name.clone_from(&frame.name);
             *calls += 1;
             Ok(*calls)
         }
 
-        fn n_points(observation: &String) -> usize {
-            observation.len()
+        fn n_points(name: &String) -> usize {
+            name.len()
         }
 
         fn dropped(calls: &usize) -> usize {
@@ -328,24 +351,28 @@ mod tests {
         }
     }
 
+    fn room() -> (Arc<Dataset>, Plan) {
+        let small = SyntheticParams {
+            width: 12,
+            height: 9,
+            n_train: N_FRAMES,
+            n_eval: 0,
+            ..SyntheticParams::demo()
+        };
+        let room = Arc::new(dataset(&small).unwrap());
+        let plan = Plan::new(&room, &Selection::everything(), 0).unwrap();
+        (room, plan)
+    }
+
     #[test]
     fn frames_come_in_their_order_however_many_threads_prepare_them() {
-        let params = SyntheticParams {
-            width: 16,
-            height: 12,
-            n_train: 9,
-            n_eval: 0,
-            seed: 1,
-            depth_noise: 0.0,
-        };
-        let dataset = synthetic::dataset(&params).unwrap();
-        let plan = Plan { split: 0, frames: (0..9).collect(), held_out: None };
+        let (room, plan) = room();
         for decoders in [1, 4] {
-            let upcoming = PlannedFrame::of(&dataset, &plan, 0).collect();
-            let source = Source::ahead(Later, decoders).unwrap();
+            let upcoming = PlannedFrame::of(&room, &plan, 0).collect();
+            let source = Source::ahead(Slow { defect: None }, decoders).unwrap();
             let mut prefetch = Prefetch { upcoming, source };
             let mut calls = 0;
-            for position in 0..9 {
+            for position in 0..N_FRAMES {
                 let prepared = prefetch.next_frame().unwrap();
                 let frame = prepared.result.unwrap();
                 assert_eq!((prepared.position, &prepared.name), (position, &frame.observation));
@@ -353,7 +380,33 @@ mod tests {
                 prefetch.recycle(frame.observation);
             }
             assert!(prefetch.next_frame().is_none());
-            assert_eq!(calls == 9, decoders == 1, "{calls} frames by one of {decoders} threads");
+            let by_one = calls == N_FRAMES;
+            assert_eq!(by_one, decoders == 1, "{calls} frames by one of {decoders} threads");
+        }
+    }
+
+    #[test]
+    fn a_defect_costs_one_frame_and_not_those_behind_it() {
+        let (room, plan) = room();
+        let names = || plan.frames.iter().map(|&i| room.splits[plan.split].frames[i].name.clone());
+        let defect: String = names().nth(2).unwrap();
+        // Threads of their own where there is a core for one, and the trainer's threads.
+        for n_threads in [1, 64] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+            let results = pool.install(|| {
+                let slow = Slow { defect: Some(defect.clone()) };
+                let mut prefetch = Prefetch::start(Arc::clone(&room), &plan, 0, slow).unwrap();
+                std::iter::from_fn(|| prefetch.next_frame())
+                    .map(|frame| (frame.name, frame.result.map(drop)))
+                    .collect::<Vec<_>>()
+            });
+            assert!(results.iter().map(|(name, _)| name.clone()).eq(names()), "{results:?}");
+            for (name, result) in results {
+                let said = result.err().unwrap_or_default();
+                let expected = format!("{defect}: left out by a defect of this program");
+                assert_eq!(name == defect, said.starts_with(&expected), "{name}: {said}");
+                assert_eq!(name == defect, said.contains("a defect of "), "{name}: {said}");
+            }
         }
     }
 }

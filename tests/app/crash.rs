@@ -27,7 +27,18 @@ struct Hosted {
 fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
     vulkan()?;
     let worker = Arc::new(Worker::start_with(waker, vec![folder.to_owned()]).unwrap());
-    let (exit, device) = (Exit::default(), Arc::new(Mutex::new(None)));
+    let exit = Exit::default();
+    let (window, device) = attached(&worker, &exit, vec![WorkerOrder::Open(subject)]);
+    Some(Hosted { window, worker, exit, device })
+}
+
+/// A window on a worker, and its device, which is to be lost.
+pub fn attached(
+    worker: &Arc<Worker>,
+    exit: &Exit,
+    first: Vec<WorkerOrder>,
+) -> (Window, wgpu::Device) {
+    let device = Arc::new(Mutex::new(None));
     let (own, word, found) = (worker.clone(), exit.clone(), device.clone());
     let window = Harness::builder()
         .with_size(Vec2::new(1000.0, 640.0))
@@ -35,11 +46,10 @@ fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
         .wgpu()
         .build_eframe(move |cc| {
             *found.lock().unwrap() = cc.wgpu_render_state.as_ref().map(|s| s.device.clone());
-            let first = vec![WorkerOrder::Open(subject)];
             Studio::attach(cc, own, first, word, Painting::Auto, Instant::now()).unwrap()
         });
     let device = device.lock().unwrap().take().unwrap();
-    Some(Hosted { window, worker, exit, device })
+    (window, device)
 }
 
 /// Lets the window panic before it draws anything more, and go down with it.

@@ -33,3 +33,6 @@ mod tools;
 mod viewer;
 #[cfg(feature = "cli")]
 mod window;
+
+#[global_allocator]
+static ALLOCATOR: common::live::Counted = common::live::Counted;

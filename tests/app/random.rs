@@ -1,23 +1,39 @@
 //! Any commands in any state of the window: keys, clicks, drags, text, files and sizes in a seeded random
 //! order, with a watchdog that ends the process where a step never returns.
 //!
-//! `VBGS_WINDOW_INPUTS=100000 cargo test --release --test app -- random` is the long run.
+//! `VBGS_WINDOW_MINUTES=120 cargo test --release --test app -- --nocapture random` is the long run, or
+//! `VBGS_WINDOW_INPUTS=100000` in place of minutes. After every so many inputs it opens the same dataset
+//! again and measures the process there, where the window holds the same things each time: what a state
+//! in between holds says nothing about what is never given back. Memory is what the program's own
+//! allocations hold; what is resident follows the drivers and the system's allocator as well.
 
+use super::crash::attached;
 use super::harness::{PATIENCE, Window, dataset, drop_on, is, wait, window};
-use crate::common::adapter::turn;
+use crate::common::adapter::{turn, vulkan};
+use crate::common::live::bytes;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::time::Instant;
-use vbgs_studio::app::Painting;
+use std::time::{Duration, Instant};
 use vbgs_studio::app::command::UiCommand;
 use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+use vbgs_studio::app::{Exit, Leave, Painting};
+use vbgs_studio::eval::machine::rss_bytes;
 use vbgs_studio::math::rng::{Purpose, Rng};
 
-/// Inputs in CI.
-const INPUTS: u64 = 400;
+/// Inputs between two measurements of memory; all there are in CI.
+const INPUTS: usize = 400;
+/// Inputs between two pictures: until one is drawn, the harness and the device keep every texture that was
+/// sent to them, which a window's next frame takes.
+const DRAWN: usize = 20;
+/// Measurements from which on memory must be flat: fewer are mostly warm-up.
+const MIN_MEASURED: usize = 30;
+/// By how much memory may rise after warm-up.
+const MAX_RISE: f64 = 0.03;
 
 /// What is not pressed: dialogs of the desktop, which no test can close, and the demo, whose files would
 /// be proposed in the current folder.
@@ -139,7 +155,12 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
         if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
             break;
         }
-        assert!(started.elapsed() < PATIENCE, "cannot be brought back from {:?}", snapshot.state);
+        if started.elapsed() > PATIENCE {
+            let buttons = window.query_all_by_role(Role::Button);
+            let shown: Vec<_> = buttons.filter_map(|node| node.accesskit_node().label()).collect();
+            let notices: Vec<_> = snapshot.notices.iter().map(|n| n.text.as_str()).collect();
+            panic!("cannot be brought back from {:?}: {shown:?}, {notices:?}", snapshot.state);
+        }
         alive.send("coming back".to_owned()).unwrap();
         window.key_press(Key::Escape);
         window.run_steps(3);
@@ -161,6 +182,33 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
     }
 }
 
+/// A number that a long run is asked for by.
+fn asked(variable: &str) -> Option<u64> {
+    std::env::var(variable).ok().and_then(|n| n.parse().ok())
+}
+
+/// Whether a run is over: after so many minutes, or so many inputs.
+fn is_over(started: Instant, inputs: usize) -> bool {
+    match asked("VBGS_WINDOW_MINUTES") {
+        Some(minutes) => started.elapsed() >= Duration::from_secs(60 * minutes),
+        None => inputs as u64 >= asked("VBGS_WINDOW_INPUTS").unwrap_or(INPUTS as u64),
+    }
+}
+
+/// Says how memory went, and holds a long run to a flat one. What is open is the same at every measurement,
+/// but not what was switched on before: the least of many is of a plain window.
+fn memory_is_flat(measured: &[f64]) {
+    let n = measured.len();
+    if n < MIN_MEASURED {
+        return;
+    }
+    let least = |part: &[f64]| part.iter().copied().fold(f64::INFINITY, f64::min);
+    let (warm, end) = (least(&measured[n / 10..n / 2]), least(&measured[n - 2 * n / 5..]));
+    let rise = end / warm - 1.0;
+    eprintln!("memory {warm:.2} MB after warm-up, {end:.2} MB at the end: {:+.2} %", 100.0 * rise);
+    assert!(rise <= MAX_RISE, "memory of the window rises by {rise}");
+}
+
 #[test]
 fn the_window_survives_any_input_in_any_state() {
     let _turn = turn();
@@ -173,20 +221,75 @@ fn the_window_survives_any_input_in_any_state() {
     let subject = Some(Subject::Path(room.clone()));
     let Some(mut window) = window(subject, Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
-    let asked = std::env::var("VBGS_WINDOW_INPUTS").ok().and_then(|n| n.parse().ok());
-    let seed = std::env::var("VBGS_WINDOW_SEED").ok().and_then(|n| n.parse().ok());
-    let mut rng = Rng::new(seed.unwrap_or(1), Purpose::Synthetic, 0);
+    let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(1), Purpose::Synthetic, 0);
     let alive = watchdog();
     let (mut states, mut worst) = (std::collections::BTreeSet::new(), 0.0f64);
-    for i in 0..asked.unwrap_or(INPUTS) {
+    let (started, mut inputs, mut measured) = (Instant::now(), 0, Vec::new());
+    while !is_over(started, inputs) {
         let input = any_input(&mut window, &files, &mut rng);
-        alive.send(format!("{i}: {input}")).unwrap();
+        alive.send(format!("{inputs}: {input}")).unwrap();
         let start = Instant::now();
         window.run_steps(1 + rng.below(3));
         worst = worst.max(start.elapsed().as_secs_f64());
         states.insert(format!("{:?}", window.state().snapshot().state));
+        inputs += 1;
+        if inputs % DRAWN == 0 {
+            // On a machine that others keep busy a picture may not be done in time; the next one is.
+            drop(window.render());
+        }
+        if inputs % INPUTS == 0 {
+            comes_back(&mut window, &room, &alive);
+            measured.push(bytes() as f64 / 1e6);
+            eprintln!(
+                "{inputs} inputs in {:.0} s, {:.2} MB held, {:.1} resident",
+                started.elapsed().as_secs_f64(),
+                measured[measured.len() - 1],
+                rss_bytes().map_or(f64::NAN, |bytes| bytes as f64 / 1e6)
+            );
+        }
     }
     eprintln!("states {states:?}, the longest pause {worst:.2} s");
     assert!(states.len() >= 3, "the inputs reach hardly any state: {states:?}");
     comes_back(&mut window, &room, &alive);
+    memory_is_flat(&measured);
+}
+
+/// Inputs before a device is lost, at most.
+const BEFORE_LOSS: usize = 40;
+
+/// Whatever the window is at when its device goes, it leaves in order, and the next one, on another device,
+/// takes up the same worker and can be used.
+#[test]
+fn a_device_may_be_lost_at_any_moment() {
+    let _turn = turn();
+    if vulkan().is_none() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 6);
+    let files = [room.clone(), folder.path().join("missing")];
+    let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(2), Purpose::Synthetic, 0);
+    let alive = watchdog();
+    let rescued = vec![folder.path().to_owned()];
+    let worker = Arc::new(Worker::start_with(Arc::new(|| {}), rescued).unwrap());
+    let mut first = vec![WorkerOrder::Open(Subject::Path(room.clone()))];
+    for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(5) {
+        let exit = Exit::default();
+        let (mut window, device) = attached(&worker, &exit, std::mem::take(&mut first));
+        comes_back(&mut window, &room, &alive);
+        let mut inputs = Vec::new();
+        for _ in 0..rng.below(BEFORE_LOSS) {
+            inputs.push(any_input(&mut window, &files, &mut rng));
+            alive.send(format!("round {round}: {inputs:?}")).unwrap();
+            window.run_steps(1 + rng.below(3));
+        }
+        device.destroy();
+        let started = Instant::now();
+        while exit.why() != Leave::DeviceLost {
+            assert!(started.elapsed() < PATIENCE, "round {round}: not noticed after {inputs:?}");
+            alive.send(format!("round {round}: lost after {inputs:?}")).unwrap();
+            window.step();
+        }
+        assert!(worker.is_alive() && worker.crash().is_none(), "round {round}: {inputs:?}");
+    }
 }

@@ -3,6 +3,7 @@
 use super::runner::{Run, Scratch};
 use serde_json::Value;
 use std::fs;
+use vbgs_studio::model::splat::splats::Splat;
 
 /// A recording in the layout of TUM: poses in text, so that its world can be changed.
 fn recorded(size: &str, frames: usize) -> Scratch {
@@ -73,6 +74,59 @@ fn figures_do_not_depend_on_the_unit_of_the_world() {
             let error = |eval: &Value| eval["depth_mae_mean"].as_f64().unwrap();
             let ratio = error(&other) / error(&one) / metre;
             assert!((ratio - 1.0).abs() < 0.02, "{options}, {metre}: depth error {ratio}");
+        }
+    }
+}
+
+/// Writes every code of depth as another number, rounded.
+fn recode_depth(scratch: &Scratch, by: f64) {
+    for file in fs::read_dir(scratch.path("room/depth")).unwrap() {
+        let path = file.unwrap().path();
+        let mut codes = image::open(&path).unwrap().to_luma16();
+        codes.iter_mut().for_each(|code| *code = (f64::from(*code) * by).round() as u16);
+        codes.save(path).unwrap();
+    }
+}
+
+/// The share of splats that another model has too, where its world is so many times as large.
+fn share_in_both(scratch: [&Scratch; 2], metre: f32) -> f64 {
+    let [one, other] = scratch.map(|scratch| scratch.model("run/scene.ply").splats);
+    let is_same = |a: &Splat, b: &Splat| {
+        let near = |a: f32, b: f32, most: f32| (a - b / metre).abs() <= most;
+        (0..3).all(|i| near(a.mean[i], b.mean[i], 1e-4))
+            && (0..3).all(|i| near(a.scale[i], b.scale[i], 0.01 * a.scale[i]))
+            && (a.opacity - b.opacity).abs() < 0.01
+            && (0..3).all(|i| (a.color[i] - b.color[i]).abs() < 0.01)
+    };
+    let n = one.iter().filter(|a| other.iter().any(|b| is_same(a, b))).count();
+    n as f64 / one.len().max(other.len()) as f64
+}
+
+/// `--depth-scale` corrects the step of codes, of a world in metres or of another one. Either way what is
+/// known of the sensor in metres is taken in the unit of the world, and the scene is the same one.
+#[test]
+fn the_scene_does_not_depend_on_the_unit_of_depth() {
+    for options in ["", "--births lattice"] {
+        // Codes of TUM are fifths of a millimetre: here whole ones, which no layout says.
+        let trained = |by: f64, metre: f64, depth: &str| {
+            let scratch = recorded("64x48", 9);
+            recode_depth(&scratch, 0.2);
+            recode_depth(&scratch, by);
+            move_cameras(&scratch, |_, place| place.map(|x| x * metre));
+            let said = scratch.run(&format!("train room --out run {depth} {options}")).succeeds();
+            assert_eq!(said.stderr.contains("to the metre"), metre != 1.0, "{}", said.stderr);
+            scratch
+        };
+        let plain = trained(1.0, 1.0, "--depth-scale 0.001");
+        for (by, metre, depth) in [
+            (10.0, 1.0, "--depth-scale 0.0001"),
+            (1.0, 10.0, "--depth-scale 0.01 --depth-range 3 40"),
+            (5.0, 1.0, ""),
+            (5.0, 10.0, "--depth-scale 0.002 --depth-range 3 40"),
+            (1.0, 1000.0, "--depth-scale 1 --depth-range 300 4000"),
+        ] {
+            let share = share_in_both([&plain, &trained(by, metre, depth)], metre as f32);
+            assert!(share > 0.99, "{options} {depth}: {share} of the scene");
         }
     }
 }

@@ -7,7 +7,7 @@ use serde_json::json;
 use std::path::Path;
 use vbgs_studio::dataset::synthetic::write::DepthBits;
 use vbgs_studio::dataset::synthetic::write::SyntheticLayout::{self, *};
-use vbgs_studio::dataset::{Dataset, LoadOptions, open};
+use vbgs_studio::dataset::{Dataset, LoadOptions, capture_check, open};
 
 /// Layouts with their first frame's photograph.
 const FIRST: [(SyntheticLayout, &str); 9] = [
@@ -147,4 +147,32 @@ fn a_sequence_of_two_splits_is_said() {
     std::fs::write(folder.path().join("TestSplit.txt"), "sequence1\n").unwrap();
     let notes = open_plain(folder.path()).unwrap().notes.join("; ");
     assert!(notes.contains("`test` and `train` share seq-01"), "{notes}");
+}
+
+/// A header costs nothing to forge: 60 million pixels in a hundred bytes are refused before any picture of
+/// that size is made, grey ones that stand for photographs among them.
+#[test]
+fn sizes_that_no_file_can_hold_are_refused_before_pictures_are_made() {
+    let folder = tiny(StrayScanner);
+    std::fs::remove_dir_all(folder.path().join("rgb")).unwrap();
+    for file in std::fs::read_dir(folder.path().join("depth")).unwrap() {
+        let path = file.unwrap().path();
+        let mut bytes = std::fs::read(&path).unwrap();
+        // Behind the signature and the length: `IHDR`, width, height, five bytes, checksum.
+        bytes[16..24].copy_from_slice(&[8000u32, 7500].map(u32::to_be_bytes).concat());
+        let sum = crc32fast::hash(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&sum.to_be_bytes());
+        std::fs::write(path, bytes).unwrap();
+    }
+    let dataset =
+        open(folder.path(), &LoadOptions { geometry_only: true, ..LoadOptions::default() });
+    let dataset = dataset.unwrap();
+    let frame = &dataset.splits[0].frames[0];
+    assert_eq!(frame.camera.intrinsics.width, 8000);
+    for refused in [frame.load().map(drop), frame.load_color().map(drop)] {
+        let said = refused.unwrap_err().to_string();
+        assert!(said.contains("8000x7500 pixels in "), "{said}");
+    }
+    // Grey says nothing of how a recording was taken: it is not looked at.
+    assert_eq!(capture_check::check(&dataset.splits[0]).looked_at, 0);
 }

@@ -17,6 +17,7 @@ mod fuzz;
 mod inference;
 mod kinect;
 mod lego;
+mod mishaps;
 mod near_detail;
 mod photometric;
 mod properties;

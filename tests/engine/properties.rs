@@ -3,6 +3,7 @@
 
 use super::budget::{H, births, checkpoint, frame};
 use glam::{DMat4, DQuat, DVec3};
+use proptest::array::uniform13;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use std::sync::OnceLock;
@@ -10,6 +11,8 @@ use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::{SyntheticParams, dataset};
 use vbgs_studio::export::checkpoint::{StoredModel, parse, to_bytes};
+use vbgs_studio::model::paper::merging;
+use vbgs_studio::model::paper::state::Totals;
 use vbgs_studio::model::scene::merging::add;
 use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
@@ -43,6 +46,16 @@ fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T
     rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap().install(work)
 }
 
+/// Totals of three components, in 64 bits and a carry, or in 128.
+fn narrow() -> impl Strategy<Value = Totals> {
+    let rows = vec(uniform13(any::<i64>()), 3);
+    rows.prop_map(|rows| Totals::Fixed64 { rows, carries: Vec::new() })
+}
+
+fn broad() -> impl Strategy<Value = Totals> {
+    vec(uniform13(any::<i128>().prop_map(|sum| sum / 4)), 3).prop_map(Totals::Fixed128)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -72,7 +85,8 @@ proptest! {
     fn evidence_is_conserved_and_covariances_are_definite(
         births in births(),
         sums in prop_oneof![Just(SumForm::Mixed), Just(SumForm::F32), Just(SumForm::F64)],
-        budget in 1..100usize,
+        // The few make the scale wider, too.
+        budget in prop_oneof![1..6usize, 6..100usize],
         frames in vec(frame(200), 1..4),
     ) {
         let config = SceneConfig { sums, max_components: budget, ..lattice(births) };
@@ -87,6 +101,19 @@ proptest! {
                 prop_assert!(least > 0.0, "{posterior:?}");
             }
         }
+    }
+
+    /// Mixtures of both exact forms, merged in any tree and either order, sums beyond 64 bits among them.
+    #[test]
+    fn merging_mixtures_is_commutative_and_associative(
+        totals in prop_oneof![[narrow(), narrow(), narrow()], [broad(), broad(), broad()]],
+    ) {
+        let [a, b, c] = &totals;
+        let ab = merging::add(a, b).unwrap();
+        prop_assert!(ab == merging::add(b, a).unwrap());
+        let whole = merging::add(&ab, c).unwrap();
+        prop_assert!(whole == merging::add(a, &merging::add(b, c).unwrap()).unwrap());
+        prop_assert!(whole == merging::add(&merging::add(c, a).unwrap(), b).unwrap());
     }
 
     /// A checkpoint that is read is written again as the same file, and a scene that is restored is stored

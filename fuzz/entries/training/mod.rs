@@ -16,10 +16,18 @@ pub const FIRST_OF_PAPER: u8 = 128;
 
 /// Settings, then commands until the bytes end.
 pub fn training(data: &[u8]) {
+    steps_wider(data);
+}
+
+/// The same; by how many steps the scene's structural scale was wider at the end than it was asked for.
+pub fn steps_wider(data: &[u8]) -> u32 {
     let mut input = Bytes(data);
     match input.byte() {
         kind @ 0..FIRST_OF_PAPER => scene::train(kind, input),
-        kind => paper::train(kind - FIRST_OF_PAPER, input),
+        kind => {
+            paper::train(kind - FIRST_OF_PAPER, input);
+            0
+        }
     }
 }
 

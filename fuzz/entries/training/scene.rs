@@ -5,6 +5,7 @@ use crate::entries::bytes::Bytes;
 use glam::DVec3;
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::export::checkpoint::StoredModel;
+use vbgs_studio::model::scene::state::SceneState;
 use vbgs_studio::observation::surface::Observation;
 use vbgs_studio::train::scene::config::{BirthRule, SceneConfig, VisibilityRule};
 use vbgs_studio::train::scene::engine;
@@ -12,19 +13,20 @@ use vbgs_studio::train::scene::learner::SceneLearner;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 use vbgs_studio::train::scene::sum_form::SumForm;
 
-/// Settings, then commands until the bytes end.
-pub fn train(kind: u8, mut input: Bytes) {
-    let Ok(config) = config(kind, &mut input).check() else { return };
+/// Settings, then commands until the bytes end. By how many steps the scale is wider then.
+pub fn train(kind: u8, mut input: Bytes) -> u32 {
+    let Ok(config) = config(kind, &mut input).check() else { return 0 };
     let sensor = [Sensor::Inverse8Ray, Sensor::Kinect, Sensor::Lidar, Sensor::Exact { noise: 0.0 }]
         [usize::from(input.byte() % 4)];
     let origin = DVec3::splat(f64::from(input.number()).clamp(-1e7, 1e7));
     if origin.is_nan() {
-        return;
+        return 0;
     }
     let mut surface = SurfaceSettings::of_sensor(sensor, origin);
     surface.photograph = config.photometric.is_some();
     let mut scene = engine::begin(&config, origin);
     let (mut preparer, mut seen) = (Preparer::new(), Observation::empty());
+    let mut earlier = state(&*scene);
     for _ in 0..MAX_COMMANDS {
         if input.is_empty() {
             break;
@@ -39,9 +41,12 @@ pub fn train(kind: u8, mut input: Bytes) {
             }
             3 => drop(scene.learn(&seen)),
             4 => drop(scene.look_again(&seen)),
-            5 => scene = reopened(&config, &*scene),
+            5 => {
+                scene = reopened(&config, &*scene);
+                earlier = state(&*scene);
+            }
             // Lattices are added, never fused.
-            6 if !config.births.is_order_invariant() => scene = fused(&config, &*scene),
+            6 if !config.births.is_order_invariant() => scene = fused(&config, &*scene, &earlier),
             6 => {}
             _ => match input.flag() {
                 true => scene.component_elbo_mut().start(),
@@ -50,6 +55,12 @@ pub fn train(kind: u8, mut input: Bytes) {
         }
         check(&config, &*scene);
     }
+    state(&*scene).coarsened
+}
+
+fn state(scene: &dyn SceneLearner) -> SceneState {
+    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
+    state
 }
 
 fn config(kind: u8, input: &mut Bytes) -> SceneConfig {
@@ -91,10 +102,14 @@ fn reopened(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLear
     restored
 }
 
-/// The scene with a part that learnt nothing since.
-fn fused(config: &SceneConfig, scene: &dyn SceneLearner) -> Box<dyn SceneLearner> {
-    let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
-    let Some(fused) = engine::fuse(config, None, &[&state, &state]) else {
+/// The scene with a part that learnt nothing since, and with itself as it was, at a finer scale perhaps.
+fn fused(
+    config: &SceneConfig,
+    scene: &dyn SceneLearner,
+    earlier: &SceneState,
+) -> Box<dyn SceneLearner> {
+    let now = state(scene);
+    let Some(fused) = engine::fuse(config, None, &[&now, earlier]) else {
         return reopened(config, scene);
     };
     let StoredModel::Scene(fused) = read_back(StoredModel::Scene(fused), 2 * scene.frames()) else {

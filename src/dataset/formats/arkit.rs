@@ -101,7 +101,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             Err(problem) => recording.skip(&name, file.clone(), problem),
         }
     }
-    let unordered = times.windows(2).filter(|pair| pair[1] < pair[0]).count();
+    let unordered = times.array_windows().filter(|[before, here]| here < before).count();
     if unordered > 0 {
         recording.note(format!("{unordered} frames come before an earlier one; kept as listed"));
     }

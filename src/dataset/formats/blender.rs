@@ -326,7 +326,7 @@ impl ImageFolders<'_> {
             let depth_files = depth_files(&listing);
             self.listed.insert(parent.to_owned(), (listing, depth_files));
         }
-        let (listing, depth_files) = &self.listed[parent];
+        let (listing, depth_files) = self.listed.get(parent).ok_or_else(missing)?;
         let with_extension =
             IMAGE_EXTENSIONS.iter().map(|e| format!("{name}.{e}")).find(|n| listing.has_file(n));
         let color_name = match listing.has_file(name) {

@@ -17,15 +17,15 @@ pub(super) fn of_most<S, T: Copy + PartialEq, E>(
     ask: impl Fn(&S) -> Result<T, E>,
 ) -> Result<Option<T>, E> {
     let n = files.len().min(ASKED);
-    let is_asked = |at: &usize| (0..n).any(|i| i * files.len() / n == *at);
+    let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
     let (mut answers, mut error) = (Vec::new(), None);
     let mut note = |answer: Result<T, E>| match answer {
         Ok(answer) => answers.push(answer),
         Err(e) => drop(error.get_or_insert(e)),
     };
-    (0..files.len()).filter(is_asked).for_each(|at| note(ask(&files[at])));
+    files.iter().enumerate().filter(is_asked).for_each(|(_, file)| note(ask(file)));
     // Others stand in where none of these can be read: damaged images must not cost the recording.
-    let mut others = (0..files.len()).filter(|at| !is_asked(at));
+    let mut others = files.iter().enumerate().filter(|file| !is_asked(file));
     let n_votes = |answer: &T| answers.iter().filter(|other| *other == answer).count();
     let mut most: Option<T> = None;
     for answer in &answers {
@@ -33,7 +33,7 @@ pub(super) fn of_most<S, T: Copy + PartialEq, E>(
             most = Some(*answer);
         }
     }
-    match most.or_else(|| others.find_map(|at| ask(&files[at]).ok())) {
+    match most.or_else(|| others.find_map(|(_, file)| ask(file).ok())) {
         Some(answer) => Ok(Some(answer)),
         None => error.map_or(Ok(None), Err),
     }

@@ -87,8 +87,7 @@ fn number(name: &str, prefix: &str, extensions: &[&str]) -> Option<u64> {
         return None;
     }
     let digits = stem.strip_prefix(prefix)?.trim_start_matches(['_', '-']);
-    let end = digits.find(|c: char| !c.is_ascii_digit()).unwrap_or(digits.len());
-    digits[..end].parse().ok()
+    digits.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
 }
 
 #[cfg(test)]

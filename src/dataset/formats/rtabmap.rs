@@ -207,11 +207,13 @@ impl<'a> Images<'a> {
     }
 
     /// Files of the first or of the second folder.
+    #[expect(clippy::indexing_slicing, reason = "asked for 0 and 1")]
     fn sources(&self, which: usize) -> impl Iterator<Item = ByteSource> {
         let images = [&self.colors, &self.depths][which].iter();
         images.filter_map(move |(_, name)| self.path(which, name).ok())
     }
 
+    #[expect(clippy::indexing_slicing, reason = "asked for 0 and 1")]
     fn path(&self, which: usize, name: &str) -> Result<ByteSource, FrameProblem> {
         let relative = Path::new(&self.names[which]);
         Ok(self.folder.file(relative, &self.listings[which], name)?.into())
@@ -256,7 +258,7 @@ fn value(stem: &str) -> f64 {
 
 /// Images, which are in the order of their values, from a value on.
 fn from(images: &[(String, String)], least: f64) -> &[(String, String)] {
-    &images[images.partition_point(|(stem, _)| value(stem) < least)..]
+    images.split_at(images.partition_point(|(stem, _)| value(stem) < least)).1
 }
 
 /// Name of the file with a stem.

@@ -162,7 +162,7 @@ fn split_folders(
 /// was trained on.
 fn note_shared(splits: &[(String, Vec<String>)], parsed: &mut ParsedFolder) {
     for (i, (split, folders)) in splits.iter().enumerate() {
-        for (other, of_other) in &splits[i + 1..] {
+        for (other, of_other) in splits.iter().skip(i + 1) {
             let shared: Vec<_> = folders.iter().filter(|f| of_other.contains(f)).cloned().collect();
             if !shared.is_empty() {
                 let shared = shared.join(", ");

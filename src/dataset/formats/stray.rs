@@ -264,21 +264,14 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
     let mut seen = BTreeSet::new();
     for (i, line) in lines.filter(|(_, line)| !line.trim().is_empty()) {
         let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        let number = |place: usize| cells.get(places[place])?.parse::<f64>().ok();
+        let [at_time, at_frame, at_pose @ ..] = places;
+        let number = |place: usize| cells.get(place)?.parse::<f64>().ok();
         let pose = || {
-            TimedPose::new([
-                number(0)?,
-                number(2)?,
-                number(3)?,
-                number(4)?,
-                number(5)?,
-                number(6)?,
-                number(7)?,
-                number(8)?,
-            ])
+            let [x, y, z, qx, qy, qz, qw] = at_pose.map(number);
+            TimedPose::new([number(at_time)?, x?, y?, z?, qx?, qy?, qz?, qw?])
         };
         // Newer versions write frames as `000012`, older ones as 12.
-        let frame = cells.get(places[1]).and_then(|cell| cell.parse::<u64>().ok());
+        let frame = cells.get(at_frame).and_then(|cell| cell.parse::<u64>().ok());
         let Some((frame, pose)) = frame.zip(pose()) else {
             let expected = "a frame number and finite numbers of time, place and unit quaternion";
             let problem = FrameProblem::Line {
@@ -297,7 +290,8 @@ fn odometry(recording: &mut Recording) -> Result<Vec<OdometryLine>, DatasetError
             }
         }
     }
-    let unordered = found.windows(2).filter(|pair| pair[1].pose.time < pair[0].pose.time).count();
+    let unordered =
+        found.array_windows().filter(|[before, here]| here.pose.time < before.pose.time).count();
     if unordered > 0 {
         recording.note(format!("{POSES}: {unordered} times come before an earlier one; sorted"));
         found.sort_by(|a, b| a.pose.time.total_cmp(&b.pose.time));

@@ -44,7 +44,8 @@ impl Trajectory {
     /// Orders poses by time; of those of one time the first stays. Tells how many came before an
     /// earlier one and how many were left out.
     pub fn new(mut poses: Vec<TimedPose>) -> (Self, usize, usize) {
-        let unordered = poses.windows(2).filter(|pair| pair[1].time < pair[0].time).count();
+        let unordered =
+            poses.array_windows().filter(|[before, here]| here.time < before.time).count();
         let n = poses.len();
         poses.sort_by(|a, b| a.time.total_cmp(&b.time));
         poses.dedup_by(|later, first| later.time == first.time);
@@ -63,10 +64,11 @@ impl Trajectory {
     /// No pose within [`TOLERANCE`].
     pub fn at(&self, time: f64) -> Result<DMat4, FrameProblem> {
         let after = self.poses.partition_point(|pose| pose.time < time);
-        let (before, after) = (after.checked_sub(1).map(|i| self.poses[i]), self.poses.get(after));
+        let (before, after) =
+            (after.checked_sub(1).and_then(|i| self.poses.get(i)), self.poses.get(after));
         let distance =
             |pose: Option<&TimedPose>| pose.map_or(f64::INFINITY, |p| (p.time - time).abs());
-        let nearest = distance(before.as_ref()).min(distance(after));
+        let nearest = distance(before).min(distance(after));
         if nearest > TOLERANCE {
             return Err(FrameProblem::NoPoseInTime {
                 time,

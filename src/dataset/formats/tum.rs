@@ -137,7 +137,7 @@ fn images(recording: &mut Recording, list: &str) -> Result<Vec<TimedImage>, Data
             }
         }
     }
-    let unordered = found.windows(2).filter(|pair| pair[1].time < pair[0].time).count();
+    let unordered = found.array_windows().filter(|[before, here]| here.time < before.time).count();
     if unordered > 0 {
         recording.note(format!("{list}: {unordered} times come before an earlier one; sorted"));
     }

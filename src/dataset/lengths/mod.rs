@@ -12,6 +12,7 @@ pub(super) use bare::{bare_bytes, bare_floats};
 
 use super::depth::DepthCodes;
 use super::error::FrameProblem;
+pub(super) use stored::MAX_FACTOR;
 use stored::StoredDepth;
 
 type Reader = fn(&[u8]) -> Result<StoredDepth, FrameProblem>;

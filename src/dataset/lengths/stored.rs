@@ -33,8 +33,8 @@ impl StoredDepth {
 
 /// No depth image has more pixels: 67 million.
 const MAX_PIXELS: usize = 1 << 26;
-/// No packing of these files is tighter: deflate's best.
-const MAX_FACTOR: usize = 1040;
+/// No packing of these files, nor of PNG, is tighter: deflate's best.
+pub(in crate::dataset) const MAX_FACTOR: usize = 1040;
 
 /// Whether so many pixels can be in so few bytes, asked before they are allocated.
 pub(super) fn check_size(

@@ -12,7 +12,8 @@ use super::tag;
 use super::version::VERSION;
 use bytemuck::{Pod, Zeroable};
 use std::borrow::Cow;
-use std::io::{self, Write};
+use std::cmp::Ordering;
+use std::io::{self, Read, Write};
 
 /// The line ends and the high bit show damage by transfers in text mode.
 pub(super) const MAGIC: [u8; 8] = *b"\x89VBGS\r\n\x1a";
@@ -119,7 +120,7 @@ pub(super) fn write(out: &mut dyn Write, sections: &[Section]) -> io::Result<()>
     out.write_all(&head)?;
     let mut at = head.len() as u64;
     for (section, entry) in sections.iter().zip(&entries) {
-        out.write_all(&[0; ALIGNMENT as usize][..(entry.offset - at) as usize])?;
+        io::copy(&mut io::repeat(0).take(entry.offset - at), out)?;
         section.parts.iter().try_for_each(|part| out.write_all(part))?;
         at = entry.offset + entry.length;
     }
@@ -138,10 +139,10 @@ impl<'a> Container<'a> {
     pub fn parse(bytes: &'a [u8]) -> Result<Self, Defect> {
         let found = bytes.len() as u64;
         let head = size_of::<Header>();
-        if bytes.len() < head + CRC_BYTES {
+        let Some(first) = bytes.get(..head).filter(|_| bytes.len() >= head + CRC_BYTES) else {
             return Err(too_short(bytes));
-        }
-        let header: Header = bytemuck::pod_read_unaligned(&bytes[..head]);
+        };
+        let header: Header = bytemuck::pod_read_unaligned(first);
         if header.magic != MAGIC {
             return Err(wrong_magic(bytes));
         }
@@ -155,24 +156,20 @@ impl<'a> Container<'a> {
             return Err(Defect::malformed("header", expected, n.to_string()));
         }
         let table_end = head + n * size_of::<Entry>();
-        let Some(crc) = bytes.get(table_end..table_end + CRC_BYTES) else {
+        let start = bytes.get(..table_end + CRC_BYTES);
+        let Some((start, crc)) = start.and_then(|start| start.split_at_checked(table_end)) else {
             return Err(Defect::Truncated { expected: (table_end + CRC_BYTES) as u64, found });
         };
         // From here on the table's numbers are what was written, not damage.
-        if crc32fast::hash(&bytes[..table_end]).to_le_bytes() != crc {
+        if crc32fast::hash(start).to_le_bytes() != crc {
             return Err(Defect::Checksum { place: "header".into() });
         }
-        if found < header.file_bytes {
-            return Err(Defect::Truncated { expected: header.file_bytes, found });
-        }
-        if found > header.file_bytes {
-            let expected = format!("{} bytes", header.file_bytes);
-            return Err(Defect::malformed("header", expected, found.to_string()));
-        }
+        check_length(header.file_bytes, found)?;
         let version = (header.major, header.minor);
         let mut sections = reserved(n).map_err(Defect::Memory)?;
         let mut end = table_end + CRC_BYTES;
-        for entry in bytes[head..table_end].chunks_exact(size_of::<Entry>()) {
+        let table = start.get(head..).unwrap_or_default();
+        for entry in table.chunks_exact(size_of::<Entry>()) {
             let entry: Entry = bytemuck::pod_read_unaligned(entry);
             let content = locate(bytes, &entry, end)?;
             end = entry.offset as usize + content.len();
@@ -203,6 +200,18 @@ impl<'a> Container<'a> {
     }
 }
 
+/// Neither cut short nor with anything behind.
+fn check_length(expected: u64, found: u64) -> Result<(), Defect> {
+    match found.cmp(&expected) {
+        Ordering::Less => Err(Defect::Truncated { expected, found }),
+        Ordering::Equal => Ok(()),
+        Ordering::Greater => {
+            let expected = format!("{expected} bytes");
+            Err(Defect::malformed("header", expected, found.to_string()))
+        }
+    }
+}
+
 /// Bytes of a section that must begin at or after `end`, with nothing but zeros between.
 fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], Defect> {
     let refuse = |expected: &str, found: String| {
@@ -210,7 +219,8 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
     };
     let range = usize::try_from(entry.offset).ok().zip(usize::try_from(entry.length).ok());
     let range = range.and_then(|(start, length)| Some(start..start.checked_add(length)?));
-    let Some(range) = range.filter(|range| range.end <= bytes.len()) else {
+    let content = range.and_then(|range| Some((bytes.get(range.clone())?, range.start)));
+    let Some((content, start)) = content else {
         let found = format!("{} bytes from {}", entry.length, entry.offset);
         return refuse(&format!("a place within the file's {} bytes", bytes.len()), found);
     };
@@ -218,28 +228,30 @@ fn locate<'a>(bytes: &'a [u8], entry: &Entry, end: usize) -> Result<&'a [u8], De
         return refuse(&format!("an offset divisible by {ALIGNMENT}"), entry.offset.to_string());
     }
     // Sections that overlap could be read as two things at once.
-    if range.start < end {
+    if start < end {
         return refuse(&format!("an offset of {end} or more"), entry.offset.to_string());
     }
     // Bytes between sections could hold anything, unseen by any checksum.
-    if range.start - end >= ALIGNMENT as usize || bytes[end..range.start].iter().any(|&b| b != 0) {
+    let is_padding =
+        |gap: &[u8]| gap.len() < ALIGNMENT as usize && gap.iter().all(|&byte| byte == 0);
+    if !bytes.get(end..start).is_some_and(is_padding) {
         return refuse("zeros up to the next multiple of 64 before it", "something else".into());
     }
     let size = ElementType::of_code(entry.element).map_or(1, ElementType::size);
-    if !range.len().is_multiple_of(size) {
+    if !content.len().is_multiple_of(size) {
         return refuse(
             &format!("whole elements of {size} bytes"),
-            format!("{} bytes", range.len()),
+            format!("{} bytes", content.len()),
         );
     }
     if entry.reserved != 0 {
         return refuse("0 in the reserved field", entry.reserved.to_string());
     }
-    Ok(&bytes[range])
+    Ok(content)
 }
 
 fn too_short(bytes: &[u8]) -> Defect {
-    let is_start = !bytes.is_empty() && bytes[..bytes.len().min(8)] == MAGIC[..bytes.len().min(8)];
+    let is_start = !bytes.is_empty() && bytes.iter().zip(&MAGIC).all(|(a, b)| a == b);
     if is_start {
         let expected = (size_of::<Header>() + CRC_BYTES) as u64;
         return Defect::Truncated { expected, found: bytes.len() as u64 };
@@ -251,7 +263,7 @@ fn wrong_magic(bytes: &[u8]) -> Defect {
     if is_text_damaged(bytes) {
         return Defect::TextMode;
     }
-    let start = String::from_utf8_lossy(&bytes[..bytes.len().min(16)]);
+    let start = String::from_utf8_lossy(bytes.get(..16).unwrap_or(bytes));
     let found = match bytes {
         [] => "an empty file".to_owned(),
         _ if bytes.starts_with(b"ply") => "a PLY file".to_owned(),

@@ -114,8 +114,9 @@ impl<'a> Column<'a> {
     /// The first `N` components of a row; the type has at least that many.
     pub fn get<const N: usize>(&self, row: usize) -> [f64; N] {
         let size = component_size(self.component);
-        let row = &self.bytes[row * self.stride..];
-        std::array::from_fn(|i| self.component(&row[i * size..][..size]))
+        let row = self.bytes.get(row * self.stride..).unwrap_or_default();
+        let bytes = |i: usize| row.get(i * size..(i + 1) * size).unwrap_or_default();
+        std::array::from_fn(|i| self.component(bytes(i)))
     }
 
     fn component(&self, bytes: &[u8]) -> f64 {

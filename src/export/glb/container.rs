@@ -25,7 +25,7 @@ pub(super) fn write_start(out: &mut dyn Write, json: &str, bin_length: u64) -> i
     }
     out.write_all(json.as_bytes())?;
     // Spaces after JSON, as glTF asks for. BIN needs no zeros: rows are multiples of 4.
-    out.write_all(&b"   "[..padded - json.len()])?;
+    (json.len()..padded).try_for_each(|_| out.write_all(b" "))?;
     out.write_all(&(bin_length as u32).to_le_bytes())?;
     out.write_all(&BIN.to_le_bytes())
 }
@@ -64,7 +64,7 @@ fn chunk<'a>(
         let found = format!("{found:#010x}");
         return Err(Fault::malformed(place, format!("chunk type {kind:#010x}"), found));
     }
-    let content = &bytes[start + 8..];
+    let content = bytes.get(start + 8..).unwrap_or_default();
     match content.get(..length) {
         Some(content) if length.is_multiple_of(4) => Ok((content, start + 8 + length)),
         Some(_) => Err(Fault::malformed(place, "a multiple of 4", format!("{length} bytes"))),

@@ -4,6 +4,7 @@
 mod accessor;
 mod container;
 mod import;
+#[expect(clippy::indexing_slicing, reason = "writes a mesh, counted by its own lists")]
 pub(super) mod mesh;
 mod nodes;
 pub(super) mod read;

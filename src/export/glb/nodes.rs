@@ -25,11 +25,12 @@ pub(super) fn placed_meshes(root: &Root) -> Result<Vec<(Placement, usize)>, Faul
     // A stack, not recursion: a file may nest nodes as deep as it is long.
     while let Some((index, scene_from_parent)) = stack.pop() {
         let place = || format!("node {index}");
-        let node = root.nodes.get(index).ok_or_else(|| {
-            Fault::malformed(place(), "a node of that number", format!("{} nodes", seen.len()))
-        })?;
+        let (Some(node), Some(is_seen)) = (root.nodes.get(index), seen.get_mut(index)) else {
+            let found = format!("{} nodes", root.nodes.len());
+            return Err(Fault::malformed(place(), "a node of that number", found));
+        };
         // A node reached twice is a cycle or a lattice; following it may never end.
-        if std::mem::replace(&mut seen[index], true) {
+        if std::mem::replace(is_seen, true) {
             return Err(Fault::malformed(place(), "a tree of nodes", "a node with two parents"));
         }
         let scene_from_node = scene_from_parent * local_matrix(node);
@@ -54,7 +55,8 @@ fn start_nodes(root: &Root) -> Result<Vec<usize>, Fault> {
                     *flag = true;
                 }
             }
-            Ok((0..root.nodes.len()).filter(|&node| !is_child[node]).collect())
+            let roots = is_child.iter().enumerate().filter(|(_, is_child)| !**is_child);
+            Ok(roots.map(|(node, _)| node).collect())
         }
         None => {
             let found = format!("{} scenes", root.scenes.len());

@@ -1,6 +1,6 @@
 //! From the bytes of a GLB or `.gltf` to its JSON and buffers.
 
-use super::schema::Root;
+use super::schema::{Buffer, Root};
 use super::{EXTENSION, container, import, uri};
 use crate::export::error::{Fault, shorten};
 use crate::export::imported::Imported;
@@ -64,20 +64,19 @@ fn document(
         });
     }
     let mut buffers = Vec::with_capacity(root.buffers.len());
-    for index in 0..root.buffers.len() {
-        buffers.push(buffer(&root, index, bin, folder)?);
+    for (index, declared) in root.buffers.iter().enumerate() {
+        buffers.push(buffer(declared, index, bin, folder)?);
     }
     import::model(&root, &buffers, max_splats)
 }
 
 fn buffer<'a>(
-    root: &Root,
+    declared: &Buffer,
     index: usize,
     bin: Option<&'a [u8]>,
     folder: &Path,
 ) -> Result<Cow<'a, [u8]>, Fault> {
     let place = format!("buffer {index}");
-    let declared = &root.buffers[index];
     let length = declared.byte_length;
     let mut bytes = match (&declared.uri, bin) {
         (Some(uri), _) => Cow::Owned(uri::load(uri, length, folder, &place)?),
@@ -90,7 +89,7 @@ fn buffer<'a>(
     }
     // The BIN chunk may be padded, a file longer: nothing behind byteLength belongs to the buffer.
     match &mut bytes {
-        Cow::Borrowed(slice) => *slice = &slice[..length],
+        Cow::Borrowed(slice) => *slice = slice.get(..length).unwrap_or(slice),
         Cow::Owned(vec) => vec.truncate(length),
     }
     Ok(bytes)

@@ -79,7 +79,7 @@ fn decode_base64(text: &str) -> Option<Vec<u8>> {
             return None; // one digit holds less than a byte
         }
         let aligned = bits << (32 - 6 * group.len());
-        bytes.extend_from_slice(&aligned.to_be_bytes()[..n_bytes]);
+        bytes.extend(aligned.to_be_bytes().into_iter().take(n_bytes));
     }
     Some(bytes)
 }

@@ -76,6 +76,7 @@ const DEGREE_1: [Column; 3] = [
     Column::floats(SH_1[2], "VEC3", 3, |g, row| put_degree_1(g, 2, row)),
 ];
 
+#[expect(clippy::indexing_slicing, reason = "called for 0, 1 and 2")]
 fn put_degree_1(splat: &Gaussian, coefficient: usize, row: &mut Vec<u8>) {
     put_floats(row, &harmonics::of_directional(splat.directional)[coefficient].to_array());
 }

@@ -28,7 +28,7 @@ impl<'a> Body<'a> {
             return Ok(());
         }
         if let (Some(row), false) = (row_size(element), self.encoding == Encoding::Ascii) {
-            self.rest = &self.rest[self.checked_size(element, row)?..];
+            self.rest = self.rest.get(self.checked_size(element, row)?..).unwrap_or_default();
             return Ok(());
         }
         // Each row takes at least one byte, so a false count ends at the end of the file.
@@ -106,11 +106,7 @@ impl<'a> Body<'a> {
     fn value(&mut self, kind: Scalar) -> Result<f64, Found> {
         match self.encoding {
             Encoding::Ascii => self.token(),
-            Encoding::LittleEndian => self.binary(kind, |bytes| bytes),
-            Encoding::BigEndian => self.binary(kind, |mut bytes| {
-                bytes[..kind.size()].reverse();
-                bytes
-            }),
+            Encoding::LittleEndian | Encoding::BigEndian => self.binary(kind),
         }
     }
 
@@ -126,13 +122,17 @@ impl<'a> Body<'a> {
         number.ok_or_else(|| format!("\"{}\"", shorten(&String::from_utf8_lossy(token))))
     }
 
-    /// The next binary value; `order` turns its bytes little-endian.
-    fn binary(&mut self, kind: Scalar, order: impl Fn([u8; 8]) -> [u8; 8]) -> Result<f64, Found> {
+    /// The next binary value.
+    fn binary(&mut self, kind: Scalar) -> Result<f64, Found> {
         let (value, rest) = self.rest.split_at_checked(kind.size()).ok_or_else(end_of_file)?;
         self.rest = rest;
         let mut bytes = [0; 8];
-        bytes[..value.len()].copy_from_slice(value);
-        let bits = u64::from_le_bytes(order(bytes));
+        let places = bytes.iter_mut();
+        match self.encoding == Encoding::BigEndian {
+            true => places.zip(value.iter().rev()).for_each(|(to, from)| *to = *from),
+            false => places.zip(value).for_each(|(to, from)| *to = *from),
+        }
+        let bits = u64::from_le_bytes(bytes);
         Ok(match kind {
             Scalar::I8 => f64::from(bits as i8),
             Scalar::U8 => f64::from(bits as u8),
@@ -144,6 +144,12 @@ impl<'a> Body<'a> {
             Scalar::F64 => f64::from_bits(bits),
         })
     }
+}
+
+/// What stands in some columns of a row, which were found among its properties.
+#[expect(clippy::indexing_slicing, reason = "a row has a value for every property")]
+pub(super) fn pick<const N: usize>(values: &[f64], columns: [usize; N]) -> [f64; N] {
+    columns.map(|column| values[column])
 }
 
 /// Bytes of a binary row, if it has no lists.

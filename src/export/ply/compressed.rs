@@ -3,7 +3,7 @@
 //! element of their own.
 
 use super::N_REST_DEGREE_1;
-use super::body::Body;
+use super::body::{Body, pick};
 use super::header::{PlyElement, PlyHeader};
 use crate::export::error::{Fault, reserved};
 use crate::export::gaussian::Gaussian;
@@ -49,8 +49,8 @@ pub(super) fn read(
         return Err(Fault::malformed("element sh", expected, sh.n_rows.to_string()));
     }
     let mut rows = Rows::with_room(n)?;
-    for i in 0..n {
-        let extremes = &chunks.rows[i / CHUNK_SPLATS];
+    let extremes = chunks.rows.iter().flat_map(|chunk| std::iter::repeat_n(chunk, CHUNK_SPLATS));
+    for (i, extremes) in (0..n).zip(extremes) {
         let [position, rotation, scale, color] = words.row(i)?;
         let [r, g, b, opacity] = shares(color, [8, 8, 8, 8]);
         let rotation = rows.rotation(smallest_three(rotation));
@@ -118,7 +118,7 @@ impl Chunks {
         let mut values = vec![0.0; element.properties.len()];
         for row in 0..n {
             body.read_row(element, row, &mut values)?;
-            let vector = |columns: [usize; 3]| DVec3::from_array(columns.map(|c| values[c]));
+            let vector = |columns: [usize; 3]| DVec3::from_array(pick(&values, columns));
             let of = |[min, max]: [[usize; 3]; 2]| Between { min: vector(min), max: vector(max) };
             let unit = Between { min: DVec3::ZERO, max: DVec3::ONE };
             let color = color.map_or(unit, of);
@@ -156,7 +156,7 @@ impl<'a> Words<'a> {
     /// Position, rotation, scale and colour of the next row, which is number `i`.
     fn row(&mut self, i: usize) -> Result<[u32; 4], Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
-        Ok(self.columns.map(|c| self.values[c] as u32))
+        Ok(pick(&self.values, self.columns).map(|word| word as u32))
     }
 }
 
@@ -190,12 +190,13 @@ impl<'a> Harmonics<'a> {
     /// The change of colour with the direction of the next row, which is number `i`.
     fn directional(&mut self, i: usize) -> Result<DMat3, Fault> {
         self.body.read_row(self.element, i, &mut self.values)?;
-        let value = |column: usize| match self.values[column] {
+        let value = |byte: f64| match byte {
             0.0 => -SH_RANGE,
             255.0 => SH_RANGE,
             byte => ((byte + 0.5) / 256.0 - 0.5) * 2.0 * SH_RANGE,
         };
-        let vector = |columns: [usize; 3]| DVec3::from_array(columns.map(value));
+        let vector =
+            |columns: [usize; 3]| DVec3::from_array(pick(&self.values, columns).map(value));
         Ok(harmonics::to_directional(self.degree_1.map(vector)))
     }
 

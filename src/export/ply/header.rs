@@ -200,16 +200,17 @@ impl Line<'_> {
 
 /// The line at `offset`, without its end; moves `offset` behind it.
 fn next_line<'a>(bytes: &'a [u8], offset: &mut usize) -> Result<std::borrow::Cow<'a, str>, Fault> {
-    let searched = &bytes[*offset..bytes.len().min(MAX_HEADER_BYTES).max(*offset)];
-    let Some(length) = searched.iter().position(|&b| b == b'\n') else {
+    let end = bytes.len().min(MAX_HEADER_BYTES).max(*offset);
+    let searched = bytes.get(*offset..end).unwrap_or_default();
+    let mut parts = searched.splitn(2, |&b| b == b'\n');
+    let (Some(line), Some(_)) = (parts.next(), parts.next()) else {
         let found = match bytes.len() > MAX_HEADER_BYTES {
             true => format!("no end within {MAX_HEADER_BYTES} bytes"),
             false => "the end of the file".to_owned(),
         };
         return Err(Fault::malformed("header", "a line \"end_header\"", found));
     };
-    *offset += length + 1;
-    let line = &searched[..length];
+    *offset += line.len() + 1;
     // Comments come in any encoding; none may keep a model from being read.
     Ok(String::from_utf8_lossy(line.strip_suffix(b"\r").unwrap_or(line)))
 }

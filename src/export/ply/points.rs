@@ -43,6 +43,7 @@ pub(in crate::export) fn points(
     // Cameras stand in the model's world, so normals and colours are found there.
     let (cameras, confidence) = (options.camera_centres, options.confidence);
     let (uncertainty, unit) = (options.selection.uncertainty, options.unit_scale);
+    let of = |list: &[f64], i: usize| list.get(source.splat_of(i)).copied().unwrap_or(f64::NAN);
     write_rows(out, source.n_rows(), steps, |i, row| {
         let point = source.in_world(i);
         put_floats(row, &source.row(i).mean.to_array());
@@ -54,10 +55,10 @@ pub(in crate::export) fn points(
         let color = camera.map_or(point.color, |camera| point.color_from(camera));
         row.extend_from_slice(&color.to_array().map(|c| unit_to_byte(c as f32)));
         if let Some(confidence) = confidence {
-            put_floats(row, &[confidence[source.splat_of(i)]]);
+            put_floats(row, &[of(confidence, i)]);
         }
         if let Some(uncertainty) = uncertainty {
-            put_floats(row, &[uncertainty[source.splat_of(i)] * unit]);
+            put_floats(row, &[of(uncertainty, i) * unit]);
         }
     })
 }
@@ -68,6 +69,7 @@ fn nearest(point: DVec3, camera_centres: &[DVec3]) -> Option<DVec3> {
 }
 
 /// The axis along which the splat is thinnest, on the side of a camera.
+#[expect(clippy::indexing_slicing, reason = "one of three axes")]
 fn normal(splat: &Gaussian, camera: DVec3) -> DVec3 {
     let axis = splat.rotation * DVec3::AXES[splat.scale.min_position()];
     if axis.dot(camera - splat.mean) < 0.0 { -axis } else { axis }

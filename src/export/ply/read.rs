@@ -5,7 +5,7 @@
 //! called.
 
 use super::N_REST_DEGREE_1;
-use super::body::Body;
+use super::body::{Body, pick};
 use super::compressed;
 use super::header::{Kind, PlyElement, PlyHeader};
 use crate::export::error::{Fault, shorten};
@@ -24,7 +24,7 @@ const MAX_DEGREE: usize = 4;
 /// Reads the model in a PLY of at most `max_splats` vertices.
 pub(in crate::export) fn ply(bytes: &[u8], max_splats: usize) -> Result<Imported, Fault> {
     let header = PlyHeader::parse(bytes)?;
-    let mut body = Body::new(header.encoding, &bytes[header.body_offset..]);
+    let mut body = Body::new(header.encoding, bytes.get(header.body_offset..).unwrap_or_default());
     if header.elements.iter().any(|element| element.name == compressed::CHUNK) {
         return compressed::read(body, header, max_splats);
     }
@@ -162,7 +162,7 @@ impl Layout {
 
     /// A row's values as a splat.
     fn decode(&self, values: &[f64], rows: &mut Rows) -> Gaussian {
-        let vector = |columns: [usize; 3]| DVec3::from_array(columns.map(|c| values[c]));
+        let vector = |columns: [usize; 3]| DVec3::from_array(pick(values, columns));
         let point = Gaussian {
             mean: vector(self.mean),
             opacity: 1.0,
@@ -178,9 +178,9 @@ impl Layout {
         match &self.shape {
             None => point,
             Some(shape) => Gaussian {
-                opacity: sigmoid(values[shape.opacity]),
+                opacity: sigmoid(pick(values, [shape.opacity])[0]),
                 scale: shape.scale(values),
-                rotation: rows.rotation(shape.rotation.map(|c| values[c])),
+                rotation: rows.rotation(pick(values, shape.rotation)),
                 directional: shape.degree_1.map_or(DMat3::ZERO, |coefficients| {
                     harmonics::to_directional(coefficients.map(vector))
                 }),
@@ -192,8 +192,9 @@ impl Layout {
 
 impl Shape {
     fn scale(&self, values: &[f64]) -> DVec3 {
-        let [s0, s1] = self.scale.map(|c| values[c].exp());
-        DVec3::new(s0, s1, self.scale_2.map_or(FLATNESS * s0.max(s1), |c| values[c].exp()))
+        let [s0, s1] = pick(values, self.scale).map(f64::exp);
+        let s2 = self.scale_2.map(|column| pick(values, [column])[0].exp());
+        DVec3::new(s0, s1, s2.unwrap_or(FLATNESS * s0.max(s1)))
     }
 }
 
@@ -207,9 +208,9 @@ impl Color {
             return Ok(Color::None);
         }
         let found = columns.need(["red", "green", "blue"])?;
-        let full = found.map(|c| match columns.element.properties[c].kind {
-            Kind::Scalar(kind) => kind.full_channel(),
-            Kind::List { .. } => 1.0,
+        let full = found.map(|c| match columns.element.properties.get(c).map(|p| &p.kind) {
+            Some(Kind::Scalar(kind)) => kind.full_channel(),
+            _ => 1.0,
         });
         Ok(Color::Rgb { columns: found, full: DVec3::from_array(full) })
     }

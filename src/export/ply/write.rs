@@ -57,6 +57,10 @@ impl PlyLayout {
         write_rows(out, rows.n_rows(), steps, |i, row| self.encode_row(row, &rows.row(i)))
     }
 
+    #[expect(
+        clippy::indexing_slicing,
+        reason = "channels are three, and rests no longer than that"
+    )]
     fn encode_row(&self, row: &mut Vec<u8>, gaussian: &Gaussian) {
         let mut put = |values: &[f64]| put_floats(row, values);
         put(&gaussian.mean.to_array());

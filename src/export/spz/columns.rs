@@ -31,16 +31,15 @@ pub(super) const HEADER_BYTES: usize = 16;
 impl SpzHeader {
     /// From the first 16 bytes of a file, or of what its gzip holds.
     pub fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Self, Fault> {
-        let word = |at: usize| {
-            u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
-        };
-        let [degree, fraction_bits, flags, n_streams] = [12, 13, 14, 15].map(|i| bytes[i]);
-        let version = word(4);
-        let header = Self { version, n_splats: word(8), degree, fraction_bits, flags, n_streams };
+        let &[magic @ .., v0, v1, v2, v3, n0, n1, n2, n3, degree, fraction_bits, flags, n_streams] =
+            bytes;
+        let version = u32::from_le_bytes([v0, v1, v2, v3]);
+        let n_splats = u32::from_le_bytes([n0, n1, n2, n3]);
+        let header = Self { version, n_splats, degree, fraction_bits, flags, n_streams };
         let fault =
             |expected: String, found: String| Err(Fault::malformed(HEADER, expected, found));
-        if !bytes.starts_with(MAGIC) {
-            return fault("\"NGSP\" at its start".into(), format!("{:02x?}", &bytes[..4]));
+        if magic != MAGIC {
+            return fault("\"NGSP\" at its start".into(), format!("{magic:02x?}"));
         }
         if !(1..=4).contains(&version) {
             return Err(Fault::Unsupported {

@@ -77,8 +77,9 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
     let table = Table::parse(bytes, &header)?;
     let mut columns: [Vec<u8>; 6] = Default::default();
     let mut rest = table.streams;
-    for (i, (packed, unpacked)) in table.entries.into_iter().enumerate() {
-        let (name, needed) = (COLUMN_NAMES[i], header.n_splats as usize * header.widths()[i]);
+    let named = header.widths().into_iter().zip(COLUMN_NAMES).zip(&mut columns);
+    for ((packed, unpacked), ((width, name), column)) in table.entries.into_iter().zip(named) {
+        let needed = header.n_splats as usize * width;
         if unpacked != needed as u64 {
             let expected = format!("{needed} bytes for {} splats", header.n_splats);
             return Err(Fault::malformed(format!("SPZ {name}"), expected, unpacked.to_string()));
@@ -90,7 +91,7 @@ fn streams(bytes: &[u8], max_splats: usize) -> Result<Unpacked, Fault> {
             return Err(Fault::malformed(format!("SPZ {name}"), expected, found));
         };
         rest = behind;
-        columns[i] = zstandard(stream, needed, name)?;
+        *column = zstandard(stream, needed, name)?;
     }
     Ok(Unpacked { header, columns })
 }
@@ -113,8 +114,9 @@ impl<'a> Table<'a> {
             Some(&[a, b, c, d]) => u32::from_le_bytes([a, b, c, d]) as usize,
             _ => return Err(Fault::malformed(HEADER, "32 bytes", format!("{}", bytes.len()))),
         };
-        let end = start.saturating_add(n * ENTRY_BYTES);
-        let (Some(table), true) = (bytes.get(start..end), start >= NGSP_BYTES) else {
+        let behind = bytes.get(start..).filter(|_| start >= NGSP_BYTES);
+        let split = behind.and_then(|behind| behind.split_at_checked(n * ENTRY_BYTES));
+        let Some((table, streams)) = split else {
             let expected = format!("a table of {} bytes behind byte {NGSP_BYTES}", n * ENTRY_BYTES);
             let found = format!("byte {start} of {}", bytes.len());
             return Err(Fault::malformed(HEADER, expected, found));
@@ -122,7 +124,7 @@ impl<'a> Table<'a> {
         let (words, _) = table.as_chunks::<8>();
         let entries = words.as_chunks::<2>().0.iter();
         let entries = entries.map(|&[a, b]| (u64::from_le_bytes(a), u64::from_le_bytes(b)));
-        Ok(Self { entries: entries.collect(), streams: &bytes[end..] })
+        Ok(Self { entries: entries.collect(), streams })
     }
 }
 

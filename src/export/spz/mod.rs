@@ -4,6 +4,8 @@
 
 mod columns;
 mod container;
+#[expect(clippy::indexing_slicing, reason = "places among four, of two bits each")]
 mod quantise;
 pub(super) mod read;
+#[expect(clippy::indexing_slicing, reason = "writes splats in an order of their own numbers")]
 pub(super) mod write;

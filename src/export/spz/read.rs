@@ -67,14 +67,15 @@ fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
     let directional = match header.n_coefficients() {
         0 => DMat3::ZERO,
         n => {
-            let coefficients = &harmonics[i * 3 * n..];
+            let coefficients = harmonics.get(i * 3 * n..).unwrap_or_default();
             let of = |k: usize| DVec3::from_array(row(coefficients, k).map(coefficient));
             harmonics::to_directional([of(0), of(1), of(2)])
         }
     };
+    let [opacity] = row(opacities, i);
     Gaussian {
         mean: DVec3::from_array(mean),
-        opacity: f64::from(opacities[i]) / 255.0,
+        opacity: f64::from(opacity) / 255.0,
         color: color(row(colors, i)),
         scale: scale(row(scales, i)),
         rotation: rows.rotation(rotation),
@@ -84,5 +85,5 @@ fn splat(file: &Unpacked, i: usize, rows: &mut Rows) -> Gaussian {
 
 /// Row `i` of a column that has as many rows as the file has splats.
 fn row<const N: usize>(column: &[u8], i: usize) -> [u8; N] {
-    std::array::from_fn(|k| column[i * N + k])
+    column.as_chunks().0.get(i).copied().unwrap_or([0; N])
 }

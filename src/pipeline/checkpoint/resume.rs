@@ -48,7 +48,7 @@ impl SavedRun {
         if let Some(difference) = meta.fingerprint.difference(&found).filter(|_| !force) {
             return Err(RunError::OtherDataset { path, difference });
         }
-        let n_frames = dataset.splits[plan.split].frames.len();
+        let n_frames = dataset.splits.get(plan.split).map_or(0, |split| split.frames.len());
         let expected = cursor.visited.iter().max().map_or(0, |&last| last as usize + 1);
         if expected > n_frames {
             return Err(RunError::TooFewFrames { path, expected, found: n_frames });

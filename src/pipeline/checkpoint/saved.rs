@@ -69,7 +69,8 @@ impl SavedRun {
     pub(super) fn most_visits(&self) -> (u32, usize) {
         let mut visited = self.content.cursor.visited.clone();
         visited.sort_unstable();
-        let runs = visited.chunk_by(|a, b| a == b).map(|run| (run[0], run.len()));
+        let runs =
+            visited.chunk_by(|a, b| a == b).filter_map(|run| Some((*run.first()?, run.len())));
         runs.max_by_key(|run| run.1).unwrap_or_default()
     }
 

@@ -46,7 +46,7 @@ impl Session {
             cursor: Cursor {
                 frames: self.learner().frames(),
                 points: past.points,
-                visited: plan.frames[..past.visited].iter().map(|&frame| frame as u32).collect(),
+                visited: plan.frames.iter().take(past.visited).map(|&frame| frame as u32).collect(),
             },
             model: self.learner().stored(),
         }

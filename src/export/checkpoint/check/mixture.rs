@@ -40,9 +40,9 @@ const SLACK_QUANTA: f64 = (1u64 << 24) as f64;
 
 /// Weights, means and statistics.
 pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
-    if let Some(k) = model.alpha_init.iter().position(|a| !(a.is_finite() && *a > 0.0)) {
-        let expected = "a positive number";
-        return Err(value(tag::ALPHA, k, "alpha", expected, model.alpha_init[k]));
+    let is_wild = |(_, a): &(usize, &f64)| !(a.is_finite() && **a > 0.0);
+    if let Some((k, &alpha)) = model.alpha_init.iter().enumerate().find(is_wild) {
+        return Err(value(tag::ALPHA, k, "alpha", "a positive number", alpha));
     }
     match &model.means {
         InitialMeans::F32 { space, color } => means(space, color)?,
@@ -54,9 +54,11 @@ pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
             let mut carries = carries.iter().peekable();
             rows.iter().enumerate().try_for_each(|(k, row)| {
                 let limbs = carries.next_if(|carry| carry.id as usize == k).map(|c| c.limbs);
-                let limbs = limbs.unwrap_or([0; N_SUMS]);
-                let sum = |i: usize| f64::from(limbs[i]) * 2f64.powi(64) + row[i] as f64;
-                sums(k, std::array::from_fn(sum), SLACK, SLACK_QUANTA)
+                let mut of_row = row.map(|v| v as f64);
+                for (sum, limb) in of_row.iter_mut().zip(limbs.unwrap_or([0; N_SUMS])) {
+                    *sum += f64::from(limb) * 2f64.powi(64);
+                }
+                sums(k, of_row, SLACK, SLACK_QUANTA)
             })
         }
         Totals::Fixed128(rows) => rows
@@ -72,10 +74,10 @@ pub(in super::super) fn mixture(model: &ModelState) -> Result<(), Defect> {
 
 fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
     for (rows, axes) in [(space, AXES), (color, CHANNELS)] {
-        let wild = |v: &T| !v.to_f64().is_finite();
-        if let Some(at) = rows.as_flattened().iter().position(wild) {
-            let found = rows[at / 3][at % 3].to_f64();
-            return Err(value(tag::MEANS, at / 3, axes[at % 3], "a finite number", found));
+        let numbers = rows.as_flattened().iter().map(|v| v.to_f64()).enumerate();
+        let mut wild = numbers.zip(axes.into_iter().cycle()).filter(|((_, v), _)| !v.is_finite());
+        if let Some(((at, found), axis)) = wild.next() {
+            return Err(value(tag::MEANS, at / 3, axis, "a finite number", found));
         }
     }
     Ok(())
@@ -84,6 +86,7 @@ fn means<T: Real>(space: &[[T; 3]], color: &[[T; 3]]) -> Result<(), Defect> {
 /// Sums of one component: finite, no negative count, second moments of a positive semi-definite
 /// matrix as far as pairs of axes tell.
 #[inline]
+#[expect(clippy::indexing_slicing, reason = "the tables hold places among the sums")]
 fn sums(k: usize, row: [f64; N_SUMS], slack: f64, slack_abs: f64) -> Result<(), Defect> {
     // By pairs only: a test of eigenvalues would refuse what rounding leaves indefinite where
     // points are few (`model.md`, Posterior).
@@ -99,6 +102,7 @@ fn sums(k: usize, row: [f64; N_SUMS], slack: f64, slack_abs: f64) -> Result<(), 
 }
 
 #[cold]
+#[expect(clippy::indexing_slicing, reason = "places of the tables, or found among the sums")]
 fn first_unsound(
     k: usize,
     row: [f64; N_SUMS],

@@ -27,9 +27,9 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
         let found = format!("{:?}", state.origin);
         return Err(Defect::malformed(tag_text(tag::ORIGIN), "finite numbers", found));
     }
-    if let Some(at) = state.seeds.as_flattened().iter().position(|x| !x.is_finite()) {
-        let found = f64::from(state.seeds[at / 3][at % 3]);
-        return Err(value(tag::SEEDS, at / 3, AXES[at % 3], "a finite number", found));
+    let numbers = state.seeds.as_flattened().iter().enumerate().zip(AXES.into_iter().cycle());
+    if let Some(((at, &found), axis)) = numbers.into_iter().find(|((_, x), _)| !x.is_finite()) {
+        return Err(value(tag::SEEDS, at / 3, axis, "a finite number", found.into()));
     }
     for (at, frame) in state.exposures.iter().enumerate() {
         viewpoint(tag::EXPOSURES, at, &frame.viewpoint)?;
@@ -43,9 +43,9 @@ pub(in super::super) fn scene(state: &SceneState) -> Result<(), Defect> {
             return Err(value(tag::POSES, at, "correction", "a finite number", found));
         }
     }
-    let unplaced = state.trajectory.iter().position(|tracked| tracked.pose().is_none());
-    if let Some(at) = unplaced {
-        let found = state.trajectory[at].rotation[3];
+    let mut tracked = state.trajectory.iter().enumerate();
+    if let Some((at, unplaced)) = tracked.find(|(_, tracked)| tracked.pose().is_none()) {
+        let found = unplaced.rotation[3];
         return Err(value(tag::TRAJECTORY, at, "rotation", "a unit quaternion", found));
     }
     if let Some(photometric) = &state.photometric {
@@ -81,14 +81,20 @@ fn viewpoint(tag: [u8; 4], at: usize, viewpoint: &Viewpoint) -> Result<(), Defec
 
 /// Splats that a renderer can draw, and precisions that are some.
 fn photometric(state: &PhotometricState) -> Result<(), Defect> {
-    for (at, splat) in state.splats.iter().enumerate().filter(|(_, splat)| splat.opacity != 0.0) {
-        if !(splat.is_drawable() && state.appearance[at].is_valid()) {
+    let looks = state.splats.iter().zip(&state.appearance);
+    let precisions = state.form.iter().zip(&state.color);
+    let all = looks.zip(precisions).enumerate();
+    for (at, ((splat, appearance), (form, color))) in
+        all.filter(|(_, ((s, _), _))| s.opacity != 0.0)
+    {
+        if !(splat.is_drawable() && appearance.is_valid()) {
             let found = f64::from(splat.opacity);
             return Err(value(tag::PHOTO_SPLATS, at, "splat", "one that can be drawn", found));
         }
-        let form = (0..N_FORM).map(|i| state.form[at][i * (i + 3) / 2]);
-        let color = (0..N_COLOR).map(|i| state.color[at][i * (i + 3) / 2]);
-        if let Some(found) = form.chain(color).find(|x| !(*x > 0.0 && x.is_finite())) {
+        // The diagonals of lower triangles.
+        let form = (0..N_FORM).filter_map(|i| form.get(i * (i + 3) / 2));
+        let color = (0..N_COLOR).filter_map(|i| color.get(i * (i + 3) / 2));
+        if let Some(found) = form.chain(color).copied().find(|x| !(*x > 0.0 && x.is_finite())) {
             let expected = "a positive number";
             return Err(value(tag::PHOTO_FORM, at, "precision", expected, f64::from(found)));
         }
@@ -119,6 +125,7 @@ fn narrow(k: usize, row: &[f64; N_SUMS]) -> Result<(), Defect> {
 }
 
 /// Ids ascend, sums are whole quanta of many points, and the rows they stand for are empty.
+#[expect(clippy::indexing_slicing, reason = "ids are those of rows, and places those of sums")]
 fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
     ascending(tag::WIDE_IDS, wide.iter().map(|row| row.id), rows.len())?;
     for row in wide {
@@ -146,6 +153,7 @@ fn wide_rows(wide: &[WideRow], rows: &[[i32; N_SUMS]]) -> Result<(), Defect> {
 /// Sums of one component: finite, of no negative count, of terms within their bounds, second moments
 /// of positive semi-definite matrices as far as pairs of axes tell.
 #[inline]
+#[expect(clippy::indexing_slicing, reason = "the table holds places among the sums")]
 fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(), Defect> {
     let n = row[0];
     let most = MAX_TERM * n * (1.0 + slack.relative);
@@ -160,6 +168,7 @@ fn sums(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack) -> Result<(),
 }
 
 #[cold]
+#[expect(clippy::indexing_slicing, reason = "places of the table, or found among the sums")]
 fn first_unsound(tag: [u8; 4], k: usize, row: &[f64; N_SUMS], slack: Slack, most: f64) -> Defect {
     let refuse = |i: usize, expected: &str| value(tag, k, NAMES[i], expected, row[i]);
     if let Some(i) = row.iter().position(|v| !v.is_finite()) {

@@ -39,9 +39,10 @@ pub(super) fn fuse(
 fn leave_own_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunError> {
     use StoredModel::Scene;
     let (ours, before) = (&run.content.cursor, &origin.content.cursor);
-    if !ours.visited.starts_with(&before.visited) {
+    let Some(visited) = ours.visited.strip_prefix(before.visited.as_slice()) else {
         return Err(not_from(run, origin, "other frames at its beginning"));
-    }
+    };
+    let visited = visited.to_vec();
     let (Some(frames), Some(points)) =
         (ours.frames.checked_sub(before.frames), ours.points.checked_sub(before.points))
     else {
@@ -56,7 +57,6 @@ fn leave_own_frames(run: &mut SavedRun, origin: &SavedRun) -> Result<(), RunErro
             return Err(not_from(run, origin, "other components"));
         }
     }
-    let visited = ours.visited[before.visited.len()..].to_vec();
     run.content.cursor = Cursor { frames, points, visited };
     run.meta.wall_s -= origin.meta.wall_s;
     Ok(())

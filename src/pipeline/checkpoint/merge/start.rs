@@ -31,7 +31,7 @@ impl Difference {
 /// Refuses runs that did not begin alike, or that have a frame in common.
 pub(super) fn compatible(runs: &[SavedRun]) -> Result<(), RunError> {
     for (i, run) in runs.iter().enumerate() {
-        for other in &runs[..i] {
+        for other in runs.iter().take(i) {
             same_start(other, run)?;
             disjoint(other, run)?;
         }
@@ -87,9 +87,9 @@ fn of_settings(a: &RunConfig, b: &RunConfig) -> Option<Difference> {
     }
     let (a, b) = (serde_json::to_value(a).ok()?, serde_json::to_value(b).ok()?);
     let mut settings = a.as_object()?.iter();
-    let differs = |(name, value): &(&String, &Value)| b[name.as_str()] != **value;
-    let (name, value) = settings.find(differs)?;
-    let found = format!("{value} and {}", b[name.as_str()]);
+    let other = |name: &String| b.get(name).unwrap_or(&Value::Null);
+    let (name, value) = settings.find(|(name, value)| other(name) != *value)?;
+    let found = format!("{value} and {}", other(name));
     Some(Difference::new(&format!("setting `{name}`"), found))
 }
 
