@@ -19,6 +19,7 @@ mod drop_target;
 pub mod edit;
 mod evidence_histogram;
 mod exit;
+mod export_losses;
 mod export_options;
 pub mod file_proposal;
 pub mod frame_outcomes;

@@ -10,6 +10,9 @@ use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Windo
 use std::path::{Path, PathBuf, absolute};
 use std::sync::mpsc::{Receiver, sync_channel};
 
+/// Place beside the picture, from the upper right corner of the window, points.
+const ASIDE: [f32; 2] = [-8.0, 72.0];
+
 /// A path that begins with `~`, in the user's own folder, as shells have it.
 fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     match (path.strip_prefix("~"), home) {
@@ -187,11 +190,16 @@ impl PathDialog {
         self.take_picked();
         let mut stays = true;
         let mut confirmed = false;
+        let (anchor, offset) = match self.purpose {
+            // The picture shows what the file will hold: this one leaves it free.
+            Purpose::Export => (Align2::RIGHT_TOP, ASIDE),
+            _ => (Align2::CENTER_CENTER, [0.0, 0.0]),
+        };
         Window::new(self.purpose.label())
             .open(&mut stays)
             .collapsible(false)
             .resizable(false)
-            .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
+            .anchor(anchor, offset)
             .show(ui.ctx(), |ui| confirmed = self.content(ui, waker, choices));
         // The question comes first: its Escape must not close the dialog below it as well.
         if self.replacing.is_some() {
@@ -208,7 +216,7 @@ impl PathDialog {
     }
 
     /// What is entered, from the root.
-    fn entered(&self) -> PathBuf {
+    pub fn entered(&self) -> PathBuf {
         let path = at_home(Path::new(self.path.trim()), std::env::home_dir());
         absolute(&path).unwrap_or(path)
     }

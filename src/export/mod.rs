@@ -47,6 +47,7 @@ mod glb;
 mod harmonics;
 mod ply;
 mod read;
+mod read_back;
 mod source;
 mod splat;
 mod spz;
@@ -58,6 +59,7 @@ pub use format::{Axes, ModelFormat, WriteOptions, WriteSelection};
 pub use imported::{Imported, ModelKind, Note};
 pub use progress::WriteProgress;
 pub use read::{DEFAULT_MAX_SPLATS, read, read_up_to};
+pub use read_back::{ReadBack, read_back};
 pub use write::{WriteSummary, write};
 
 #[cfg(test)]

@@ -9,7 +9,9 @@ use crate::app::panels::abandoned::Answer;
 use crate::app::path_dialog::PathAnswer;
 use crate::app::pending::{AfterWrite, Continuation, Pending};
 use crate::app::state::{NoticeKind, Snapshot};
+use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::WorkerOrder;
+use crate::export::ModelFormat;
 use eframe::egui::{Ui, ViewportCommand};
 
 impl Studio {
@@ -66,12 +68,28 @@ impl Studio {
                 self.worker.send(WorkerOrder::Save(number, path));
             }
         }
+        self.ask_export(ui, snapshot);
+        dialogs::help(ui, &mut self.help_is_open);
+        let mut finder = std::mem::take(&mut self.finder);
+        let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
+        self.finder = finder;
+        if let Some(action) = chosen {
+            self.apply_action(action, snapshot);
+        }
+        // After the dialogs: a file that was named in this pass is waited for from now on.
+        self.go_on(ui, snapshot);
+    }
+
+    /// Where to export to, how, and what comes of it.
+    fn ask_export(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        self.preview_export(snapshot);
         let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
         let left_out = match self.export_dialog.is_open() {
             true => self.view.n_left_out(),
             false => None,
         };
-        let mapping = &mut self.mapping;
+        let report = self.view.previewed();
+        let (mapping, previews) = (&mut self.mapping, &mut self.view.settings.previews_export);
         let choices = |ui: &mut Ui| {
             if is_native {
                 export_options::ui(mapping, ui);
@@ -79,6 +97,7 @@ impl Studio {
             if let Some((n, all)) = left_out {
                 ui.label(format!("{n} of {all} splats are left out, as edited (tab Edit)."));
             }
+            export_options::preview(report.as_ref(), previews, ui);
         };
         match self.export_dialog.ui(ui, &self.waker, choices) {
             None => {}
@@ -89,15 +108,23 @@ impl Studio {
                 self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
             }
         }
-        dialogs::help(ui, &mut self.help_is_open);
-        let mut finder = std::mem::take(&mut self.finder);
-        let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
-        self.finder = finder;
-        if let Some(action) = chosen {
-            self.apply_action(action, snapshot);
+    }
+
+    /// Has the view show what is chosen in the dialog, while that is open.
+    fn preview_export(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let is_wanted = self.export_dialog.is_open() && self.view.settings.previews_export;
+        let format = is_wanted.then(|| ModelFormat::from_path(&self.export_dialog.entered()).ok());
+        let choice = format.flatten().map(|format| ExportChoice {
+            format,
+            mapping: self.mapping,
+            left_out: self.view.editor().left_out(),
+        });
+        if let Err(error) = self.view.preview_export(choice, opened, snapshot.state) {
+            let text = format!("no thread to preview the file on could be started: {error}");
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+            self.view.settings.previews_export = false;
         }
-        // After the dialogs: a file that was named in this pass is waited for from now on.
-        self.go_on(ui, snapshot);
     }
 
     /// The number of the file to write next, which is what waited for its name now waits for.

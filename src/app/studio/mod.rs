@@ -46,6 +46,9 @@ use std::sync::Arc;
 use std::time::Instant;
 use strip_memory::StripMemory;
 
+/// Share of its strength that text has which stands back.
+const WEAK_TEXT: f32 = 0.8;
+
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
     worker: Arc<Worker>,
@@ -119,6 +122,8 @@ impl Studio {
         first.into_iter().for_each(|order| worker.send(order));
         let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
         problems.into_iter().for_each(warn);
+        // As egui has it, text that stands back is hard to read, on white above all.
+        context.egui_ctx.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;

@@ -7,6 +7,8 @@ pub mod compared_model;
 mod comparison;
 mod crop_handles;
 mod editing;
+pub mod export_preview;
+mod frame_points;
 pub mod frame_refs;
 mod frusta;
 mod guide;
@@ -47,6 +49,8 @@ use crate::render::compare::Area;
 use compared_model::ModelSlot;
 use crop_handles::EditDrag;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
+use export_preview::ExportPreview;
+use frame_points::FramePoints;
 use frame_refs::{FrameRef, fit};
 use glam::DVec3;
 use measure::MeasureTool;
@@ -92,6 +96,9 @@ pub struct SceneView {
     /// Share of the viewport's width at which a wipe changes over.
     divider: f32,
     compared: ModelSlot,
+    /// What is compared with instead while an export is chosen.
+    preview: ExportPreview,
+    points: FramePoints,
     /// Starts with the first photograph.
     photos: Option<PhotoRequests>,
     hint: Option<(String, Instant)>,
@@ -133,6 +140,8 @@ impl SceneView {
             latest_camera: None,
             divider: 0.5,
             compared: ModelSlot::default(),
+            preview: ExportPreview::default(),
+            points: FramePoints::default(),
             photos: None,
             hint: None,
             serial: 0,
@@ -155,6 +164,7 @@ impl SceneView {
             // what colours show here.
             photos.change(update.change.clone());
         }
+        self.preview.outdate();
         let change = self.palette.change(update);
         let change = self.editor.change(change, &self.palette);
         self.painter.change(change, self.editor.shown(&self.palette));
@@ -234,6 +244,7 @@ impl SceneView {
         let sense = Sense::CLICK | Sense::DRAG;
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), sense);
         let opened = snapshot.opened.as_ref()?;
+        self.take_preview();
         self.fall_back(opened);
         let pixels = rect.size() * ui.ctx().pixels_per_point();
         let size = [pixels.x.round() as u32, pixels.y.round() as u32];
@@ -253,6 +264,7 @@ impl SceneView {
         let request =
             self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
         let message = self.paint(ui, rect, &request, snapshot.state);
+        self.measure_preview(&request, snapshot.state);
         self.draw_world(ui, rect, &request, opened, snapshot);
         self.decorate(ui, rect, &request, result);
         if let Some((attribute, range)) = self.palette.legend() {
@@ -292,6 +304,9 @@ impl SceneView {
             }
             if self.shows_cameras(snapshot) {
                 self.frusta(ui, &world, opened, snapshot);
+            }
+            if self.settings.shows_points {
+                self.frame_points(&world, opened, snapshot);
             }
             self.measure.draw(&world);
         }
