@@ -75,3 +75,26 @@ fn help_lists_every_shortcut_and_tabs_switch() {
     window.run_steps(2);
     window.render().unwrap();
 }
+
+#[test]
+fn the_status_line_tells_state_pace_components_and_memory() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(super::waiting::large(folder.path(), 12));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.get_by_label("Ready");
+    window.key_press(Key::Space);
+    wait(&mut window, "a pace", |s| s.snapshot().frames_per_s > 0.0);
+    // As of the pass that has found it.
+    window.get_by_label_contains("frames/s");
+    window.get_by_label("Training");
+    wait(&mut window, "the end", is(RunState::Finished));
+    window.run_steps(2);
+    let used = window.state().snapshot().used;
+    window.get_by_label("Finished");
+    window.get_by_label(&format!("{used} components"));
+    for unit in ["ms/frame", "splats drawn", "MiB"] {
+        window.get_by_label_contains(unit);
+    }
+}
