@@ -227,9 +227,7 @@ impl UiCommand {
             UiCommand::Cameras => "Show where the photographs were taken, or hide it",
             UiCommand::Points => "Show what the current frame measured, in its colours, or hide it",
             UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
-            UiCommand::FrameStrip => {
-                "Show the dataset's frames below the picture, or fold them away"
-            }
+            UiCommand::FrameStrip => "Show the frames below the picture, or fold them away",
             UiCommand::ResetLayout => "Put panels and frame strip back where they were at first",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             UiCommand::CompareModel => {

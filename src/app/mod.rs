@@ -22,6 +22,7 @@ mod exit;
 mod export_losses;
 mod export_options;
 pub mod file_proposal;
+mod film;
 pub mod frame_outcomes;
 mod fuzzy;
 mod guard;

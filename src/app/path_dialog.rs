@@ -48,6 +48,7 @@ enum Purpose {
     Compare,
     Save,
     Export,
+    Film,
 }
 
 impl Purpose {
@@ -58,6 +59,7 @@ impl Purpose {
             Purpose::Compare => "Compare",
             Purpose::Save => "Save",
             Purpose::Export => "Export",
+            Purpose::Film => "Draw film",
         }
     }
 
@@ -73,12 +75,15 @@ impl Purpose {
             ),
             Purpose::Save => "A file name ending in .vbgs".to_owned(),
             Purpose::Export => format!("A file name ending in {}", listed(&WRITTEN_ENDINGS)),
+            Purpose::Film => {
+                "A folder for PNG pictures, or a video by ffmpeg: .mp4, .webm or .webp".to_owned()
+            }
         }
     }
 
     /// Whether a file is to be written.
     fn writes(self) -> bool {
-        matches!(self, Purpose::Save | Purpose::Export)
+        matches!(self, Purpose::Save | Purpose::Export | Purpose::Film)
     }
 
     /// The proposed file's ending; nothing is proposed to open.
@@ -87,6 +92,7 @@ impl Purpose {
             Purpose::Open | Purpose::Compare => None,
             Purpose::Save => Some("vbgs"),
             Purpose::Export => Some(WRITTEN_ENDINGS[0]),
+            Purpose::Film => Some("film"),
         }
     }
 }
@@ -138,6 +144,11 @@ impl PathDialog {
     /// Where to export.
     pub fn export() -> Self {
         Self::new(Purpose::Export)
+    }
+
+    /// Where to draw a film to.
+    pub fn film() -> Self {
+        Self::new(Purpose::Film)
     }
 
     fn new(purpose: Purpose) -> Self {
@@ -225,7 +236,7 @@ impl PathDialog {
     fn confirm(&mut self) -> Option<PathAnswer> {
         let path = self.entered();
         if self.purpose.writes() {
-            if path.is_dir() {
+            if path.is_dir() && self.purpose != Purpose::Film {
                 let path = path.display();
                 self.problem = Some(format!("{path} is a folder: add the name of a file"));
                 return None;
@@ -250,7 +261,10 @@ impl PathDialog {
         let path = self.replacing.clone()?;
         let (mut replace, mut keep) = (false, false);
         let response = Modal::new(Id::unique("replace")).show(ui.ctx(), |ui| {
-            ui.heading("Replace the older file?");
+            ui.heading(match path.is_dir() {
+                true => "Replace pictures of this folder?",
+                false => "Replace the older file?",
+            });
             ui.label(format!("{} exists already.", path.display()));
             ui.add_space(8.0);
             ui.horizontal(|ui| {
@@ -325,6 +339,12 @@ impl PathDialog {
             Purpose::Save => {
                 let files = dialog.add_filter("checkpoints", &["vbgs"]);
                 self.browse(ui, waker, "Browse…", || files.save_file());
+            }
+            Purpose::Film => {
+                let folders = dialog.clone();
+                self.browse(ui, waker, "Browse folders…", || folders.pick_folder());
+                let files = dialog.add_filter("videos", &["mp4", "webm", "webp"]);
+                self.browse(ui, waker, "Browse files…", || files.save_file());
             }
             Purpose::Export => {
                 let files = dialog.add_filter("splats", &WRITTEN_ENDINGS);

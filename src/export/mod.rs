@@ -34,6 +34,7 @@ pub mod camera_path;
 pub mod checkpoint;
 pub mod endings;
 pub mod error;
+pub mod film;
 pub mod format;
 pub mod imported;
 pub mod local_origin;

@@ -119,8 +119,13 @@ impl Studio {
     /// Keys are left to text fields, open questions and open menus; a control that has the focus takes those that
     /// press it, change it or lead on to the next one.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        let dialogs =
-            [&self.open_dialog, &self.compare_dialog, &self.save_dialog, &self.export_dialog];
+        let dialogs = [
+            &self.open_dialog,
+            &self.compare_dialog,
+            &self.save_dialog,
+            &self.export_dialog,
+            &self.film_dialog,
+        ];
         let asks = self.pending.is_some()
             || self.finder.is_open()
             || Popup::is_any_open(ui.ctx())

@@ -5,13 +5,16 @@ use super::commands::order_to_open;
 use crate::app::abandoned::AbandonedRun;
 use crate::app::dialogs::{self, Decision};
 use crate::app::export_options;
+use crate::app::film::FilmOrder;
+use crate::app::panels;
 use crate::app::panels::abandoned::Answer;
 use crate::app::path_dialog::PathAnswer;
 use crate::app::pending::{AfterWrite, Continuation, Pending};
-use crate::app::state::{NoticeKind, Snapshot};
+use crate::app::state::{NoticeKind, RunState, Snapshot};
 use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::WorkerOrder;
 use crate::export::ModelFormat;
+use crate::render::{Lens, RenderOptions};
 use eframe::egui::{Ui, ViewportCommand};
 
 impl Studio {
@@ -69,6 +72,7 @@ impl Studio {
             }
         }
         self.ask_export(ui, snapshot);
+        self.ask_film(ui, snapshot);
         dialogs::help(ui, &mut self.help_is_open);
         let mut finder = std::mem::take(&mut self.finder);
         let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
@@ -107,6 +111,35 @@ impl Studio {
                 let left_out = self.view.editor().left_out();
                 self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
             }
+        }
+    }
+
+    /// Where a film of the path goes, and what came of the one before.
+    fn ask_film(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        if let Some((kind, text)) = self.film.take() {
+            self.worker.send(WorkerOrder::Report(kind, text));
+        }
+        let path = &mut self.path;
+        let choices = |ui: &mut Ui| panels::path::film_choices(path, ui);
+        let Some(PathAnswer::Path(output)) = self.film_dialog.ui(ui, &self.waker, choices) else {
+            return;
+        };
+        let (Some(opened), Some(path)) = (&snapshot.opened, self.path.paced()) else { return };
+        let settings = &self.view.settings;
+        let method = settings.method(settings.renderer, Lens::Pinhole);
+        let plain = RenderOptions::viewport(method, settings.background.rgb(), opened.home.radius);
+        let order = FilmOrder {
+            path,
+            size: self.path.size,
+            output,
+            options: RenderOptions { exposing: settings.exposing, ..plain },
+            left_out: self.view.editor().left_out(),
+            is_aside: snapshot.state == RunState::Training,
+        };
+        let scene = self.view.learned().clone();
+        if let Err(error) = self.film.start(scene, order, self.waker.clone()) {
+            let text = format!("no thread to draw a film on could be started: {error}");
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
     }
 

@@ -4,14 +4,12 @@
 //! exports, so that nothing can be shown that a file does not hold. How much is lost is measured at the
 //! view of now, by the pictures of the scene and of the file.
 
-use super::SceneView;
 use super::compared_model::ComparedModel;
 use super::frame_refs::fit;
 use super::mode::ViewMode;
 use super::picture_request::PictureRequest;
 use crate::app::edit::left_out::LeftOut;
 use crate::app::export_losses::losses;
-use crate::app::state::{Opened, RunState};
 use crate::app::worker::Waker;
 use crate::eval::metrics::psnr;
 use crate::export::mapping::Mapping;
@@ -101,7 +99,7 @@ pub(super) struct ExportPreview {
     measuring: Option<(Measure, Receiver<f64>)>,
     measured: Option<(Measure, f64)>,
     /// What was compared before.
-    before: Option<ViewMode>,
+    pub before: Option<ViewMode>,
 }
 
 impl ExportPreview {
@@ -128,6 +126,46 @@ impl ExportPreview {
         }
     }
 
+    /// What is known of the file, if one is previewed.
+    pub fn told(&self) -> Option<PreviewReport> {
+        self.choice.as_ref().map(|_| self.report())
+    }
+
+    /// Converts the scene as is chosen, unless that is done or under way; up and the local origin are the
+    /// scene's.
+    pub fn choose(
+        &mut self,
+        choice: ExportChoice,
+        scene: &Arc<SplatSet>,
+        frame: (DVec3, DVec3),
+        is_training: bool,
+        waker: &Waker,
+    ) -> std::io::Result<()> {
+        let is_new = self.choice.as_ref() != Some(&choice);
+        if is_new {
+            (self.choice, self.converting) = (Some(choice.clone()), None);
+            self.is_stale = true;
+        }
+        let is_early = self.begun_at.is_some_and(|begun| begun.elapsed() < INTERVAL);
+        let waits = self.converting.is_some() || is_training && is_early;
+        if !self.is_stale || waits && !is_new {
+            return Ok(());
+        }
+        let (answer, answers) = sync_channel(1);
+        let is_wanted = Arc::new(AtomicBool::new(true));
+        let (flag, waker, scene) = (is_wanted.clone(), waker.clone(), scene.clone());
+        std::thread::Builder::new().name("export preview".into()).spawn(move || {
+            let work = || convert(scene, &choice, frame, &flag);
+            let converted = if is_training { alone(work) } else { Some(work()) };
+            // Nobody listens any more if something else was chosen meanwhile.
+            let _ = converted.map(|converted| answer.send(converted));
+            waker();
+        })?;
+        self.converting = Some(Converting { answers, is_wanted });
+        (self.is_stale, self.begun_at) = (false, Some(Instant::now()));
+        Ok(())
+    }
+
     /// The latest figure, of this file.
     fn figure(&self) -> Option<f64> {
         let (measure, psnr) = self.measured.as_ref()?;
@@ -135,7 +173,7 @@ impl ExportPreview {
     }
 
     /// Takes what was converted and measured; whether a file is shown for the first time.
-    fn take(&mut self) -> bool {
+    pub fn take(&mut self) -> bool {
         let answer = self.converting.as_ref().map(|converting| converting.answers.try_recv());
         let is_first = match answer {
             None | Some(Err(TryRecvError::Empty)) => false,
@@ -161,7 +199,7 @@ impl ExportPreview {
     }
 
     /// Measures the file at a view, unless that is known or under way.
-    fn measure(
+    pub fn measure(
         &mut self,
         request: &PictureRequest,
         is_training: bool,
@@ -220,7 +258,7 @@ fn convert(
     (up, local_origin): (DVec3, DVec3),
     is_wanted: &AtomicBool,
 ) -> Result<Converted, Fault> {
-    let scene = kept(scene, &choice.left_out);
+    let scene = choice.left_out.kept(scene);
     let told = |_| is_wanted.load(Ordering::Relaxed);
     let options = WriteOptions {
         up,
@@ -239,95 +277,4 @@ fn convert(
     };
     let losses = losses(scene.view(), choice.format, choice.mapping);
     Ok(Converted { scene, model: Arc::new(model), bytes: file.bytes, losses })
-}
-
-/// The splats that a file gets.
-fn kept(scene: Arc<SplatSet>, left_out: &LeftOut) -> Arc<SplatSet> {
-    if left_out.is_nothing() {
-        return scene;
-    }
-    let mut kept = SplatSet::default().finished(scene.finishing().clone());
-    for (i, splat) in scene.iter().enumerate() {
-        if left_out.keeps(i as u32, splat) {
-            kept.push(*splat, scene.appearance_of(i));
-        }
-    }
-    Arc::new(kept)
-}
-
-impl SceneView {
-    /// Shows beside the scene what a file would give back of it, from now on; `None` ends that.
-    ///
-    /// # Errors
-    /// No thread could be started.
-    pub fn preview_export(
-        &mut self,
-        choice: Option<ExportChoice>,
-        opened: &Opened,
-        state: RunState,
-    ) -> std::io::Result<()> {
-        let Some(choice) = choice else {
-            self.end_preview();
-            return Ok(());
-        };
-        let preview = &mut self.preview;
-        let is_new = preview.choice.as_ref() != Some(&choice);
-        if is_new {
-            (preview.choice, preview.converting) = (Some(choice.clone()), None);
-            preview.is_stale = true;
-        }
-        let is_early = preview.begun_at.is_some_and(|begun| begun.elapsed() < INTERVAL);
-        let waits = preview.converting.is_some() || state == RunState::Training && is_early;
-        if !preview.is_stale || waits && !is_new {
-            return Ok(());
-        }
-        let (answer, answers) = sync_channel(1);
-        let is_wanted = Arc::new(AtomicBool::new(true));
-        let (flag, waker) = (is_wanted.clone(), self.waker.clone());
-        let scene = self.palette.learned().clone();
-        let frame = (opened.home.up, opened.local_origin);
-        let is_training = state == RunState::Training;
-        std::thread::Builder::new().name("export preview".into()).spawn(move || {
-            let work = || convert(scene, &choice, frame, &flag);
-            let converted = if is_training { alone(work) } else { Some(work()) };
-            // Nobody listens any more if something else was chosen meanwhile.
-            let _ = converted.map(|converted| answer.send(converted));
-            waker();
-        })?;
-        preview.converting = Some(Converting { answers, is_wanted });
-        (preview.is_stale, preview.begun_at) = (false, Some(Instant::now()));
-        Ok(())
-    }
-
-    /// What is known of the file that is previewed, if one is.
-    pub fn previewed(&self) -> Option<PreviewReport> {
-        self.preview.choice.as_ref().map(|_| self.preview.report())
-    }
-
-    /// Takes what was converted since, and turns to it at first.
-    pub(super) fn take_preview(&mut self) {
-        if self.preview.take() && self.preview.before.is_none() {
-            self.preview.before = Some(self.mode);
-            self.mode = ViewMode::ModelWipe;
-        }
-    }
-
-    /// Asks for the figure of a view that rests.
-    pub(super) fn measure_preview(&mut self, request: &PictureRequest, state: RunState) {
-        if self.moved_at.elapsed() < super::SETTLE {
-            return;
-        }
-        let is_training = state == RunState::Training;
-        if let Err(error) = self.preview.measure(request, is_training, &self.waker) {
-            self.hint = Some((format!("No thread to measure on: {error}"), Instant::now()));
-        }
-    }
-
-    /// Compares again with what was compared with before.
-    pub(super) fn end_preview(&mut self) {
-        let ExportPreview { before, .. } = std::mem::take(&mut self.preview);
-        if let Some(before) = before.filter(|_| self.mode.has_model()) {
-            self.mode = before;
-        }
-    }
 }

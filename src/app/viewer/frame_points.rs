@@ -3,10 +3,7 @@
 //! Decoded on a thread of their own, one frame at a time. While frames are trained the thread rests many
 //! times as long as a frame took it, so that the trainer keeps its cores: then not every frame is shown.
 
-use super::SceneView;
 use super::frame_refs::FrameRef;
-use super::world_painter::WorldPainter;
-use crate::app::state::{Opened, RunState, Snapshot};
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::frame::DepthKind;
@@ -23,7 +20,7 @@ const MAX_POINTS: usize = 12_000;
 const REST: u32 = 15;
 
 /// Points in world coordinates with their colours, or why there are none.
-type Points = Result<Vec<(DVec3, Color32)>, String>;
+pub(super) type Points = Result<Vec<(DVec3, Color32)>, String>;
 
 /// The points that are drawn, and those that are being decoded.
 #[derive(Default)]
@@ -40,8 +37,13 @@ struct Decoding {
 }
 
 impl FramePoints {
+    /// The frame and its points, or why it has none, once it is decoded.
+    pub fn shown(&self) -> Option<(&FrameRef, &Points)> {
+        self.shown.as_ref().map(|(frame, points)| (frame, points))
+    }
+
     /// Takes what was decoded.
-    fn take(&mut self) {
+    pub fn take(&mut self) {
         let Some(decoding) = &self.decoding else { return };
         let (points, took) = match decoding.answers.try_recv() {
             Err(TryRecvError::Empty) => return,
@@ -57,7 +59,7 @@ impl FramePoints {
     }
 
     /// Decodes a frame, unless that is done or under way or the cores are needed.
-    fn ask(
+    pub fn ask(
         &mut self,
         frame: FrameRef,
         (pose, color_camera): (Pose, Option<ColorCamera>),
@@ -118,52 +120,6 @@ fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -
         }
     }
     Ok(points)
-}
-
-impl SceneView {
-    /// The frame whose points are drawn, by its place among all, and how many they are.
-    pub fn points_shown(&self) -> Option<(usize, usize)> {
-        let shown = self.points.shown.as_ref().filter(|_| self.settings.shows_points);
-        shown.map(|(frame, points)| (frame.number(), points.as_ref().map_or(0, Vec::len)))
-    }
-
-    /// The frame that is looked at or else was trained last; before training the first.
-    fn current_frame(&self, opened: &Opened, snapshot: &Snapshot) -> Option<FrameRef> {
-        let latest = snapshot.recent.last().map_or(0, |frame| frame.index);
-        self.frame_ref().cloned().or_else(|| FrameRef::trained(opened, latest))
-    }
-
-    /// Draws the points of the current frame; of the one before until they are there.
-    pub(super) fn frame_points(
-        &mut self,
-        world: &WorldPainter,
-        opened: &Opened,
-        snapshot: &Snapshot,
-    ) {
-        self.points.take();
-        if let Some(frame) = self.current_frame(opened, snapshot) {
-            // Where the camera really stood, as far as the scene tells.
-            let scene = self.palette.splats().finishing();
-            let pose = scene.corrected(&frame.entry().camera.pose);
-            let cameras = (pose, opened.color_camera());
-            let is_training = snapshot.state == RunState::Training;
-            if let Err(error) = self.points.ask(frame, cameras, is_training, &self.waker) {
-                let text = format!("No thread to decode a frame on: {error}");
-                self.hint = Some((text, Instant::now()));
-            }
-        }
-        match &self.points.shown {
-            None => {}
-            Some((_, Ok(points))) => world.points(points),
-            Some((_, Err(problem))) => self.hint = Some((problem.clone(), Instant::now())),
-        }
-    }
-
-    /// Shows points no longer, or again.
-    pub(super) fn toggle_points(&mut self) {
-        self.settings.shows_points = !self.settings.shows_points;
-        self.points = FramePoints::default();
-    }
 }
 
 #[cfg(test)]

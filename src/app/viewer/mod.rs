@@ -6,6 +6,7 @@ mod captions;
 pub mod compared_model;
 mod comparison;
 mod crop_handles;
+mod current_frame;
 mod editing;
 pub mod export_preview;
 mod frame_points;
@@ -22,6 +23,7 @@ pub mod picture_request;
 mod pixel_status;
 mod place;
 pub mod preview;
+mod previewing;
 pub mod settings;
 mod stand;
 mod steering;
@@ -60,6 +62,7 @@ use photo::PhotoRequests;
 use picture_request::PictureRequest;
 use settings::ViewSettings;
 use stand::{GuideStage, Place};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thumbnails::Thumbnails;
 use world_painter::WorldPainter;
@@ -206,7 +209,7 @@ impl SceneView {
     }
 
     /// The splats as they were learnt, whatever colours show.
-    pub fn learned(&self) -> &SplatSet {
+    pub fn learned(&self) -> &Arc<SplatSet> {
         self.palette.learned()
     }
 
