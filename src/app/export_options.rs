@@ -44,14 +44,15 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
     ui.add_space(4.0);
 }
 
-/// Whether the file is previewed, and what is known of it.
-pub fn preview(report: Option<&PreviewReport>, is_on: &mut bool, ui: &mut Ui) {
+/// Whether the file is previewed.
+pub fn preview(is_on: &mut bool, ui: &mut Ui) {
     let hint = "Shows beside the scene what the file will give back: drag the line in the picture";
     ui.checkbox(is_on, "Preview the file").on_hover_text(hint);
+}
+
+/// What is known of the file that is previewed.
+pub fn report(report: Option<&PreviewReport>, ui: &mut Ui) {
     match report {
-        None if *is_on => {
-            ui.weak("No preview: the name says no format yet.");
-        }
         None => {}
         Some(PreviewReport::Converting) => {
             ui.weak("Converting…");

@@ -188,12 +188,14 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`; the answer, once there is one.
+    /// Draws the dialog with further `choices`, and below its buttons what there is to tell, which may come
+    /// later: buttons must not move from under the pointer. The answer, once there is one.
     pub fn ui(
         &mut self,
         ui: &Ui,
         waker: &Waker,
         choices: impl FnOnce(&mut Ui),
+        told: impl FnOnce(&mut Ui),
     ) -> Option<PathAnswer> {
         if !self.is_open {
             return None;
@@ -211,7 +213,10 @@ impl PathDialog {
             .collapsible(false)
             .resizable(false)
             .anchor(anchor, offset)
-            .show(ui.ctx(), |ui| confirmed = self.content(ui, waker, choices));
+            .show(ui.ctx(), |ui| {
+                confirmed = self.content(ui, waker, choices);
+                told(ui);
+            });
         // The question comes first: its Escape must not close the dialog below it as well.
         if self.replacing.is_some() {
             return self.ask_to_replace(ui);

@@ -54,16 +54,17 @@ impl Studio {
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         // Nothing ever waits for this dialog, so it does not matter that it was cancelled.
-        if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
+        if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| (), |_| ()) {
             self.discard_then(order_to_open(path), snapshot);
         }
-        if let Some(PathAnswer::Path(path)) = self.compare_dialog.ui(ui, &self.waker, |_| ())
+        if let Some(PathAnswer::Path(path)) =
+            self.compare_dialog.ui(ui, &self.waker, |_| (), |_| ())
             && let Err(error) = self.view.compare_with(path)
         {
             let text = format!("no thread to read a model on could be started: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
-        match self.save_dialog.ui(ui, &self.waker, |_| ()) {
+        match self.save_dialog.ui(ui, &self.waker, |_| (), |_| ()) {
             None => {}
             Some(PathAnswer::Cancelled) => self.forget_named(),
             Some(PathAnswer::Path(path)) => {
@@ -101,9 +102,10 @@ impl Studio {
             if let Some((n, all)) = left_out {
                 ui.label(format!("{n} of {all} splats are left out, as edited (tab Edit)."));
             }
-            export_options::preview(report.as_ref(), previews, ui);
+            export_options::preview(previews, ui);
         };
-        match self.export_dialog.ui(ui, &self.waker, choices) {
+        let told = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
+        match self.export_dialog.ui(ui, &self.waker, choices, told) {
             None => {}
             Some(PathAnswer::Cancelled) => self.forget_named(),
             Some(PathAnswer::Path(path)) => {
@@ -121,7 +123,8 @@ impl Studio {
         }
         let path = &mut self.path;
         let choices = |ui: &mut Ui| panels::path::film_choices(path, ui);
-        let Some(PathAnswer::Path(output)) = self.film_dialog.ui(ui, &self.waker, choices) else {
+        let Some(PathAnswer::Path(output)) = self.film_dialog.ui(ui, &self.waker, choices, |_| ())
+        else {
             return;
         };
         let (Some(opened), Some(path)) = (&snapshot.opened, self.path.paced()) else { return };
