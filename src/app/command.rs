@@ -57,6 +57,8 @@ pub enum UiCommand {
     Undo,
     /// Show the dataset's cameras, or hide them.
     Cameras,
+    /// Show the points of the current frame, or hide them.
+    Points,
     /// Show ground and axes, or hide them.
     Grid,
     /// Show the strip of frames, or fold it away.
@@ -83,7 +85,7 @@ pub enum UiCommand {
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 36] = [
+    pub const ALL: [UiCommand; 37] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -110,6 +112,7 @@ impl UiCommand {
         UiCommand::Redo,
         UiCommand::Undo,
         UiCommand::Cameras,
+        UiCommand::Points,
         UiCommand::Grid,
         UiCommand::FrameStrip,
         UiCommand::ResetLayout,
@@ -151,6 +154,7 @@ impl UiCommand {
             UiCommand::Redo => "Redo",
             UiCommand::Undo => "Undo",
             UiCommand::Cameras => "Cameras",
+            UiCommand::Points => "Points",
             UiCommand::Grid => "Grid",
             UiCommand::FrameStrip => "Frame strip",
             UiCommand::ResetLayout => "Reset layout",
@@ -174,6 +178,7 @@ impl UiCommand {
             UiCommand::ShowHidden => "Show hidden splats",
             UiCommand::DeleteSelected => "Delete selected splats",
             UiCommand::BringBack => "Bring deleted splats back",
+            UiCommand::Points => "Points of the frame",
             UiCommand::Redo => "Redo edit",
             UiCommand::Undo => "Undo edit",
             other => other.label().trim_end_matches('…'),
@@ -220,10 +225,9 @@ impl UiCommand {
             UiCommand::Redo => "Make the edit again that was taken back last",
             UiCommand::Undo => "Take the last selection, hiding, deleting or cropping back",
             UiCommand::Cameras => "Show where the photographs were taken, or hide it",
+            UiCommand::Points => "Show what the current frame measured, in its colours, or hide it",
             UiCommand::Grid => "Show the ground through the origin and the axes, or hide them",
-            UiCommand::FrameStrip => {
-                "Show the dataset's frames below the picture, or fold them away"
-            }
+            UiCommand::FrameStrip => "Show the frames below the picture, or fold them away",
             UiCommand::ResetLayout => "Put panels and frame strip back where they were at first",
             UiCommand::ComparePhoto => "Compare with the photograph at a dataset's camera, or stop",
             UiCommand::CompareModel => {
@@ -285,6 +289,7 @@ impl UiCommand {
             }
             UiCommand::Undo => const { &[control(Key::Z)] },
             UiCommand::Cameras => const { &[plain(Key::C)] },
+            UiCommand::Points => const { &[plain(Key::P)] },
             UiCommand::Grid => const { &[plain(Key::X)] },
             UiCommand::FrameStrip => const { &[plain(Key::T)] },
             UiCommand::ComparePhoto => const { &[plain(Key::G)] },
@@ -339,6 +344,30 @@ impl UiCommand {
             UiCommand::Export => {
                 source != Source::Nothing && !matches!(state, Empty | Loading | Waiting)
             }
+            UiCommand::CompareModel | UiCommand::RemoveModel => source != Source::Nothing,
+            UiCommand::FrameStrip | UiCommand::CopyCommandLine => dataset,
+            UiCommand::ResetLayout
+            | UiCommand::Find
+            | UiCommand::FocusControls
+            | UiCommand::Help => true,
+            of_view => match of_view.view_source() {
+                Some(Source::Dataset) => dataset,
+                Some(_) => source != Source::Nothing,
+                // One that stands nowhere is legal nowhere, which the test below finds.
+                None => false,
+            },
+        }
+    }
+
+    /// What the view has to show for the command, if it is one of the view's: a dataset, or any model.
+    fn view_source(self) -> Option<Source> {
+        match self {
+            UiCommand::PreviousCamera
+            | UiCommand::NextCamera
+            | UiCommand::RideAlong
+            | UiCommand::Cameras
+            | UiCommand::Points
+            | UiCommand::ComparePhoto => Some(Source::Dataset),
             UiCommand::FrameScene
             | UiCommand::Home
             | UiCommand::ToggleRenderer
@@ -352,21 +381,14 @@ impl UiCommand {
             | UiCommand::Redo
             | UiCommand::Undo
             | UiCommand::Grid
-            | UiCommand::CompareModel
-            | UiCommand::RemoveModel
-            | UiCommand::Deselect => source != Source::Nothing,
-            UiCommand::PreviousCamera
-            | UiCommand::NextCamera
-            | UiCommand::RideAlong
-            | UiCommand::Cameras
-            | UiCommand::FrameStrip
-            | UiCommand::CopyCommandLine
-            | UiCommand::ComparePhoto => dataset,
-            UiCommand::ResetLayout
-            | UiCommand::Find
-            | UiCommand::FocusControls
-            | UiCommand::Help => true,
+            | UiCommand::Deselect => Some(Source::Model),
+            _ => None,
         }
+    }
+
+    /// Whether it is the view alone that does it.
+    pub fn is_of_view(self) -> bool {
+        self.view_source().is_some()
     }
 
     /// Why the command makes no sense now, if so.
@@ -404,6 +426,12 @@ mod tests {
                     && UiCommand::Pause.is_legal(state, source);
                 assert!(!both, "{state:?}");
             }
+        }
+        for command in UiCommand::ALL {
+            let somewhere = RunState::ALL.iter().any(|&s| command.is_legal(s, Source::Dataset));
+            assert!(somewhere, "{command:?} has no row in the table");
+            let alone = command.is_legal(RunState::Finished, Source::Nothing);
+            assert!(!(command.is_of_view() && alone), "{command:?} of no view");
         }
         assert!(!UiCommand::Train.is_legal(RunState::Finished, Source::Dataset));
         assert!(!UiCommand::Reset.is_legal(RunState::Finished, Source::Model));

@@ -1,5 +1,6 @@
-//! What the export dialog asks of scenes: how their splats become plain ones.
+//! What the export dialog asks of scenes, how their splats become plain ones, and what it tells of the file.
 
+use crate::app::viewer::export_preview::PreviewReport;
 use crate::export::mapping::{GradientSplit, Mapping, OpacityMapping};
 use eframe::egui::{Grid, Ui};
 
@@ -41,4 +42,40 @@ pub fn ui(mapping: &mut Mapping, ui: &mut Ui) {
         ui.end_row();
     });
     ui.add_space(4.0);
+}
+
+/// Whether the file is previewed.
+pub fn preview(is_on: &mut bool, ui: &mut Ui) {
+    let hint = "Shows beside the scene what the file will give back: drag the line in the picture";
+    ui.checkbox(is_on, "Preview the file").on_hover_text(hint);
+}
+
+/// What is known of the file that is previewed.
+pub fn report(report: Option<&PreviewReport>, ui: &mut Ui) {
+    match report {
+        None => {}
+        Some(PreviewReport::Converting) => {
+            ui.weak("Converting…");
+        }
+        Some(PreviewReport::Refused(problem)) => {
+            ui.colored_label(ui.visuals().error_fg_color, problem);
+        }
+        Some(PreviewReport::Shown { n_splats, bytes, psnr, losses }) => {
+            ui.label(format!("{n_splats} splats, about {:.1} MB", *bytes as f64 * 1e-6));
+            let figure = match psnr {
+                // Images that are equal have 120 dB.
+                Some(psnr) if *psnr > 100.0 => "Looks just like the scene from here".to_owned(),
+                Some(psnr) if psnr.is_finite() => {
+                    format!("Looks like the scene to {psnr:.1} dB from here")
+                }
+                Some(_) => "Cannot be measured from here".to_owned(),
+                None => "Measuring…".to_owned(),
+            };
+            let hint = "PSNR of the file's picture against the scene's, in the view of now";
+            ui.strong(figure).on_hover_text(hint);
+            for loss in losses {
+                ui.label(format!("• {loss}"));
+            }
+        }
+    }
 }

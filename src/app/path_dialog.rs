@@ -10,6 +10,9 @@ use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Windo
 use std::path::{Path, PathBuf, absolute};
 use std::sync::mpsc::{Receiver, sync_channel};
 
+/// Place beside the picture, from the upper right corner of the window, points.
+const ASIDE: [f32; 2] = [-8.0, 72.0];
+
 /// A path that begins with `~`, in the user's own folder, as shells have it.
 fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     match (path.strip_prefix("~"), home) {
@@ -45,6 +48,7 @@ enum Purpose {
     Compare,
     Save,
     Export,
+    Film,
 }
 
 impl Purpose {
@@ -55,6 +59,7 @@ impl Purpose {
             Purpose::Compare => "Compare",
             Purpose::Save => "Save",
             Purpose::Export => "Export",
+            Purpose::Film => "Draw film",
         }
     }
 
@@ -70,12 +75,15 @@ impl Purpose {
             ),
             Purpose::Save => "A file name ending in .vbgs".to_owned(),
             Purpose::Export => format!("A file name ending in {}", listed(&WRITTEN_ENDINGS)),
+            Purpose::Film => {
+                "A folder for PNG pictures, or a video by ffmpeg: .mp4, .webm or .webp".to_owned()
+            }
         }
     }
 
     /// Whether a file is to be written.
     fn writes(self) -> bool {
-        matches!(self, Purpose::Save | Purpose::Export)
+        matches!(self, Purpose::Save | Purpose::Export | Purpose::Film)
     }
 
     /// The proposed file's ending; nothing is proposed to open.
@@ -84,6 +92,7 @@ impl Purpose {
             Purpose::Open | Purpose::Compare => None,
             Purpose::Save => Some("vbgs"),
             Purpose::Export => Some(WRITTEN_ENDINGS[0]),
+            Purpose::Film => Some("film"),
         }
     }
 }
@@ -137,6 +146,11 @@ impl PathDialog {
         Self::new(Purpose::Export)
     }
 
+    /// Where to draw a film to.
+    pub fn film() -> Self {
+        Self::new(Purpose::Film)
+    }
+
     fn new(purpose: Purpose) -> Self {
         Self {
             purpose,
@@ -174,12 +188,14 @@ impl PathDialog {
         (self.approved, self.replacing, self.problem) = (None, None, None);
     }
 
-    /// Draws the dialog with further `choices`; the answer, once there is one.
+    /// Draws the dialog with further `choices`, and below its buttons what there is to tell, which may come
+    /// later: buttons must not move from under the pointer. The answer, once there is one.
     pub fn ui(
         &mut self,
         ui: &Ui,
         waker: &Waker,
         choices: impl FnOnce(&mut Ui),
+        told: impl FnOnce(&mut Ui),
     ) -> Option<PathAnswer> {
         if !self.is_open {
             return None;
@@ -187,12 +203,20 @@ impl PathDialog {
         self.take_picked();
         let mut stays = true;
         let mut confirmed = false;
+        let (anchor, offset) = match self.purpose {
+            // The picture shows what the file will hold: this one leaves it free.
+            Purpose::Export => (Align2::RIGHT_TOP, ASIDE),
+            _ => (Align2::CENTER_CENTER, [0.0, 0.0]),
+        };
         Window::new(self.purpose.label())
             .open(&mut stays)
             .collapsible(false)
             .resizable(false)
-            .anchor(Align2::CENTER_CENTER, [0.0, 0.0])
-            .show(ui.ctx(), |ui| confirmed = self.content(ui, waker, choices));
+            .anchor(anchor, offset)
+            .show(ui.ctx(), |ui| {
+                confirmed = self.content(ui, waker, choices);
+                told(ui);
+            });
         // The question comes first: its Escape must not close the dialog below it as well.
         if self.replacing.is_some() {
             return self.ask_to_replace(ui);
@@ -208,7 +232,7 @@ impl PathDialog {
     }
 
     /// What is entered, from the root.
-    fn entered(&self) -> PathBuf {
+    pub fn entered(&self) -> PathBuf {
         let path = at_home(Path::new(self.path.trim()), std::env::home_dir());
         absolute(&path).unwrap_or(path)
     }
@@ -217,7 +241,7 @@ impl PathDialog {
     fn confirm(&mut self) -> Option<PathAnswer> {
         let path = self.entered();
         if self.purpose.writes() {
-            if path.is_dir() {
+            if path.is_dir() && self.purpose != Purpose::Film {
                 let path = path.display();
                 self.problem = Some(format!("{path} is a folder: add the name of a file"));
                 return None;
@@ -242,7 +266,10 @@ impl PathDialog {
         let path = self.replacing.clone()?;
         let (mut replace, mut keep) = (false, false);
         let response = Modal::new(Id::unique("replace")).show(ui.ctx(), |ui| {
-            ui.heading("Replace the older file?");
+            ui.heading(match path.is_dir() {
+                true => "Replace pictures of this folder?",
+                false => "Replace the older file?",
+            });
             ui.label(format!("{} exists already.", path.display()));
             ui.add_space(8.0);
             ui.horizontal(|ui| {
@@ -317,6 +344,12 @@ impl PathDialog {
             Purpose::Save => {
                 let files = dialog.add_filter("checkpoints", &["vbgs"]);
                 self.browse(ui, waker, "Browse…", || files.save_file());
+            }
+            Purpose::Film => {
+                let folders = dialog.clone();
+                self.browse(ui, waker, "Browse folders…", || folders.pick_folder());
+                let files = dialog.add_filter("videos", &["mp4", "webm", "webp"]);
+                self.browse(ui, waker, "Browse files…", || files.save_file());
             }
             Purpose::Export => {
                 let files = dialog.add_filter("splats", &WRITTEN_ENDINGS);

@@ -24,6 +24,8 @@ pub struct PathEditor {
     pub is_playing: bool,
     /// As it was entered.
     pub file: String,
+    /// Size of the pictures of a film, pixels.
+    pub size: [u32; 2],
 }
 
 impl Default for PathEditor {
@@ -36,6 +38,7 @@ impl Default for PathEditor {
             moment: 0.0,
             is_playing: false,
             file: String::new(),
+            size: [1280, 720],
         }
     }
 }

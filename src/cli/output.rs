@@ -3,8 +3,6 @@
 
 use super::failure::Failure;
 use anyhow::Context;
-use image::codecs::png::PngEncoder;
-use image::{ExtendedColorType, ImageEncoder};
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -16,6 +14,7 @@ use vbgs_studio::eval::report::{EvalReport, SeenReport, ViewReport};
 use vbgs_studio::eval::seen::Seen;
 use vbgs_studio::eval::sharpness::SharpnessBand;
 use vbgs_studio::export::atomic::write_atomic;
+use vbgs_studio::export::film;
 use vbgs_studio::math::image::RgbImage;
 
 /// The first error of stdout: whoever prints a table goes on, and the command fails at its end.
@@ -69,12 +68,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
 
 /// Writes an 8-bit PNG, whole or not at all.
 pub fn write_png(path: &Path, image: &RgbImage) -> Result<(), Failure> {
-    let (width, height) = (image.width as u32, image.height as u32);
-    write_atomic(path, |out| {
-        PngEncoder::new(out)
-            .write_image(&image.to_rgb8(), width, height, ExtendedColorType::Rgb8)
-            .map_err(std::io::Error::other)
-    })?;
+    film::write_png(path, image)?;
     Ok(())
 }
 

@@ -13,7 +13,8 @@ use vbgs_studio::dataset::{self, LoadOptions};
 use vbgs_studio::eval::machine;
 use vbgs_studio::eval::near::near_plane;
 use vbgs_studio::export::camera_path::PacedPath;
-use vbgs_studio::export::video::{VideoWriter, is_video};
+use vbgs_studio::export::film::FilmWriter;
+use vbgs_studio::export::video::is_video;
 use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
@@ -101,35 +102,31 @@ fn render_path(
     args: &RenderArgs,
 ) -> Result<(), Failure> {
     let options = viewport_options(args, radius);
-    let cameras = paced.pictures().map(|keyframe| Camera {
-        intrinsics: Intrinsics::from_vertical_fov(args.size[0], args.size[1], keyframe.fov_y),
-        pose: keyframe.pose,
-    });
+    let methods = painter.methods.clone();
+    if is_video(&args.output) && methods.len() > 1 {
+        return Err(Failure::Usage(
+            "--renderer: expected one for a video, found both; take a folder for --output"
+                .to_owned(),
+        ));
+    }
+    let film = |method: &RenderMethod| match methods.len() {
+        1 => FilmWriter::new(&args.output, args.size, paced.fps),
+        _ => FilmWriter::pictures(&args.output, &format!("-{}", method.renderer())),
+    };
+    let mut films = methods.iter().map(film).collect::<Result<Vec<_>, _>>()?;
+    let cameras = paced.cameras(args.size);
     let n = cameras.len();
     let bar = progress::bar(n, "picture");
-    if is_video(&args.output) {
-        let &[method] = painter.methods.as_slice() else {
-            return Err(Failure::Usage(
-                "--renderer: expected one for a video, found both; take a folder for --output"
-                    .to_owned(),
-            ));
-        };
-        let mut video = VideoWriter::new(&args.output, args.size, paced.fps)?;
-        for camera in cameras {
-            // Whatever ended it, ffmpeg says so itself.
-            if video.push(&painter.picture(&camera, method, &options)).is_err() {
-                break;
+    'film: for camera in cameras {
+        for (film, &method) in films.iter_mut().zip(&methods) {
+            // Whatever ended it, the film says so itself.
+            if !film.push(&painter.picture(&camera, method, &options))? {
+                break 'film;
             }
-            bar.inc(1);
         }
-        video.finish()?;
-    } else {
-        output::create_folder(&args.output)?;
-        for (i, camera) in cameras.enumerate() {
-            painter.draw(&camera, &options, &args.output.join(format!("{i:05}.png")))?;
-            bar.inc(1);
-        }
+        bar.inc(1);
     }
+    films.into_iter().try_for_each(FilmWriter::finish)?;
     bar.finish_and_clear();
     let each = if painter.methods.len() > 1 { ", each by both renderers," } else { "" };
     output::line(format!("wrote {n} pictures{each} to {}", args.output.display()));

@@ -1,5 +1,6 @@
 //! Camera paths as files: JSON with a version, as people write it and other tools make it.
 
+use crate::math::camera::{Camera, Intrinsics};
 use crate::math::camera_path::{CameraPath, Keyframe};
 use crate::math::pose::Pose;
 use glam::{DQuat, DVec3};
@@ -139,6 +140,14 @@ impl PacedPath {
         let steps = (self.path.duration() * self.fps).round().max(1.0) as usize;
         let n = if self.path.is_loop() { steps } else { steps + 1 };
         (0..n).map(|i| self.path.at(i as f64 / self.fps))
+    }
+
+    /// The pinhole camera of every picture of so many pixels.
+    pub fn cameras(&self, [width, height]: [u32; 2]) -> impl ExactSizeIterator<Item = Camera> {
+        self.pictures().map(move |Keyframe { pose, fov_y, .. }| Camera {
+            intrinsics: Intrinsics::from_vertical_fov(width, height, fov_y),
+            pose,
+        })
     }
 }
 

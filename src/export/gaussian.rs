@@ -236,6 +236,16 @@ impl Turn {
         Turn { matrix: next.matrix * self.matrix, quaternion: next.quaternion * self.quaternion }
     }
 
+    /// The turn back.
+    pub fn inverse(self) -> Turn {
+        Turn { matrix: self.matrix.transpose(), quaternion: self.quaternion.conjugate() }
+    }
+
+    /// Whether nothing turns.
+    pub fn is_none(&self) -> bool {
+        self.matrix == DMat3::IDENTITY
+    }
+
     /// A position or direction in the new axes.
     pub fn vector(&self, v: DVec3) -> DVec3 {
         // Adding zero turns −0 into 0, which some JSON readers print differently.

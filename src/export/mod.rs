@@ -36,6 +36,7 @@ pub mod camera_path;
 pub mod checkpoint;
 pub mod endings;
 pub mod error;
+pub mod film;
 pub mod format;
 pub mod imported;
 pub mod local_origin;
@@ -50,6 +51,7 @@ mod glb;
 mod harmonics;
 mod ply;
 mod read;
+mod read_back;
 mod source;
 mod splat;
 mod spz;
@@ -61,6 +63,7 @@ pub use format::{Axes, ModelFormat, WriteOptions, WriteSelection};
 pub use imported::{Imported, ModelKind, Note};
 pub use progress::WriteProgress;
 pub use read::{DEFAULT_MAX_SPLATS, read, read_up_to};
+pub use read_back::{ReadBack, read_back};
 pub use write::{WriteSummary, write};
 
 #[cfg(test)]

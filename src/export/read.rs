@@ -34,6 +34,11 @@ pub fn read_up_to(path: &Path, max_splats: usize) -> Result<Imported, ExportErro
     import().map_err(|fault: Fault| fault.at(path))
 }
 
+/// Reads what a file would hold, which has no files beside it.
+pub(super) fn decode(bytes: &[u8]) -> Result<Imported, Fault> {
+    parse(bytes, Path::new(""), DEFAULT_MAX_SPLATS)
+}
+
 fn parse(bytes: &[u8], folder: &Path, max_splats: usize) -> Result<Imported, Fault> {
     let text = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {

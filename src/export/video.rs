@@ -87,6 +87,13 @@ impl VideoWriter {
         }
     }
 
+    /// Gives the video up: nothing is left of it.
+    pub fn give_up(mut self) {
+        // One that has ended by itself needs no end.
+        let _ = self.ffmpeg.kill();
+        let _ = self.ffmpeg.wait();
+    }
+
     /// Ends the video and gives it its name.
     ///
     /// # Errors

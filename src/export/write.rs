@@ -49,6 +49,15 @@ pub fn write<'a>(
     Ok(WriteSummary { n_written: source.n_rows(), n_skipped, n_left_out, bytes })
 }
 
+/// What [`write`] would write, in memory.
+pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
+    let source = source(view, options)?;
+    let content = prepare(&source, options)?;
+    let mut bytes = Vec::new();
+    content(&mut bytes).map_err(atomic::failed("convert", 0))?;
+    Ok(bytes)
+}
+
 /// The rows of the file, of which there is at least one.
 fn source<'a>(view: SplatView<'a>, options: &WriteOptions) -> Result<Source<'a>, Fault> {
     check_comments(options.comments)?;

@@ -35,6 +35,10 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "Bottom: a status line (state, fps, components, memory)",
+        &["states.rs: the_status_line_tells_state_pace_components_and_memory"],
+    ),
+    (
         "Panels dock and their layout persists",
         &[
             "dock.rs: panels_are_dragged_beside_the_picture_and_put_back",
@@ -112,8 +116,16 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "Overlays: camera frusta, grid and axes",
-        &["tools.rs: cameras_and_grid_are_drawn_over_the_scene"],
+        "Keys are ignored while a text field has the focus",
+        &["keyboard.rs: a_text_field_keeps_the_keys"],
+    ),
+    (
+        "Overlays: camera frusta, the current frame's points, grid and axes",
+        &[
+            "tools.rs: cameras_and_grid_are_drawn_over_the_scene",
+            "tools.rs: the_points_of_the_current_frame_are_drawn_and_follow_it",
+            "src/app/viewer/frame_points.rs: points_lie_where_the_camera_measured_them_in_its_colours",
+        ],
     ),
     (
         "Colour modes: colour, evidence, uncertainty, per-point ELBO, birth frame, depth, normal",
@@ -164,12 +176,31 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "Training time per frame is the same with the window",
-        &["window.rs: start_up_and_cost_of_the_window"],
+        "The UI thread never waits for the trainer, a file or the GPU",
+        &[
+            "waiting.rs: the_window_is_drawn_and_steered_while_a_frame_is_trained",
+            "waiting.rs: the_last_picture_stays_while_something_is_opened",
+        ],
+    ),
+    (
+        "The trainer never waits for the UI",
+        &["waiting.rs: frames_are_trained_while_the_window_does_nothing"],
+    ),
+    (
+        "Training time per frame is the same with the window visible, hidden, minimised",
+        &[
+            "window.rs: start_up_and_cost_of_the_window",
+            "window.rs: a_window_at_rest_costs_nothing_shown_or_hidden",
+        ],
+    ),
+    (
+        "The last image stays on screen while anything loads",
+        &["waiting.rs: the_last_picture_stays_while_something_is_opened"],
     ),
     (
         "Export, Save and Finish always use the trainer's newest state",
         &[
+            "export_preview.rs: a_file_is_seen_and_measured_before_it_is_written",
             "files.rs: export_writes_the_newest_state_and_the_file_opens_again",
             "files.rs: a_saved_run_opens_where_it_stopped_and_goes_on",
         ],

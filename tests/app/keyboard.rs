@@ -1,12 +1,12 @@
 //! Everything by the keyboard: actions found by their names, and controls reached one after another.
 
-use super::harness::{Window, dataset, train, wait, window};
+use super::harness::{Window, dataset, is, train, wait, window};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{Event, Key, Modifiers, Theme};
 use egui_kittest::kittest::Queryable;
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::Subject;
+use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::render::Renderer;
 
 /// Opens the list of actions and types into it.
@@ -94,4 +94,37 @@ fn the_window_is_light_or_dark_as_is_chosen() {
         window.run_steps(2);
         assert_eq!(window.ctx.theme(), theme);
     }
+}
+
+#[test]
+fn a_text_field_keeps_the_keys() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(dataset(folder.path(), 2));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    find(&mut window, "tab: path");
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    window.get_by_role(Role::TextInput).focus();
+    window.run_steps(2);
+    let eye = window.state().view().eye();
+    let keys = [Key::Space, Key::Period, Key::M, Key::X, Key::C, Key::P, Key::B, Key::W, Key::V];
+    for key in keys {
+        window.key_press(key);
+        window.run_steps(2);
+    }
+    let snapshot = window.state().snapshot();
+    assert_eq!((snapshot.state, snapshot.frames_done), (RunState::Ready, 0));
+    let view = window.state().view();
+    let settings = &view.settings;
+    assert!(!view.is_measuring() && !settings.shows_grid && !settings.shows_cameras);
+    assert!(!settings.shows_points && view.is_guided());
+    assert_eq!(view.eye(), eye, "nothing flew");
+    // Once it is left, they mean the view again.
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+    window.key_press(Key::M);
+    window.run_steps(2);
+    assert!(window.state().view().is_measuring());
 }

@@ -12,6 +12,7 @@ mod crash;
 mod detail;
 mod dock;
 mod editing;
+mod export_preview;
 mod files;
 mod first_minute;
 mod following;
@@ -31,6 +32,7 @@ mod states;
 mod switching;
 mod tools;
 mod viewer;
+mod waiting;
 #[cfg(feature = "cli")]
 mod window;
 

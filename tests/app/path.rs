@@ -1,12 +1,13 @@
 //! The Path tab: keyframes from the view, a preview that moves the camera, and a file for `render --path`.
 
-use super::harness::{click, dataset, drag, is, train, wait, wait_for_label, window};
+use super::harness::{click, dataset, drag, is, train, wait, wait_for_label, window, write_to};
 use crate::common::adapter::turn;
-use eframe::egui::PointerButton;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers, PointerButton};
 use egui_kittest::kittest::Queryable;
 use glam::DVec3;
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::export::camera_path::PacedPath;
 
 #[test]
@@ -55,4 +56,67 @@ fn a_path_is_made_played_saved_and_opened_again() {
     assert!(eye(&window).distance(second) > 0.01, "a hand takes over where it stood");
     click(&mut window, "Turntable");
     wait_for_label(&mut window, "360 pictures");
+}
+
+#[test]
+fn a_film_is_drawn_as_the_command_line_draws_it_and_given_up_when_asked() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let subject = Some(Subject::Path(path));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    click(&mut window, "Path");
+    click(&mut window, "Add keyframe");
+    drag(&mut window, PointerButton::Primary);
+    click(&mut window, "Add keyframe");
+    click(&mut window, "Save path");
+    let saved = folder.path().join("room.path.json");
+    wait(&mut window, "the path", |_| saved.exists());
+
+    let film = folder.path().join("film");
+    let draw = |window: &mut super::harness::Window| {
+        click(window, "Draw film…");
+        // The tab has a field of its own; the dialog's has the focus.
+        window.run_steps(2);
+        window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+        window.event(Event::Text(film.display().to_string()));
+        window.run_steps(2);
+        window.get_by_role_and_label(Role::Button, "Draw film").click();
+        window.run_steps(2);
+    };
+    draw(&mut window);
+    let has = |n: usize| film.join(format!("{n:05}.png")).exists();
+    wait(&mut window, "pictures", |_| has(2));
+    click(&mut window, "Cancel film");
+    let is_told = |s: &vbgs_studio::app::Studio, word: &str| {
+        s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text.contains(word))
+    };
+    wait(&mut window, "the end", |s| is_told(s, "cancelled after"));
+    assert!(!has(60), "the last picture was not drawn any more");
+
+    // Into the same folder again, about which the user is asked.
+    draw(&mut window);
+    wait_for_label(&mut window, "Replace pictures of this folder?");
+    click(&mut window, "Replace");
+    wait(&mut window, "all pictures", |s| is_told(s, "Wrote 61 pictures"));
+    assert!(has(60));
+
+    // The same picture as the command line's of the saved path.
+    click(&mut window, "Scene");
+    let model = folder.path().join("scene.vbgs");
+    write_to(&mut window, Key::S, "Save", &model);
+    wait(&mut window, "the run", |s| s.snapshot().unsaved_frames == 0);
+    let headless = folder.path().join("headless");
+    let status = std::process::Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
+        .args(["render", "--size", "1280x720", "--background", "#17191f", "--path"])
+        .args([&saved, std::path::Path::new("-o"), &headless, &model])
+        .status();
+    assert!(status.unwrap().success());
+    let [own, other] =
+        [&film, &headless].map(|folder| image::open(folder.join("00030.png")).unwrap());
+    let [own, other] = [own.to_rgb8(), other.to_rgb8()];
+    let apart = own.iter().zip(other.iter()).filter(|(a, b)| a.abs_diff(**b) > 2).count();
+    assert!(apart * 100 < own.len(), "{apart} of {} values differ", own.len());
 }

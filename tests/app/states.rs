@@ -1,9 +1,10 @@
 //! Every state of a run, and what the window shows in it.
 
-use super::harness::{click, dataset, is, wait, wait_for_picture, window};
+use super::harness::{PATIENCE, click, dataset, is, wait, wait_for_picture, window};
 use crate::common::adapter::turn;
 use eframe::egui::{Key, Vec2};
 use egui_kittest::kittest::Queryable;
+use std::time::Instant;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Source, Subject};
 
@@ -74,4 +75,30 @@ fn help_lists_every_shortcut_and_tabs_switch() {
     window.set_size(Vec2::new(640.0, 400.0));
     window.run_steps(2);
     window.render().unwrap();
+}
+
+#[test]
+fn the_status_line_tells_state_pace_components_and_memory() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(super::waiting::large(folder.path(), 12));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.get_by_label("Ready");
+    window.key_press(Key::Space);
+    let started = Instant::now();
+    // What the pass has drawn: the newest snapshot may be newer.
+    while window.query_by_label_contains("frames/s").is_none() {
+        assert!(started.elapsed() < PATIENCE, "no pace is told");
+        window.step();
+    }
+    window.get_by_label("Training");
+    wait(&mut window, "the end", is(RunState::Finished));
+    window.run_steps(2);
+    let used = window.state().snapshot().used;
+    window.get_by_label("Finished");
+    window.get_by_label(&format!("{used} components"));
+    for unit in ["ms/frame", "splats drawn", "MiB"] {
+        window.get_by_label_contains(unit);
+    }
 }

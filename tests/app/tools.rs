@@ -148,6 +148,36 @@ fn cameras_and_grid_are_drawn_over_the_scene() {
 }
 
 #[test]
+fn the_points_of_the_current_frame_are_drawn_and_follow_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    clear_view(&mut window);
+    let before = window.render().unwrap();
+    assert_eq!(window.state().view().points_shown(), None);
+    window.key_press(Key::P);
+    wait(&mut window, "points", |s| s.view().points_shown().is_some_and(|(_, n)| n > 500));
+    window.run_steps(2);
+    let with = window.render().unwrap();
+    assert_ne!(before.as_raw(), with.as_raw());
+    // A frame that is looked through shows its own.
+    let mut frames = Vec::new();
+    for _ in 0..2 {
+        window.key_press(Key::CloseBracket);
+        window.run_steps(2);
+        let looked_through = window.state().view().frame_ref().unwrap().number();
+        wait(&mut window, "those of another frame", |s| {
+            s.view().points_shown().map(|(frame, _)| frame) == Some(looked_through)
+        });
+        frames.push(looked_through);
+    }
+    assert_ne!(frames[0], frames[1]);
+    window.key_press(Key::P);
+    window.run_steps(2);
+    assert_eq!(window.state().view().points_shown(), None);
+}
+
+#[test]
 fn the_title_names_what_is_open_and_recent_things_open_again() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();

@@ -238,3 +238,45 @@ fn a_window_that_is_asked_to_end_closes_in_order() {
     };
     assert!(status.success(), "{status}: {:?}", lines.collect::<Vec<_>>());
 }
+
+/// Seconds of processor time that a process has taken so far.
+#[cfg(target_os = "linux")]
+fn cpu_s(process: u32) -> f64 {
+    let text = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    // The name may hold blanks; times follow it, in hundredths.
+    let fields: Vec<&str> = text.rsplit_once(')').unwrap().1.split_whitespace().collect();
+    fields[11..13].iter().map(|ticks| ticks.parse::<f64>().unwrap()).sum::<f64>() / 100.0
+}
+
+/// A window at rest takes nothing of the cores, whether it is seen or not.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_window_at_rest_costs_nothing_shown_or_hidden() {
+    let Some(_) = display() else { return };
+    let Some(_) = xdotool(&["version"]) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = super::harness::dataset(folder.path(), 2);
+    let child = Command::new(env!("CARGO_BIN_EXE_vbgs-studio"))
+        .arg(&path)
+        .env("HOME", folder.path())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let running = Running(child);
+    let id = running.0.id().to_string();
+    let found = xdotool(&["search", "--sync", "--pid", &id]).unwrap();
+    assert!(found, "no window");
+    for action in ["windowraise", "windowunmap"] {
+        xdotool(&["search", "--onlyvisible", "--pid", &id, action]);
+        // Thumbnails and the first pictures come first.
+        let started = Instant::now();
+        let mut share = f64::INFINITY;
+        while share > 0.02 {
+            assert!(started.elapsed() < PATIENCE, "{action}: {share:.3} of a core at rest");
+            let before = cpu_s(running.0.id());
+            std::thread::sleep(Duration::from_secs(2));
+            share = (cpu_s(running.0.id()) - before) / 2.0;
+        }
+        println!("{action}: {:.1} % of a core at rest", 100.0 * share);
+    }
+}

@@ -3,6 +3,7 @@
 use super::edits::Edits;
 use super::marks::SplatMarks;
 use crate::export::WriteSelection;
+use crate::model::splat::appearance::SplatSet;
 use crate::model::splat::splats::Splat;
 use glam::DVec3;
 use std::sync::Arc;
@@ -34,6 +35,20 @@ impl LeftOut {
     /// What is asked of the file's writer, with the flags of [`Self::flags`].
     pub fn selection<'a>(&self, flags: &'a [bool]) -> WriteSelection<'a> {
         WriteSelection { crop: self.crop, left_out: Some(flags), ..WriteSelection::default() }
+    }
+
+    /// The splats that are left, alone.
+    pub fn kept(&self, scene: Arc<SplatSet>) -> Arc<SplatSet> {
+        if self.is_nothing() {
+            return scene;
+        }
+        let mut kept = SplatSet::default().finished(scene.finishing().clone());
+        for (i, splat) in scene.iter().enumerate() {
+            if self.keeps(i as u32, splat) {
+                kept.push(*splat, scene.appearance_of(i));
+            }
+        }
+        Arc::new(kept)
     }
 
     /// Whether a splat is written.

@@ -51,9 +51,11 @@ fn place(command: UiCommand) -> (Menu, u8) {
         | UiCommand::CompareModel
         | UiCommand::RemoveModel => (Menu::View, 1),
         UiCommand::Measure => (Menu::View, 2),
-        UiCommand::Cameras | UiCommand::Grid | UiCommand::FrameStrip | UiCommand::ResetLayout => {
-            (Menu::View, 3)
-        }
+        UiCommand::Cameras
+        | UiCommand::Points
+        | UiCommand::Grid
+        | UiCommand::FrameStrip
+        | UiCommand::ResetLayout => (Menu::View, 3),
         UiCommand::Train
         | UiCommand::Pause
         | UiCommand::Step

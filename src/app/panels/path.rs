@@ -2,8 +2,13 @@
 
 use crate::app::path_editor::PathEditor;
 use crate::math::camera_path::Keyframe;
-use eframe::egui::{Button, DragValue, Grid, RichText, ScrollArea, Slider, TextEdit, Ui};
+use eframe::egui::{
+    Button, DragValue, Grid, ProgressBar, RichText, ScrollArea, Slider, TextEdit, Ui,
+};
 use std::path::{Path, PathBuf};
+
+/// Sides of the pictures of a film, pixels.
+const FILM_SIDES: std::ops::RangeInclusive<u32> = 16..=8192;
 
 /// What the user asks for.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,10 +25,19 @@ pub enum PathRequest {
     Save(String),
     /// To read another.
     Open(PathBuf),
+    /// To draw it into files.
+    Film,
+    /// To draw it no further.
+    CancelFilm,
 }
 
-/// Draws the panel; `file` is where the path is saved.
-pub fn ui(editor: &mut PathEditor, file: &Path, ui: &mut Ui) -> Option<PathRequest> {
+/// Draws the panel; `file` is where the path is saved, `film` the share that is drawn of a film.
+pub fn ui(
+    editor: &mut PathEditor,
+    file: &Path,
+    film: Option<f32>,
+    ui: &mut Ui,
+) -> Option<PathRequest> {
     let mut asked = None;
     ui.horizontal_wrapped(|ui| {
         if ui.button("Add keyframe").on_hover_text("The view as it is now").clicked() {
@@ -45,6 +59,7 @@ pub fn ui(editor: &mut PathEditor, file: &Path, ui: &mut Ui) -> Option<PathReque
     ui.add_space(6.0);
     asked = preview(editor, ui).or(asked);
     ui.add_space(6.0);
+    asked = self::film(editor, film, ui).or(asked);
     files(editor, file, ui).or(asked)
 }
 
@@ -113,6 +128,41 @@ fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
     });
     ui.label(RichText::new(format!("{} pictures", path.pictures().len())).weak());
     asked
+}
+
+/// The film of the path, drawn into files.
+fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequest> {
+    let mut asked = None;
+    ui.horizontal(|ui| match drawn {
+        Some(share) => {
+            ui.add(ProgressBar::new(share).desired_width(120.0).show_percentage());
+            if ui.button("Cancel film").clicked() {
+                asked = Some(PathRequest::CancelFilm);
+            }
+        }
+        None => {
+            let button = Button::new("Draw film…");
+            let draw = ui.add_enabled(editor.paced().is_some(), button);
+            let hint = "Draws every picture of the path into a folder or a video";
+            if draw.on_hover_text(hint).clicked() {
+                asked = Some(PathRequest::Film);
+            }
+        }
+    });
+    asked
+}
+
+/// Choices of the dialog that asks where a film goes.
+pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
+    ui.horizontal(|ui| {
+        for (side, suffix) in editor.size.iter_mut().zip([" wide", " high"]) {
+            ui.add(DragValue::new(side).range(FILM_SIDES).suffix(suffix));
+        }
+        ui.weak("pixels");
+    });
+    if let Some(path) = editor.paced() {
+        ui.weak(format!("{} pictures of the scene as it is now", path.pictures().len()));
+    }
 }
 
 fn files(editor: &mut PathEditor, file: &Path, ui: &mut Ui) -> Option<PathRequest> {

@@ -11,7 +11,7 @@ use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::eval::report::ViewReport;
 use eframe::egui::{
-    Button, Color32, DragValue, Grid, Image, Label, RichText, ScrollArea, Ui, Vec2,
+    Button, Color32, DragValue, Frame, Grid, Image, Label, Margin, RichText, ScrollArea, Ui, Vec2,
 };
 use egui_plot::{Line, Plot, PlotPoints, Points};
 
@@ -88,25 +88,31 @@ pub fn ui(
     };
     let mut asked = None;
     // Both ways: longer names must not widen the panel, and with it move the picture.
+    // Room for the names of axes on the left, and for the bar and the last number on the right.
+    let inner = Frame::new().inner_margin(Margin { left: 4, right: 12, top: 0, bottom: 0 });
     ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        summary(quality, snapshot, ui);
-        ui.add(Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap());
-        if let Some(problem) = quality.problem() {
-            let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
-            ui.label(RichText::new(problem).color(color));
-        }
-        if !quality.history().is_empty() {
-            curve(quality.history(), plot, ui);
-        }
-        retention::ui(quality.retention().frames(), ui);
-        let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
-        histogram::ui(evidence, is_at_rest, ui);
-        rate(every, ui);
-        if !quality.views().is_empty() {
-            ui.add_space(6.0);
-            ui.label(RichText::new("Views, the worst first").strong());
-            asked = table(quality.views(), opened, evaluation.split, thumbnails, ui);
-        }
+        inner.show(ui, |ui| {
+            summary(quality, snapshot, ui);
+            ui.add(
+                Label::new(RichText::new(format!("Measured on {}", evaluation.why)).weak()).wrap(),
+            );
+            if let Some(problem) = quality.problem() {
+                let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+                ui.label(RichText::new(problem).color(color));
+            }
+            if !quality.history().is_empty() {
+                curve(quality.history(), plot, ui);
+            }
+            retention::ui(quality.retention().frames(), ui);
+            let is_at_rest = matches!(snapshot.state, RunState::Paused | RunState::Finished);
+            histogram::ui(evidence, is_at_rest, ui);
+            rate(every, ui);
+            if !quality.views().is_empty() {
+                ui.add_space(6.0);
+                ui.label(RichText::new("Views, the worst first").strong());
+                asked = table(quality.views(), opened, evaluation.split, thumbnails, ui);
+            }
+        })
     });
     asked
 }
@@ -155,7 +161,8 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
                 chosen.metric = metric;
             }
         }
-        ui.separator();
+    });
+    ui.horizontal(|ui| {
         ui.selectable_value(&mut chosen.against_seconds, false, "Frames");
         ui.selectable_value(&mut chosen.against_seconds, true, "Seconds");
     });

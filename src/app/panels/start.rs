@@ -3,7 +3,7 @@
 use crate::app::command::UiCommand;
 use crate::app::state::Snapshot;
 use crate::export::endings::{READ_ENDINGS, listed};
-use eframe::egui::{Button, Color32, RichText, Stroke, StrokeKind, Ui, Vec2};
+use eframe::egui::{Button, Color32, Frame, RichText, Stroke, Ui, Vec2};
 
 /// What happens here, in one sentence.
 pub const WHAT_HAPPENS: &str = "Photographs with depth become a scene of splats while you watch, \
@@ -43,22 +43,22 @@ const BUTTON: Vec2 = Vec2::new(220.0, 32.0);
 /// Where a folder is dropped; the whole window takes it.
 fn target(ui: &mut Ui) {
     let width = (ui.available_width() - 40.0).clamp(100.0, 460.0);
-    ui.allocate_ui(Vec2::new(width, 110.0), |ui| {
-        let rect = ui.max_rect();
-        let line = Stroke::new(1.5, Color32::from_gray(110));
-        ui.painter().rect_stroke(rect, 8.0, line, StrokeKind::Inside);
-        ui.vertical_centered(|ui| {
-            ui.add_space(14.0);
-            ui.label(RichText::new("Your own capture: drop a folder").size(20.0));
-            ui.label("of a depth camera, a phone or a renderer, recognised by its content");
-            let endings = listed(&READ_ENDINGS);
-            ui.label(
-                RichText::new(format!(
-                    "or a checkpoint to go on with, or splats to look at ({endings})"
-                ))
-                .weak(),
-            );
-            ui.add_space(14.0);
+    let line = Stroke::new(1.5, Color32::from_gray(110));
+    // A frame and no drawn rectangle: in a narrow window the lines wrap, and it grows with them.
+    let frame = Frame::new().stroke(line).corner_radius(8.0).inner_margin(14.0);
+    ui.allocate_ui(Vec2::new(width, 0.0), |ui| {
+        frame.show(ui, |ui| {
+            ui.vertical_centered(|ui| {
+                ui.label(RichText::new("Your own capture: drop a folder").size(20.0));
+                ui.label("of a depth camera, a phone or a renderer, recognised by its content");
+                let endings = listed(&READ_ENDINGS);
+                ui.label(
+                    RichText::new(format!(
+                        "or a checkpoint to go on with, or splats to look at ({endings})"
+                    ))
+                    .weak(),
+                );
+            });
         });
     });
 }

@@ -46,24 +46,10 @@ impl Studio {
                 None => memory.move_focus(FocusDirection::Next),
             }),
             UiCommand::Help => self.help_is_open = !self.help_is_open,
-            UiCommand::FrameScene
-            | UiCommand::Home
-            | UiCommand::ToggleRenderer
-            | UiCommand::PreviousCamera
-            | UiCommand::NextCamera
-            | UiCommand::RideAlong
-            | UiCommand::Measure
-            | UiCommand::BoxSelect
-            | UiCommand::HideSelected
-            | UiCommand::ShowHidden
-            | UiCommand::DeleteSelected
-            | UiCommand::BringBack
-            | UiCommand::CropBox
-            | UiCommand::Redo
-            | UiCommand::Undo
-            | UiCommand::Cameras
-            | UiCommand::Grid
-            | UiCommand::ComparePhoto => self.apply_to_view(command, snapshot),
+            of_view => {
+                debug_assert!(of_view.is_of_view(), "{of_view:?} does nothing");
+                self.apply_to_view(of_view, snapshot);
+            }
         }
     }
 
@@ -112,6 +98,7 @@ impl Studio {
             UiCommand::RideAlong => is_open && self.view.is_guided(),
             UiCommand::Measure => self.view.is_measuring(),
             UiCommand::Cameras => self.view.settings.shows_cameras,
+            UiCommand::Points => self.view.settings.shows_points,
             UiCommand::Grid => self.view.settings.shows_grid,
             UiCommand::FrameStrip => self.layout.shows_frames,
             UiCommand::ComparePhoto => self.view.mode().has_photo(),
@@ -132,8 +119,13 @@ impl Studio {
     /// Keys are left to text fields, open questions and open menus; a control that has the focus takes those that
     /// press it, change it or lead on to the next one.
     pub(super) fn take_keys(&mut self, ui: &Ui, snapshot: &Snapshot) {
-        let dialogs =
-            [&self.open_dialog, &self.compare_dialog, &self.save_dialog, &self.export_dialog];
+        let dialogs = [
+            &self.open_dialog,
+            &self.compare_dialog,
+            &self.save_dialog,
+            &self.export_dialog,
+            &self.film_dialog,
+        ];
         let asks = self.pending.is_some()
             || self.finder.is_open()
             || Popup::is_any_open(ui.ctx())

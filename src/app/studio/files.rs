@@ -5,11 +5,16 @@ use super::commands::order_to_open;
 use crate::app::abandoned::AbandonedRun;
 use crate::app::dialogs::{self, Decision};
 use crate::app::export_options;
+use crate::app::film::FilmOrder;
+use crate::app::panels;
 use crate::app::panels::abandoned::Answer;
 use crate::app::path_dialog::PathAnswer;
 use crate::app::pending::{AfterWrite, Continuation, Pending};
-use crate::app::state::{NoticeKind, Snapshot};
+use crate::app::state::{NoticeKind, RunState, Snapshot};
+use crate::app::viewer::export_preview::ExportChoice;
 use crate::app::worker::WorkerOrder;
+use crate::export::ModelFormat;
+use crate::render::{Lens, RenderOptions};
 use eframe::egui::{Ui, ViewportCommand};
 
 impl Studio {
@@ -49,16 +54,17 @@ impl Studio {
 
     pub(super) fn dialogs(&mut self, ui: &Ui, snapshot: &Snapshot) {
         // Nothing ever waits for this dialog, so it does not matter that it was cancelled.
-        if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| ()) {
+        if let Some(PathAnswer::Path(path)) = self.open_dialog.ui(ui, &self.waker, |_| (), |_| ()) {
             self.discard_then(order_to_open(path), snapshot);
         }
-        if let Some(PathAnswer::Path(path)) = self.compare_dialog.ui(ui, &self.waker, |_| ())
+        if let Some(PathAnswer::Path(path)) =
+            self.compare_dialog.ui(ui, &self.waker, |_| (), |_| ())
             && let Err(error) = self.view.compare_with(path)
         {
             let text = format!("no thread to read a model on could be started: {error}");
             self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
-        match self.save_dialog.ui(ui, &self.waker, |_| ()) {
+        match self.save_dialog.ui(ui, &self.waker, |_| (), |_| ()) {
             None => {}
             Some(PathAnswer::Cancelled) => self.forget_named(),
             Some(PathAnswer::Path(path)) => {
@@ -66,29 +72,8 @@ impl Studio {
                 self.worker.send(WorkerOrder::Save(number, path));
             }
         }
-        let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
-        let left_out = match self.export_dialog.is_open() {
-            true => self.view.n_left_out(),
-            false => None,
-        };
-        let mapping = &mut self.mapping;
-        let choices = |ui: &mut Ui| {
-            if is_native {
-                export_options::ui(mapping, ui);
-            }
-            if let Some((n, all)) = left_out {
-                ui.label(format!("{n} of {all} splats are left out, as edited (tab Edit)."));
-            }
-        };
-        match self.export_dialog.ui(ui, &self.waker, choices) {
-            None => {}
-            Some(PathAnswer::Cancelled) => self.forget_named(),
-            Some(PathAnswer::Path(path)) => {
-                let number = self.begin_write();
-                let left_out = self.view.editor().left_out();
-                self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
-            }
-        }
+        self.ask_export(ui, snapshot);
+        self.ask_film(ui, snapshot);
         dialogs::help(ui, &mut self.help_is_open);
         let mut finder = std::mem::take(&mut self.finder);
         let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
@@ -98,6 +83,84 @@ impl Studio {
         }
         // After the dialogs: a file that was named in this pass is waited for from now on.
         self.go_on(ui, snapshot);
+    }
+
+    /// Where to export to, how, and what comes of it.
+    fn ask_export(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        self.preview_export(snapshot);
+        let is_native = snapshot.opened.as_ref().is_some_and(|opened| opened.is_native);
+        let left_out = match self.export_dialog.is_open() {
+            true => self.view.n_left_out(),
+            false => None,
+        };
+        let report = self.view.previewed();
+        let (mapping, previews) = (&mut self.mapping, &mut self.view.settings.previews_export);
+        let choices = |ui: &mut Ui| {
+            if is_native {
+                export_options::ui(mapping, ui);
+            }
+            if let Some((n, all)) = left_out {
+                ui.label(format!("{n} of {all} splats are left out, as edited (tab Edit)."));
+            }
+            export_options::preview(previews, ui);
+        };
+        let told = |ui: &mut Ui| export_options::report(report.as_ref(), ui);
+        match self.export_dialog.ui(ui, &self.waker, choices, told) {
+            None => {}
+            Some(PathAnswer::Cancelled) => self.forget_named(),
+            Some(PathAnswer::Path(path)) => {
+                let number = self.begin_write();
+                let left_out = self.view.editor().left_out();
+                self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
+            }
+        }
+    }
+
+    /// Where a film of the path goes, and what came of the one before.
+    fn ask_film(&mut self, ui: &Ui, snapshot: &Snapshot) {
+        if let Some((kind, text)) = self.film.take() {
+            self.worker.send(WorkerOrder::Report(kind, text));
+        }
+        let path = &mut self.path;
+        let choices = |ui: &mut Ui| panels::path::film_choices(path, ui);
+        let Some(PathAnswer::Path(output)) = self.film_dialog.ui(ui, &self.waker, choices, |_| ())
+        else {
+            return;
+        };
+        let (Some(opened), Some(path)) = (&snapshot.opened, self.path.paced()) else { return };
+        let settings = &self.view.settings;
+        let method = settings.method(settings.renderer, Lens::Pinhole);
+        let plain = RenderOptions::viewport(method, settings.background.rgb(), opened.home.radius);
+        let order = FilmOrder {
+            path,
+            size: self.path.size,
+            output,
+            options: RenderOptions { exposing: settings.exposing, ..plain },
+            left_out: self.view.editor().left_out(),
+            is_aside: snapshot.state == RunState::Training,
+        };
+        let scene = self.view.learned().clone();
+        if let Err(error) = self.film.start(scene, order, self.waker.clone()) {
+            let text = format!("no thread to draw a film on could be started: {error}");
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+        }
+    }
+
+    /// Has the view show what is chosen in the dialog, while that is open.
+    fn preview_export(&mut self, snapshot: &Snapshot) {
+        let Some(opened) = &snapshot.opened else { return };
+        let is_wanted = self.export_dialog.is_open() && self.view.settings.previews_export;
+        let format = is_wanted.then(|| ModelFormat::from_path(&self.export_dialog.entered()).ok());
+        let choice = format.flatten().map(|format| ExportChoice {
+            format,
+            mapping: self.mapping,
+            left_out: self.view.editor().left_out(),
+        });
+        if let Err(error) = self.view.preview_export(choice, opened, snapshot.state) {
+            let text = format!("no thread to preview the file on could be started: {error}");
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
+            self.view.settings.previews_export = false;
+        }
     }
 
     /// The number of the file to write next, which is what waited for its name now waits for.

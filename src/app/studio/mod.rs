@@ -14,6 +14,7 @@ use super::device::WindowDevice;
 use super::drawing::Drawer;
 use super::drop_target;
 use super::exit::{Exit, Leave};
+use super::film::FilmThread;
 use super::layout::WindowLayout;
 use super::painting::Painting;
 use super::panels::menus::{MenuAnswer, MenuContext};
@@ -46,6 +47,9 @@ use std::sync::Arc;
 use std::time::Instant;
 use strip_memory::StripMemory;
 
+/// Share of its strength that text has which stands back.
+const WEAK_TEXT: f32 = 0.8;
+
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
     worker: Arc<Worker>,
@@ -73,6 +77,8 @@ pub struct Studio {
     compare_dialog: PathDialog,
     save_dialog: PathDialog,
     export_dialog: PathDialog,
+    film_dialog: PathDialog,
+    film: FilmThread,
     mapping: Mapping,
     help_is_open: bool,
     /// What waits for the user or a file.
@@ -119,6 +125,7 @@ impl Studio {
         first.into_iter().for_each(|order| worker.send(order));
         let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
         problems.into_iter().for_each(warn);
+        strengthen_weak_text(&context.egui_ctx);
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
@@ -148,6 +155,8 @@ impl Studio {
             compare_dialog: PathDialog::compare(),
             save_dialog: PathDialog::save(),
             export_dialog: PathDialog::export(),
+            film_dialog: PathDialog::film(),
+            film: FilmThread::default(),
             mapping: Mapping::default(),
             help_is_open: false,
             pending: None,
@@ -269,6 +278,7 @@ impl Studio {
         self.view.turn_to(opened);
         self.save_dialog.propose(opened.serial, &opened.files);
         self.export_dialog.propose(opened.serial, &opened.files);
+        self.film_dialog.propose(opened.serial, &opened.files);
     }
 
     fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
@@ -327,6 +337,11 @@ fn scene_view(
         view.note_gpu_failure();
     }
     view
+}
+
+/// As egui has it, text that stands back is hard to read, on white above all.
+fn strengthen_weak_text(context: &Context) {
+    context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
 }
 
 /// Draws the window again when something has come that it does not wait for.

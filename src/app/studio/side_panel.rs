@@ -60,7 +60,7 @@ impl Studio {
             return;
         };
         let file = opened.files.path("path.json");
-        match path::ui(&mut self.path, &file, ui) {
+        match path::ui(&mut self.path, &file, self.film.share(), ui) {
             None => {}
             Some(PathRequest::Add) => {
                 if let Some(camera) = self.view.keyframe() {
@@ -77,6 +77,8 @@ impl Studio {
                     self.path.take(&PacedPath { path, fps: self.path.fps });
                 }
             }
+            Some(PathRequest::Film) => self.film_dialog.show(),
+            Some(PathRequest::CancelFilm) => self.film.cancel(),
             Some(PathRequest::Show(moment)) => self.view.stand_along(moment),
             Some(PathRequest::Save(json)) => self.worker.send(WorkerOrder::WriteText(file, json)),
             Some(PathRequest::Open(file)) => {

@@ -19,9 +19,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 impl SceneView {
-    /// The second model, if there is one.
+    /// The second model, if there is one: what an export would give back, while one is previewed.
     pub fn compared(&self) -> Option<&Arc<ComparedModel>> {
-        self.compared.model()
+        self.preview.model().or(self.compared.model())
     }
 
     /// Why a comparison cannot be chosen, if so.

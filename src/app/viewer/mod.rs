@@ -6,7 +6,10 @@ mod captions;
 pub mod compared_model;
 mod comparison;
 mod crop_handles;
+mod current_frame;
 mod editing;
+pub mod export_preview;
+mod frame_points;
 pub mod frame_refs;
 mod frusta;
 mod guide;
@@ -20,6 +23,7 @@ pub mod picture_request;
 mod pixel_status;
 mod place;
 pub mod preview;
+mod previewing;
 pub mod settings;
 mod stand;
 mod steering;
@@ -47,6 +51,8 @@ use crate::render::compare::Area;
 use compared_model::ModelSlot;
 use crop_handles::EditDrag;
 use eframe::egui::{Rect, Sense, Ui, Vec2};
+use export_preview::ExportPreview;
+use frame_points::FramePoints;
 use frame_refs::{FrameRef, fit};
 use glam::DVec3;
 use measure::MeasureTool;
@@ -56,6 +62,7 @@ use photo::PhotoRequests;
 use picture_request::PictureRequest;
 use settings::ViewSettings;
 use stand::{GuideStage, Place};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thumbnails::Thumbnails;
 use world_painter::WorldPainter;
@@ -92,6 +99,9 @@ pub struct SceneView {
     /// Share of the viewport's width at which a wipe changes over.
     divider: f32,
     compared: ModelSlot,
+    /// What is compared with instead while an export is chosen.
+    preview: ExportPreview,
+    points: FramePoints,
     /// Starts with the first photograph.
     photos: Option<PhotoRequests>,
     hint: Option<(String, Instant)>,
@@ -133,6 +143,8 @@ impl SceneView {
             latest_camera: None,
             divider: 0.5,
             compared: ModelSlot::default(),
+            preview: ExportPreview::default(),
+            points: FramePoints::default(),
             photos: None,
             hint: None,
             serial: 0,
@@ -155,6 +167,7 @@ impl SceneView {
             // what colours show here.
             photos.change(update.change.clone());
         }
+        self.preview.outdate();
         let change = self.palette.change(update);
         let change = self.editor.change(change, &self.palette);
         self.painter.change(change, self.editor.shown(&self.palette));
@@ -196,7 +209,7 @@ impl SceneView {
     }
 
     /// The splats as they were learnt, whatever colours show.
-    pub fn learned(&self) -> &SplatSet {
+    pub fn learned(&self) -> &Arc<SplatSet> {
         self.palette.learned()
     }
 
@@ -234,6 +247,7 @@ impl SceneView {
         let sense = Sense::CLICK | Sense::DRAG;
         let (rect, response) = ui.allocate_exact_size(ui.available_size(), sense);
         let opened = snapshot.opened.as_ref()?;
+        self.take_preview();
         self.fall_back(opened);
         let pixels = rect.size() * ui.ctx().pixels_per_point();
         let size = [pixels.x.round() as u32, pixels.y.round() as u32];
@@ -253,6 +267,7 @@ impl SceneView {
         let request =
             self.picture_request(camera, area, result.as_ref().and_then(|s| s.as_ref().ok()));
         let message = self.paint(ui, rect, &request, snapshot.state);
+        self.measure_preview(&request, snapshot.state);
         self.draw_world(ui, rect, &request, opened, snapshot);
         self.decorate(ui, rect, &request, result);
         if let Some((attribute, range)) = self.palette.legend() {
@@ -292,6 +307,9 @@ impl SceneView {
             }
             if self.shows_cameras(snapshot) {
                 self.frusta(ui, &world, opened, snapshot);
+            }
+            if self.settings.shows_points {
+                self.frame_points(&world, opened, snapshot);
             }
             self.measure.draw(&world);
         }

@@ -1,6 +1,7 @@
 //! Commands that place the camera, and clicks that turn it.
 
 use super::SceneView;
+use super::frame_points::FramePoints;
 use super::frame_refs::{Direction, FrameRef};
 use super::measure::{MeasureTool, MeasuredLength, surface_point};
 use super::mode::ViewMode;
@@ -29,6 +30,8 @@ impl SceneView {
         self.serial = opened.serial;
         self.latest_frame = None;
         self.measure = MeasureTool::default();
+        self.end_preview();
+        self.points = FramePoints::default();
         self.mode = ViewMode::Single;
         self.selection = SplatSelection::default();
         self.editor.reset();
@@ -111,6 +114,7 @@ impl SceneView {
             UiCommand::Cameras => {
                 self.settings.shows_cameras = !self.settings.shows_cameras;
             }
+            UiCommand::Points => self.toggle_points(),
             UiCommand::Grid => self.settings.shows_grid = !self.settings.shows_grid,
             UiCommand::ComparePhoto if self.mode.has_photo() => {
                 self.set_mode(ViewMode::Single, opened);

@@ -84,8 +84,12 @@ pub struct ViewSettings {
     pub difference_gain: f32,
     /// Whether the dataset's cameras are drawn when something else is there to see.
     pub shows_cameras: bool,
+    /// Whether the points of the current frame are drawn.
+    pub shows_points: bool,
     /// Whether the ground and the axes are drawn.
     pub shows_grid: bool,
+    /// Whether what a file would give back is shown before it is written.
+    pub previews_export: bool,
     /// Frames between two measurements of held-out views while training goes on; `None` measures at rest
     /// alone.
     pub quality_every: Option<usize>,
@@ -112,7 +116,9 @@ impl Default for ViewSettings {
             exposing: Exposing::Neutral,
             difference_gain: 8.0,
             shows_cameras: false,
+            shows_points: false,
             shows_grid: false,
+            previews_export: true,
             quality_every: Some(DEFAULT_EVERY),
             frame_budget_ms: FRAME_BUDGET_MS,
             draw_share: DEFAULT_SHARE,

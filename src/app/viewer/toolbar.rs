@@ -8,7 +8,7 @@ use crate::app::command::UiCommand;
 use crate::app::panels::settings::lens;
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
-use eframe::egui::{Button, ComboBox, DragValue, RichText, Ui};
+use eframe::egui::{Button, ComboBox, DragValue, Label, RichText, Ui};
 
 /// Most height of the menu of comparisons, points: all of it, without scrolling.
 const MENU: f32 = 400.0;
@@ -141,6 +141,7 @@ fn overlays(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComm
     let mut asked = None;
     for (command, is_on) in [
         (UiCommand::Cameras, view.settings.shows_cameras),
+        (UiCommand::Points, view.settings.shows_points),
         (UiCommand::Grid, view.settings.shows_grid),
         (UiCommand::Measure, view.is_measuring()),
     ] {
@@ -167,10 +168,12 @@ fn cameras(view: &SceneView, snapshot: &Snapshot, ui: &mut Ui) -> Option<UiComma
         Some(frame) => {
             let text = format!("Camera {} of {}", frame.number() + 1, frame.n_frames());
             let (name, split) = (&frame.entry().name, &frame.split().name);
-            ui.label(text).on_hover_text(format!("Frame {name} of the split {split}"));
+            let label = ui.add(Label::new(text).extend());
+            label.on_hover_text(format!("Frame {name} of the split {split}"));
         }
         None => {
-            ui.label(RichText::new("Free camera").weak());
+            // Whole on one line or the next.
+            ui.add(Label::new(RichText::new("Free camera").weak()).extend());
         }
     }
     button(ui, UiCommand::NextCamera, false);

@@ -4,11 +4,13 @@
 //! `eval` measures. They are not hidden by splats.
 
 use crate::math::camera::Camera;
-use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, TextureId, Ui};
+use eframe::egui::{Color32, Mesh, Painter, Pos2, Rect, Shape, Stroke, TextureId, Ui, Vec2};
 use glam::{DMat3, DVec3};
 
 /// Nearest depth that is drawn, as a share of the scene's radius.
 const NEAR: f64 = 1e-3;
+/// Side of the square that is a point, points of the window.
+const POINT: f32 = 2.0;
 /// Pieces along each side of a picture: egui's triangles know no perspective.
 const PIECES: usize = 4;
 
@@ -68,6 +70,19 @@ impl WorldPainter {
             (false, false) => return,
         };
         self.painter.line_segment([self.on_screen(a), self.on_screen(b)], stroke);
+    }
+
+    /// Small squares at points, each in its colour.
+    pub fn points(&self, points: &[(DVec3, Color32)]) {
+        let mut mesh = Mesh::default();
+        for &(point, color) in points {
+            let Some(at) = self.position(point).filter(|at| self.painter.clip_rect().contains(*at))
+            else {
+                continue;
+            };
+            mesh.add_colored_rect(Rect::from_center_size(at, Vec2::splat(POINT)), color);
+        }
+        self.painter.add(Shape::mesh(mesh));
     }
 
     /// A picture on a parallelogram: its upper left, upper right and lower left corner. Left out

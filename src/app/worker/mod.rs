@@ -17,6 +17,7 @@ mod subject;
 mod thread;
 mod training;
 
+pub use file_progress::FileProgress;
 pub use order::WorkerOrder;
 pub use shared::Waker;
 

@@ -183,7 +183,7 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 }
 
 /// What to say of an error after `written` bytes.
-fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
+pub(super) fn failed(action: &'static str, written: u64) -> impl Fn(io::Error) -> Fault {
     move |source| match source.kind() {
         _ if source.get_ref().is_some_and(|inner| inner.is::<Cancelled>()) => Fault::Cancelled,
         io::ErrorKind::StorageFull => Fault::DiskFull { written },

@@ -1,0 +1,280 @@
+//! The scene as a file would give it back, shown beside it before the file is written.
+//!
+//! The file is written and read in memory on a thread of its own, by the very writer and reader of
+//! exports, so that nothing can be shown that a file does not hold. How much is lost is measured at the
+//! view of now, by the pictures of the scene and of the file.
+
+use super::compared_model::ComparedModel;
+use super::frame_refs::fit;
+use super::mode::ViewMode;
+use super::picture_request::PictureRequest;
+use crate::app::edit::left_out::LeftOut;
+use crate::app::export_losses::losses;
+use crate::app::worker::Waker;
+use crate::eval::metrics::psnr;
+use crate::export::mapping::Mapping;
+use crate::export::{Fault, ModelFormat, WriteOptions, WriteProgress, read_back};
+use crate::math::camera::Camera;
+use crate::model::splat::appearance::SplatSet;
+use crate::model::splat::splats::framing;
+use crate::render::cpu::CpuRenderer;
+use crate::render::{Paint, RenderOptions, SplatStyle};
+use glam::DVec3;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::time::{Duration, Instant};
+
+/// Width of the pictures that are measured, pixels: enough for a figure, a moment to draw.
+const MEASURED_WIDTH: u32 = 480;
+/// Least time between two conversions of a scene that changes.
+const INTERVAL: Duration = Duration::from_secs(3);
+
+/// How a scene is to be exported.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExportChoice {
+    /// The file's format.
+    pub format: ModelFormat,
+    /// How native splats become plain ones.
+    pub mapping: Mapping,
+    /// What the file does not get.
+    pub left_out: LeftOut,
+}
+
+/// What is known of a file before it is written.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PreviewReport {
+    /// It is being converted.
+    Converting,
+    /// It would not be written.
+    Refused(String),
+    /// It is shown.
+    Shown {
+        /// Splats of the file.
+        n_splats: usize,
+        /// Size of the file without comments.
+        bytes: u64,
+        /// PSNR of what the file shows of the scene at the view of now, dB, once measured.
+        psnr: Option<f64>,
+        /// What it loses, a sentence each.
+        losses: Vec<String>,
+    },
+}
+
+/// A converted scene.
+struct Converted {
+    /// What was converted, without what files do not get.
+    scene: Arc<SplatSet>,
+    model: Arc<ComparedModel>,
+    bytes: u64,
+    losses: Vec<String>,
+}
+
+/// Under way on a thread; dropping it tells the thread that nobody wants it any more.
+struct Converting {
+    answers: Receiver<Result<Converted, Fault>>,
+    is_wanted: Arc<AtomicBool>,
+}
+
+impl Drop for Converting {
+    fn drop(&mut self) {
+        // Relaxed: the flag stands for itself.
+        self.is_wanted.store(false, Ordering::Relaxed);
+    }
+}
+
+/// By what a figure was measured.
+type Measure = (Arc<ComparedModel>, Camera, RenderOptions);
+
+/// The preview, while there is one.
+#[derive(Default)]
+pub(super) struct ExportPreview {
+    /// What is shown; nothing while there is no preview.
+    choice: Option<ExportChoice>,
+    converting: Option<Converting>,
+    converted: Option<Result<Converted, String>>,
+    is_stale: bool,
+    begun_at: Option<Instant>,
+    measuring: Option<(Measure, Receiver<f64>)>,
+    measured: Option<(Measure, f64)>,
+    /// What was compared before.
+    pub before: Option<ViewMode>,
+}
+
+impl ExportPreview {
+    /// The file's splats, once they are there.
+    pub fn model(&self) -> Option<&Arc<ComparedModel>> {
+        self.converted.as_ref()?.as_ref().ok().map(|converted| &converted.model)
+    }
+
+    /// The scene has changed.
+    pub fn outdate(&mut self) {
+        self.is_stale = true;
+    }
+
+    fn report(&self) -> PreviewReport {
+        match &self.converted {
+            None => PreviewReport::Converting,
+            Some(Err(problem)) => PreviewReport::Refused(problem.clone()),
+            Some(Ok(converted)) => PreviewReport::Shown {
+                n_splats: converted.model.splats.len(),
+                bytes: converted.bytes,
+                psnr: self.figure(),
+                losses: converted.losses.clone(),
+            },
+        }
+    }
+
+    /// What is known of the file, if one is previewed.
+    pub fn told(&self) -> Option<PreviewReport> {
+        self.choice.as_ref().map(|_| self.report())
+    }
+
+    /// Converts the scene as is chosen, unless that is done or under way; up and the local origin are the
+    /// scene's.
+    pub fn choose(
+        &mut self,
+        choice: ExportChoice,
+        scene: &Arc<SplatSet>,
+        frame: (DVec3, DVec3),
+        is_training: bool,
+        waker: &Waker,
+    ) -> std::io::Result<()> {
+        let is_new = self.choice.as_ref() != Some(&choice);
+        if is_new {
+            (self.choice, self.converting) = (Some(choice.clone()), None);
+            self.is_stale = true;
+        }
+        let is_early = self.begun_at.is_some_and(|begun| begun.elapsed() < INTERVAL);
+        let waits = self.converting.is_some() || is_training && is_early;
+        if !self.is_stale || waits && !is_new {
+            return Ok(());
+        }
+        let (answer, answers) = sync_channel(1);
+        let is_wanted = Arc::new(AtomicBool::new(true));
+        let (flag, waker, scene) = (is_wanted.clone(), waker.clone(), scene.clone());
+        std::thread::Builder::new().name("export preview".into()).spawn(move || {
+            let work = || convert(scene, &choice, frame, &flag);
+            let converted = if is_training { alone(work) } else { Some(work()) };
+            // Nobody listens any more if something else was chosen meanwhile.
+            let _ = converted.map(|converted| answer.send(converted));
+            waker();
+        })?;
+        self.converting = Some(Converting { answers, is_wanted });
+        (self.is_stale, self.begun_at) = (false, Some(Instant::now()));
+        Ok(())
+    }
+
+    /// The latest figure, of this file.
+    fn figure(&self) -> Option<f64> {
+        let (measure, psnr) = self.measured.as_ref()?;
+        self.model().filter(|model| Arc::ptr_eq(model, &measure.0)).map(|_| *psnr)
+    }
+
+    /// Takes what was converted and measured; whether a file is shown for the first time.
+    pub fn take(&mut self) -> bool {
+        let answer = self.converting.as_ref().map(|converting| converting.answers.try_recv());
+        let is_first = match answer {
+            None | Some(Err(TryRecvError::Empty)) => false,
+            Some(answer) => {
+                self.converting = None;
+                let problem = "the conversion ended before its time".to_owned();
+                let answer = answer.map_err(|_| problem);
+                let converted = answer.and_then(|done| done.map_err(|fault| fault.to_string()));
+                let is_first = self.model().is_none() && converted.is_ok();
+                self.converted = Some(converted);
+                is_first
+            }
+        };
+        let figure = self.measuring.as_ref().map(|(_, answers)| answers.try_recv());
+        if !matches!(figure, None | Some(Err(TryRecvError::Empty)))
+            && let Some((measure, _)) = self.measuring.take()
+        {
+            // Without an answer too, so that what cannot be measured is not asked again.
+            let psnr = figure.and_then(Result::ok).unwrap_or(f64::NAN);
+            self.measured = Some((measure, psnr));
+        }
+        is_first
+    }
+
+    /// Measures the file at a view, unless that is known or under way.
+    pub fn measure(
+        &mut self,
+        request: &PictureRequest,
+        is_training: bool,
+        waker: &Waker,
+    ) -> std::io::Result<()> {
+        let Some(Ok(converted)) = &self.converted else { return Ok(()) };
+        let k = &request.camera.intrinsics;
+        let width = k.width.clamp(1, MEASURED_WIDTH);
+        let height = (u64::from(k.height) * u64::from(width) / u64::from(k.width.max(1))).max(1);
+        let (camera, _) = fit(&request.camera, [width, height as u32]);
+        // By what was learnt, whatever colours show.
+        let look = SplatStyle { paint: Paint::Stored, ..request.options.look };
+        let options = RenderOptions { look, ..request.options };
+        let measure = (converted.model.clone(), camera, options);
+        let is_known = |known: &Measure| {
+            Arc::ptr_eq(&known.0, &measure.0) && (known.1, &known.2) == (measure.1, &measure.2)
+        };
+        let is_done = self.measured.as_ref().is_some_and(|(known, _)| is_known(known));
+        if is_done || self.measuring.is_some() {
+            return Ok(());
+        }
+        let (answer, answers) = sync_channel(1);
+        let (scene, of, waker) = (converted.scene.clone(), measure.clone(), waker.clone());
+        std::thread::Builder::new().name("export figure".into()).spawn(move || {
+            let figure = || difference(&scene, &of);
+            let psnr = if is_training { alone(figure) } else { Some(figure()) };
+            // Let go first: whoever changes the splats next need not copy them then.
+            drop(scene);
+            // Nobody listens any more if the preview has ended.
+            let _ = psnr.map(|psnr| answer.send(psnr));
+            waker();
+        })?;
+        self.measuring = Some((measure, answers));
+        Ok(())
+    }
+}
+
+/// PSNR between the pictures of the scene and of its file, dB.
+fn difference(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
+    let mut renderer = CpuRenderer::new();
+    let [whole, plain] =
+        [scene, &model.splats].map(|splats| renderer.render(splats, camera, options).color);
+    // Both are of one size.
+    psnr(&plain, &whole).unwrap_or(f64::NAN)
+}
+
+/// On one thread, since a trainer needs the others; `None` where there is none.
+fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> Option<T> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    pool.ok().map(|pool| pool.install(work))
+}
+
+fn convert(
+    scene: Arc<SplatSet>,
+    choice: &ExportChoice,
+    (up, local_origin): (DVec3, DVec3),
+    is_wanted: &AtomicBool,
+) -> Result<Converted, Fault> {
+    let scene = choice.left_out.kept(scene);
+    let told = |_| is_wanted.load(Ordering::Relaxed);
+    let options = WriteOptions {
+        up,
+        local_origin,
+        mapping: choice.mapping,
+        progress: WriteProgress::new(&told),
+        ..WriteOptions::new(choice.format)
+    };
+    let file = read_back(scene.view(), &options)?;
+    let model = ComparedModel {
+        name: format!("As .{} file", choice.format.extension()),
+        path: PathBuf::new(),
+        radius: framing(&file.splats).map_or(1.0, |framing| framing.radius),
+        splats: file.splats,
+        local_origin,
+    };
+    let losses = losses(scene.view(), choice.format, choice.mapping);
+    Ok(Converted { scene, model: Arc::new(model), bytes: file.bytes, losses })
+}

@@ -1,0 +1,154 @@
+//! The points of the current frame in the viewport: what its camera measured, in its own colours.
+//!
+//! Decoded on a thread of their own, one frame at a time. While frames are trained the thread rests many
+//! times as long as a frame took it, so that the trainer keeps its cores: then not every frame is shown.
+
+use super::frame_refs::FrameRef;
+use crate::app::worker::Waker;
+use crate::dataset::calibration::ColorCamera;
+use crate::dataset::frame::DepthKind;
+use crate::math::camera::Camera;
+use crate::math::pose::Pose;
+use eframe::egui::Color32;
+use glam::DVec3;
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+use std::time::{Duration, Instant};
+
+/// Points drawn at most, evenly chosen: more lie on one another.
+const MAX_POINTS: usize = 12_000;
+/// Rest after a frame while others are trained, in times of the decoding.
+const REST: u32 = 15;
+
+/// Points in world coordinates with their colours, or why there are none.
+pub(super) type Points = Result<Vec<(DVec3, Color32)>, String>;
+
+/// The points that are drawn, and those that are being decoded.
+#[derive(Default)]
+pub(super) struct FramePoints {
+    shown: Option<(FrameRef, Points)>,
+    decoding: Option<Decoding>,
+    /// When the trainer can spare the cores again.
+    rests_until: Option<Instant>,
+}
+
+struct Decoding {
+    frame: FrameRef,
+    answers: Receiver<(Points, Duration)>,
+}
+
+impl FramePoints {
+    /// The frame and its points, or why it has none, once it is decoded.
+    pub fn shown(&self) -> Option<(&FrameRef, &Points)> {
+        self.shown.as_ref().map(|(frame, points)| (frame, points))
+    }
+
+    /// Takes what was decoded.
+    pub fn take(&mut self) {
+        let Some(decoding) = &self.decoding else { return };
+        let (points, took) = match decoding.answers.try_recv() {
+            Err(TryRecvError::Empty) => return,
+            Ok(decoded) => decoded,
+            // A thread that panicked hangs up.
+            Err(TryRecvError::Disconnected) => {
+                (Err("expected a frame, found one that cannot be decoded".into()), Duration::ZERO)
+            }
+        };
+        let frame = self.decoding.take().map(|decoding| decoding.frame);
+        self.shown = frame.map(|frame| (frame, points));
+        self.rests_until = Some(Instant::now() + took * REST);
+    }
+
+    /// Decodes a frame, unless that is done or under way or the cores are needed.
+    pub fn ask(
+        &mut self,
+        frame: FrameRef,
+        (pose, color_camera): (Pose, Option<ColorCamera>),
+        is_training: bool,
+        waker: &Waker,
+    ) -> std::io::Result<()> {
+        let is_shown = self.shown.as_ref().is_some_and(|(shown, _)| *shown == frame);
+        let rests = is_training && self.rests_until.is_some_and(|until| Instant::now() < until);
+        if is_shown || rests || self.decoding.is_some() {
+            return Ok(());
+        }
+        let (answer, answers) = sync_channel(1);
+        let (asked, waker) = (frame.clone(), waker.clone());
+        std::thread::Builder::new().name("frame points".into()).spawn(move || {
+            let started = Instant::now();
+            let points = points_of(&asked, pose, color_camera.as_ref());
+            // Nobody listens any more if points are shown no longer.
+            let _ = answer.send((points, started.elapsed()));
+            waker();
+        })?;
+        self.decoding = Some(Decoding { frame, answers });
+        Ok(())
+    }
+}
+
+/// What a frame whose depth was measured from `pose` says of surfaces.
+fn points_of(frame: &FrameRef, pose: Pose, color_camera: Option<&ColorCamera>) -> Points {
+    let (split, index) = frame.position();
+    let loaded = frame.dataset().load(split, index).map_err(|error| error.to_string())?;
+    let Some(depth) = &loaded.depth else {
+        return Err(format!("{}: this frame has no depth", loaded.name));
+    };
+    let camera = Camera { pose, ..loaded.camera };
+    let photo = frame.entry().photo_camera_at(pose, color_camera);
+    let (width, height) = depth.size();
+    let stride = ((width * height) as f64 / MAX_POINTS as f64).sqrt().ceil().max(1.0) as usize;
+    let mut points = Vec::with_capacity(MAX_POINTS);
+    for row in (stride / 2..height).step_by(stride) {
+        for column in (stride / 2..width).step_by(stride) {
+            let length = depth.value_at(column, row).filter(|length| depth.trusts(*length));
+            let Some(length) = length else { continue };
+            let ray = camera.intrinsics.ray(column, row);
+            let point = camera.pose.transform_point(match depth.kind {
+                DepthKind::Z => ray * (length / ray.z),
+                DepthKind::RayDistance => ray.normalize() * length,
+            });
+            let (pixel, ahead) = photo.project(point);
+            let is_seen = ahead > 0.0 && pixel.min_element() >= 0.0;
+            let [x, y] = pixel.to_array().map(|v| v as usize);
+            // Beyond the photograph nobody knows a point's colour.
+            let color = match is_seen && x < loaded.color.width && y < loaded.color.height {
+                true => *loaded.color.at(x, y),
+                false => [128, 128, 128, 255],
+            };
+            if color[3] > 127 {
+                points.push((point, Color32::from_rgb(color[0], color[1], color[2])));
+            }
+        }
+    }
+    Ok(points)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::demo;
+
+    #[test]
+    fn points_lie_where_the_camera_measured_them_in_its_colours() {
+        let dataset = demo::dataset().unwrap();
+        let frame = FrameRef::first(&dataset).unwrap();
+        let camera = frame.entry().camera;
+        let points = points_of(&frame, camera.pose, None).unwrap();
+        assert!(points.len() > 1000 && points.len() <= MAX_POINTS, "{}", points.len());
+        let loaded = frame.entry().load().unwrap();
+        let depth = loaded.depth.unwrap();
+        for (point, color) in points.into_iter().step_by(97) {
+            let (pixel, ahead) = camera.project(point);
+            let [x, y] = pixel.to_array().map(|v| v as usize);
+            let [r, g, b, _] = *loaded.color.at(x, y);
+            assert_eq!(color, Color32::from_rgb(r, g, b));
+            let measured = match depth.kind {
+                DepthKind::Z => ahead,
+                DepthKind::RayDistance => point.distance(camera.pose.centre()),
+            };
+            assert!((measured - depth.value_at(x, y).unwrap()).abs() < 1e-6);
+        }
+        // Where the scene says that the camera stood elsewhere, its points are there too.
+        let moved = Pose::look_at(camera.pose.centre() + DVec3::X, DVec3::ZERO, DVec3::Z).unwrap();
+        assert!(points_of(&frame, moved, None).unwrap()[0].0.is_finite());
+    }
+}

@@ -1,0 +1,109 @@
+//! What a file gives back, without the file: what a preview shows before anything is written.
+
+use super::error::Fault;
+use super::format::WriteOptions;
+use super::gaussian::{Gaussian, Turn};
+use super::source::turn;
+use super::{read, write};
+use crate::model::splat::appearance::{SplatSet, SplatView};
+
+/// A model as a file gives it back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadBack {
+    /// The splats of the file, in the axes and units of the model.
+    pub splats: SplatSet,
+    /// Size of the file.
+    pub bytes: u64,
+}
+
+/// Writes and reads a model in memory: what its file would give back, where the model stands. Takes the
+/// memory of the file and of its splats.
+///
+/// ```
+/// use vbgs_studio::export::{ModelFormat, WriteOptions, read_back};
+/// use vbgs_studio::model::splat::splats::Splat;
+///
+/// let splat = Splat { mean: [0.1, 0.2, 0.3], scale: [0.01; 3], ..Splat::default() };
+/// let splat = Splat { opacity: 0.7, ..splat };
+/// let ply = read_back(&[splat], &WriteOptions::new(ModelFormat::Ply))?;
+/// assert_eq!(ply.splats[0].mean, splat.mean);
+/// // SPZ rounds.
+/// let spz = read_back(&[splat], &WriteOptions::new(ModelFormat::Spz))?;
+/// assert_ne!(spz.splats[0].mean, splat.mean);
+/// assert!((spz.splats[0].mean[0] - splat.mean[0]).abs() < 0.002);
+/// # Ok::<(), vbgs_studio::export::Fault>(())
+/// ```
+///
+/// # Errors
+/// Those of [`write()`](super::write()) and [`read()`](super::read()), without those of files.
+pub fn read_back<'a>(
+    splats: impl Into<SplatView<'a>>,
+    options: &WriteOptions,
+) -> Result<ReadBack, Fault> {
+    let bytes = write::encode(splats.into(), options)?;
+    let model = read::decode(&bytes)?;
+    let there = match model.is_z_up {
+        true => turn(options).then(Turn::Y_UP_TO_Z_UP),
+        false => turn(options),
+    };
+    let splats = back(model.splats, there.inverse(), 1.0 / options.unit_scale);
+    Ok(ReadBack { splats, bytes: bytes.len() as u64 })
+}
+
+fn back(read: SplatSet, turn: Turn, scale: f64) -> SplatSet {
+    if turn.is_none() && scale == 1.0 {
+        return read;
+    }
+    let mut turned = SplatSet::default().finished(read.finishing().clone());
+    for (i, splat) in read.iter().enumerate() {
+        let gaussian = Gaussian::of(splat, &read.appearance_of(i)).turned(&turn).scaled(scale);
+        if let Some((splat, appearance)) = gaussian.with_positive_w().to_splat() {
+            turned.push(splat, appearance);
+        }
+    }
+    turned
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export::{Axes, ModelFormat};
+    use crate::model::splat::splats::Splat;
+    use glam::DVec3;
+
+    #[test]
+    fn every_format_gives_a_model_back_where_it_stood() {
+        let splat = Splat {
+            mean: [0.5, -1.25, 2.0],
+            opacity: 0.75,
+            color: [0.25, 0.5, 0.75],
+            scale: [0.02, 0.01, 0.005],
+            rotation: [0.5, 0.5, -0.5, 0.5],
+        };
+        let other = Splat { mean: [-0.3, 0.1, 0.2], ..splat };
+        for format in [ModelFormat::Ply, ModelFormat::Glb, ModelFormat::Spz] {
+            for up in [DVec3::Z, DVec3::NEG_Y, DVec3::NEG_Z, DVec3::new(2.0, -3.0, 6.0) / 7.0] {
+                let options = WriteOptions {
+                    up,
+                    axes: Axes::Viewer,
+                    unit_scale: 2.0,
+                    ..WriteOptions::new(format)
+                };
+                let given = read_back(&[splat, other], &options).unwrap();
+                assert_eq!(given.splats.len(), 2);
+                assert!(given.bytes > 100);
+                for original in [splat, other] {
+                    let place = |s: &Splat| DVec3::from_array(s.mean.map(f64::from));
+                    let is_near = |s: &&Splat| place(s).distance(place(&original)) < 2e-3;
+                    let found = given.splats.iter().find(is_near).unwrap();
+                    let dot: f32 = (0..4).map(|k| found.rotation[k] * original.rotation[k]).sum();
+                    assert!(dot.abs() > 0.9999, "{format} {up}: {:?}", found.rotation);
+                    for axis in 0..3 {
+                        let ratio = found.scale[axis] / original.scale[axis];
+                        assert!((ratio - 1.0).abs() < 0.05, "{format} {up}: {:?}", found.scale);
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! What a file will look like and what it loses, shown before it is written.
+
+use super::harness::{
+    PATIENCE, Window, clear_view, click, dataset, enter_path, train, wait, window,
+};
+use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Key, Modifiers};
+use egui_kittest::kittest::Queryable;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::Subject;
+use vbgs_studio::app::viewer::export_preview::PreviewReport;
+use vbgs_studio::app::viewer::mode::ViewMode;
+use vbgs_studio::export;
+
+/// Waits for the figure of the view; what is told of the file then.
+fn measured(window: &mut Window) -> (u64, f64, Vec<String>) {
+    let started = Instant::now();
+    loop {
+        window.step();
+        let report = window.state().view().previewed();
+        if let Some(PreviewReport::Shown { bytes, psnr: Some(psnr), losses, .. }) = report {
+            return (bytes, psnr, losses);
+        }
+        assert!(started.elapsed() < PATIENCE, "nothing is measured: {report:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
+fn a_file_is_seen_and_measured_before_it_is_written() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    clear_view(&mut window);
+    assert!(window.state().view().previewed().is_none());
+
+    window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+    window.run_steps(2);
+    let ply = folder.path().join("scene.ply");
+    enter_path(&mut window, &ply);
+    let (ply_bytes, ply_psnr, losses) = measured(&mut window);
+    let view = window.state().view();
+    assert_eq!(view.mode(), ViewMode::ModelWipe);
+    let shown = view.compared().unwrap().clone();
+    assert_eq!(shown.name, "As .ply file");
+    assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB of a scene that is no plain one");
+    assert!(losses.iter().any(|loss| loss.contains("colour varies")), "{losses:?}");
+    window.get_by_label_contains("Looks like the scene to");
+
+    // Another format is converted anew.
+    enter_path(&mut window, &folder.path().join("scene.spz"));
+    wait(&mut window, "the other file", |s| {
+        s.view().compared().is_some_and(|model| model.name == "As .spz file")
+    });
+    let (spz_bytes, _, losses) = measured(&mut window);
+    assert!(spz_bytes < ply_bytes, "{spz_bytes} after {ply_bytes}");
+    assert!(losses.iter().any(|loss| loss.starts_with("SPZ rounds")), "{losses:?}");
+
+    // Switched off, what was compared before is compared again.
+    click(&mut window, "Preview the file");
+    wait(&mut window, "no preview", |s| s.view().previewed().is_none());
+    let view = window.state().view();
+    assert_eq!((view.mode(), view.compared().is_none()), (ViewMode::Single, true));
+    click(&mut window, "Preview the file");
+    enter_path(&mut window, &ply);
+    let again = |s: &vbgs_studio::app::Studio| {
+        s.view().compared().is_some_and(|model| model.name == "As .ply file")
+    };
+    wait(&mut window, "the preview again", again);
+
+    // What was shown is what the file holds.
+    window.get_by_role_and_label(Role::Button, "Export").click();
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let file = export::read(&ply).unwrap();
+    assert!(file.splats == shown.splats, "the file holds what was shown");
+    wait(&mut window, "no preview", |s| s.view().previewed().is_none());
+    assert_eq!(window.state().view().mode(), ViewMode::Single);
+    assert_eq!(Arc::strong_count(&shown), 1, "nothing keeps it");
+}

@@ -1,0 +1,111 @@
+//! Nobody waits for anybody: the window for no trainer and no file, the trainer for no window.
+
+use super::harness::{PATIENCE, dataset, drop_on, is, train, wait, wait_for_picture, window};
+use crate::common::adapter::turn;
+use eframe::egui::{Key, PointerButton};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::dataset::synthetic::SyntheticParams;
+use vbgs_studio::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+
+/// A dataset whose frames take long enough to be waited for.
+pub fn large(folder: &Path, n_train: usize) -> PathBuf {
+    let path = folder.join("large");
+    let params =
+        SyntheticParams { width: 320, height: 240, n_train, n_eval: 1, seed: 1, depth_noise: 0.0 };
+    write(&params, &path, SyntheticLayout::Blender(DepthBits::Sixteen), &mut |_, _| {}).unwrap();
+    path
+}
+
+/// A dataset of so many entries that opening it takes a while: all of them are the same frame.
+fn long(folder: &Path, n_frames: usize) -> PathBuf {
+    let path = dataset(folder, 2);
+    for name in ["transforms_train.json", "transforms_test.json"] {
+        let file = path.join(name);
+        let Ok(text) = std::fs::read_to_string(&file) else { continue };
+        let mut all: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let frames = all["frames"].as_array_mut().unwrap();
+        let first = frames[0].clone();
+        frames.resize(n_frames, first);
+        std::fs::write(&file, all.to_string()).unwrap();
+    }
+    path
+}
+
+#[test]
+fn the_window_is_drawn_and_steered_while_a_frame_is_trained() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(large(folder.path(), 6));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.key_press(Key::Space);
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done > 0);
+    let (mut n_passes, mut most) = (0, 0);
+    let mut before = window.state().snapshot().frames_done;
+    while window.state().snapshot().state == RunState::Training {
+        window.step();
+        n_passes += 1;
+        let done = window.state().snapshot().frames_done;
+        if done != before {
+            (before, most, n_passes) = (done, most.max(n_passes), 0);
+        }
+    }
+    assert_eq!(window.state().snapshot().frames_done, 6);
+    // A window that waited for frames would have one pass for each.
+    assert!(most >= 3, "at most {most} passes within one frame");
+    super::harness::drag(&mut window, PointerButton::Primary);
+}
+
+#[test]
+fn frames_are_trained_while_the_window_does_nothing() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Subject::Path(dataset(folder.path(), 12));
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.key_press(Key::Space);
+    window.run_steps(2);
+    // Not a pass more: what the window would draw piles up in nobody's way.
+    let started = Instant::now();
+    while window.state().snapshot().state != RunState::Finished {
+        assert!(started.elapsed() < PATIENCE, "the trainer waits for the window");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(window.state().snapshot().frames_done, 12);
+    wait(&mut window, "all that was missed", |s| s.n_drawn() > 100);
+}
+
+#[test]
+fn the_last_picture_stays_while_something_is_opened() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+    for folder in [&a, &b] {
+        std::fs::create_dir(folder).unwrap();
+    }
+    let (shown, next) = (dataset(&a, 2), long(&b, 20_000));
+    let Some(mut window) = window(Some(Subject::Demo), Painting::Auto) else { return };
+    // The demo may be left unasked.
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    window.key_press(Key::Space);
+    wait(&mut window, "pause", is(RunState::Paused));
+    wait_for_picture(&mut window);
+    drop_on(&mut window, &next);
+    let started = Instant::now();
+    while window.state().snapshot().state != RunState::Loading {
+        assert!(started.elapsed() < PATIENCE, "it is never opened");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let drawn = window.state().n_drawn();
+    window.step();
+    // The pass is over, and what is opened is not there yet: nobody waited for it.
+    assert_eq!(window.state().snapshot().state, RunState::Loading);
+    assert!(drawn > 100 && window.state().n_drawn() == drawn, "the scene stays");
+    wait_for_picture(&mut window);
+    wait(&mut window, "the next", |s| s.snapshot().state == RunState::Ready);
+    drop_on(&mut window, &shown);
+    train(&mut window);
+}
