@@ -203,10 +203,19 @@ impl Fault {
 
 /// Text of a file as it may appear in a message: control characters escaped, at most 60 characters.
 pub(super) fn shorten(text: &str) -> String {
-    const MAX_CHARS: usize = 60;
-    let mut short: String = text.chars().take(MAX_CHARS).flat_map(char::escape_default).collect();
-    if text.chars().nth(MAX_CHARS).is_some() {
-        short.push('…');
+    shorten_to(text, 60)
+}
+
+/// As [`shorten`] does, at most so many characters, those of what is escaped counted as they appear.
+pub(super) fn shorten_to(text: &str, most: usize) -> String {
+    let mut short = String::new();
+    for c in text.chars() {
+        let escaped = c.escape_default();
+        if short.len() + escaped.len() > most {
+            short.push('…');
+            break;
+        }
+        short.extend(escaped);
     }
     short
 }

@@ -44,7 +44,7 @@ fn appearance(splats: &SplatSet) -> Vec<Appearance> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// To the bit where numbers are bytes, else within the rounding of one conversion, not of several.
     #[test]

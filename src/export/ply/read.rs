@@ -8,7 +8,7 @@ use super::N_REST_DEGREE_1;
 use super::body::{Body, pick};
 use super::compressed;
 use super::header::{Kind, PlyElement, PlyHeader};
-use crate::export::error::{Fault, shorten};
+use crate::export::error::{Fault, shorten_to};
 use crate::export::gaussian::{Gaussian, sigmoid};
 use crate::export::harmonics;
 use crate::export::imported::{Imported, ModelKind, Note, Rows};
@@ -17,6 +17,9 @@ use glam::{DMat3, DQuat, DVec3};
 /// The third scale of flat splats, as a fraction of the larger of the other two (`export.md`, PLY
 /// of splats).
 const FLATNESS: f64 = 1e-6;
+/// Properties that a message names at most, and characters of it for them.
+const MOST_NAMED: usize = 20;
+const MOST_NAMED_CHARS: usize = 300;
 
 /// Highest degree of harmonics that trainers write.
 const MAX_DEGREE: usize = 4;
@@ -103,9 +106,10 @@ impl Columns<'_> {
     }
 
     fn missing(&self, name: &str) -> Fault {
-        let names: Vec<String> =
-            self.element.properties.iter().take(20).map(|p| shorten(&p.name)).collect();
-        Fault::MissingProperty { property: name.to_owned(), found: names.join(" ") }
+        let names: Vec<&str> =
+            self.element.properties.iter().take(MOST_NAMED).map(|p| p.name.as_str()).collect();
+        let found = shorten_to(&names.join(" "), MOST_NAMED_CHARS);
+        Fault::MissingProperty { property: name.to_owned(), found }
     }
 }
 

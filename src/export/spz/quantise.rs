@@ -15,6 +15,8 @@ const COEFFICIENT_STEPS: f64 = 32.0;
 /// Largest magnitude of a rotation's 9 bits, which stands for √½.
 const LARGEST_MAGNITUDE: f64 = 511.0;
 
+/// Numbers of a turn that differ by less are as large, whatever rounding says.
+const AS_LARGE: f64 = 1e-5;
 /// Turns that differ by less, in any number, are one: above the rounding of single precision.
 const SAME_TURN: f64 = 1e-6;
 
@@ -102,18 +104,21 @@ pub(super) fn to_scale(scale: DVec3) -> [u8; 3] {
     scale.to_array().map(|s| nearest(SCALE_STEPS * (s.ln() - SCALE_START)))
 }
 
-/// Inverse of [`smallest_three`]. That number is left out with which the turn comes back best, the largest
-/// or one nearly as large: a turn that was read from a file is written as it stood there.
+/// Inverse of [`smallest_three`]. The largest number is left out, the first of those as large, or another one
+/// with which the turn comes back better: a turn that was read from a file is written as it stood there.
 pub(super) fn to_smallest_three(rotation: DQuat) -> [u8; 4] {
+    let xyzw = rotation.to_array();
+    let most = xyzw.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+    let first = xyzw.iter().position(|v| v.abs() >= most - AS_LARGE).unwrap_or(3);
     let candidate = |left_out: usize| {
-        let bytes = without(left_out, rotation.to_array());
+        let bytes = without(left_out, xyzw);
         let [w, x, y, z] = smallest_three(bytes);
         (bytes, difference(DQuat::from_xyzw(x, y, z, w), rotation))
     };
     let better = |best: ([u8; 4], f64), other: ([u8; 4], f64)| {
         if other.1 < best.1 - SAME_TURN { other } else { best }
     };
-    (1..4).map(candidate).fold(candidate(0), better).0
+    (0..4).map(candidate).fold(candidate(first), better).0
 }
 
 /// Largest difference of two turns' numbers; a turn and its negative are one.
