@@ -312,8 +312,6 @@ mod tests {
     use crate::pipeline::plan::Selection;
     use std::time::Duration;
 
-    const N_FRAMES: usize = 9;
-
     /// Takes the longer the earlier a frame is, and panics where one has this name.
     struct Slow {
         defect: Option<String>,
@@ -355,7 +353,7 @@ mod tests {
         let small = SyntheticParams {
             width: 12,
             height: 9,
-            n_train: N_FRAMES,
+            n_train: 9,
             n_eval: 0,
             ..SyntheticParams::demo()
         };
@@ -372,7 +370,7 @@ mod tests {
             let source = Source::ahead(Slow { defect: None }, decoders).unwrap();
             let mut prefetch = Prefetch { upcoming, source };
             let mut calls = 0;
-            for position in 0..N_FRAMES {
+            for position in 0..plan.frames.len() {
                 let prepared = prefetch.next_frame().unwrap();
                 let frame = prepared.result.unwrap();
                 assert_eq!((prepared.position, &prepared.name), (position, &frame.observation));
@@ -380,7 +378,7 @@ mod tests {
                 prefetch.recycle(frame.observation);
             }
             assert!(prefetch.next_frame().is_none());
-            let by_one = calls == N_FRAMES;
+            let by_one = calls == plan.frames.len();
             assert_eq!(by_one, decoders == 1, "{calls} frames by one of {decoders} threads");
         }
     }
