@@ -49,7 +49,7 @@ pub fn write<'a>(
     Ok(WriteSummary { n_written: source.n_rows(), n_skipped, n_left_out, bytes })
 }
 
-/// What [`write`] would write, in memory.
+/// What [`write()`] would write, in memory.
 pub(super) fn encode(view: SplatView, options: &WriteOptions) -> Result<Vec<u8>, Fault> {
     let source = source(view, options)?;
     let content = prepare(&source, options)?;
