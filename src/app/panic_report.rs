@@ -4,6 +4,7 @@
 //! hook therefore notes both, and the catcher looks the place up by the message: rayon carries panics
 //! from its threads to the caller, so the thread is no key.
 
+use crate::pipeline::panic_text::panic_text;
 use std::any::Any;
 use std::collections::VecDeque;
 use std::fmt;
@@ -70,10 +71,7 @@ fn note(panic: &PanicHookInfo<'_>) {
 }
 
 fn message(payload: &(dyn Any + Send)) -> String {
-    // `panic!` carries a `&str` if there is nothing to format in its message, else a `String`.
-    let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| payload.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "no message".to_owned())
+    panic_text(payload).unwrap_or("no message").to_owned()
 }
 
 #[cfg(test)]

@@ -3,13 +3,13 @@
 //! cores all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
 //! Prefetch).
 
+use super::panic_text::panic_text;
 use super::plan::Plan;
 use super::prepare::Prepare;
 use crate::dataset::error::FrameError;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::train::timing::Stopwatch;
 use rayon::prelude::*;
-use std::any::Any;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
@@ -269,7 +269,7 @@ impl<P: Prepare> Worker<P> {
             *self = Self::default();
             Err(format!(
                 "{name}: left out by a defect of this program, please report it: {}",
-                said(&*panic)
+                panic_text(&*panic).unwrap_or("a panic without words")
             ))
         });
         Prepared { position: *position, is_repeat: *is_repeat, name, result }
@@ -296,12 +296,6 @@ impl<P: Prepare> Worker<P> {
         }
         Ok(PreparedFrame { observation, dropped: P::dropped(&counts), load_ms, prepare_ms })
     }
-}
-
-/// What a panic said.
-fn said(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without words")
 }
 
 #[cfg(test)]
