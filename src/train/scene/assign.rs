@@ -2,8 +2,7 @@
 //!
 //! Consecutive points are neighbours, so a group of them collects the seeds of the cells it touches
 //! once and compares all with all: straight loops that vectors run through, where a lookup per
-//! point would chase 27 buckets. A group that is torn apart by a depth edge falls back to single
-//! searches. Distance alone decides: normals or colours as further dimensions brought more
+//! point would chase 27 buckets. A group that is torn apart by a depth edge is halved. Distance alone decides: normals or colours as further dimensions brought more
 //! components and no better picture (`scene.md`, Tried and dropped).
 
 use super::components::Components;
@@ -16,9 +15,10 @@ use rayon::prelude::*;
 /// Points that are searched for together.
 // As many as a tile of 8×8 pixels, in whose order points come.
 const GROUP: usize = 64;
+/// Points that are compared with a seed at once.
+const WIDTH: usize = 16;
 /// Most cells of a group that are looked through as one; beyond that its points are far apart.
-// 8³: eight pixels are some 3 `h` at the default scale, and a cell is added at either side.
-const MAX_CELLS: f64 = 512.0;
+const MAX_CELLS: f64 = 256.0;
 
 /// Seeds near a group.
 #[derive(Default)]
@@ -62,6 +62,7 @@ fn keep_within(grid: &SeedGrid, spacing: Spacing, points: &[SurfacePoint], owner
     }
 }
 
+/// A group that a depth edge tears apart is halved until it holds together: one point's cells are few.
 fn assign_group(
     grid: &SeedGrid,
     reach: f32,
@@ -79,19 +80,18 @@ fn assign_group(
         return; // no point within reach
     }
     if n_cells > MAX_CELLS {
-        for (point, owner) in points.iter().zip(owners) {
-            *owner = grid.nearest(point.position).unwrap_or(NONE);
-        }
+        let middle = points.len() / 2;
+        let (first, second) = owners.split_at_mut(middle);
+        assign_group(grid, reach, &points[..middle], first, near);
+        assign_group(grid, reach, &points[middle..], second, near);
         return;
     }
     near.ids.clear();
     near.seeds.clear();
     // Cells are wider than a group: most of their seeds are within reach of none of its points.
-    let (low_corner, high_corner) = corners(points);
+    let (low, high) = corners(points, reach);
     grid.visit(around.low, around.high, |id, seed| {
-        let is_near =
-            (0..3).all(|i| seed[i] >= low_corner[i] - reach && seed[i] <= high_corner[i] + reach);
-        if is_near {
+        if (0..3).all(|i| seed[i] >= low[i] && seed[i] <= high[i]) {
             near.ids.push(id);
             near.seeds.push(seed);
         }
@@ -99,19 +99,19 @@ fn assign_group(
     Isa::best().run(Nearest { near, limit: reach * reach, points, owners });
 }
 
-/// The box around some points.
-fn corners(points: &[SurfacePoint]) -> ([f32; 3], [f32; 3]) {
+/// Lower and upper corner of the box around some points, wider by `reach` on every side.
+pub fn corners(points: &[SurfacePoint], reach: f32) -> ([f32; 3], [f32; 3]) {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for point in points {
         for axis in 0..3 {
-            low[axis] = low[axis].min(point.position[axis]);
-            high[axis] = high[axis].max(point.position[axis]);
+            low[axis] = low[axis].min(point.position[axis] - reach);
+            high[axis] = high[axis].max(point.position[axis] + reach);
         }
     }
     (low, high)
 }
 
-/// The nearest of some seeds, for up to [`GROUP`] points at once.
+/// The nearest of some seeds, for all points of a group.
 struct Nearest<'a> {
     near: &'a Near,
     limit: f32,
@@ -125,24 +125,37 @@ impl Kernel for Nearest<'_> {
     #[inline(always)]
     fn run<V: Vector>(self) {
         let Self { near, limit, points, owners } = self;
-        let mut place = [[0.0f32; GROUP]; 3];
-        let [xs, ys, zs] = &mut place;
-        for (i, point) in points.iter().enumerate() {
-            [xs[i], ys[i], zs[i]] = point.position;
+        let seeds = near.ids.iter().copied().zip(near.seeds.iter().copied());
+        for (points, owners) in points.chunks(WIDTH).zip(owners.chunks_mut(WIDTH)) {
+            let mut places = [[0.0; 3]; WIDTH];
+            places.iter_mut().zip(points).for_each(|(place, point)| *place = point.position);
+            let found = nearest_of::<WIDTH>(&places, seeds.clone(), limit);
+            owners.copy_from_slice(&found[..owners.len()]);
         }
-        // Whole arrays even for a short group: loops of constant length become vectors.
-        let (mut best, mut found) = ([limit; GROUP], [NONE; GROUP]);
-        for (&id, seed) in near.ids.iter().zip(&near.seeds) {
-            for i in 0..GROUP {
-                let d2 = squared_distance([place[0][i], place[1][i], place[2][i]], *seed);
-                // Equal distances go to the older seed, in whatever order cells are visited.
-                let closer = d2 < best[i] || (d2 == best[i] && id < found[i]);
-                best[i] = if closer { d2 } else { best[i] };
-                found[i] = if closer { id } else { found[i] };
-            }
-        }
-        owners.copy_from_slice(&found[..owners.len()]);
     }
+}
+
+/// The nearest of some seeds to each of `N` places, no farther than the root of `limit`; [`NONE`] where
+/// none is.
+#[inline(always)]
+pub fn nearest_of<const N: usize>(
+    places: &[[f32; 3]; N],
+    seeds: impl Iterator<Item = (u32, [f32; 3])>,
+    limit: f32,
+) -> [u32; N] {
+    let along: [[f32; N]; 3] = std::array::from_fn(|axis| places.map(|place| place[axis]));
+    // Whole arrays even for few places: loops of constant length become vectors.
+    let (mut best, mut found) = ([limit; N], [NONE; N]);
+    for (id, seed) in seeds {
+        for i in 0..N {
+            let d2 = squared_distance([along[0][i], along[1][i], along[2][i]], seed);
+            // Equal distances go to the older seed, in whatever order cells are visited.
+            let closer = d2 < best[i] || (d2 == best[i] && id < found[i]);
+            best[i] = if closer { d2 } else { best[i] };
+            found[i] = if closer { id } else { found[i] };
+        }
+    }
+    found
 }
 
 #[cfg(test)]

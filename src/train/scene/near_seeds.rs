@@ -1,20 +1,22 @@
-//! Seeds near points that are about to move a little, gathered once for all their moves.
+//! Seeds near points that move a little again and again, gathered once for many moves.
 
+use super::assign::{corners, nearest_of};
 use super::components::Components;
 use super::grid::{CellBox, NONE, SeedGrid, squared_distance};
+use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::surface::SurfacePoint;
 use rayon::prelude::*;
 
 /// Points that are gathered for by one thread at a time.
 const CHUNK: usize = 256;
-/// Consecutive points whose cells are looked through together: they are neighbours in the picture.
+/// Most points that share their seeds: consecutive ones are neighbours in the picture.
 const GROUP: usize = 8;
 /// Most cells of a group that are looked through as one, beyond that its points are far apart.
 const MAX_CELLS: f64 = 256.0;
-/// How far points may move before they are searched for one by one, units of what is in reach.
+/// How far points may move before the seeds near them are gathered anew, units of what is in reach.
 const MARGIN: f32 = 0.25;
 
-/// The seeds that each of some points has within reach wherever it moves to, if that is not far.
+/// The seeds that each of some points has within reach as it moves, gathered anew where it moves far.
 pub struct NearSeeds<'a> {
     grid: &'a SeedGrid,
     reach: f32,
@@ -26,84 +28,127 @@ pub struct NearSeeds<'a> {
 struct Chunk {
     /// Where the points were gathered for.
     places: Vec<[f32; 3]>,
-    /// By point the end of its seeds.
-    ends: Vec<u32>,
+    groups: Vec<Group>,
     seeds: Vec<(u32, [f32; 3])>,
 }
 
+/// Consecutive points of a chunk.
+struct Group {
+    n_points: usize,
+    /// Where their seeds end, and those of the next group begin.
+    end: usize,
+}
+
 impl<'a> NearSeeds<'a> {
-    /// Those of points where they are now; `reach` is the width of a cell at most.
-    pub fn new(grid: &'a SeedGrid, reach: f32, points: &[SurfacePoint]) -> Self {
-        let chunks = points.par_chunks(CHUNK).map(|points| Chunk::new(grid, reach, points));
-        Self { grid, reach, chunks: chunks.collect() }
+    /// Those of so many points; `reach` is the width of a cell at most.
+    pub fn new(grid: &'a SeedGrid, reach: f32, n_points: usize) -> Self {
+        let mut chunks = Vec::new();
+        chunks.resize_with(n_points.div_ceil(CHUNK), Chunk::default);
+        Self { grid, reach, chunks }
     }
 
-    /// Replaces `owners` by the component of each of the points, moved from where they were, which is
-    /// that of the nearest seed; [`NONE`] where no seed is near enough.
-    pub fn assign(&self, components: &Components, points: &[SurfacePoint], owners: &mut Vec<u32>) {
+    /// Replaces `owners` by the component of each of the points, which is that of the nearest seed;
+    /// [`NONE`] where no seed is near enough. The points are the same ones every time, wherever they
+    /// have moved to.
+    pub fn assign(
+        &mut self,
+        components: &Components,
+        points: &[SurfacePoint],
+        owners: &mut Vec<u32>,
+    ) {
         owners.clear();
         owners.resize(points.len(), NONE);
-        let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).zip(&self.chunks);
-        parts.for_each(|((owners, points), chunk)| {
-            for (i, (owner, point)) in owners.iter_mut().zip(points).enumerate() {
-                let seed = self.nearest(chunk, i, point.position);
-                *owner = seed.map_or(NONE, |seed| components.of_seed(seed));
+        let (grid, reach, isa) = (self.grid, self.reach, Isa::best());
+        let parts = owners.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK));
+        parts.zip(&mut self.chunks).for_each(|((owners, points), chunk)| {
+            if chunk.has_left(points, MARGIN * reach) {
+                chunk.gather(grid, reach, points);
+            }
+            isa.run(MovedChunk { reach, chunk, points, owners });
+            for owner in owners.iter_mut().filter(|owner| **owner != NONE) {
+                *owner = components.of_seed(*owner);
             }
         });
-    }
-
-    fn nearest(&self, chunk: &Chunk, i: usize, position: [f32; 3]) -> Option<u32> {
-        let margin = MARGIN * self.reach;
-        let has_stayed = squared_distance(position, chunk.places[i]) <= margin * margin;
-        if !has_stayed {
-            return self.grid.nearest(position);
-        }
-        let (mut best, mut found) = (self.reach * self.reach, NONE);
-        for &(id, seed) in chunk.seeds(i) {
-            let d2 = squared_distance(position, seed);
-            // Equal distances go to the older seed.
-            if d2 < best || (d2 == best && id < found) {
-                (best, found) = (d2, id);
-            }
-        }
-        (found != NONE).then_some(found)
     }
 }
 
 impl Chunk {
-    fn new(grid: &SeedGrid, reach: f32, points: &[SurfacePoint]) -> Self {
-        let mut chunk = Self::default();
-        // A little more, as distances are rounded.
-        let radius = (1.0 + MARGIN) * reach * (1.0 + 1e-5);
-        let mut shared = Vec::new();
-        for group in points.chunks(GROUP) {
-            let is_shared = gather(grid, radius, group, &mut shared);
-            for point in group {
-                let place = point.position;
-                let near = |seed: [f32; 3]| squared_distance(place, seed) <= radius * radius;
-                if is_shared {
-                    chunk.seeds.extend(shared.iter().filter(|(_, seed)| near(*seed)));
-                    chunk.places.push(place);
-                } else if let Some([low, high]) = cells(grid, radius, place) {
-                    grid.visit(low, high, |id, seed| {
-                        if near(seed) {
-                            chunk.seeds.push((id, seed));
-                        }
-                    });
-                    chunk.places.push(place);
-                } else {
-                    // Never near to itself, so that the grid is asked.
-                    chunk.places.push([f32::NAN; 3]);
-                }
-                chunk.ends.push(chunk.seeds.len() as u32);
-            }
-        }
-        chunk
+    /// Whether a point is farther than `margin` from where it was gathered for, or never was.
+    fn has_left(&self, points: &[SurfacePoint], margin: f32) -> bool {
+        let has_stayed = |(point, place): (&SurfacePoint, &[f32; 3])| {
+            squared_distance(point.position, *place) <= margin * margin
+        };
+        self.places.len() != points.len() || !points.iter().zip(&self.places).all(has_stayed)
     }
 
-    fn seeds(&self, i: usize) -> &[(u32, [f32; 3])] {
-        let start = if i == 0 { 0 } else { self.ends[i - 1] };
-        &self.seeds[start as usize..self.ends[i] as usize]
+    /// Gathers seeds for points where they are now.
+    fn gather(&mut self, grid: &SeedGrid, reach: f32, points: &[SurfacePoint]) {
+        self.places.clear();
+        self.groups.clear();
+        self.seeds.clear();
+        // A little more, as distances are rounded.
+        let radius = (1.0 + MARGIN) * reach * (1.0 + 1e-5);
+        points.chunks(GROUP).for_each(|group| self.gather_group(grid, radius, group));
+    }
+
+    /// Takes in a group of points; one whose points lie too far apart is halved.
+    fn gather_group(&mut self, grid: &SeedGrid, radius: f32, points: &[SurfacePoint]) {
+        let mut around = CellBox::EMPTY;
+        let mut is_reached = true;
+        for point in points {
+            match cells(grid, radius, point.position) {
+                Some([low, high]) => around.include(low, high),
+                None => is_reached = false,
+            }
+        }
+        if points.len() > 1 && (!is_reached || around.n_cells() > MAX_CELLS) {
+            let (first, second) = points.split_at(points.len() / 2);
+            self.gather_group(grid, radius, first);
+            self.gather_group(grid, radius, second);
+            return;
+        }
+        let places = points.iter().map(|point| point.position);
+        // What no cell holds has no seeds, and is looked at anew wherever it moves to.
+        if is_reached {
+            let (low, high) = corners(points, radius);
+            grid.visit(around.low, around.high, |id, seed| {
+                if (0..3).all(|i| seed[i] >= low[i] && seed[i] <= high[i]) {
+                    self.seeds.push((id, seed));
+                }
+            });
+        }
+        self.places.extend(places);
+        self.groups.push(Group { n_points: points.len(), end: self.seeds.len() });
+    }
+}
+
+/// Points of a chunk, not far from where its seeds were gathered for.
+struct MovedChunk<'a> {
+    reach: f32,
+    chunk: &'a Chunk,
+    points: &'a [SurfacePoint],
+    /// By point its nearest seed.
+    owners: &'a mut [u32],
+}
+
+impl Kernel for MovedChunk<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { reach, chunk, points, owners } = self;
+        let (mut first, mut start) = (0, 0);
+        for group in &chunk.groups {
+            let seeds = chunk.seeds[start..group.end].iter().copied();
+            let range = first..first + group.n_points;
+            let mut places = [[0.0; 3]; GROUP];
+            for (place, point) in places.iter_mut().zip(&points[range.clone()]) {
+                *place = point.position;
+            }
+            let found = nearest_of::<GROUP>(&places, seeds, reach * reach);
+            owners[range].copy_from_slice(&found[..group.n_points]);
+            (first, start) = (first + group.n_points, group.end);
+        }
     }
 }
 
@@ -112,26 +157,6 @@ fn cells(grid: &SeedGrid, radius: f32, place: [f32; 3]) -> Option<[[i32; 3]; 2]>
     let corners = [place.map(|x| x - radius), place.map(|x| x + radius)];
     let is_reached = corners.iter().all(|corner| grid.reaches(*corner));
     is_reached.then(|| corners.map(|corner| grid.cell_of(corner)))
-}
-
-/// Replaces `seeds` by those of all cells around some points; `false` where they lie too far apart for it.
-fn gather(
-    grid: &SeedGrid,
-    radius: f32,
-    points: &[SurfacePoint],
-    seeds: &mut Vec<(u32, [f32; 3])>,
-) -> bool {
-    let mut around = CellBox::EMPTY;
-    for point in points {
-        let Some([low, high]) = cells(grid, radius, point.position) else { return false };
-        around.include(low, high);
-    }
-    if around.n_cells() > MAX_CELLS {
-        return false;
-    }
-    seeds.clear();
-    grid.visit(around.low, around.high, |id, seed| seeds.push((id, seed)));
-    true
 }
 
 #[cfg(test)]
@@ -154,7 +179,7 @@ mod tests {
         let mut points: Vec<SurfacePoint> = (0..1000).map(|_| at(place(1.0))).collect();
         // One that no cell holds.
         points.push(at([1e30, 0.0, 0.0]));
-        let near = NearSeeds::new(&grid, 0.1, &points);
+        let mut near = NearSeeds::new(&grid, 0.1, points.len());
         let mut owners = Vec::new();
         // Less far than the margin, about as far, and much farther.
         for spread in [0.0, 0.005, 0.02, 0.3] {

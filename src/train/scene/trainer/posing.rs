@@ -52,12 +52,12 @@ impl<W: SumScalar> SceneTrainer<W> {
         let mut planes = KnownPlanes::new(&self.component_sums, seed_positions, h, ridge);
         let (mut motion, mut moved) = (self.likely(&part.camera.pose), Vec::new());
         motion.apply(part, &mut moved);
-        let near = matches!(self.config.births, BirthRule::Seeds)
-            .then(|| NearSeeds::new(&self.grid, h as f32, &moved));
+        let mut near = matches!(self.config.births, BirthRule::Seeds)
+            .then(|| NearSeeds::new(&self.grid, h as f32, moved.len()));
         for _ in 0..ROUNDS {
             // Anew in every round: points that move come to other components, and only those tell how
             // much farther they have to go.
-            match &near {
+            match &mut near {
                 Some(near) => near.assign(&self.components, &moved, owners),
                 None => self.find_owners(&moved, Spacing::new(h, None), owners),
             }
