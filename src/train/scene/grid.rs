@@ -1,9 +1,11 @@
-//! Seeds by place: a hash grid with cells as wide as the structural scale.
+//! Seeds by place: a hash grid with cells as wide as the structural scale, four of which to every side
+//! are a block.
 //!
-//! A scene has no bounds that are known beforehand, so cells are hashed instead of laid out.
-//! Buckets are chains through an array of seeds: insertion moves nothing, growth relinks, and seeds
-//! keep their numbers. Buckets may hold seeds of other cells as well; callers compare distances
-//! anyway.
+//! A scene has no bounds that are known beforehand, so blocks are hashed instead of laid out. Points lie on
+//! surfaces, most cells of a box around some of them hold no seed, and looking these up one by one took
+//! half the time of finding components; a block has seeds of a dozen cells together. Larger blocks hold
+//! more seeds that are too far away, smaller ones are mostly empty again. Buckets are chains of nodes with
+//! room for a few seeds each: insertion moves nothing, growth relinks, and seeds keep their numbers.
 
 /// Stands for no seed, and for no component.
 pub const NONE: u32 = u32::MAX;
@@ -11,17 +13,29 @@ pub const NONE: u32 = u32::MAX;
 // At 2²⁰ cells an f32 still tells sixteenths of a cell apart.
 const MAX_CELLS: f32 = (1 << 20) as f32;
 /// Buckets of a grid without seeds.
-const MIN_BUCKETS: usize = 1024;
+const MIN_BUCKETS: usize = 256;
+/// Cells along a side of a block, as a power of two.
+const BLOCK_BITS: u32 = 2;
+/// Seeds of a node.
+const NODE: usize = 7;
 
 /// Seeds of all components, found by place.
 pub struct SeedGrid {
     cell: f32,
     per_cell: f32,
     positions: Vec<[f32; 3]>,
-    /// By seed the next one of its bucket.
-    next: Vec<u32>,
-    /// First seed by bucket; a power of two of them.
+    nodes: Vec<Node>,
+    /// First node by bucket; a power of two of them.
     heads: Vec<u32>,
+}
+
+/// Some seeds of a bucket, in ascending order.
+#[derive(Clone, Copy)]
+struct Node {
+    /// [`NONE`] behind the last.
+    ids: [u32; NODE],
+    /// The next node of the bucket.
+    next: u32,
 }
 
 impl SeedGrid {
@@ -31,7 +45,7 @@ impl SeedGrid {
             cell: cell as f32,
             per_cell: (1.0 / cell) as f32,
             positions: Vec::new(),
-            next: Vec::new(),
+            nodes: Vec::new(),
             heads: vec![NONE; MIN_BUCKETS],
         }
     }
@@ -49,7 +63,8 @@ impl SeedGrid {
 
     /// Bytes that the grid takes.
     pub fn bytes(&self) -> usize {
-        self.len() * (size_of::<[f32; 3]>() + size_of::<u32>())
+        self.len() * size_of::<[f32; 3]>()
+            + self.nodes.len() * size_of::<Node>()
             + self.heads.len() * size_of::<u32>()
     }
 
@@ -65,6 +80,12 @@ impl SeedGrid {
         position.map(|x| (x * self.per_cell).floor() as i32)
     }
 
+    /// Whether a place may lie within `radius` world units of a seed: beyond the rim, too.
+    #[inline(always)]
+    pub fn comes_near(&self, position: [f32; 3], radius: f32) -> bool {
+        position.iter().all(|x| (x.abs() - radius) * self.per_cell < MAX_CELLS)
+    }
+
     #[inline(always)]
     fn bucket(&self, [x, y, z]: [i32; 3]) -> usize {
         let mixed = (x as u32).wrapping_mul(0x9E37_79B1)
@@ -76,46 +97,91 @@ impl SeedGrid {
 
     /// Adds a seed at a place within reach.
     pub fn insert(&mut self, position: [f32; 3]) -> u32 {
-        // As many buckets as seeds at least keep chains short.
-        if self.len() >= self.heads.len() {
+        // As many buckets as nodes at least keep chains short.
+        if self.nodes.len() >= self.heads.len() {
             self.grow();
         }
         let id = self.len() as u32;
         self.positions.push(position);
-        self.next.push(NONE);
         self.link(id);
         id
     }
 
     fn link(&mut self, id: u32) {
-        let bucket = self.bucket(self.cell_of(self.positions[id as usize]));
-        self.next[id as usize] = self.heads[bucket];
-        self.heads[bucket] = id;
+        let cell = self.cell_of(self.positions[id as usize]);
+        let bucket = self.bucket(cell.map(|c| c >> BLOCK_BITS));
+        let head = self.heads[bucket];
+        let room = self.nodes.get_mut(head as usize).and_then(|node| {
+            let free = node.ids.iter().position(|id| *id == NONE)?;
+            Some(&mut node.ids[free])
+        });
+        match room {
+            Some(free) => *free = id,
+            None => {
+                self.heads[bucket] = self.nodes.len() as u32;
+                let mut ids = [NONE; NODE];
+                ids[0] = id;
+                self.nodes.push(Node { ids, next: head });
+            }
+        }
     }
 
     fn grow(&mut self) {
         let n = self.heads.len() * 2;
         self.heads.clear();
         self.heads.resize(n, NONE);
+        self.nodes.clear();
         for id in 0..self.len() as u32 {
             self.link(id);
         }
     }
 
-    /// Every seed in the cells from `low` to `high`, and some from elsewhere, to `visit`.
+    /// Every seed in the blocks that some cells lie in, and some from elsewhere, to `visit`.
     #[inline(always)]
-    pub fn visit(&self, low: [i32; 3], high: [i32; 3], mut visit: impl FnMut(u32, [f32; 3])) {
+    fn visit_blocks(&self, cells: CellBox, mut visit: impl FnMut(u32, [f32; 3])) {
+        let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> BLOCK_BITS));
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
                 for x in low[0]..=high[0] {
-                    let mut id = self.heads[self.bucket([x, y, z])];
-                    while id != NONE {
-                        visit(id, self.positions[id as usize]);
-                        id = self.next[id as usize];
+                    let mut next = self.heads[self.bucket([x, y, z])];
+                    while let Some(node) = self.nodes.get(next as usize) {
+                        for &id in node.ids.iter().take_while(|id| **id != NONE) {
+                            visit(id, self.positions[id as usize]);
+                        }
+                        next = node.next;
                     }
                 }
             }
         }
+    }
+
+    /// Every seed in the cells from `low` to `high` to `visit`.
+    #[inline(always)]
+    pub fn visit(&self, low: [i32; 3], high: [i32; 3], mut visit: impl FnMut(u32, [f32; 3])) {
+        self.visit_blocks(CellBox { low, high }, |id, seed| {
+            let cell = self.cell_of(seed);
+            if (0..3).all(|i| cell[i] >= low[i] && cell[i] <= high[i]) {
+                visit(id, seed);
+            }
+        });
+    }
+
+    /// The cells of a box between two corners.
+    pub fn cells_between(&self, [low, high]: [[f32; 3]; 2]) -> CellBox {
+        CellBox { low: self.cell_of(low), high: self.cell_of(high) }
+    }
+
+    /// Adds to `found` the seeds of a box between two corners.
+    pub fn gather(&self, corners: [[f32; 3]; 2], found: &mut Vec<(u32, [f32; 3])>) {
+        let [low, high] = corners;
+        self.visit_blocks(self.cells_between(corners), |id, seed| {
+            // One decision: most seeds of a block are out of the box by one axis or another.
+            let inside =
+                (0..3).fold(true, |all, i| all & (seed[i] >= low[i]) & (seed[i] <= high[i]));
+            if inside {
+                found.push((id, seed));
+            }
+        });
     }
 
     /// The nearest seed within a cell's width of a place; of equals the oldest.
@@ -126,7 +192,8 @@ impl SeedGrid {
         // `NONE` is above every id, so that a seed at exactly a cell's width counts.
         let (mut best, mut found) = (self.cell * self.cell, NONE);
         let cell = self.cell_of(position);
-        self.visit(cell.map(|c| c - 1), cell.map(|c| c + 1), |id, seed| {
+        let around = CellBox { low: cell.map(|c| c - 1), high: cell.map(|c| c + 1) };
+        self.visit_blocks(around, |id, seed| {
             let d2 = squared_distance(position, seed);
             // The order of buckets must not decide between equals.
             if d2 < best || (d2 == best && id < found) {
@@ -143,7 +210,7 @@ impl SeedGrid {
         }
         let cell = self.cell_of(position);
         let mut found = None;
-        self.visit(cell, cell, |id, seed| {
+        self.visit_blocks(CellBox { low: cell, high: cell }, |id, seed| {
             if seed == position {
                 found = Some(id);
             }
@@ -162,17 +229,6 @@ pub struct CellBox {
 }
 
 impl CellBox {
-    /// That of no place.
-    pub const EMPTY: Self = Self { low: [i32::MAX; 3], high: [i32::MIN; 3] };
-
-    /// Grows until it holds the cells from `low` to `high`.
-    pub fn include(&mut self, low: [i32; 3], high: [i32; 3]) {
-        for axis in 0..3 {
-            self.low[axis] = self.low[axis].min(low[axis]);
-            self.high[axis] = self.high[axis].max(high[axis]);
-        }
-    }
-
     /// How many cells it holds.
     pub fn n_cells(&self) -> f64 {
         // More, it may be, than 64 bits hold.

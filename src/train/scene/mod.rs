@@ -39,5 +39,6 @@ mod near_seeds;
 mod observe;
 mod refine;
 mod rigid_equations;
+mod seed_groups;
 mod seed_positions;
 pub mod spacing;

@@ -93,7 +93,7 @@ impl<W: SumScalar> SceneTrainer<W> {
         // Taken out meanwhile: new splats are made of the sums that stay behind.
         let mut photometric = std::mem::take(&mut self.photometric);
         let splat = |id| self.splat_of_points(id);
-        let points = |id| self.component_sums.sums(id)[0];
+        let points = |id| self.component_sums.plane_sums(id).0;
         photometric.begin(self.component_sums.len(), &self.touched, &rule, points, splat);
         let full_coverage = self.config.splat_rule.full_coverage as f32;
         let exposed = photograph.exposed(gain);
