@@ -142,6 +142,32 @@ impl Vector for Avx2 {
     }
 
     #[inline(always)]
+    fn transposed(rows: [Self; LANES]) -> [Self; LANES] {
+        let mut columns = [rows[0]; LANES];
+        unsafe {
+            // Pairs of rows, then fours of them, each within halves of four lanes; then halves change
+            // places. Spelled out in loops: closures over vectors are not compiled for AVX2.
+            let mut fours = [[rows[0].0; 4]; 2];
+            for (half, fours) in fours.iter_mut().enumerate() {
+                let [a, b] = [rows[4 * half].0, rows[4 * half + 1].0];
+                let [c, d] = [rows[4 * half + 2].0, rows[4 * half + 3].0];
+                let (low, next_low) = (_mm256_unpacklo_ps(a, b), _mm256_unpacklo_ps(c, d));
+                let (high, next_high) = (_mm256_unpackhi_ps(a, b), _mm256_unpackhi_ps(c, d));
+                fours[0] = _mm256_shuffle_ps::<0x44>(low, next_low);
+                fours[1] = _mm256_shuffle_ps::<0xEE>(low, next_low);
+                fours[2] = _mm256_shuffle_ps::<0x44>(high, next_high);
+                fours[3] = _mm256_shuffle_ps::<0xEE>(high, next_high);
+            }
+            for i in 0..4 {
+                let (upper, lower) = (fours[0][i], fours[1][i]);
+                columns[i] = Self(_mm256_permute2f128_ps::<0x20>(upper, lower));
+                columns[i + 4] = Self(_mm256_permute2f128_ps::<0x31>(upper, lower));
+            }
+        }
+        columns
+    }
+
+    #[inline(always)]
     fn compress(self, mask: u32) -> Self {
         let lanes = &SET_LANES[mask as usize & 0xFF];
         unsafe {

@@ -94,6 +94,10 @@ mod tests {
                 V::select(a.mask_at_most(b), a, b),
                 a.scale_by_bits(V::splat(f32::from_bits(3))),
             ];
+            let columns = V::transposed([a, b, a + b, a, b, a - b, a, b]);
+            let sums = V::lane_sums([a, b, a + b, a, b, a - b, a, b]);
+            let vectors = vectors.into_iter().chain(columns).chain([sums]);
+            let vectors: Vec<V> = vectors.collect();
             let lanes = vectors.iter().flat_map(|v| v.to_array()).map(f32::to_bits);
             let some = a.compress(0b1010_0110).to_array().map(f32::to_bits);
             let some = some.into_iter().take(4);
@@ -109,8 +113,13 @@ mod tests {
         assert_eq!(f32::from_bits(expected[8]), 0.2);
         assert_eq!(expected[104], 0.8f32.to_bits());
         assert_eq!(expected[96..99], [a[0], a[1], b[2]].map(f32::to_bits));
-        assert_eq!(expected[112..115], [0b0110_0011, 0b1100_0001, 0b0010_0010]);
-        assert_eq!(expected[115..], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
+        // Vectors of every lane number, then their sums.
+        let second = [a[1], b[1], a[1] + b[1], a[1], b[1], a[1] - b[1], a[1], b[1]];
+        assert_eq!(expected[120..128], second.map(f32::to_bits));
+        let sum = b.iter().sum::<f32>();
+        assert_eq!(expected[177], sum.to_bits());
+        assert_eq!(expected[184..187], [0b0110_0011, 0b1100_0001, 0b0010_0010]);
+        assert_eq!(expected[187..], [a[1], a[2], a[5], a[7]].map(f32::to_bits));
         if let Some(avx2) = Isa::avx2() {
             assert_eq!(avx2.run(Everything(&a, &b)), expected);
         }

@@ -106,6 +106,11 @@ impl Vector for Portable {
     }
 
     #[inline(always)]
+    fn transposed(rows: [Self; LANES]) -> [Self; LANES] {
+        f32x8::transpose(rows.map(|row| row.0)).map(Self)
+    }
+
+    #[inline(always)]
     fn compress(self, mask: u32) -> Self {
         let (from, lanes) = (self.0.to_array(), &SET_LANES[mask as usize & 0xFF]);
         let mut to = [0.0; LANES];

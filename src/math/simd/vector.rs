@@ -40,6 +40,18 @@ pub trait Vector:
     /// Adds the integer in the bits of each lane of `exponent` to the exponent of the lane: times a
     /// power of two, as long as the result is a normal number.
     fn scale_by_bits(self, exponent: Self) -> Self;
+    /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
+    fn transposed(rows: [Self; LANES]) -> [Self; LANES];
+    /// The sum of each of eight vectors' lanes, added first to last, in the lane of its number.
+    #[inline(always)]
+    fn lane_sums(rows: [Self; LANES]) -> Self {
+        let lanes = Self::transposed(rows);
+        let mut sums = lanes[0];
+        for lanes in &lanes[1..] {
+            sums = sums + *lanes;
+        }
+        sums
+    }
     /// The lanes as an array, first to last.
     fn to_array(self) -> [f32; LANES] {
         let mut lanes = [0.0; LANES];

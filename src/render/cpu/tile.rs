@@ -71,26 +71,36 @@ impl Tile {
     /// image; the others start finished.
     pub(super) fn new(left: usize, top: usize, columns: usize, rows: usize) -> Self {
         let empty = [[0.0; LANES]; TILE * GROUPS];
-        let transmittance = std::array::from_fn(|group| {
-            let (row, first) = (group / GROUPS, group % GROUPS * LANES);
-            let inside = |lane| row < rows && first + lane < columns;
-            std::array::from_fn(|lane| if inside(lane) { 1.0 } else { -1.0 })
-        });
-        Self {
+        let mut tile = Self {
             left,
             top,
-            transmittance,
+            transmittance: [[-1.0; LANES]; TILE * GROUPS],
             color: [empty; 3],
             depth: empty,
             rays: None,
-            open_rows: (1 << rows.min(TILE)) - 1,
-        }
+            open_rows: 0,
+        };
+        tile.begin([left, top], [columns, rows], u32::MAX);
+        tile
     }
 
-    /// Leaves out the rows without a bit in `mask`.
-    pub(super) fn with_rows(mut self, mask: u32) -> Self {
-        self.open_rows &= mask;
-        self
+    /// Begins anew elsewhere, but for the rows without a bit in `mask`, which are left out.
+    pub(super) fn begin(
+        &mut self,
+        [left, top]: [usize; 2],
+        [columns, rows]: [usize; 2],
+        mask: u32,
+    ) {
+        (self.left, self.top) = (left, top);
+        self.open_rows = mask & ((1 << rows.min(TILE)) - 1);
+        for row in (0..TILE).filter(|row| self.open_rows & (1 << row) != 0) {
+            for half in 0..GROUPS {
+                let group = row * GROUPS + half;
+                self.transmittance[group] = untouched(half * LANES, columns);
+                self.depth[group] = [0.0; LANES];
+                self.color.iter_mut().for_each(|plane| plane[group] = [0.0; LANES]);
+            }
+        }
     }
 
     /// Adds a unit ray per pixel, as an equidistant fisheye needs; pixels beyond its half turn are
@@ -122,11 +132,6 @@ impl Tile {
     /// Pixel of the image at its upper left.
     pub(super) fn corner(&self) -> (usize, usize) {
         (self.left, self.top)
-    }
-
-    /// Bit per row with an unfinished pixel.
-    pub(super) fn open_rows(&self) -> u32 {
-        self.open_rows
     }
 
     /// Transmittance (its sign says nothing outside), colour and depth sums.
@@ -224,6 +229,12 @@ impl Tile {
         add(&mut self.depth[group], weight * depth);
         stopped
     }
+}
+
+/// Transmittance of a group before anything is drawn, whose first pixel has the column `first` of so many:
+/// negative where there are no pixels.
+pub(super) fn untouched(first: usize, columns: usize) -> [f32; LANES] {
+    std::array::from_fn(|lane| if first + lane < columns { 1.0 } else { -1.0 })
 }
 
 /// A splat in eight pixels.

@@ -56,6 +56,7 @@ pub(super) struct WalkCanvas {
     pub pixels: f64,
     tiles: Vec<Tile>,
     batches: Vec<Batch>,
+    walk: SecondWalk,
 }
 
 /// Compares one row of tiles with the photograph.
@@ -79,11 +80,11 @@ impl Kernel for WalkRow<'_> {
         canvas.begin(list.len());
         let mask = rows.mask();
         let (width, height, top) = (photograph.width, photograph.height, row * TILE);
-        let lefts = (0..width).step_by(TILE);
-        canvas.tiles.clear();
-        canvas.tiles.extend(
-            lefts.map(|left| Tile::new(left, top, width - left, height - top).with_rows(mask)),
-        );
+        let n_tiles = width.div_ceil(TILE);
+        canvas.tiles.resize_with(n_tiles, || Tile::new(0, 0, 0, 0));
+        for (tile, left) in canvas.tiles.iter_mut().zip((0..width).step_by(TILE)) {
+            tile.begin([left, top], [width - left, height - top], mask);
+        }
         canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
         for (batch, list) in canvas.batches.iter_mut().zip(list.chunks(BATCH)) {
             batch.fill(records, list, canvas.tiles.len());
@@ -101,7 +102,8 @@ impl Kernel for WalkRow<'_> {
             if canvas.batches.iter().all(|batch| batch.by_tile.get(index).is_empty()) {
                 continue;
             }
-            let mut walk = SecondWalk::new(tile, photograph, rule, mask);
+            let walk = &mut canvas.walk;
+            walk.begin(tile, photograph, rule, mask);
             let (error, pixels) = walk.error();
             canvas.squared_error += error;
             canvas.pixels += pixels;

@@ -13,7 +13,7 @@
 
 use super::super::record::{ConicRecord, Gradient, Records};
 use super::super::tile::{
-    GROUPS, LANE_COLUMNS, Passed, Plane, Tile, offset_color, pass, row_is_finished, span,
+    GROUPS, LANE_COLUMNS, Passed, Plane, Tile, offset_color, pass, row_is_finished, span, untouched,
 };
 use super::sums::{
     COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, WEIGHT,
@@ -39,7 +39,7 @@ pub struct PixelRule {
     pub coverage: f32,
 }
 
-/// A tile between the walks.
+/// A tile between the walks; one after the other, in the same memory.
 pub(super) struct SecondWalk {
     left: usize,
     top: usize,
@@ -63,40 +63,55 @@ pub(super) struct SecondWalk {
     error: (f64, f64),
 }
 
-impl SecondWalk {
-    /// Of a tile that was drawn in the rows of `mask`, against the photograph: colour over black and
-    /// coverage of each pixel.
-    pub(super) fn new(
-        tile: &Tile,
-        photograph: &Image<[f32; 4]>,
-        rule: PixelRule,
-        mask: u32,
-    ) -> Self {
-        let (left, top) = tile.corner();
+impl Default for SecondWalk {
+    fn default() -> Self {
         let empty = [[0.0; LANES]; TILE * GROUPS];
-        let (width, height) = (photograph.width, photograph.height);
-        let fresh = Tile::new(left, top, width - left, height - top).with_rows(mask);
-        let [open, ..] = fresh.planes();
-        let mut walk = Self {
-            left,
-            top,
-            transmittance: *open,
+        Self {
+            left: 0,
+            top: 0,
+            transmittance: empty,
             behind: [empty; 3],
             fill: empty,
             residual: [empty; 3],
             share: empty,
             end: empty,
             lacking: empty,
-            coverage: rule.coverage,
-            open_rows: fresh.open_rows(),
+            coverage: 0.0,
+            open_rows: 0,
             error: (0.0, 0.0),
-        };
-        for row in (0..TILE.min(height - top)).filter(|row| mask & (1 << row) != 0) {
-            for column in 0..TILE.min(width - left) {
-                walk.compare(tile, photograph, rule, row, column);
+        }
+    }
+}
+
+impl SecondWalk {
+    /// Begins anew with a tile that was drawn in the rows of `mask`, against the photograph: colour over
+    /// black and coverage of each pixel.
+    pub(super) fn begin(
+        &mut self,
+        tile: &Tile,
+        photograph: &Image<[f32; 4]>,
+        rule: PixelRule,
+        mask: u32,
+    ) {
+        let (left, top) = tile.corner();
+        let (columns, rows) = (photograph.width - left, photograph.height - top);
+        (self.left, self.top, self.coverage) = (left, top, rule.coverage);
+        (self.open_rows, self.error) = (0, (0.0, 0.0));
+        for row in (0..TILE.min(rows)).filter(|row| mask & (1 << row) != 0) {
+            self.open_rows |= 1 << row;
+            (0..GROUPS).for_each(|half| self.clear(row * GROUPS + half, half * LANES, columns));
+            for column in 0..TILE.min(columns) {
+                self.compare(tile, photograph, rule, row, column);
             }
         }
-        walk
+    }
+
+    /// Forgets a group whose first pixel has the column `first` of so many.
+    fn clear(&mut self, group: usize, first: usize, columns: usize) {
+        self.transmittance[group] = untouched(first, columns);
+        let planes = [&mut self.fill, &mut self.share, &mut self.end, &mut self.lacking];
+        let planes = planes.into_iter().chain(&mut self.behind).chain(&mut self.residual);
+        planes.for_each(|plane| plane[group] = [0.0; LANES]);
     }
 
     /// Sets what one pixel's splats need of it.
@@ -192,10 +207,7 @@ impl SecondWalk {
             }
         }
         if any {
-            for (sum, lanes) in sums.iter_mut().zip(lanes) {
-                // Lane by lane, so that the sum has the same bits on every instruction set.
-                *sum += lanes.to_array().iter().sum::<f32>();
-            }
+            add_lanes(sums, &lanes);
         }
     }
 
@@ -252,6 +264,22 @@ impl SecondWalk {
         sums[WEIGHT] = sums[WEIGHT] + weight;
         (true, stopped)
     }
+}
+
+/// Adds every lane to its sum. Lane by lane, so that the sum has the same bits on every instruction set.
+#[inline(always)]
+fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
+    let (mut whole, mut eights) = (sums.chunks_exact_mut(LANES), lanes.chunks_exact(LANES));
+    for (sums, lanes) in whole.by_ref().zip(eights.by_ref()) {
+        let mut rows = [lanes[0]; LANES];
+        rows.copy_from_slice(lanes);
+        (V::load(sums) + V::lane_sums(rows)).store(sums);
+    }
+    let (rest, lanes) = (whole.into_remainder(), eights.remainder());
+    let mut rows = [V::splat(0.0); LANES];
+    rows[..lanes.len()].copy_from_slice(lanes);
+    let added = V::lane_sums(rows).to_array();
+    rest.iter_mut().zip(added).for_each(|(sum, added)| *sum += added);
 }
 
 /// Adds moments at `(p, q)`: quadratic ones of the slope, quartic ones of the curvature, quadratic ones
