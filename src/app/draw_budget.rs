@@ -19,6 +19,9 @@ const SCALES: RangeInclusive<f64> = 0.25..=0.5;
 const WANTED_PER_S: f64 = 10.0;
 /// Weight of the newest pass in the mean.
 const NEWEST: f64 = 0.2;
+/// Least that a pass counts as, s of a core: the display server and the driver's queue work for it too, which
+/// nothing here sees, and more than a dozen pictures a second of two cores are not worth training's time.
+const LEAST_PASS_S: f64 = 0.033;
 /// Longest pause before a pass of a moving camera: longer ones would be felt in every control, so beyond
 /// it a budget is exceeded.
 const LONGEST_PAUSE: Duration = Duration::from_millis(200);
@@ -93,7 +96,10 @@ impl DrawBudget {
 
     /// How long passes must be apart for drawing to stay within its share.
     pub fn interval(&self) -> Duration {
-        Duration::from_secs_f64((self.pass_s / self.allowed()).min(10.0))
+        if self.pass_s == 0.0 {
+            return Duration::ZERO; // nothing is known yet
+        }
+        Duration::from_secs_f64((self.pass_s.max(LEAST_PASS_S) / self.allowed()).min(10.0))
     }
 
     /// What to wait before a pass for a camera that moves.
@@ -134,6 +140,8 @@ mod tests {
         assert!((budget.taken() - 0.1).abs() < 1e-9);
         budget.share = 0.5;
         assert_eq!(budget.interval(), Duration::from_millis(50));
+        budget.pass_s = 0.001;
+        assert_eq!(budget.interval(), Duration::from_millis(33), "as if it took more");
         budget.share = f32::NAN;
         assert!(budget.interval() <= Duration::from_secs(10));
     }

@@ -6,6 +6,7 @@ use super::splat_updates::SplatChange;
 use super::view_thread::{Announce, ViewThread};
 use super::viewer::compared_model::ComparedModel;
 use super::viewer::picture_request::{ComparedPicture, Partner, PictureRequest};
+use super::window_meshes::{KeptWindow, WindowPass};
 use super::worker::Waker;
 use crate::math::camera::Camera;
 use crate::math::image::RgbImage;
@@ -21,8 +22,8 @@ use crate::render::gpu::photo::PhotoTexture;
 use crate::render::gpu::renderer::SplatRenderer;
 use crate::render::gpu::scene::{GpuScene, OrderOf};
 use crate::render::gpu::sort::{SortScratch, back_to_front};
-use eframe::egui::{PaintCallbackInfo, Rect, Ui};
-use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState};
+use eframe::egui::{PaintCallback, PaintCallbackInfo, Rect, Ui};
+use eframe::egui_wgpu::{self, CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
@@ -398,5 +399,47 @@ impl CallbackTrait for PaintScene {
         _: &CallbackResources,
     ) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).draw(pass);
+    }
+}
+
+/// Draws a pass of the window over what is kept of it, and shows that in all of the window.
+pub fn window_callback(
+    rect: Rect,
+    window: Arc<Mutex<KeptWindow>>,
+    pass: Arc<WindowPass>,
+) -> PaintCallback {
+    egui_wgpu::Callback::new_paint_callback(rect, PaintWindow { window, pass })
+}
+
+struct PaintWindow {
+    window: Arc<Mutex<KeptWindow>>,
+    pass: Arc<WindowPass>,
+}
+
+impl CallbackTrait for PaintWindow {
+    fn prepare(
+        &self,
+        device: &wgpu::Device,
+        _: &wgpu::Queue,
+        screen: &ScreenDescriptor,
+        encoder: &mut wgpu::CommandEncoder,
+        _: &mut CallbackResources,
+    ) -> Vec<wgpu::CommandBuffer> {
+        let mut window = self.window.lock().unwrap_or_else(PoisonError::into_inner);
+        let list = window.turn_to(&self.pass, screen.size_in_pixels);
+        window.painter.draw(device, encoder, screen.size_in_pixels, &list);
+        Vec::new()
+    }
+
+    fn paint(
+        &self,
+        info: PaintCallbackInfo,
+        pass: &mut wgpu::RenderPass<'static>,
+        _: &CallbackResources,
+    ) {
+        let [width, height] = info.screen_size_px;
+        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+        pass.set_scissor_rect(0, 0, width, height);
+        self.window.lock().unwrap_or_else(PoisonError::into_inner).painter.show(pass);
     }
 }

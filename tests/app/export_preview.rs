@@ -49,6 +49,8 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     assert_eq!(view.mode(), ViewMode::ModelWipe);
     let shown = view.compared().unwrap().clone();
     assert_eq!(shown.name, "As .ply file");
+    // It is no second model that could be removed.
+    assert!(view.why_not_remove().is_some_and(|why| why.contains("previewed")));
     assert!((10.0..80.0).contains(&ply_psnr), "{ply_psnr} dB of a scene that is no plain one");
     assert!(losses.iter().any(|loss| loss.contains("colour varies")), "{losses:?}");
     window.get_by_label_contains("Looks like the scene to");
@@ -67,6 +69,7 @@ fn a_file_is_seen_and_measured_before_it_is_written() {
     wait(&mut window, "no preview", |s| s.view().previewed().is_none());
     let view = window.state().view();
     assert_eq!((view.mode(), view.compared().is_none()), (ViewMode::Single, true));
+    assert_eq!(view.why_not_remove(), Some("No second model is open"));
     click(&mut window, "Preview the file");
     enter_path(&mut window, &ply);
     let again = |s: &vbgs_studio::app::Studio| {

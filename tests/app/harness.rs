@@ -22,7 +22,7 @@ pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// The device of all windows but those that lose theirs, made by the first that has its turn;
 /// `None` where there is no Vulkan and need not be.
-fn device() -> Option<WgpuSetup> {
+pub fn device() -> Option<WgpuSetup> {
     static DEVICE: OnceLock<WgpuSetupExisting> = OnceLock::new();
     if DEVICE.get().is_none() {
         vulkan()?;

@@ -11,6 +11,7 @@ mod contract;
 mod crash;
 mod detail;
 mod dock;
+mod drawn_by_cores;
 mod editing;
 mod export_preview;
 mod files;

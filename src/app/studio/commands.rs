@@ -77,8 +77,8 @@ impl Studio {
     pub(super) fn why_not(&self, action: Action, snapshot: &Snapshot) -> Option<&'static str> {
         match (action, &snapshot.opened) {
             (Action::Command(command), _) => {
-                let is_vain = command == UiCommand::RemoveModel && self.view.compared().is_none();
-                let vain = is_vain.then_some("No second model is open");
+                let removes = command == UiCommand::RemoveModel;
+                let vain = removes.then(|| self.view.why_not_remove()).flatten();
                 let useless =
                     (!self.view.is_of_use(command)).then_some("There is nothing to do it to");
                 command.why_not(snapshot.state, snapshot.source).or(vain).or(useless)

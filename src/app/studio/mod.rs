@@ -35,6 +35,7 @@ use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
 use super::viewer::settings::ViewSettings;
 use super::viewport;
+use super::window_painter::WindowPainter;
 use super::worker::{Waker, Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
@@ -129,7 +130,7 @@ impl Studio {
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
-        let view = scene_view(painter, view, waker.clone(), device.as_ref());
+        let view = scene_view(painter, view, &context.egui_ctx, device.as_ref());
         worker.set_interval(view.snapshot_interval());
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
@@ -323,18 +324,22 @@ impl Studio {
     }
 }
 
-/// The central view, which knows whether a real GPU is there that does not draw it.
+/// The central view, which knows whether a real GPU is there that does not draw it. Where none is, the cores
+/// draw the window too.
 fn scene_view(
     painter: ViewPainter,
     settings: ViewSettings,
-    waker: Waker,
+    window: &Context,
     device: Option<&WindowDevice>,
 ) -> SceneView {
     let on_cpu = painter.drawer() == Drawer::Cpu;
-    let mut view = SceneView::new(painter, settings, waker);
-    let is_real = |device: &WindowDevice| !viewport::capabilities(&device.state).is_software();
-    if on_cpu && device.is_some_and(is_real) {
-        view.note_gpu_failure();
+    let mut view = SceneView::new(painter, settings, waker_of(window));
+    if let Some(WindowDevice { state, .. }) = device.filter(|_| on_cpu) {
+        if viewport::capabilities(state).is_software() {
+            WindowPainter::install(window, state);
+        } else {
+            view.note_gpu_failure();
+        }
     }
     view
 }

@@ -35,6 +35,15 @@ impl SceneView {
         self.compared.read(path, self.waker.clone())
     }
 
+    /// Why there is no second model to remove, if so.
+    pub fn why_not_remove(&self) -> Option<&'static str> {
+        if self.preview.model().is_some() {
+            // What is seen beside the scene is no model that was opened.
+            return Some("An export is previewed: switch its preview off first");
+        }
+        self.compared.model().is_none().then_some("No second model is open")
+    }
+
     /// Compares with no second model any more.
     pub fn remove_compared(&mut self) {
         self.compared.clear();

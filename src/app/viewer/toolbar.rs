@@ -93,10 +93,15 @@ fn modes(view: &mut SceneView, opened: &Opened, ui: &mut Ui) -> Option<UiCommand
             }
             ui.separator();
             for command in [UiCommand::CompareModel, UiCommand::RemoveModel] {
-                let is_possible = command == UiCommand::CompareModel || view.compared().is_some();
+                let removes = command == UiCommand::RemoveModel;
+                let why_not = removes.then(|| view.why_not_remove()).flatten();
                 let button = Button::selectable(false, command.label());
-                let response = ui.add_enabled(is_possible, button);
-                if response.on_hover_text(command.tooltip()).clicked() {
+                let response = ui.add_enabled(why_not.is_none(), button);
+                if response
+                    .on_hover_text(command.tooltip())
+                    .on_disabled_hover_text(why_not.unwrap_or_default())
+                    .clicked()
+                {
                     asked = Some(command);
                 }
             }

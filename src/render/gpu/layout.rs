@@ -35,6 +35,8 @@ pub mod shader {
         include_str!("../../../shaders/common.wgsl"),
         include_str!("../../../shaders/composite.wgsl")
     );
+    /// `meshes.wgsl`: triangles of a user interface.
+    pub const MESHES: &str = include_str!("../../../shaders/meshes.wgsl");
     /// `scatter.wgsl` behind what it needs: changed records to their places.
     pub const SCATTER: &str = concat!(
         include_str!("../../../shaders/common.wgsl"),

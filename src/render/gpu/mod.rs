@@ -9,6 +9,8 @@
 //! 3. [`composite::Compositor`] lays that over a background inside the window's own pass, beside
 //!    another image or a photograph if two are compared.
 //!
+//! Where the adapter computes on the cores, [`meshes::MeshPainter`] draws the window itself.
+//!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
@@ -23,6 +25,7 @@ pub mod faults;
 pub mod headless;
 mod kernel;
 pub mod layout;
+pub mod meshes;
 mod path;
 pub mod photo;
 pub mod photometric;

@@ -1,0 +1,58 @@
+// Triangles of a user interface, and the picture they were drawn into. Colours are sRGB-encoded and
+// premultiplied from the vertex to the screen. Nothing is computed in a fragment that a vertex can say: a
+// software adapter runs every fragment on the cores.
+
+// One texture at a time: of a batch of triangles, or the picture that is shown.
+@group(0) @binding(0) var image: texture_2d<f32>;
+@group(0) @binding(1) var image_sampler: sampler;
+
+struct Vertex {
+    // In the clip space of the target.
+    @location(0) position: vec2<f32>,
+    @location(1) uv: vec2<f32>,
+    @location(2) color: vec4<f32>,
+}
+
+struct PlainFragment {
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(linear) color: vec4<f32>,
+}
+
+struct TexturedFragment {
+    @builtin(position) position: vec4<f32>,
+    @location(0) @interpolate(linear) color: vec4<f32>,
+    @location(1) @interpolate(linear) uv: vec2<f32>,
+}
+
+@vertex
+fn vertex_plain(in: Vertex) -> PlainFragment {
+    return PlainFragment(vec4<f32>(in.position, 0.0, 1.0), in.color);
+}
+
+@fragment
+fn fragment_plain(in: PlainFragment) -> @location(0) vec4<f32> {
+    return in.color;
+}
+
+@vertex
+fn vertex_textured(in: Vertex) -> TexturedFragment {
+    return TexturedFragment(vec4<f32>(in.position, 0.0, 1.0), in.color, in.uv);
+}
+
+@fragment
+fn fragment_textured(in: TexturedFragment) -> @location(0) vec4<f32> {
+    return in.color * textureSample(image, image_sampler, in.uv);
+}
+
+// One triangle that covers the target.
+@vertex
+fn vertex_whole(@builtin(vertex_index) index: u32) -> @builtin(position) vec4<f32> {
+    let corner = vec2<f32>(f32((index << 1u) & 2u), f32(index & 2u));
+    return vec4<f32>(corner.x * 2.0 - 1.0, 1.0 - corner.y * 2.0, 0.0, 1.0);
+}
+
+// Texel by texel: the picture is as large as the target.
+@fragment
+fn fragment_whole(@builtin(position) position: vec4<f32>) -> @location(0) vec4<f32> {
+    return textureLoad(image, vec2<i32>(position.xy), 0);
+}

@@ -1,0 +1,300 @@
+//! Triangles of a user interface into a picture that is kept, and that picture into the window.
+//!
+//! For adapters that compute on the cores (`rendering.md`, The window on the cores): there every
+//! fragment is dear, so only what has changed is drawn again, what needs no texture reads none, and what
+//! is opaque is not blended. Colours are sRGB-encoded bytes throughout, as in the window.
+
+use super::constants::module;
+use super::layout::shader;
+use std::collections::HashMap;
+use std::ops::Range;
+use wgpu::util::DeviceExt;
+
+/// A corner of a triangle.
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct MeshVertex {
+    /// In the target's clip space: from −1 to 1, to the right and up.
+    pub position: [f32; 2],
+    /// Place in the texture, 0 to 1.
+    pub uv: [f32; 2],
+    /// Premultiplied, sRGB-encoded.
+    pub color: [u8; 4],
+}
+
+/// Pixels of a target, the last column and row left out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRect {
+    /// First column and row.
+    pub min: [u32; 2],
+    /// One after the last column and row.
+    pub max: [u32; 2],
+}
+
+/// How triangles become pixels, the cheapest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshKind {
+    /// Colours without transparency, whose blending would change nothing.
+    Opaque,
+    /// Colours over what is there.
+    Blended,
+    /// Colours times a texture of [`MeshPainter::set_texture`], over what is there.
+    Textured(u64),
+}
+
+/// Triangles that are drawn at once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshBatch {
+    /// How they become pixels.
+    pub kind: MeshKind,
+    /// Where they may.
+    pub scissor: PixelRect,
+    /// Their part of [`MeshList::indices`].
+    pub indices: Range<u32>,
+}
+
+/// What is drawn over the kept picture, in this order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MeshList {
+    /// Corners of all triangles.
+    pub vertices: Vec<MeshVertex>,
+    /// Three corners a triangle.
+    pub indices: Vec<u32>,
+    /// What is drawn at once.
+    pub batches: Vec<MeshBatch>,
+}
+
+/// How a texture is read between its texels; at its edge, the nearest texel goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeshSampling {
+    /// Where a texel is larger than a pixel: a mean of the four nearest, else the nearest.
+    pub is_magnified_smoothly: bool,
+    /// Where it is smaller.
+    pub is_minified_smoothly: bool,
+}
+
+/// Draws lists of triangles into a picture of its own, and shows it.
+#[derive(Debug)]
+pub struct MeshPainter {
+    format: wgpu::TextureFormat,
+    opaque: wgpu::RenderPipeline,
+    blended: wgpu::RenderPipeline,
+    textured: wgpu::RenderPipeline,
+    whole: wgpu::RenderPipeline,
+    textures: HashMap<u64, BoundTexture>,
+    picture: Option<Picture>,
+}
+
+#[derive(Debug)]
+struct BoundTexture {
+    texture: wgpu::Texture,
+    sampling: MeshSampling,
+    bindings: wgpu::BindGroup,
+}
+
+#[derive(Debug)]
+struct Picture {
+    texture: wgpu::Texture,
+    bindings: wgpu::BindGroup,
+}
+
+impl MeshPainter {
+    /// For targets of `format`, which must not encode by itself (`*Srgb`).
+    pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
+        let module = module(device, "meshes", shader::MESHES);
+        let over = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
+        let pipeline = |name: &str, buffers: &[_], blend| {
+            let entries = [format!("vertex_{name}"), format!("fragment_{name}")];
+            pipeline(device, &module, &entries, buffers, format, blend)
+        };
+        let corners = [Some(wgpu::VertexBufferLayout {
+            array_stride: size_of::<MeshVertex>() as u64,
+            step_mode: wgpu::VertexStepMode::Vertex,
+            attributes: &wgpu::vertex_attr_array![0 => Float32x2, 1 => Float32x2, 2 => Unorm8x4],
+        })];
+        Self {
+            format,
+            opaque: pipeline("plain", &corners, None),
+            blended: pipeline("plain", &corners, over),
+            textured: pipeline("textured", &corners, over),
+            whole: pipeline("whole", &[], None),
+            textures: HashMap::new(),
+            picture: None,
+        }
+    }
+
+    /// Lets batches read a texture of sRGB-encoded, premultiplied colours by this key.
+    pub fn set_texture(
+        &mut self,
+        device: &wgpu::Device,
+        key: u64,
+        texture: &wgpu::Texture,
+        sampling: MeshSampling,
+    ) {
+        let is_bound =
+            |bound: &BoundTexture| bound.texture == *texture && bound.sampling == sampling;
+        if self.textures.get(&key).is_some_and(is_bound) {
+            return;
+        }
+        let filter = |is_smooth| {
+            if is_smooth { wgpu::FilterMode::Linear } else { wgpu::FilterMode::Nearest }
+        };
+        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("mesh texture"),
+            mag_filter: filter(sampling.is_magnified_smoothly),
+            min_filter: filter(sampling.is_minified_smoothly),
+            ..Default::default()
+        });
+        let view = texture.create_view(&Default::default());
+        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("mesh texture"),
+            layout: &self.textured.get_bind_group_layout(0),
+            entries: &[
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(&view),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::Sampler(&sampler),
+                },
+            ],
+        });
+        self.textures.insert(key, BoundTexture { texture: texture.clone(), sampling, bindings });
+    }
+
+    /// Lets go of the textures that are not wanted.
+    pub fn retain_textures(&mut self, is_wanted: impl Fn(u64) -> bool) {
+        self.textures.retain(|key, _| is_wanted(*key));
+    }
+
+    /// Columns and rows of the kept picture; `None` before the first [`Self::draw`].
+    pub fn size(&self) -> Option<[u32; 2]> {
+        self.picture.as_ref().map(|picture| [picture.texture.width(), picture.texture.height()])
+    }
+
+    /// Draws a list over the kept picture, which must cover a picture of another `size` (columns and
+    /// rows, not 0) than the last one had. Batches of textures that are not set are left out.
+    pub fn draw(
+        &mut self,
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+        size: [u32; 2],
+        list: &MeshList,
+    ) {
+        if self.size() != Some(size) {
+            self.picture = Some(self.new_picture(device, size));
+        }
+        let Some(picture) = self.picture.as_ref().filter(|_| !list.batches.is_empty()) else {
+            return;
+        };
+        let view = picture.texture.create_view(&Default::default());
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("meshes"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
+            })],
+            ..Default::default()
+        });
+        let buffer = |contents, usage| {
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some("meshes"),
+                contents,
+                usage,
+            })
+        };
+        let vertices = buffer(bytemuck::cast_slice(&list.vertices), wgpu::BufferUsages::VERTEX);
+        let indices = buffer(bytemuck::cast_slice(&list.indices), wgpu::BufferUsages::INDEX);
+        pass.set_vertex_buffer(0, vertices.slice(..));
+        pass.set_index_buffer(indices.slice(..), wgpu::IndexFormat::Uint32);
+        for MeshBatch { kind, scissor, indices } in &list.batches {
+            match kind {
+                MeshKind::Opaque => pass.set_pipeline(&self.opaque),
+                MeshKind::Blended => pass.set_pipeline(&self.blended),
+                MeshKind::Textured(key) => {
+                    let Some(texture) = self.textures.get(key) else { continue };
+                    pass.set_pipeline(&self.textured);
+                    pass.set_bind_group(0, &texture.bindings, &[]);
+                }
+            }
+            let PixelRect { min, max } = *scissor;
+            pass.set_scissor_rect(min[0], min[1], max[0] - min[0], max[1] - min[1]);
+            pass.draw_indexed(indices.clone(), 0, 0..1);
+        }
+    }
+
+    /// Fills the viewport that `pass` has set, which must be as large as the kept picture; the pass must
+    /// have one colour attachment of this painter's format and no depth. Draws nothing before the first
+    /// [`Self::draw`].
+    pub fn show(&self, pass: &mut wgpu::RenderPass<'_>) {
+        if let Some(picture) = &self.picture {
+            pass.set_pipeline(&self.whole);
+            pass.set_bind_group(0, &picture.bindings, &[]);
+            pass.draw(0..3, 0..1);
+        }
+    }
+
+    fn new_picture(&self, device: &wgpu::Device, [width, height]: [u32; 2]) -> Picture {
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("window"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: self.format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT
+                | wgpu::TextureUsages::TEXTURE_BINDING
+                | wgpu::TextureUsages::COPY_SRC,
+            view_formats: &[],
+        });
+        let bindings = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("window"),
+            layout: &self.whole.get_bind_group_layout(0),
+            entries: &[wgpu::BindGroupEntry {
+                binding: 0,
+                resource: wgpu::BindingResource::TextureView(
+                    &texture.create_view(&Default::default()),
+                ),
+            }],
+        });
+        Picture { texture, bindings }
+    }
+}
+
+fn pipeline(
+    device: &wgpu::Device,
+    module: &wgpu::ShaderModule,
+    [vertex, fragment]: &[String; 2],
+    buffers: &[Option<wgpu::VertexBufferLayout<'_>>],
+    format: wgpu::TextureFormat,
+    blend: Option<wgpu::BlendState>,
+) -> wgpu::RenderPipeline {
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some("meshes"),
+        layout: None,
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some(vertex),
+            compilation_options: Default::default(),
+            buffers,
+        },
+        primitive: Default::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(fragment),
+            compilation_options: Default::default(),
+            targets: &[Some(wgpu::ColorTargetState {
+                format,
+                blend,
+                write_mask: wgpu::ColorWrites::ALL,
+            })],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

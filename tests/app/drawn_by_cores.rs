@@ -1,0 +1,144 @@
+//! Where the cores draw the window, it looks as egui's own painter would draw it.
+
+use super::harness::{Window, click, dataset, device, train};
+use eframe::egui::epaint::ClippedShape;
+use eframe::egui::epaint::textures::TexturesDelta;
+use eframe::egui::{Context, FullOutput, Key, Plugin, Pos2, Rect, Shape, Vec2};
+use egui_kittest::wgpu::WgpuTestRenderer;
+use egui_kittest::{Harness, TestRenderer};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+use vbgs_studio::app::state::Subject;
+use vbgs_studio::app::{Painting, Studio};
+
+/// What egui handed over, before the window's painter took it.
+#[derive(Clone, Default)]
+struct Witness(Arc<Mutex<Handed>>);
+
+#[derive(Default)]
+struct Handed {
+    shapes: Vec<ClippedShape>,
+    textures: TexturesDelta,
+}
+
+impl Plugin for Witness {
+    fn debug_name(&self) -> &'static str {
+        "witness"
+    }
+
+    fn output_hook(&mut self, _: &Context, output: &mut FullOutput) {
+        let mut handed = self.0.lock().unwrap();
+        handed.shapes = output.shapes.clone();
+        handed.textures.append(output.textures_delta.clone());
+    }
+}
+
+/// A window, and egui's own painter beside it.
+struct Pair {
+    window: Window,
+    witness: Witness,
+    egui: WgpuTestRenderer,
+}
+
+impl Pair {
+    fn new(subject: Option<Subject>) -> Option<Self> {
+        let witness = Witness::default();
+        let first = witness.clone();
+        let window = Harness::builder()
+            .with_size(Vec2::new(1000.0, 640.0))
+            .with_max_steps(8)
+            .wgpu_setup(device()?)
+            .build_eframe(move |cc| {
+                // Before the window's own, which leaves nothing to see.
+                cc.egui_ctx.add_plugin(first);
+                Studio::new(cc, subject, Painting::Auto, Instant::now()).unwrap()
+            });
+        Some(Self { window, witness, egui: WgpuTestRenderer::from_setup(device()?) })
+    }
+
+    /// Compares the window as it is after the last pass.
+    #[track_caller]
+    fn assert_alike(&mut self, what: &str) {
+        let [shape] = &self.window.output().shapes[..] else {
+            panic!("{what}: egui draws the window by itself");
+        };
+        assert!(matches!(shape.shape, Shape::Callback(_)), "{what}");
+        // Not by the harness, which draws a pointer of its own over it.
+        let found = self.egui.render(&self.window.ctx, self.window.output()).unwrap();
+        let context = self.window.ctx.clone();
+        let mut handed = self.witness.0.lock().unwrap();
+        self.egui.handle_delta(&mut handed.textures);
+        let area = Rect::from_min_size(Pos2::ZERO, Vec2::splat(10_000.0));
+        let background = Shape::rect_filled(area, 0.0, context.global_style().visuals.panel_fill);
+        let mut shapes = vec![ClippedShape::new(area, background)];
+        shapes.extend(handed.shapes.iter().cloned());
+        let output = FullOutput { shapes, ..Default::default() };
+        let expected = self.egui.render(&context, &output).unwrap();
+        assert_eq!(found.dimensions(), expected.dimensions(), "{what}");
+        let differences: Vec<u8> =
+            found.iter().zip(expected.iter()).map(|(a, b)| a.abs_diff(*b)).collect();
+        let largest = differences.iter().max().unwrap();
+        let mean =
+            differences.iter().map(|&d| f64::from(d)).sum::<f64>() / differences.len() as f64;
+        if *largest > MAX_DIFFERENCE || mean > MEAN_DIFFERENCE {
+            let folder = std::env::temp_dir();
+            found.save(folder.join("drawn-by-cores-found.png")).unwrap();
+            expected.save(folder.join("drawn-by-cores-expected.png")).unwrap();
+            panic!("{what}: {largest} and {mean}, see {}", folder.display());
+        }
+    }
+}
+
+/// Largest difference of a channel: weights of the sampler and of blending have eight bits each.
+const MAX_DIFFERENCE: u8 = 3;
+/// Its mean.
+const MEAN_DIFFERENCE: f64 = 0.05;
+
+#[test]
+fn the_window_looks_as_egui_would_draw_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 4);
+    let Some(mut pair) = Pair::new(None) else { return };
+    pair.window.run_steps(2);
+    pair.assert_alike("the start");
+    super::harness::drop_on(&mut pair.window, &path);
+    train(&mut pair.window);
+    super::harness::wait_for_picture(&mut pair.window);
+    pair.assert_alike("a trained scene");
+    // Every step changes some of the window and leaves the rest as it was drawn before.
+    for tab in ["Quality", "Scene", "Inspector", "Edit", "Path", "Settings"] {
+        click(&mut pair.window, tab);
+        pair.assert_alike(tab);
+    }
+    for theme in ["Light theme", "Dark theme"] {
+        click(&mut pair.window, theme);
+        pair.assert_alike(theme);
+    }
+    pair.window.hover_at(Pos2::new(30.0, 12.0));
+    pair.window.run_steps(3);
+    pair.assert_alike("a button under the pointer");
+    click(&mut pair.window, "File");
+    pair.assert_alike("an open menu");
+    pair.window.key_press(Key::Escape);
+    pair.window.key_press(Key::F1);
+    pair.window.run_steps(3);
+    pair.assert_alike("the help");
+    pair.window.key_press(Key::Escape);
+    super::harness::drag(&mut pair.window, eframe::egui::PointerButton::Primary);
+    pair.assert_alike("a camera that moves");
+}
+
+#[test]
+fn a_window_of_another_size_or_scale_is_drawn_anew() {
+    let Some(mut pair) = Pair::new(None) else { return };
+    pair.window.run_steps(2);
+    pair.assert_alike("the start");
+    pair.window.set_size(Vec2::new(720.0, 500.0));
+    pair.window.run_steps(2);
+    pair.assert_alike("smaller");
+    for scale in [1.5, 2.0, 1.0] {
+        pair.window.set_pixels_per_point(scale);
+        pair.window.run_steps(3);
+        pair.assert_alike("another scale");
+    }
+}
