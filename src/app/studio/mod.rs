@@ -134,7 +134,6 @@ impl Studio {
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
-            // First, as it takes what the window before has left to the view.
             path: go_on(&mut view, &exit),
             worker,
             exit,
@@ -354,7 +353,7 @@ fn scene_view(
     view
 }
 
-/// Goes on with what the window before has left, if one did; the camera path that was being made.
+/// Gives the view what the window before has left, if one did; returns the camera path that was being made.
 fn go_on(view: &mut SceneView, exit: &Exit) -> PathEditor {
     let Some(Handover { view: kept, path }) = exit.taken_over() else { return Default::default() };
     view.go_on_with(kept);
