@@ -3,6 +3,7 @@
 //! By the renderer of `render --path`, so that the window's film is the command line's. While frames are
 //! trained it draws with one thread.
 
+use super::background_job::BackgroundJob;
 use super::edit::left_out::LeftOut;
 use super::state::NoticeKind;
 use super::worker::{FileProgress, Waker};
@@ -11,9 +12,8 @@ use crate::export::film::{FilmError, FilmWriter};
 use crate::model::splat::appearance::SplatSet;
 use crate::render::RenderOptions;
 use crate::render::cpu::CpuRenderer;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 /// A film to be drawn.
 pub struct FilmOrder {
@@ -40,7 +40,7 @@ enum Ended {
 struct Running {
     output: PathBuf,
     progress: Arc<FileProgress>,
-    answers: Receiver<Result<Ended, FilmError>>,
+    drawing: BackgroundJob<Result<Ended, FilmError>>,
 }
 
 /// The film that is being drawn, if one is.
@@ -65,26 +65,27 @@ impl FilmThread {
         waker: Waker,
     ) -> std::io::Result<()> {
         self.cancel();
-        let (answer, answers) = sync_channel(1);
         let progress = Arc::new(FileProgress::default());
         progress.begin();
         let (told, output) = (progress.clone(), order.output.clone());
-        std::thread::Builder::new().name("film".into()).spawn(move || {
-            let is_aside = order.is_aside;
-            let draw = || draw(order.left_out.kept(scene), &order, &told, &waker);
-            let n_threads = if is_aside { 1 } else { 0 };
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build();
-            // Nobody listens any more if the window is gone.
-            let _ = pool.map(|pool| answer.send(pool.install(draw)));
-            waker();
-        })?;
-        self.0 = Some(Running { output, progress, answers });
+        let n_threads = if order.is_aside { 1 } else { 0 };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build();
+        let pool = pool.map_err(std::io::Error::other)?;
+        let drawn = waker.clone();
+        let draw = move || pool.install(|| draw(order.left_out.kept(scene), &order, &told, &drawn));
+        let drawing = BackgroundJob::start("film", waker, draw)?;
+        self.0 = Some(Running { output, progress, drawing });
         Ok(())
     }
 
     /// The share that is drawn; `None` while no film is.
     pub fn share(&self) -> Option<f32> {
         self.0.as_ref().map(|running| running.progress.share().unwrap_or(0.0))
+    }
+
+    /// Where it goes; `None` while no film is drawn.
+    pub fn output(&self) -> Option<&Path> {
+        self.0.as_ref().map(|running| &*running.output)
     }
 
     /// The user wants it no more.
@@ -97,10 +98,7 @@ impl FilmThread {
     /// What is to be said of a film that has ended, once.
     pub fn take(&mut self) -> Option<(NoticeKind, String)> {
         let running = self.0.as_ref()?;
-        let answer = match running.answers.try_recv() {
-            Err(TryRecvError::Empty) => return None,
-            answer => answer,
-        };
+        let answer = running.drawing.take()?;
         let path = running.output.display();
         let said = match answer {
             Ok(Ok(Ended::Whole(n))) => (NoticeKind::Info, format!("Wrote {n} pictures to {path}")),
@@ -108,13 +106,7 @@ impl FilmThread {
                 (NoticeKind::Info, format!("{path}: cancelled after {n} pictures"))
             }
             Ok(Err(error)) => (NoticeKind::Error, error.to_string()),
-            // A thread that panicked hangs up.
-            Err(_) => (
-                NoticeKind::Error,
-                format!(
-                    "{path}: expected a film, but drawing it failed; save the path and use `vbgs-studio render --path`"
-                ),
-            ),
+            Err(panic) => (NoticeKind::Error, format!("{path}: {}", panic.ended("the film"))),
         };
         self.0 = None;
         Some(said)

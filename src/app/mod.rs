@@ -6,6 +6,7 @@
 pub mod abandoned;
 mod action_finder;
 mod adapter_memory;
+mod background_job;
 pub mod camera;
 pub mod color_mode;
 pub mod command;

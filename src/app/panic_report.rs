@@ -49,6 +49,13 @@ impl PanicReport {
         });
     }
 
+    /// What the user reads where this ended `what`, a piece of work beside training.
+    pub fn ended(&self, what: &str) -> String {
+        format!(
+            "{what} was ended by a defect of this program, please report it: {self}; nothing else was"
+        )
+    }
+
     /// The panic whose payload was caught.
     pub fn of(payload: &(dyn Any + Send)) -> Self {
         let message = message(payload);

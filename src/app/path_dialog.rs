@@ -3,12 +3,12 @@
 //! The field always works, since native dialogs need a desktop portal. Native dialogs ask by
 //! themselves before a file is replaced; the field asks here.
 
+use super::background_job::BackgroundJob;
 use super::file_proposal::FileProposal;
 use super::worker::Waker;
 use crate::export::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
 use std::path::{Path, PathBuf, absolute};
-use std::sync::mpsc::{Receiver, sync_channel};
 
 /// Place beside the picture, from the upper right corner of the window, points.
 const ASIDE: [f32; 2] = [-8.0, 72.0];
@@ -18,26 +18,6 @@ fn at_home(path: &Path, home: Option<PathBuf>) -> PathBuf {
     match (path.strip_prefix("~"), home) {
         (Ok(rest), Some(home)) => home.join(rest),
         _ => path.to_owned(),
-    }
-}
-
-/// A native dialog running on its own thread.
-struct NativeDialog(Receiver<Option<PathBuf>>);
-
-impl NativeDialog {
-    fn start(
-        waker: &Waker,
-        pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
-    ) -> Option<Self> {
-        let (sender, receiver) = sync_channel(1);
-        let waker = waker.clone();
-        // The call returns when the user is done; the window has to go on drawing until then.
-        let thread = std::thread::Builder::new().name("dialog".into()).spawn(move || {
-            // The window may be gone when the user is done.
-            let _ = sender.send(pick());
-            waker();
-        });
-        thread.is_ok().then_some(Self(receiver))
     }
 }
 
@@ -113,7 +93,8 @@ pub struct PathDialog {
     path: String,
     /// Serial of what the proposal was made for.
     proposed_for: u64,
-    native: Option<NativeDialog>,
+    /// A native dialog, which returns when the user is done; the window goes on drawing until then.
+    native: Option<BackgroundJob<Option<PathBuf>>>,
     no_native: bool,
     /// A path that the user has let a native dialog replace.
     approved: Option<PathBuf>,
@@ -366,14 +347,16 @@ impl PathDialog {
         pick: impl FnOnce() -> Option<PathBuf> + Send + 'static,
     ) {
         if ui.add_enabled(self.native.is_none(), Button::new(label)).clicked() {
-            self.native = NativeDialog::start(waker, pick);
+            self.native = BackgroundJob::start("dialog", waker.clone(), pick).ok();
         }
     }
 
     fn take_picked(&mut self) {
-        let Some(picked) = self.native.as_ref().and_then(|p| p.0.try_recv().ok()) else { return };
+        let Some(answer) = self.native.as_ref().and_then(BackgroundJob::take) else { return };
         self.native = None;
-        // A cancelled dialog and a missing portal answer alike, so the hint is worded for both.
+        // A cancelled dialog, a missing portal and one that panics answer alike, so the hint is worded for
+        // all of them.
+        let picked = answer.ok().flatten();
         self.no_native = picked.is_none();
         if let Some(path) = picked {
             self.path = path.display().to_string();

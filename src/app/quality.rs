@@ -5,6 +5,7 @@
 //! measuring, so that the trainer keeps its cores. At rest every view is measured once. The figures
 //! are those of `vbgs-studio eval`.
 
+use super::panic_report::PanicReport;
 use super::retention::{Retention, positions};
 use super::splat_updates::SplatChange;
 use super::state::{Opened, RunState, Snapshot};
@@ -21,6 +22,7 @@ use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
 use crate::render::{RenderMethod, RenderOptions};
 use eframe::egui::Context;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -371,8 +373,12 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
         let started = Instant::now();
         let QualityQuery { dataset, split, views, .. } = &query;
         let options = query.options_for(splats);
-        let measured = alone.install(|| evaluate(splats, dataset, *split, views, &options, |_| {}));
-        let scores = measured.map(|(_, scores)| scores).map_err(|error| error.to_string());
+        let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
+        // A figure is no reason to close the window: nothing of the measuring outlives its panic.
+        let scores = match catch_unwind(AssertUnwindSafe(|| alone.install(measure))) {
+            Ok(measured) => measured.map(|(_, scores)| scores).map_err(|error| error.to_string()),
+            Err(panic) => Err(PanicReport::of(&*panic).ended("measuring the quality")),
+        };
         QualityAnswer { scores, took: started.elapsed(), query }
     })
 }

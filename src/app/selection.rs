@@ -1,5 +1,6 @@
 //! The selected splat in the viewport: choosing it by a click, and its outline.
 
+use super::panic_report::PanicReport;
 use super::picker::Picker;
 use super::state::{Inspected, Snapshot};
 use super::viewer::picture_request::{Partner, PictureRequest};
@@ -88,10 +89,10 @@ impl SplatSelection {
     }
 
     /// What the user clicked at, once.
-    pub fn take_picked(&mut self) -> Option<PickedSplat> {
-        let splat = self.picker.take()?;
+    pub fn take_picked(&mut self) -> Option<Result<PickedSplat, PanicReport>> {
+        let found = self.picker.take()?;
         let (purpose, camera, pixel) = self.asked.take()?;
-        Some(PickedSplat { purpose, camera, pixel, splat })
+        Some(found.map(|splat| PickedSplat { purpose, camera, pixel, splat }))
     }
 }
 

@@ -12,6 +12,7 @@ use super::worker::{Waker, Worker, WorkerOrder};
 use super::{adapter_memory, persistence, termination, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -121,6 +122,8 @@ struct Host {
     context: Arc<Mutex<Option<Context>>>,
     /// The latest caveat of an adapter that was shown.
     shown: Arc<Mutex<Option<String>>>,
+    /// Of the latest window.
+    exit: RefCell<Exit>,
     started: Instant,
 }
 
@@ -136,7 +139,7 @@ impl Host {
             }
         });
         let worker = Arc::new(Worker::start(waker)?);
-        Ok(Self { worker, context, shown: Arc::default(), started })
+        Ok(Self { worker, context, shown: Arc::default(), exit: RefCell::default(), started })
     }
 
     fn is_at_work(&self) -> bool {
@@ -152,7 +155,8 @@ impl Host {
         first: &mut Vec<WorkerOrder>,
         adapter: &AdapterChoice,
     ) -> Result<Leave, WindowError> {
-        let exit = Exit::default();
+        let exit = self.exit.borrow().of_next();
+        self.exit.replace(exit.clone());
         let (word, worker, context) = (exit.clone(), self.worker.clone(), self.context.clone());
         let (started, shown) = (self.started, self.shown.clone());
         // Cloned and not taken: a window that fails to open has given none of them.

@@ -6,6 +6,7 @@ mod bench;
 mod calibrate;
 mod capture_check;
 mod checkpoint_info;
+mod crash;
 mod demo;
 mod eval;
 mod export;

@@ -11,7 +11,7 @@ use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
-use super::{output, photometric_device, pose_check, progress, quality, tracked, wording};
+use super::{crash, output, photometric_device, pose_check, progress, quality, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
@@ -50,20 +50,23 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
     // Measured after the run, whose times they must not change.
     let mut early: Vec<(usize, SplatSet)> = Vec::new();
     let mut autosave = Autosave::new(args.out.join(CHECKPOINT), interval(args), &session);
-    let end = train(&mut session, &interrupt, |session, bar| {
-        if args.follow && learnt(session) == ENOUGH_FRAMES {
-            let dataset = session.dataset().clone();
-            // Beside the training: frames keep coming.
-            rayon::spawn(move || doubt_poses(&dataset));
-        }
-        if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
-            early.push((session.visited(), session.stored_splats()));
-        }
-        // The run is worth more than one of its copies: that one failed is said and no more.
-        if let Some(Err(error)) = autosave.between_frames(session) {
-            progress::warn(bar, &error.to_string());
-        }
-    });
+    let train = |session: &mut Session| {
+        train(session, &interrupt, |session, bar| {
+            if args.follow && learnt(session) == ENOUGH_FRAMES {
+                let dataset = session.dataset().clone();
+                // Beside the training: frames keep coming.
+                rayon::spawn(move || doubt_poses(&dataset));
+            }
+            if args.eval.is_some() && SEEN_AFTER.contains(&learnt(session)) {
+                early.push((session.visited(), session.stored_splats()));
+            }
+            // The run is worth more than one of its copies: that one failed is said and no more.
+            if let Some(Err(error)) = autosave.between_frames(session) {
+                progress::warn(bar, &error.to_string());
+            }
+        })
+    };
+    let end = crash::guarded(&mut session, &args.out, train)?;
     autosave.wait().and_then(Result::err).iter().for_each(|error| eprintln!("warning: {error}"));
     match &end {
         // Files of an earlier run are worth more than a report of nothing.
@@ -71,8 +74,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         Err(_) if learnt(&session) == 0 => return end.map(drop),
         _ => {}
     }
-    let warnings = session.learner().warnings();
-    warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
+    warn(&session);
     // Whatever happens next, the model is safe.
     let files = save_model(&session, args)?;
     let measured = match (&args.eval, &end) {
@@ -93,6 +95,12 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         None if finished => Ok(()),
         None => Err(Failure::Interrupted),
     }
+}
+
+/// What the learner has to say of what it learnt.
+fn warn(session: &Session) {
+    let warnings = session.learner().warnings();
+    warnings.iter().for_each(|found| eprintln!("warning: {}", wording::warning(found)));
 }
 
 /// The output folder, ready to take all files of the run; what killed runs have left in it is removed.

@@ -2,9 +2,8 @@
 //! the archive need not keep, and a member of a kilobyte may unpack to a terabyte.
 
 use super::error::FrameProblem;
-use super::files::open_file;
+use super::files::{PatientFile, open_file};
 use std::borrow::Cow;
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -21,7 +20,7 @@ const MAX_FACTOR: u64 = 1040;
 pub(super) struct Archive {
     path: PathBuf,
     // Reading moves the one file position, hence the lock; decoding happens outside of it.
-    zip: Mutex<ZipArchive<BufReader<File>>>,
+    zip: Mutex<ZipArchive<BufReader<PatientFile>>>,
 }
 
 impl Archive {
@@ -33,7 +32,7 @@ impl Archive {
 
     /// Reads the directory.
     pub fn open(path: &Path) -> Result<Self, FrameProblem> {
-        let zip = ZipArchive::new(BufReader::new(open_file(path)?)).map_err(damaged)?;
+        let zip = ZipArchive::new(BufReader::new(PatientFile::open(path)?)).map_err(damaged)?;
         Ok(Self { path: path.to_owned(), zip: Mutex::new(zip) })
     }
 
@@ -64,7 +63,7 @@ impl Archive {
         Ok(bytes)
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<File>>> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, ZipArchive<BufReader<PatientFile>>> {
         // A panic of the unpacker leaves nothing behind that the next seek does not set anew.
         self.zip.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -2,7 +2,7 @@
 
 use super::depth::{Depth, DepthCodes, DepthKind};
 use super::error::FrameProblem;
-use super::files::open_file;
+use super::files::{PatientFile, open_file};
 use super::lengths;
 use super::source::ByteSource;
 use super::surface::sensor::Sensor;
@@ -54,7 +54,7 @@ pub(super) struct ImageHeader {
 pub(super) fn header(source: &ByteSource) -> Result<ImageHeader, FrameProblem> {
     match source {
         // Not read whole: opening asks thousands of files for their size.
-        ByteSource::File(path) => header_of(BufReader::new(open_file(path)?)),
+        ByteSource::File(path) => header_of(BufReader::new(PatientFile::open(path)?)),
         _ => header_of(Cursor::new(source.read()?)),
     }
 }

@@ -2,7 +2,7 @@
 //! a device without an end, or larger than memory.
 
 use std::fs::File;
-use std::io::{Error, ErrorKind, Read, Result as IoResult};
+use std::io::{Error, ErrorKind, Read, Result as IoResult, Seek, SeekFrom};
 use std::path::Path;
 
 /// Settings of a day's recording, an exposure for every frame among them, are shorter.
@@ -16,6 +16,35 @@ pub(super) fn open_file(path: &Path) -> IoResult<File> {
     match std::fs::metadata(path)?.is_file() {
         true => File::open(path),
         false => Err(Error::other("a folder, FIFO or device where a file was expected")),
+    }
+}
+
+/// A file whose reads are asked again where a signal interrupts them, as disks of a network let happen: not
+/// every decoder does so.
+#[derive(Debug)]
+pub(super) struct PatientFile(File);
+
+impl PatientFile {
+    /// Opened as by [`open_file`].
+    pub fn open(path: &Path) -> IoResult<Self> {
+        open_file(path).map(Self)
+    }
+}
+
+impl Read for PatientFile {
+    fn read(&mut self, bytes: &mut [u8]) -> IoResult<usize> {
+        loop {
+            match self.0.read(bytes) {
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                done => return done,
+            }
+        }
+    }
+}
+
+impl Seek for PatientFile {
+    fn seek(&mut self, to: SeekFrom) -> IoResult<u64> {
+        self.0.seek(to)
     }
 }
 

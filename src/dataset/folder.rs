@@ -34,6 +34,7 @@ pub(super) struct Folder {
     recorded: Recorded,
     listed: RefCell<HashMap<PathBuf, Rc<FolderListing>>>,
     texts: RefCell<BTreeSet<PathBuf>>,
+    unread: RefCell<Option<DatasetError>>,
 }
 
 /// How far a recording has come.
@@ -79,9 +80,16 @@ impl Folder {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;
-        let path = path.to_owned();
-        let (listed, texts) = (RefCell::default(), RefCell::default());
-        Ok(Self { path, canonical, listing, only_file: None, recorded, listed, texts })
+        Ok(Self {
+            path: path.to_owned(),
+            canonical,
+            listing,
+            only_file: None,
+            recorded,
+            listed: RefCell::default(),
+            texts: RefCell::default(),
+            unread: RefCell::default(),
+        })
     }
 
     /// The folder of an archive, as if it held nothing else.
@@ -98,6 +106,7 @@ impl Folder {
             recorded: Recorded::default(),
             listed: RefCell::default(),
             texts: RefCell::default(),
+            unread: RefCell::default(),
         })
     }
 
@@ -163,6 +172,38 @@ impl Folder {
             text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
         }
         Ok((file, text))
+    }
+
+    /// The start of a text below the root by which a layout may be told; empty where there is none.
+    pub fn peek(&self, name: &str) -> String {
+        self.peek_by(name, read_small_text)
+    }
+
+    /// The same to its end.
+    pub fn peek_whole(&self, name: &str) -> String {
+        self.peek_by(name, read_text)
+    }
+
+    fn peek_by(&self, name: &str, read: fn(&Path) -> std::io::Result<String>) -> String {
+        let Ok(path) = self.file(Path::new(""), &self.listing, name) else { return String::new() };
+        read(&path).unwrap_or_else(|source| {
+            let is_there = match self.listing.entries.get(name) {
+                Some(EntryKind::File) => source.kind() != std::io::ErrorKind::NotFound,
+                // A link that leads nowhere is no file that anything could be told by.
+                _ => path.canonicalize().is_ok(),
+            };
+            // Errors that the system has no number for are of what is no text or far too long.
+            if is_there && source.raw_os_error().is_some() {
+                self.unread.borrow_mut().get_or_insert(DatasetError::Read { path, source });
+            }
+            String::new()
+        })
+    }
+
+    /// What kept the first text from being read that a layout might have been told by. Whatever was
+    /// recognised without it may be another recording: of images without their poses, say.
+    pub fn unread(&self) -> Option<DatasetError> {
+        self.unread.take()
     }
 
     /// The text of a metadata file below the root, whole.

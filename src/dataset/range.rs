@@ -33,8 +33,10 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
     for at in (0..n_sampled).filter_map(|i| sound.get(i * sound.len() / n_sampled)) {
-        // A damaged frame must not keep a recording from training: others tell the range too.
-        if let Err(error) = sample(dataset, split, *at, &mut axes) {
+        // A damaged frame must not keep a recording from training: others tell the range too. Twice: by
+        // what a disk refuses once the range would differ, and nobody would be told.
+        let mut ask = || sample(dataset, split, *at, &mut axes);
+        if let Err(error) = ask().or_else(|_| ask()) {
             failure = Some(error);
         }
     }

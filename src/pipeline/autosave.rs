@@ -5,6 +5,7 @@
 //! until that has ended, so that a slow disk costs saves and neither frames nor memory.
 
 use super::checkpoint::{RunError, SessionSnapshot};
+use super::panic_text::{NO_WORDS, panic_text};
 use super::session::Session;
 use crate::export::{atomic, checkpoint};
 use std::path::{Path, PathBuf};
@@ -44,10 +45,12 @@ pub enum AutosaveError {
         source: std::io::Error,
     },
     /// The thread ended by a defect of the program.
-    #[error("{}: the thread that saves has panicked; report this as a defect", path.display())]
+    #[error("{}: this save was ended by a defect of this program, please report it: {said}; training goes on, and the next save is tried when it is due", path.display())]
     Panicked {
         /// The file.
         path: PathBuf,
+        /// What the panic said.
+        said: String,
     },
 }
 
@@ -123,13 +126,21 @@ impl Autosave {
     /// # Errors
     /// [`AutosaveError::Thread`]; or what became of the save in flight, if that failed.
     pub fn begin(&mut self, session: &Session) -> Result<(), AutosaveError> {
+        self.begin_by(write, session)
+    }
+
+    fn begin_by(
+        &mut self,
+        save: impl FnOnce(&Path, SessionSnapshot) -> SaveOutcome + Send + 'static,
+        session: &Session,
+    ) -> Result<(), AutosaveError> {
         self.wait().transpose()?;
         let snapshot = session.snapshot();
         self.begun = (snapshot.frames(), Instant::now());
         let path = self.path.clone();
         let save = std::thread::Builder::new()
             .name("autosave".into())
-            .spawn(move || write(&path, snapshot))
+            .spawn(move || save(&path, snapshot))
             .map_err(|source| AutosaveError::Thread { path: self.path.clone(), source })?;
         self.in_flight = Some(save);
         Ok(())
@@ -138,7 +149,10 @@ impl Autosave {
     /// Waits for the save in flight; what became of it.
     pub fn wait(&mut self) -> Option<SaveOutcome> {
         let outcome = self.in_flight.take()?.join();
-        Some(outcome.unwrap_or_else(|_| Err(AutosaveError::Panicked { path: self.path.clone() })))
+        Some(outcome.unwrap_or_else(|panic| {
+            let said = panic_text(&*panic).unwrap_or(NO_WORDS).to_owned();
+            Err(AutosaveError::Panicked { path: self.path.clone(), said })
+        }))
     }
 
     fn is_due(&self, frames: u64) -> bool {
@@ -162,4 +176,58 @@ fn write(path: &Path, snapshot: SessionSnapshot) -> SaveOutcome {
     let content = snapshot.into_checkpoint().map_err(RunError::from)?;
     let bytes = checkpoint::write_keeping_old(path, &content).map_err(RunError::from)?;
     Ok(Autosaved { frames, bytes })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::synthetic::{SyntheticParams, dataset};
+    use crate::pipeline::checkpoint::SavedRun;
+    use crate::pipeline::plan::Selection;
+    use crate::pipeline::settings::scene::SceneOverrides;
+    use std::sync::Arc;
+
+    #[test]
+    fn a_panic_of_the_saving_thread_costs_one_save_and_is_told() {
+        let small = SyntheticParams {
+            width: 32,
+            height: 24,
+            n_train: 3,
+            n_eval: 1,
+            ..SyntheticParams::demo()
+        };
+        let room = Arc::new(dataset(&small).unwrap());
+        let mut session =
+            Session::new(room, SceneOverrides::default(), Selection::everything()).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.vbgs");
+        let every_frame = AutosaveInterval { frames: Some(1), ..AutosaveInterval::default() };
+        let mut autosave = Autosave::new(path.clone(), every_frame, &session);
+        session.step().unwrap();
+        autosave.begin(&session).unwrap();
+        assert_eq!(autosave.wait().unwrap().unwrap().frames, 1);
+
+        let defect = |path: &Path, _: SessionSnapshot| -> SaveOutcome {
+            let written = atomic::write_keeping_old(path, |out| {
+                out.write_all(&[0; 1 << 20])?;
+                panic!("injected into a save")
+            });
+            Ok(Autosaved { frames: 0, bytes: written.unwrap() })
+        };
+        session.step().unwrap();
+        autosave.begin_by(defect, &session).unwrap();
+        let said = autosave.wait().unwrap().unwrap_err().to_string();
+        for part in ["run.vbgs", "injected into a save", "training goes on", "when it is due"] {
+            assert!(said.contains(part), "{part:?} is missing in: {said}");
+        }
+        let frames = || SavedRun::read(&path).unwrap().content.cursor.frames;
+        assert_eq!(frames(), 1, "the save before is whole");
+
+        session.step().unwrap();
+        assert!(autosave.between_frames(&session).is_none(), "begun, not waited for");
+        assert_eq!(autosave.wait().unwrap().unwrap().frames, 3);
+        assert_eq!(frames(), 3);
+        let left = std::fs::read_dir(folder.path()).unwrap().count();
+        assert_eq!(left, 2, "the run and the one before, nothing of the save that panicked");
+    }
 }

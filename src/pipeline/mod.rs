@@ -12,7 +12,7 @@ mod frame_loop;
 mod inspection;
 pub mod memory;
 pub mod mismatch;
-pub(crate) mod panic_text;
+pub mod panic_text;
 mod past;
 pub mod plan;
 pub mod prefetch;

@@ -3,7 +3,7 @@
 //! cores all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
 //! Prefetch).
 
-use super::panic_text::panic_text;
+use super::panic_text::{NO_WORDS, panic_text};
 use super::plan::Plan;
 use super::prepare::Prepare;
 use crate::dataset::error::FrameError;
@@ -269,7 +269,7 @@ impl<P: Prepare> Worker<P> {
             *self = Self::default();
             Err(format!(
                 "{name}: left out by a defect of this program, please report it: {}",
-                panic_text(&*panic).unwrap_or("a panic without words")
+                panic_text(&*panic).unwrap_or(NO_WORDS)
             ))
         });
         Prepared { position: *position, is_repeat: *is_repeat, name, result }

@@ -28,7 +28,8 @@ fn hosted(subject: Subject, waker: Waker, folder: &Path) -> Option<Hosted> {
     vulkan()?;
     let worker = Arc::new(Worker::start_with(waker, vec![folder.to_owned()]).unwrap());
     let exit = Exit::default();
-    let (window, device) = attached(&worker, &exit, vec![WorkerOrder::Open(subject)]);
+    let (window, device) =
+        attached(&worker, &exit, vec![WorkerOrder::Open(subject)], Painting::Auto);
     Some(Hosted { window, worker, exit, device })
 }
 
@@ -37,6 +38,7 @@ pub fn attached(
     worker: &Arc<Worker>,
     exit: &Exit,
     first: Vec<WorkerOrder>,
+    painting: Painting,
 ) -> (Window, wgpu::Device) {
     let device = Arc::new(Mutex::new(None));
     let (own, word, found) = (worker.clone(), exit.clone(), device.clone());
@@ -46,7 +48,7 @@ pub fn attached(
         .wgpu()
         .build_eframe(move |cc| {
             *found.lock().unwrap() = cc.wgpu_render_state.as_ref().map(|s| s.device.clone());
-            Studio::attach(cc, own, first, word, Painting::Auto, Instant::now()).unwrap()
+            Studio::attach(cc, own, first, word, painting, Instant::now()).unwrap()
         });
     let device = device.lock().unwrap().take().unwrap();
     (window, device)

@@ -10,6 +10,7 @@ mod compared;
 mod contract;
 mod crash;
 mod detail;
+mod device_loss;
 mod dock;
 mod drawn_by_cores;
 mod editing;

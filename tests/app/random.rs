@@ -183,7 +183,7 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
 }
 
 /// A number that a long run is asked for by.
-fn asked(variable: &str) -> Option<u64> {
+pub fn asked(variable: &str) -> Option<u64> {
     std::env::var(variable).ok().and_then(|n| n.parse().ok())
 }
 
@@ -275,7 +275,8 @@ fn a_device_may_be_lost_at_any_moment() {
     let mut first = vec![WorkerOrder::Open(Subject::Path(room.clone()))];
     for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(5) {
         let exit = Exit::default();
-        let (mut window, device) = attached(&worker, &exit, std::mem::take(&mut first));
+        let (mut window, device) =
+            attached(&worker, &exit, std::mem::take(&mut first), Painting::Auto);
         comes_back(&mut window, &room, &alive);
         let mut inputs = Vec::new();
         for _ in 0..rng.below(BEFORE_LOSS) {

@@ -14,6 +14,7 @@ mod common;
 mod determinism;
 mod distributed;
 mod eval_scale;
+mod failing_disk;
 mod follow;
 mod headless;
 mod images;

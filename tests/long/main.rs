@@ -76,6 +76,14 @@ fn rise(by_round: &[f64]) -> f64 {
     of(&by_round[by_round.len() - tenth..]) / of(&by_round[tenth..2 * tenth]) - 1.0
 }
 
+/// How much some values grow from round to round: the median of the slopes between any two of them (Theil
+/// and Sen), which single slow rounds do not tilt.
+fn slope(by_round: &[f64]) -> f64 {
+    let n = by_round.len();
+    let from = |i: usize| (i + 1..n).map(move |j| (by_round[j] - by_round[i]) / (j - i) as f64);
+    median((0..n).flat_map(from).collect())
+}
+
 /// Bytes of the wide rows: once in its life, when it has seen 4,096 points, a component is given one.
 fn of_wide_rows(scene: &dyn SceneLearner) -> usize {
     let StoredModel::Scene(state) = scene.stored() else { panic!("a scene is stored as one") };
@@ -153,6 +161,18 @@ fn memory_and_time_stay_flat(n: usize) {
     assert!(of_model <= 0.03, "the model grows by {of_model}");
     // Others use the machine, too: what grows with the number of frames does so by far more.
     assert!(of_time <= 0.5, "a frame takes {of_time} longer");
+    let warm = &ms[n / 10..];
+    let slope = slope(warm);
+    let growth = slope * warm.len() as f64 / median(warm.to_vec());
+    eprintln!(
+        "slope of ms a frame {:+.4} in 1,000 frames, {:+.1} % from the second tenth to the end",
+        slope * 1e3 / ROUND as f64,
+        100.0 * growth
+    );
+    // In a short run whatever else the machine does is the slope.
+    if n > ROUNDS {
+        assert!(growth <= 0.25, "from round to round a frame takes longer, {growth} in all");
+    }
     let of_memory = rise(&memory);
     eprintln!(
         "held beside it and {:.2} MB of frames {:.2} MB, {:+.2} %",

@@ -61,6 +61,11 @@ impl Editor {
         *self = Self { visible, revision: revision + 1, ..Self::default() };
     }
 
+    /// The edits and tools for a view that has no splats yet.
+    pub fn without_scene(self) -> Self {
+        Self { visible: VisibleSplats::default(), revision: self.revision + 1, ..self }
+    }
+
     /// The edits of now.
     pub fn edits(&self) -> &Edits {
         self.history.now()

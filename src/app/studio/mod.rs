@@ -13,7 +13,7 @@ use super::action_finder::ActionFinder;
 use super::device::WindowDevice;
 use super::drawing::Drawer;
 use super::drop_target;
-use super::exit::{Exit, Leave};
+use super::exit::{Exit, Handover, Leave};
 use super::film::FilmThread;
 use super::layout::WindowLayout;
 use super::painting::Painting;
@@ -130,11 +130,12 @@ impl Studio {
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
         let (painter, adapter) = ViewPainter::choose(device.as_ref(), painting, &waker)?;
-        let view = scene_view(painter, view, &context.egui_ctx, device.as_ref());
+        let mut view = scene_view(painter, view, &context.egui_ctx, device.as_ref());
         worker.set_interval(view.snapshot_interval());
         // The window before may have coloured the scene otherwise.
         worker.send(WorkerOrder::Watch(None));
         Ok(Self {
+            path: go_on(&mut view, &exit),
             worker,
             exit,
             device,
@@ -149,7 +150,6 @@ impl Studio {
             adapter,
             layout,
             strip: StripMemory::default(),
-            path: PathEditor::default(),
             path_plays: false,
             finder: ActionFinder::default(),
             open_dialog: PathDialog::open(),
@@ -202,6 +202,20 @@ impl Studio {
         // Nothing is asked about unsaved training: it goes on in the next window.
         self.may_close = true;
         context.send_viewport_cmd(ViewportCommand::Close);
+    }
+
+    /// Leaves what the user made to the next window, and says what cannot go on there.
+    fn hand_over(&mut self) {
+        if let Some(output) = self.film.output() {
+            let text = format!(
+                "{}: expected a film, found that it ended with the window that drew it; draw it again",
+                output.display()
+            );
+            self.worker.send(WorkerOrder::Report(NoticeKind::Warning, text));
+        }
+        let mut path = std::mem::take(&mut self.path);
+        path.is_playing = false;
+        self.exit.hand_over(Handover { view: self.view.keep(), path });
     }
 
     /// Everything in the window but questions.
@@ -344,6 +358,13 @@ fn scene_view(
     view
 }
 
+/// Gives the view what the window before has left, if one did; returns the camera path that was being made.
+fn go_on(view: &mut SceneView, exit: &Exit) -> PathEditor {
+    let Some(Handover { view: kept, path }) = exit.taken_over() else { return Default::default() };
+    view.go_on_with(kept);
+    path
+}
+
 /// As egui has it, text that stands back is hard to read, on white above all.
 fn strengthen_weak_text(context: &Context) {
     context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
@@ -359,12 +380,14 @@ impl Drop for Studio {
     /// egui panics where a lost device gives it no memory to write to. Whether that is so is asked
     /// here, on the way out, since the device must not outlive the display that it draws on.
     fn drop(&mut self) {
-        let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking()) else {
-            return;
-        };
-        // A device that cannot even be asked is none any more.
-        if catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true) {
+        if let Some(device) = self.device.as_ref().filter(|_| std::thread::panicking())
+            // A device that cannot even be asked is none any more.
+            && catch_unwind(AssertUnwindSafe(|| device.is_lost())).unwrap_or(true)
+        {
             self.exit.leave(Leave::DeviceLost);
+        }
+        if self.exit.why() != Leave::Closed {
+            self.hand_over();
         }
     }
 }

@@ -1,5 +1,6 @@
 //! A second model that the scene is compared with, read on a thread of its own.
 
+use crate::app::background_job::BackgroundJob;
 use crate::app::opening::{BareSplats, OpenError, splats_of};
 use crate::app::state::NoticeKind;
 use crate::app::worker::Waker;
@@ -8,7 +9,6 @@ use crate::model::splat::splats::framing;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
 /// Most letters of a name that captions show: a viewport of a small window is some 450 points wide.
 const MAX_NAME: usize = 30;
@@ -51,7 +51,7 @@ pub struct ModelSlot {
 
 struct Reading {
     path: PathBuf,
-    answers: Receiver<Result<(ComparedModel, Vec<Told>), String>>,
+    job: BackgroundJob<Result<(ComparedModel, Vec<Told>), String>>,
 }
 
 impl ModelSlot {
@@ -62,14 +62,9 @@ impl ModelSlot {
 
     /// Reads a checkpoint or a file of splats; one that is still being read is forgotten.
     pub fn read(&mut self, path: PathBuf, waker: Waker) -> std::io::Result<()> {
-        let (answer, answers) = sync_channel(1);
         let file = path.clone();
-        std::thread::Builder::new().name("second model".into()).spawn(move || {
-            // Nobody listens any more if another was asked for meanwhile.
-            let _ = answer.send(read(&file));
-            waker();
-        })?;
-        self.reading = Some(Reading { path, answers });
+        let job = BackgroundJob::start("second model", waker, move || read(&file))?;
+        self.reading = Some(Reading { path, job });
         Ok(())
     }
 
@@ -89,15 +84,9 @@ impl ModelSlot {
     /// The model before stays where it cannot be.
     pub fn take(&mut self) -> Option<(bool, Vec<Told>)> {
         let reading = self.reading.as_ref()?;
-        let read = match reading.answers.try_recv() {
-            Err(TryRecvError::Empty) => return None,
-            Ok(read) => read,
-            // A thread that panicked hangs up.
-            Err(TryRecvError::Disconnected) => Err(format!(
-                "{}: expected a model, found one that cannot be read; write it anew by the program that made it",
-                reading.path.display()
-            )),
-        };
+        let read = reading.job.take()?.unwrap_or_else(|panic| {
+            Err(format!("{}: {}", reading.path.display(), panic.ended("reading the model")))
+        });
         self.reading = None;
         match read {
             Ok((model, told)) => {

@@ -8,6 +8,7 @@ use super::compared_model::ComparedModel;
 use super::frame_refs::fit;
 use super::mode::ViewMode;
 use super::picture_request::PictureRequest;
+use crate::app::background_job::BackgroundJob;
 use crate::app::edit::left_out::LeftOut;
 use crate::app::export_losses::losses;
 use crate::app::worker::Waker;
@@ -20,10 +21,10 @@ use crate::model::splat::splats::framing;
 use crate::render::cpu::CpuRenderer;
 use crate::render::{Paint, RenderOptions, SplatStyle};
 use glam::DVec3;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
 /// Width of the pictures that are measured, pixels: enough for a figure, a moment to draw.
@@ -73,7 +74,7 @@ struct Converted {
 
 /// Under way on a thread; dropping it tells the thread that nobody wants it any more.
 struct Converting {
-    answers: Receiver<Result<Converted, Fault>>,
+    job: BackgroundJob<Result<Converted, String>>,
     is_wanted: Arc<AtomicBool>,
 }
 
@@ -96,7 +97,7 @@ pub(super) struct ExportPreview {
     converted: Option<Result<Converted, String>>,
     is_stale: bool,
     begun_at: Option<Instant>,
-    measuring: Option<(Measure, Receiver<f64>)>,
+    measuring: Option<(Measure, BackgroundJob<f64>)>,
     measured: Option<(Measure, f64)>,
     /// What was compared before.
     pub before: Option<ViewMode>,
@@ -151,17 +152,14 @@ impl ExportPreview {
         if !self.is_stale || waits && !is_new {
             return Ok(());
         }
-        let (answer, answers) = sync_channel(1);
         let is_wanted = Arc::new(AtomicBool::new(true));
-        let (flag, waker, scene) = (is_wanted.clone(), waker.clone(), scene.clone());
-        std::thread::Builder::new().name("export preview".into()).spawn(move || {
-            let work = || convert(scene, &choice, frame, &flag);
-            let converted = if is_training { alone(work) } else { Some(work()) };
-            // Nobody listens any more if something else was chosen meanwhile.
-            let _ = converted.map(|converted| answer.send(converted));
-            waker();
-        })?;
-        self.converting = Some(Converting { answers, is_wanted });
+        let (flag, scene, aside) = (is_wanted.clone(), scene.clone(), aside(is_training)?);
+        let convert = move || {
+            let converted = run_in(aside, || convert(scene, &choice, frame, &flag));
+            converted.map_err(|fault| fault.to_string())
+        };
+        let job = BackgroundJob::start("export preview", waker.clone(), convert)?;
+        self.converting = Some(Converting { job, is_wanted });
         (self.is_stale, self.begun_at) = (false, Some(Instant::now()));
         Ok(())
     }
@@ -174,26 +172,23 @@ impl ExportPreview {
 
     /// Takes what was converted and measured; whether a file is shown for the first time.
     pub fn take(&mut self) -> bool {
-        let answer = self.converting.as_ref().map(|converting| converting.answers.try_recv());
+        let answer = self.converting.as_ref().and_then(|converting| converting.job.take());
         let is_first = match answer {
-            None | Some(Err(TryRecvError::Empty)) => false,
+            None => false,
             Some(answer) => {
                 self.converting = None;
-                let problem = "the conversion ended before its time".to_owned();
-                let answer = answer.map_err(|_| problem);
-                let converted = answer.and_then(|done| done.map_err(|fault| fault.to_string()));
+                let converted = answer.unwrap_or_else(|panic| Err(panic.ended("the preview")));
                 let is_first = self.model().is_none() && converted.is_ok();
                 self.converted = Some(converted);
                 is_first
             }
         };
-        let figure = self.measuring.as_ref().map(|(_, answers)| answers.try_recv());
-        if !matches!(figure, None | Some(Err(TryRecvError::Empty)))
+        let figure = self.measuring.as_ref().and_then(|(_, job)| job.take());
+        if let Some(figure) = figure
             && let Some((measure, _)) = self.measuring.take()
         {
-            // Without an answer too, so that what cannot be measured is not asked again.
-            let psnr = figure.and_then(Result::ok).unwrap_or(f64::NAN);
-            self.measured = Some((measure, psnr));
+            // After a panic too, of which the log tells, so that it is not asked for again.
+            self.measured = Some((measure, figure.unwrap_or(f64::NAN)));
         }
         is_first
     }
@@ -221,18 +216,12 @@ impl ExportPreview {
         if is_done || self.measuring.is_some() {
             return Ok(());
         }
-        let (answer, answers) = sync_channel(1);
-        let (scene, of, waker) = (converted.scene.clone(), measure.clone(), waker.clone());
-        std::thread::Builder::new().name("export figure".into()).spawn(move || {
-            let figure = || difference(&scene, &of);
-            let psnr = if is_training { alone(figure) } else { Some(figure()) };
-            // Let go first: whoever changes the splats next need not copy them then.
-            drop(scene);
-            // Nobody listens any more if the preview has ended.
-            let _ = psnr.map(|psnr| answer.send(psnr));
-            waker();
-        })?;
-        self.measuring = Some((measure, answers));
+        let (scene, of, aside) = (converted.scene.clone(), measure.clone(), aside(is_training)?);
+        // The scene goes with the work, before the answer is there: whoever changes the splats next need
+        // not copy them then.
+        let figure = move || run_in(aside, || difference(&scene, &of));
+        let job = BackgroundJob::start("export figure", waker.clone(), figure)?;
+        self.measuring = Some((measure, job));
         Ok(())
     }
 }
@@ -246,10 +235,18 @@ fn difference(scene: &SplatSet, (model, camera, options): &Measure) -> f64 {
     psnr(&plain, &whole).unwrap_or(f64::NAN)
 }
 
-/// On one thread, since a trainer needs the others; `None` where there is none.
-fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> Option<T> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
-    pool.ok().map(|pool| pool.install(work))
+/// One thread for what works beside a trainer, which needs the others.
+fn aside(is_training: bool) -> std::io::Result<Option<ThreadPool>> {
+    let pool = || ThreadPoolBuilder::new().num_threads(1).build().map_err(std::io::Error::other);
+    is_training.then(pool).transpose()
+}
+
+/// Works there, or with all threads.
+fn run_in<T: Send>(pool: Option<ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
+    match pool {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
 }
 
 fn convert(

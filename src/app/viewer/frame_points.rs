@@ -4,6 +4,7 @@
 //! times as long as a frame took it, so that the trainer keeps its cores: then not every frame is shown.
 
 use super::frame_refs::FrameRef;
+use crate::app::background_job::BackgroundJob;
 use crate::app::worker::Waker;
 use crate::dataset::calibration::ColorCamera;
 use crate::dataset::frame::DepthKind;
@@ -11,7 +12,6 @@ use crate::math::camera::Camera;
 use crate::math::pose::Pose;
 use eframe::egui::Color32;
 use glam::DVec3;
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
 /// Points drawn at most, evenly chosen: more lie on one another.
@@ -33,7 +33,7 @@ pub(super) struct FramePoints {
 
 struct Decoding {
     frame: FrameRef,
-    answers: Receiver<(Points, Duration)>,
+    job: BackgroundJob<(Points, Duration)>,
 }
 
 impl FramePoints {
@@ -45,14 +45,11 @@ impl FramePoints {
     /// Takes what was decoded.
     pub fn take(&mut self) {
         let Some(decoding) = &self.decoding else { return };
-        let (points, took) = match decoding.answers.try_recv() {
-            Err(TryRecvError::Empty) => return,
-            Ok(decoded) => decoded,
-            // A thread that panicked hangs up.
-            Err(TryRecvError::Disconnected) => {
-                (Err("expected a frame, found one that cannot be decoded".into()), Duration::ZERO)
-            }
-        };
+        let Some(decoded) = decoding.job.take() else { return };
+        let (points, took) = decoded.unwrap_or_else(|panic| {
+            let name = &decoding.frame.entry().name;
+            (Err(format!("{name}: {}", panic.ended("decoding the frame"))), Duration::ZERO)
+        });
         let frame = self.decoding.take().map(|decoding| decoding.frame);
         self.shown = frame.map(|frame| (frame, points));
         self.rests_until = Some(Instant::now() + took * REST);
@@ -71,16 +68,13 @@ impl FramePoints {
         if is_shown || rests || self.decoding.is_some() {
             return Ok(());
         }
-        let (answer, answers) = sync_channel(1);
-        let (asked, waker) = (frame.clone(), waker.clone());
-        std::thread::Builder::new().name("frame points".into()).spawn(move || {
+        let asked = frame.clone();
+        let decode = move || {
             let started = Instant::now();
-            let points = points_of(&asked, pose, color_camera.as_ref());
-            // Nobody listens any more if points are shown no longer.
-            let _ = answer.send((points, started.elapsed()));
-            waker();
-        })?;
-        self.decoding = Some(Decoding { frame, answers });
+            (points_of(&asked, pose, color_camera.as_ref()), started.elapsed())
+        };
+        let job = BackgroundJob::start("frame points", waker.clone(), decode)?;
+        self.decoding = Some(Decoding { frame, job });
         Ok(())
     }
 }

@@ -13,6 +13,7 @@ mod frame_points;
 pub mod frame_refs;
 mod frusta;
 mod guide;
+pub mod kept;
 pub mod measure;
 pub mod mode;
 mod overlay;

@@ -78,7 +78,13 @@ impl SceneView {
     /// The splat that the user wants to know of, once: `Some(None)` for none. A double click turns the
     /// camera here instead.
     pub fn take_picked(&mut self) -> Option<Option<u32>> {
-        let picked = self.selection.take_picked()?;
+        let found = self.selection.take_picked()?;
+        let picked = found
+            .inspect_err(|panic| {
+                let text = panic.ended("finding the splat under the pointer");
+                self.hint = Some((text, Instant::now()));
+            })
+            .ok()?;
         if picked.purpose == PickPurpose::Select {
             return Some(picked.splat);
         }

@@ -6,12 +6,14 @@
 //! window takes what has come when it draws itself anyway.
 
 use super::frame_refs::FrameRef;
+use crate::app::panic_report::PanicReport;
 use crate::app::worker::Waker;
 use crate::dataset::depth::Depth;
 use crate::eval::report::quantile;
 use crate::render::paint::ramp;
 use eframe::egui::{Color32, ColorImage, Context, TextureHandle, TextureOptions};
 use std::collections::HashMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -200,7 +202,14 @@ fn serve(
 ) {
     while let Ok((frame, part)) = inbox.recv() {
         let started = Instant::now();
-        let decoded = alone.install(|| decode(&frame, part));
+        // Were the thread to end here, nothing that is scrolled to would ever be shown any more.
+        let decoded = catch_unwind(AssertUnwindSafe(|| alone.install(|| decode(&frame, part))));
+        let decoded = decoded.unwrap_or_else(|panic| Decoded {
+            position: frame.position(),
+            photo: None,
+            depth: None,
+            problem: Some(PanicReport::of(&*panic).ended("decoding the frame")),
+        });
         let rest_until = Instant::now() + started.elapsed() * REST;
         if answers.send(decoded).is_err() {
             return;

@@ -5,10 +5,6 @@ use crate::app::file_proposal::FileProposal;
 use crate::app::opening::Content;
 use crate::app::panic_report::PanicReport;
 use crate::app::rescue::{self, Crash, CrashedThread, Rescue};
-use crate::pipeline::checkpoint::SavedRun;
-use crate::pipeline::session::Session;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
 
 impl WorkerThread {
     /// After a panic of this thread: saves the scene and tells the window, which stays to show it.
@@ -37,7 +33,9 @@ impl WorkerThread {
         // Not for the demo: its proposal is the current folder, into which
         // nothing is written unasked.
         let beside = dataset.map(|_| folder.as_path());
-        let saved = rescue::save(beside, &self.rescue_folders, &stem, |path| save(session, path));
+        let saved = rescue::save(beside, &self.rescue_folders, &stem, |path| {
+            session.save_after_panic(path)
+        });
         let rescue = match saved {
             Ok(path) => Rescue::Saved { path, frames },
             Err(problems) => Rescue::Lost { frames, problems },
@@ -47,30 +45,20 @@ impl WorkerThread {
     }
 }
 
-/// Saves a session that a panic may have left in the middle of a frame: only a file that can be read
-/// again counts.
-fn save(session: &Session, path: &Path) -> Result<(), String> {
-    let attempt = || -> Result<(), String> {
-        session.save(path).map_err(|error| error.to_string())?;
-        let read = SavedRun::read(path).map(drop).map_err(|error| error.to_string());
-        // A file that cannot be read again must not be found later and taken for the scene.
-        read.inspect_err(|_| drop(std::fs::remove_file(path)))
-    };
-    catch_unwind(AssertUnwindSafe(attempt))
-        .unwrap_or_else(|payload| Err(PanicReport::of(&*payload).to_string()))
-}
-
 #[cfg(test)]
 mod tests {
+    use crate::app::edit::edits::Edits;
+    use crate::app::edit::left_out::LeftOut;
     use crate::app::rescue::{CrashedThread, Rescue};
     use crate::app::state::{NoticeKind, RunState, Subject};
     use crate::app::unattended::Unattended;
     use crate::app::worker::{Waker, Worker, WorkerOrder};
     use crate::dataset::synthetic::SyntheticParams;
     use crate::dataset::synthetic::write::{DepthBits, SyntheticLayout, write};
+    use crate::export::mapping::Mapping;
     use std::path::{Path, PathBuf};
-    use std::sync::Arc;
     use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Arc, OnceLock, Weak};
     use std::time::{Duration, Instant};
 
     /// Longest any condition may take on a loaded machine.
@@ -161,6 +149,46 @@ mod tests {
 
         let notices = Unattended::new(worker).finish(folder.path());
         assert_eq!(notices, [(NoticeKind::Error, crash.to_string())]);
+    }
+
+    #[test]
+    fn a_panic_while_a_file_is_written_keeps_the_older_file_and_the_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let worker: Arc<OnceLock<Weak<Worker>>> = Arc::default();
+        let (writer, told) = (worker.clone(), AtomicBool::new(false));
+        // By the trainer in the middle of a file, once the older one is there.
+        let waker: Waker = Arc::new(move || {
+            let writer = writer.get().and_then(Weak::upgrade);
+            let writes = writer.is_some_and(|writer| writer.file_progress().is_some());
+            assert!(!writes || told.swap(true, Ordering::SeqCst), "injected into a file");
+        });
+        let started = Worker::start_with(waker, vec![folder.path().to_owned()]).unwrap();
+        let started = Arc::new(started);
+        started.send(WorkerOrder::Open(Subject::Path(room(folder.path()))));
+        started.send(WorkerOrder::Step);
+        let file = folder.path().join("scene.ply");
+        std::fs::write(&file, "older").unwrap();
+        wait("a frame", || started.snapshot().frames_done == 1);
+        worker.set(Arc::downgrade(&started)).unwrap();
+        let export = |number| {
+            let left_out = LeftOut::new(&Edits::default());
+            WorkerOrder::Export(number, file.clone(), Mapping::default(), left_out)
+        };
+        started.send(export(1));
+        wait("the crash", || started.crash().is_some());
+        let path = folder.path().join("room-rescued.vbgs");
+        let crash = started.crash().unwrap();
+        assert_eq!(crash.rescue, Rescue::Saved { path, frames: 1 });
+        assert!(crash.panic.message.contains("injected into a file"), "{crash}");
+        assert_eq!(std::fs::read(&file).unwrap(), b"older");
+        assert!(started.file_progress().is_none(), "nothing is being written any more");
+
+        started.send(export(2));
+        wait("the file", || started.snapshot().latest_write.is_some_and(|w| w.is_written));
+        assert!(crate::export::read(&file).is_ok(), "the scene is still there to be exported");
+        let is_temporary = |name: &std::ffi::OsStr| name.to_string_lossy().ends_with(".tmp");
+        let left = std::fs::read_dir(folder.path()).unwrap();
+        assert_eq!(left.filter(|f| is_temporary(&f.as_ref().unwrap().file_name())).count(), 0);
     }
 
     #[test]

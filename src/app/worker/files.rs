@@ -4,6 +4,7 @@ use super::thread::WorkerThread;
 use crate::app::edit::left_out::LeftOut;
 use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
+use crate::export::atomic::write_atomic;
 use crate::export::local_origin::warning;
 use crate::export::mapping::Mapping;
 use crate::export::{
@@ -79,15 +80,10 @@ impl WorkerThread {
     /// Writes a text beside files that have its name already.
     pub(super) fn write_text(&mut self, path: &Path, text: &str) {
         let path = unused(path);
-        match std::fs::write(&path, text) {
-            Ok(()) => self.notify(NoticeKind::Info, format!("Wrote {}", path.display())),
-            Err(error) => {
-                let text = format!(
-                    "{}: expected a file that can be written, found: {error}; copy to the clipboard instead",
-                    path.display()
-                );
-                self.notify(NoticeKind::Error, text);
-            }
+        // Whole or not at all: half a path or half a table would be read as one.
+        match write_atomic(&path, |out| out.write_all(text.as_bytes())) {
+            Ok(_) => self.notify(NoticeKind::Info, format!("Wrote {}", path.display())),
+            Err(error) => self.notify(NoticeKind::Error, error.to_string()),
         }
     }
 

@@ -4,6 +4,7 @@
 
 use super::thread::{FirstLook, WorkerThread};
 use crate::app::opening::Content;
+use crate::app::panic_report::PanicReport;
 use crate::app::state::NoticeKind;
 use crate::app::wording;
 use crate::dataset::pose_check;
@@ -34,9 +35,15 @@ impl WorkerThread {
     /// Tells what was found, once.
     pub(super) fn take_first_look(&mut self) {
         let Some(thread) = self.first_look.take_if(|thread| thread.is_finished()) else { return };
-        // A panic of a decoder was reported where it happened.
-        let Ok(look) = thread.join() else { return };
         self.changed = true;
+        let look = match thread.join() {
+            Ok(look) => look,
+            Err(panic) => {
+                let text =
+                    PanicReport::of(&*panic).ended("looking at the frames for doubtful poses");
+                return self.notify(NoticeKind::Warning, text);
+            }
+        };
         self.snapshot.sample = look.sample;
         let Some(check) = look.poses else { return };
         if let Some(warning) = wording::pose_warning(&check) {

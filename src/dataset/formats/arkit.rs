@@ -13,7 +13,7 @@ use crate::dataset::decode::{self, CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::folder::Folder;
 use crate::dataset::matrix::describe;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -54,7 +54,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn frame_lines(folder: &Folder) -> Option<&str> {
     let is_ours = |name: &&str| {
-        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let text = folder.peek(name);
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
         let json: Value = serde_json::from_str(first).unwrap_or_default();
         first_of(&json, &POSE_KEYS).is_some()

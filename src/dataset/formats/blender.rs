@@ -59,9 +59,7 @@ fn frame_lists(folder: &Folder) -> Vec<&str> {
 
 fn is_list(folder: &Folder, name: &str) -> bool {
     // Read to the end: a list under another name is told by its content alone.
-    let file = folder.file(Path::new(""), &folder.listing, name);
-    let text = file.ok().and_then(|file| read_text(&file).ok()).unwrap_or_default();
-    let Ok(json) = serde_json::from_str::<Value>(&text) else {
+    let Ok(json) = serde_json::from_str::<Value>(&folder.peek_whole(name)) else {
         return name.starts_with(LIST_PREFIX);
     };
     let posed = |f: &Value| f.get("file_path").is_some() && f.get("transform_matrix").is_some();

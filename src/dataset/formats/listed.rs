@@ -88,9 +88,11 @@ impl ListedSplit {
     /// Without a readable header there is no camera: each frame gets its own message.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
         for ListedFrame { name, color, .. } in self.frames {
-            if let Err(problem) = header(&color) {
-                parsed.skip(&self.name, &name, color, problem);
-            }
+            let problem = header(&color).err().unwrap_or_else(|| {
+                // What a disk gives only at the second attempt must not vanish without a word.
+                FrameProblem::Read(std::io::Error::other("one that could not be read a moment ago"))
+            });
+            parsed.skip(&self.name, &name, color, problem);
         }
     }
 }

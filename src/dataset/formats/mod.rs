@@ -92,6 +92,9 @@ pub(super) fn parse(
         (format.recognise)(folder).map(|why| (*layout, format, why))
     };
     let mut found: Vec<_> = FORMATS.iter().filter_map(recognise).collect();
+    if let Some(error) = folder.unread() {
+        return Err(error);
+    }
     if found.len() > 1 {
         // Whatever knows of poses knows more.
         found.retain(|(layout, ..)| *layout != Layout::ColorDepth);
@@ -104,7 +107,9 @@ pub(super) fn parse(
         });
     }
     if let Some((layout, format, why)) = found.pop() {
-        return Ok((layout, why, (format.parse)(folder, options)?));
+        let parsed = (format.parse)(folder, options)?;
+        // They are told apart by what was asked again.
+        return folder.unread().map_or(Ok((layout, why, parsed)), Err);
     }
     let expected: Vec<&str> = FORMATS.iter().map(|(_, format)| format.looks_for).collect();
     Err(DatasetError::NotRecognised {

@@ -47,8 +47,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 /// The JSON file in the root that is a frame list of this layout, and what it holds.
 fn frame_list(folder: &Folder) -> Option<(&str, Value)> {
     folder.listing.files().filter(|name| name.ends_with(".json")).find_map(|name| {
-        let (_, text) = folder.text(name).ok()?;
-        let json = serde_json::from_str(&text).ok().filter(is_list)?;
+        let json = serde_json::from_str(&folder.peek_whole(name)).ok().filter(is_list)?;
         Some((name, json))
     })
 }

@@ -11,7 +11,7 @@ use super::recording::{RecordedFrame, Recording};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::folder::Folder;
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -35,7 +35,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 /// A log whose first block says where the first image stands.
 fn trajectory_log(folder: &Folder) -> Option<&str> {
     let is_trajectory = |name: &&str| {
-        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let text = folder.peek(name);
         let mut lines = text.lines();
         let head = lines.next().and_then(head);
         let row = lines.next().map(matrix::numbers::<4>);

@@ -7,7 +7,7 @@ use super::record3d::{FrameSources, Metadata};
 use super::recording::{Recording, wrong};
 use crate::dataset::decode::CodeKind;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, read_text};
+use crate::dataset::folder::Folder;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use std::collections::BTreeMap;
@@ -37,8 +37,7 @@ fn recognise(folder: &Folder) -> Option<String> {
 
 fn metadata(folder: &Folder) -> Option<&'static str> {
     METADATA.into_iter().find(|name| {
-        let text = folder.listing.has_file(name).then(|| read_text(&folder.path.join(name)).ok());
-        text.flatten().is_some_and(|text| Metadata::is_one(text.as_bytes()))
+        folder.listing.has_file(name) && Metadata::is_one(folder.peek_whole(name).as_bytes())
     })
 }
 

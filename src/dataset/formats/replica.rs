@@ -11,7 +11,7 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, read_small_text, read_text};
+use crate::dataset::folder::{Folder, read_text};
 use crate::dataset::matrix::{self, describe};
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -40,7 +40,7 @@ const PUBLISHED: Intrinsics =
     Intrinsics { width: 1200, height: 680, fx: 600.0, fy: 600.0, cx: 599.5, cy: 339.5 };
 
 fn recognise(folder: &Folder) -> Option<String> {
-    let text = read_small_text(&folder.path.join(POSES)).unwrap_or_default();
+    let text = folder.peek(POSES);
     let is_matrix = text.lines().next().is_some_and(|line| matrix::numbers::<16>(line).is_ok());
     let is_ours = is_matrix && NumberedFiles::any(folder, IMAGES, "frame", &PHOTOGRAPHS);
     is_ours.then(|| format!("{POSES} with a matrix a line, and frames in {IMAGES}/"))

@@ -14,7 +14,7 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, FolderListing, read_small_text};
+use crate::dataset::folder::{Folder, FolderListing};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
@@ -65,7 +65,7 @@ fn subfolder(folder: &Folder, suffix: &str) -> Option<String> {
 fn calibration(folder: &Folder) -> Option<String> {
     let is_yaml = |name: &&str| [".yaml", ".yml"].iter().any(|end| name.ends_with(end));
     let holds = |relative: &str| {
-        let text = read_small_text(&folder.path.join(relative)).unwrap_or_default();
+        let text = folder.peek(relative);
         text.contains("camera_matrix:")
     };
     if let Some(name) = subfolder(folder, CALIBRATIONS) {
@@ -78,7 +78,7 @@ fn calibration(folder: &Folder) -> Option<String> {
 
 fn pose_file(folder: &Folder) -> Option<&str> {
     let is_ours = |name: &&str| {
-        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let text = folder.peek(name);
         let named = name.contains("poses") || name.contains("trajectory") || name.contains("odom");
         named && lines(&text).next().is_some_and(|(_, line)| pose(line).is_ok())
     };

@@ -14,7 +14,7 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem, VIDEO_BY_HAND};
-use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::folder::Folder;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::source::ByteSource;
@@ -48,7 +48,7 @@ const DEPTH_UNIT: f64 = 0.001;
 const TRUSTED_DEPTH: [f64; 2] = [0.1, 5.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
-    let text = read_small_text(&folder.path.join(POSES)).unwrap_or_default();
+    let text = folder.peek(POSES);
     let is_ours = text.lines().next().is_some_and(|head| columns(head).is_some())
         && folder.listing.has_file(CAMERA);
     is_ours.then(|| format!("{POSES} with poses by frame, and {CAMERA}"))

@@ -23,7 +23,7 @@ use crate::dataset::decode::{CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
-use crate::dataset::folder::{Folder, read_small_text};
+use crate::dataset::folder::Folder;
 use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::rolling_shutter::{KINECT_COLOR, KINECT_DEPTH, RollingShutter};
@@ -53,7 +53,7 @@ const TRUSTED_DEPTH: [f64; 2] = [0.3, 4.0];
 
 fn recognise(folder: &Folder) -> Option<String> {
     let lists_images = |name: &str| {
-        let text = read_small_text(&folder.path.join(name)).unwrap_or_default();
+        let text = folder.peek(name);
         folder.listing.has_file(name) && lines(&text).any(|(_, line)| image(line).is_some())
     };
     let is_ours = lists_images(COLOR_LIST) && lists_images(DEPTH_LIST);

@@ -1,0 +1,254 @@
+//! The graphics device goes, or has no memory left, while the window is at whatever it can be at: frames are
+//! trained, the camera is dragged, renderers are compared, a file is previewed, a film is drawn. Moments are
+//! seeded; `VBGS_WINDOW_LOSSES=200 cargo test --release --test app -- --nocapture moment` meets more of them.
+
+use super::crash::attached;
+use super::harness::{
+    PATIENCE, Window, click, dataset, drag_between, drop_on, enter_path, is, settled, wait,
+    wait_for_picture,
+};
+use super::inspect::MIDDLE;
+use super::random::asked;
+use super::viewer::{choose, press};
+use crate::common::adapter::{turn, vulkan};
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Event, Key, Modifiers, PointerButton, Vec2};
+use egui_kittest::kittest::Queryable;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+use vbgs_studio::app::{Exit, Leave, Painting};
+use vbgs_studio::math::rng::{Purpose, Rng};
+
+/// Frames of the dataset: some are always left to train.
+const FRAMES: usize = 60;
+/// Passes of the window before its device goes, at most.
+const MAX_PASSES: usize = 25;
+
+/// What the window is at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Moment {
+    Training,
+    Orbiting,
+    Comparing,
+    Previewing,
+    Filming,
+}
+
+const MOMENTS: [Moment; 5] =
+    [Moment::Training, Moment::Orbiting, Moment::Comparing, Moment::Previewing, Moment::Filming];
+
+/// A run that outlives its windows.
+struct Run {
+    folder: tempfile::TempDir,
+    worker: Arc<Worker>,
+    exit: Exit,
+}
+
+impl Run {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        dataset(folder.path(), FRAMES);
+        let rescued = vec![folder.path().join("rescued")];
+        let worker = Arc::new(Worker::start_with(Arc::new(|| {}), rescued).unwrap());
+        worker.send(WorkerOrder::Open(Subject::Path(folder.path().join("room"))));
+        Self { folder, worker, exit: Exit::default() }
+    }
+
+    /// The next window, once it draws the scene.
+    fn window(&mut self, painting: Painting) -> (Window, wgpu::Device) {
+        self.exit = self.exit.of_next();
+        let first = vec![WorkerOrder::Deliver];
+        let (mut window, device) = attached(&self.worker, &self.exit, first, painting);
+        wait(&mut window, "the dataset", |s| s.snapshot().opened.is_some());
+        if window.state().snapshot().frames_done == 0 {
+            click(&mut window, "Train");
+        }
+        wait(&mut window, "splats", |s| s.n_drawn() > 100);
+        wait_for_picture(&mut window);
+        (window, device)
+    }
+}
+
+/// Brings the window to that moment.
+fn begin(window: &mut Window, moment: Moment, folder: &Path) {
+    match moment {
+        Moment::Training if is(RunState::Finished)(window.state()) => {
+            drop_on(window, &folder.join("room"));
+            window.run_steps(2);
+            click(window, "Discard");
+            wait(window, "ready", is(RunState::Ready));
+            window.key_press(Key::Space);
+            wait(window, "frames", |s| s.snapshot().frames_done > 0);
+        }
+        Moment::Training => {}
+        Moment::Orbiting => {
+            window.event(Event::PointerMoved(MIDDLE));
+            let (pos, button, modifiers) = (MIDDLE, PointerButton::Primary, Modifiers::NONE);
+            window.event(Event::PointerButton { pos, button, pressed: true, modifiers });
+            window.step();
+            window.event(Event::PointerMoved(MIDDLE + Vec2::new(40.0, 20.0)));
+        }
+        Moment::Comparing => choose(window, 0, "Wipe renderers"),
+        Moment::Previewing => {
+            window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+            window.run_steps(2);
+            enter_path(window, &folder.join("scene.ply"));
+        }
+        Moment::Filming => {
+            click(window, "Path");
+            click(window, "Turntable");
+            click(window, "Draw film…");
+            window.run_steps(2);
+            window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+            window.event(Event::Text(folder.join("film").display().to_string()));
+            window.run_steps(2);
+            window.get_by_role_and_label(Role::Button, "Draw film").click();
+            window.run_steps(2);
+            if window.query_by_label("Replace").is_some() {
+                click(window, "Replace");
+            }
+        }
+    }
+}
+
+/// More than any machine has: the driver says at once that there is no memory.
+fn ask_for_too_much(device: &wgpu::Device) {
+    let limits = device.limits();
+    let side = limits.max_texture_dimension_2d;
+    let _ = device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("too much"),
+        size: wgpu::Extent3d {
+            width: side,
+            height: side,
+            depth_or_array_layers: limits.max_texture_array_layers,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba32Float,
+        usage: wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+}
+
+/// Steps the window until it has left word.
+fn leaves(window: &mut Window, exit: &Exit, told: &str) {
+    let started = Instant::now();
+    while exit.why() != Leave::DeviceLost {
+        assert!(started.elapsed() < PATIENCE, "{told}: the loss is not noticed");
+        window.step();
+    }
+}
+
+#[test]
+fn at_any_moment_a_lost_device_costs_a_window_and_nothing_else() {
+    let _turn = turn();
+    if vulkan().is_none() {
+        return;
+    }
+    let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(1), Purpose::Synthetic, 0);
+    let mut run = Run::new();
+    for round in 0..asked("VBGS_WINDOW_LOSSES").unwrap_or(2 * MOMENTS.len() as u64) {
+        let moment = MOMENTS[round as usize % MOMENTS.len()];
+        let painting = [Painting::Auto, Painting::Gpu][rng.below(2)];
+        let (mut window, device) = run.window(painting);
+        begin(&mut window, moment, run.folder.path());
+        let passes = rng.below(MAX_PASSES);
+        let told = format!("round {round}, {moment:?} for {passes} passes, {painting:?}");
+        window.run_steps(passes);
+        let before = run.worker.snapshot();
+        device.destroy();
+        leaves(&mut window, &run.exit, &told);
+        drop(window);
+        let after = run.worker.snapshot();
+        assert!(run.worker.is_alive() && run.worker.crash().is_none(), "{told}");
+        assert!(after.frames_done >= before.frames_done, "{told}: frames are gone");
+        let film =
+            after.notices.iter().find(|notice| notice.text.contains("the window that drew it"));
+        if moment == Moment::Filming {
+            let film = film.unwrap_or_else(|| panic!("{told}: nothing is said of the film"));
+            assert!(film.kind == NoticeKind::Warning && film.text.contains("draw it again"));
+        }
+    }
+    // What goes on went on, and the last window draws.
+    let (mut window, _device) = run.window(Painting::Auto);
+    wait(&mut window, "the end", is(RunState::Finished));
+    assert_eq!(window.state().snapshot().frames_done, FRAMES);
+}
+
+#[test]
+fn at_any_moment_a_device_without_memory_costs_a_notice() {
+    let _turn = turn();
+    if vulkan().is_none() {
+        return;
+    }
+    let mut rng = Rng::new(asked("VBGS_WINDOW_SEED").unwrap_or(3), Purpose::Synthetic, 0);
+    let mut run = Run::new();
+    for painting in [Painting::Auto, Painting::Gpu] {
+        let (mut window, device) = run.window(painting);
+        for moment in MOMENTS {
+            begin(&mut window, moment, run.folder.path());
+            window.run_steps(rng.below(MAX_PASSES));
+            ask_for_too_much(&device);
+            let told = |s: &vbgs_studio::app::Studio| {
+                s.snapshot()
+                    .notices
+                    .iter()
+                    .any(|notice| notice.kind == NoticeKind::Error && notice.text.contains("emory"))
+            };
+            wait(&mut window, "the notice", told);
+            press(&mut window, Key::Escape);
+            press(&mut window, Key::Escape);
+            window.event(Event::PointerGone);
+            wait_for_picture(&mut window);
+            assert_eq!(run.exit.why(), Leave::Closed, "{moment:?}, {painting:?}");
+            assert!(run.worker.crash().is_none(), "{moment:?}, {painting:?}");
+        }
+    }
+}
+
+/// Deleted splats come back in no export, and keyframes are not made twice.
+#[test]
+fn edits_camera_and_path_go_on_in_the_next_window() {
+    let _turn = turn();
+    if vulkan().is_none() {
+        return;
+    }
+    let mut run = Run::new();
+    let (mut window, device) = run.window(Painting::Auto);
+    wait(&mut window, "the end", is(RunState::Finished));
+    settled(&mut window);
+    let all = window.state().n_drawn();
+    click(&mut window, "Path");
+    click(&mut window, "Add keyframe");
+    drag_between(&mut window, PointerButton::Primary, MIDDLE, MIDDLE + Vec2::new(50.0, 10.0));
+    press(&mut window, Key::B);
+    drag_between(
+        &mut window,
+        PointerButton::Primary,
+        MIDDLE - Vec2::splat(90.0),
+        MIDDLE + Vec2::splat(90.0),
+    );
+    press(&mut window, Key::B);
+    press(&mut window, Key::Delete);
+    let edits = window.state().view().editor().edits().clone();
+    assert!(!edits.deleted.is_empty(), "the box holds no splat");
+    wait(&mut window, "fewer splats", move |s| s.n_drawn() < all);
+    let (eye, drawn) = (window.state().view().eye(), window.state().n_drawn());
+    device.destroy();
+    leaves(&mut window, &run.exit, "edited");
+    drop(window);
+
+    let (mut window, _device) = run.window(Painting::Auto);
+    wait(&mut window, "as many splats", move |s| s.n_drawn() == drawn);
+    let view = window.state().view();
+    assert!(*view.editor().edits() == edits, "other edits");
+    assert_eq!(view.eye(), eye);
+    click(&mut window, "Path");
+    assert!(window.query_by_label_contains("then add keyframes").is_none(), "no keyframe");
+    window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
+    wait(&mut window, "all of them again", move |s| s.n_drawn() == all);
+}

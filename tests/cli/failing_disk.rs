@@ -1,0 +1,208 @@
+//! Disks that fail while a recording or a model is read: the system's own calls fail under the real program,
+//! one after the other (`failing_disk.c`). Whatever happens, it is told, or it changes nothing.
+#![cfg(target_os = "linux")]
+
+use super::runner::{Run, Scratch};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+use tempfile::TempDir;
+
+const LAYOUTS: [&str; 12] = [
+    "blender",
+    "seven-scenes",
+    "tum",
+    "open3d",
+    "replica",
+    "scannet",
+    "nerfstudio",
+    "record3d",
+    "record3d-archive",
+    "stray-scanner",
+    "arkit",
+    "rtab-map",
+];
+/// One thread, so that the calls come in the same order every time.
+const TRAIN: &str = "train room --out out --threads 1";
+const EIO: i32 = 5;
+const EINTR: i32 = 4;
+const EMFILE: i32 = 24;
+
+/// What goes wrong: calls of one kind about files of one folder.
+#[derive(Clone, Copy)]
+struct Failing {
+    call: &'static str,
+    from: Option<usize>,
+    until: Option<usize>,
+    every: usize,
+    /// An errno, or 0 for reads that give a few bytes only.
+    by: i32,
+}
+
+impl Failing {
+    /// Nothing: calls are counted.
+    const fn not(call: &'static str) -> Self {
+        Self { call, from: None, until: None, every: 1, by: 0 }
+    }
+
+    const fn at(call: &'static str, at: usize, by: i32) -> Self {
+        Self { call, from: Some(at), until: Some(at + 1), every: 1, by }
+    }
+
+    const fn from(call: &'static str, at: usize, by: i32) -> Self {
+        Self { call, from: Some(at), until: None, every: 1, by }
+    }
+
+    const fn every(call: &'static str, every: usize, by: i32) -> Self {
+        Self { call, from: Some(0), until: None, every, by }
+    }
+}
+
+/// The library that is loaded before the program.
+fn library() -> &'static Path {
+    static BUILT: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
+    let built = BUILT.get_or_init(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let library = folder.path().join("failing_disk.so");
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/cli/failing_disk.c");
+        let mut compiler = Command::new("cc");
+        compiler.args(["-shared", "-fPIC", "-O2", source, "-ldl", "-o"]).arg(&library);
+        assert!(compiler.status().unwrap().success(), "{compiler:?}");
+        (folder, library)
+    });
+    &built.1
+}
+
+/// How a run on such a disk ended, how many calls there were, and the file of the first that failed.
+struct Ended {
+    run: Run,
+    calls: usize,
+    file: String,
+}
+
+fn run(scratch: &Scratch, under: &str, failing: Failing, arguments: &str) -> Ended {
+    let told = scratch.path("told");
+    let mut command = scratch.command(&arguments.split_whitespace().collect::<Vec<_>>());
+    command
+        .env("LD_PRELOAD", library())
+        .env("FAILING_UNDER", scratch.path(under).canonicalize().unwrap())
+        .env("FAILING_CALL", failing.call)
+        .env("FAILING_EVERY", failing.every.to_string())
+        .env("FAILING_BY", failing.by.to_string())
+        .env("FAILING_SHORT", "7")
+        .env("FAILING_TOLD", &told);
+    for (name, call) in [("FAILING_FROM", failing.from), ("FAILING_UNTIL", failing.until)] {
+        call.map(|call| command.env(name, call.to_string()));
+    }
+    let run = Run::from(command.output().unwrap());
+    let told = std::fs::read_to_string(&told).unwrap();
+    let (calls, file) = told.split_once('\n').unwrap();
+    let name = Path::new(file.trim()).file_name().unwrap_or_default();
+    Ended { run, calls: calls.parse().unwrap(), file: name.to_str().unwrap().to_owned() }
+}
+
+/// Four frames and one held out, in a layout, and the scene of a disk that is well.
+fn recorded(layout: &str) -> (Scratch, Vec<u8>) {
+    let scratch = Scratch::empty();
+    let size = "--size 64x48 --frames 4 --eval-frames 1";
+    scratch.run(&format!("synth room --layout {layout} {size}")).succeeds();
+    scratch.run(TRAIN).succeeds();
+    let scene = scratch.bytes("out/scene.ply");
+    (scratch, scene)
+}
+
+#[test]
+fn reads_that_give_little_or_are_interrupted_give_the_same_scene() {
+    for layout in LAYOUTS {
+        let (scratch, scene) = recorded(layout);
+        for failing in [Failing::every("read", 1, 0), Failing::every("read", 2, EINTR)] {
+            let ended = run(&scratch, "room", failing, TRAIN);
+            assert!(!ended.file.is_empty(), "{layout}: no read was short");
+            ended.run.succeeds();
+            assert!(
+                scratch.bytes("out/scene.ply") == scene,
+                "{layout}, {}: another scene",
+                failing.by
+            );
+        }
+    }
+}
+
+/// Trains while a call fails. Either the file is named, and what is left out with it, or nothing changed.
+fn told_or_harmless(layout: &str, (scratch, scene): &(Scratch, Vec<u8>), failing: Failing) {
+    let _ = std::fs::remove_dir_all(scratch.path("out"));
+    let Ended { run, file, .. } = run(scratch, "room", failing, TRAIN);
+    let said = format!(
+        "{layout}, {} {:?} to {:?} of {file}, errno {}: exit {}, {}",
+        failing.call, failing.from, failing.until, failing.by, run.code, run.stderr
+    );
+    assert!(!run.stderr.contains("panicked"), "{said}");
+    let errors: Vec<&str> = run.stderr.lines().filter(|line| line.starts_with("error: ")).collect();
+    match run.code {
+        0 => {
+            let is_told = run.stderr.contains(&file);
+            let is_same = scratch.bytes("out/scene.ply") == *scene;
+            assert!(is_told || is_same, "another scene without a word; {said}");
+        }
+        1 => {
+            assert!(errors.len() == 1 && errors[0].contains("room"), "{said}");
+            assert!(!scratch.path("out/scene.ply").exists(), "a scene all the same; {said}");
+        }
+        _ => panic!("{said}"),
+    }
+}
+
+/// Lets some of the calls fail, evenly spaced, each by itself and with all behind it.
+fn fail_some(calls: &[(&'static str, i32)], most: usize) {
+    for layout in LAYOUTS {
+        let recorded = recorded(layout);
+        for &(call, by) in calls {
+            let n = run(&recorded.0, "room", Failing::not(call), TRAIN).calls;
+            assert!(n > 0, "{layout}: no {call} at all");
+            let tried = n.min(most);
+            for at in (0..tried).map(|i| i * n / tried) {
+                told_or_harmless(layout, &recorded, Failing::at(call, at, by));
+                told_or_harmless(layout, &recorded, Failing::from(call, at, by));
+            }
+        }
+    }
+}
+
+#[test]
+fn whichever_file_cannot_be_read_it_is_told_or_changes_nothing() {
+    fail_some(&[("read", EIO), ("open", EMFILE)], 5);
+}
+
+#[test]
+#[ignore = "lets every single call fail: some 8,000 runs of the program, half an hour"]
+fn every_call_that_fails_is_told_or_changes_nothing() {
+    fail_some(&[("read", EIO), ("open", EMFILE), ("stat", EIO)], usize::MAX);
+}
+
+#[test]
+fn a_model_that_cannot_be_read_to_its_end_is_none() {
+    let scratch = Scratch::with_scene();
+    for (arguments, whole) in [
+        ("export out/scene.ply -o new/scene.glb", "new/scene.glb"),
+        ("train room --out new --resume out/checkpoint.vbgs --threads 1", "new/scene.ply"),
+    ] {
+        let begin = || {
+            let _ = std::fs::remove_dir_all(scratch.path("new"));
+            std::fs::create_dir(scratch.path("new")).unwrap();
+        };
+        begin();
+        let clean = run(&scratch, "out", Failing::not("read"), arguments);
+        clean.run.succeeds();
+        let scene = scratch.bytes(whole);
+        for at in 0..clean.calls {
+            begin();
+            let ended = run(&scratch, "out", Failing::from("read", at, EIO), arguments);
+            let file = ended.file;
+            ended.run.fails(1, &[&file]);
+            assert!(!scratch.path(whole).exists(), "{arguments}: read {at} of {}", clean.calls);
+        }
+        begin();
+        run(&scratch, "out", Failing::every("read", 1, 0), arguments).run.succeeds();
+        assert!(scratch.bytes(whole) == scene, "{arguments}: short reads give another file");
+    }
+}
