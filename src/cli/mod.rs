@@ -7,6 +7,7 @@ mod calibrate;
 mod capture_check;
 mod checkpoint_info;
 mod demo;
+mod devices;
 mod eval;
 mod export;
 mod failure;
@@ -16,7 +17,6 @@ mod interrupt;
 mod merge;
 mod model;
 mod output;
-mod photometric_device;
 mod pose_check;
 #[cfg(feature = "bench")]
 mod precision_search;

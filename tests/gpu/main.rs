@@ -15,6 +15,7 @@ mod golden;
 mod hostile;
 mod images;
 mod lego;
+mod mixture;
 mod options;
 mod photometric;
 mod photometric_training;

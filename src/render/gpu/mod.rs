@@ -9,20 +9,26 @@
 //! 3. [`composite::Compositor`] lays that over a background inside the window's own pass, beside
 //!    another image or a photograph if two are compared.
 //!
+//! [`photometric`] and [`mixture`] do a learner's work on a device of their own.
+//!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
 pub mod adapters;
 mod allocation;
+mod answer;
 mod chooser;
 pub mod composite;
 pub mod constants;
 pub mod context;
 mod error;
 pub mod faults;
+mod growing;
 pub mod headless;
 mod kernel;
 pub mod layout;
+pub mod mixture;
+mod parallel_copy;
 mod path;
 pub mod photo;
 pub mod photometric;
