@@ -8,6 +8,7 @@ mod capture_check;
 mod checkpoint_info;
 mod crash;
 mod demo;
+mod devices;
 mod eval;
 mod export;
 mod failure;
@@ -17,7 +18,6 @@ mod interrupt;
 mod merge;
 mod model;
 mod output;
-mod photometric_device;
 mod pose_check;
 #[cfg(feature = "bench")]
 mod precision_search;

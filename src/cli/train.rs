@@ -11,7 +11,7 @@ use super::follow::{self, ToldProblem};
 use super::interrupt::Interrupt;
 use super::quality::QualityRequest;
 use super::settings::{asked, method, selection};
-use super::{crash, output, photometric_device, pose_check, progress, quality, tracked, wording};
+use super::{crash, devices, output, pose_check, progress, quality, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
@@ -44,7 +44,7 @@ pub fn run(args: &TrainArgs) -> Result<(), Failure> {
         true => followed(args, &start, &interrupt)?,
         false => opened(args, start)?,
     };
-    photometric_device::attach(&mut session, args.photometric_device)?;
+    devices::attach(&mut session, args)?;
     prepare_folder(args)?;
     note(&session, args)?;
     // Measured after the run, whose times they must not change.
@@ -335,6 +335,9 @@ fn save_report(
         summary.components,
         summary.drawn
     ));
+    if let Some(used) = report.passes.as_ref().filter(|used| used.device.is_some()) {
+        output::line(used.line());
+    }
     if let Some(used) = &report.comparer {
         output::line(used.line());
     }

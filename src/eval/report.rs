@@ -17,6 +17,7 @@ use crate::render::Exposing;
 use crate::render::{Antialias, Renderer, Response};
 use crate::train::comparer_use::ComparerUse;
 use crate::train::outcome::{Contradiction, PhotographOutcome};
+use crate::train::pass_use::PassUse;
 use crate::train::timing::StageMs;
 use serde::{Deserialize, Serialize};
 
@@ -52,6 +53,9 @@ pub struct Report<C> {
     /// What photographs were compared on; `None` where they teach nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub comparer: Option<ComparerUse>,
+    /// What passes over frames ran on; `None` where no device can run them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub passes: Option<PassUse>,
 }
 
 /// Quality on the pixels that the frames learnt so far saw.

@@ -6,6 +6,7 @@ pub mod any_preset;
 pub mod autosave;
 pub mod checkpoint;
 pub mod demo;
+mod devices;
 pub mod error;
 pub mod follow;
 mod frame_loop;

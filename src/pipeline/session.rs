@@ -18,9 +18,7 @@ use crate::eval::report::{
 };
 use crate::math::normalization::Normalization;
 use crate::model::splat::appearance::SplatSet;
-use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::birth_log::BirthLog;
-use crate::train::comparer_use::ComparerPolicy;
 use crate::train::learner::Learner;
 use crate::train::memory::MemoryEstimate;
 use crate::train::outcome::{FrameOutcome, FrameTracking};
@@ -322,19 +320,19 @@ impl Session {
         self.frames.learner()
     }
 
-    /// Compares photographs on a device beside the processor from now on, where they are learnt from.
-    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
-        self.frames.learner_mut().compare_on(comparer, policy);
+    /// The model, to ask it for more.
+    pub(super) fn learner_mut(&mut self) -> &mut dyn Learner {
+        self.frames.learner_mut()
     }
 
     /// Sums the ELBO of the frames to come by component, for [`Self::attributes_of`].
     pub fn start_component_elbo(&mut self) {
-        self.frames.learner_mut().component_elbo_mut().start();
+        self.learner_mut().component_elbo_mut().start();
     }
 
     /// Ends what [`Self::start_component_elbo`] began.
     pub fn stop_component_elbo(&mut self) {
-        self.frames.learner_mut().component_elbo_mut().stop();
+        self.learner_mut().component_elbo_mut().stop();
     }
 
     /// Position in the run of the frame in which a component first received points, if that was in
@@ -438,6 +436,7 @@ impl Session {
             seen: Vec::new(),
             tracking: None,
             comparer: self.learner().comparer_use(),
+            passes: self.learner().pass_use(),
         }
     }
 }

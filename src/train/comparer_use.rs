@@ -1,15 +1,7 @@
 //! What photographs are compared on, and what that took: for reports and the console.
 
+use super::device_trial::{DeviceMs, who_did};
 use serde::{Deserialize, Serialize};
-
-/// When a device beside the processor compares photographs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ComparerPolicy {
-    /// Always.
-    Device,
-    /// Where it is the faster of the two, by measurement.
-    Fastest,
-}
 
 /// What photographs were compared on in this session.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -21,20 +13,11 @@ pub struct ComparerUse {
     /// Those that the processor compared.
     pub processor_frames: u64,
     /// What the choice was made by, if it was measured.
-    pub trial: Option<ComparerTrial>,
+    pub trial: Option<DeviceMs>,
     /// Why the device was given up, if it was.
     pub given_up: Option<String>,
     /// Mean milliseconds of a photograph.
     pub ms: ComparerMs,
-}
-
-/// Milliseconds of one comparison on each, the median of a few.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ComparerTrial {
-    /// On the processor.
-    pub processor: f64,
-    /// On the device.
-    pub device: f64,
 }
 
 /// Milliseconds of a photograph by what is done with it.
@@ -51,18 +34,10 @@ pub struct ComparerMs {
 impl ComparerUse {
     /// One line for people.
     pub fn line(&self) -> String {
-        let Self { device, device_frames, processor_frames, trial, given_up, .. } = self;
-        let Some(device) = device else { return "the processor compared photographs".to_owned() };
-        let by = match (device_frames, processor_frames) {
-            (0, _) => "the processor compared photographs".to_owned(),
-            (_, 0) => format!("{device} compared photographs"),
-            (n, m) => format!("{device} compared {n} photographs, the processor {m}"),
-        };
-        let measured = trial.map(|ComparerTrial { processor, device: other }| {
-            format!(" (measured: {other:.1} ms on {device}, {processor:.1} ms on the processor)")
-        });
-        let lost = given_up.as_ref().map(|why| format!("; the device was given up: {why}"));
-        by + &measured.unwrap_or_default() + &lost.unwrap_or_default()
+        let counts = [self.device_frames, self.processor_frames];
+        let Self { device, trial, given_up, .. } = self;
+        let did = ["compared", "photographs"];
+        who_did(did, device.as_deref(), counts, *trial, given_up.as_deref())
     }
 }
 
@@ -76,7 +51,7 @@ mod tests {
         assert_eq!(found.line(), "the processor compared photographs");
         found.device = Some("Card".into());
         found.device_frames = 5;
-        found.trial = Some(ComparerTrial { processor: 12.0, device: 1.5 });
+        found.trial = Some(DeviceMs { processor: 12.0, device: 1.5 });
         assert_eq!(
             found.line(),
             "Card compared 5 photographs, the processor 3 (measured: 1.5 ms on Card, 12.0 ms on the processor)"

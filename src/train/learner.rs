@@ -6,12 +6,15 @@
 //! preset's does not compile.
 
 use super::candidates::IndexError;
-use super::comparer_use::{ComparerPolicy, ComparerUse};
+use super::comparer_use::ComparerUse;
 use super::component_elbo::ComponentElbo;
+use super::device_trial::DevicePolicy;
 use super::outcome::FrameOutcome;
+use super::pass_use::PassUse;
 use super::stages::TrainStage;
 use super::warnings::TrainingWarning;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::paper::mixture_device::{DeviceError, MixtureDevice};
 use crate::model::scene::photometric::PhotometricDeviations;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -53,10 +56,27 @@ pub trait Learner: Send + Sync {
     }
 
     /// Compares photographs on a device too from now on; nothing where they teach nothing.
-    fn compare_on(&mut self, _comparer: Box<dyn PhotometricComparer>, _policy: ComparerPolicy) {}
+    fn compare_on(&mut self, _comparer: Box<dyn PhotometricComparer>, _policy: DevicePolicy) {}
 
     /// What photographs were compared on; `None` where they teach nothing.
     fn comparer_use(&self) -> Option<ComparerUse> {
+        None
+    }
+
+    /// Computes passes over frames on a device too from now on; nothing where none can.
+    ///
+    /// # Errors
+    /// [`DeviceError`] if it has no room for the model; then it is not used.
+    fn compute_on(
+        &mut self,
+        _device: Box<dyn MixtureDevice>,
+        _policy: DevicePolicy,
+    ) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    /// What passes over frames ran on; `None` where no device can run them.
+    fn pass_use(&self) -> Option<PassUse> {
         None
     }
 

@@ -128,6 +128,11 @@ impl StageClock {
         }
     }
 
+    /// Books what another clock has taken.
+    pub fn add(&mut self, nanos: [u64; 3]) {
+        self.nanos.iter_mut().zip(nanos).for_each(|(sum, nanos)| *sum += nanos);
+    }
+
     /// What was booked, by stage; starts over.
     pub fn take(&mut self) -> [u64; 3] {
         std::mem::take(&mut self.nanos)

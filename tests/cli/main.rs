@@ -12,6 +12,7 @@ mod commands;
 #[path = "../common/mod.rs"]
 mod common;
 mod determinism;
+mod devices;
 mod distributed;
 mod eval_scale;
 mod failing_disk;
@@ -23,7 +24,7 @@ mod interrupt;
 mod kept;
 mod killed;
 mod models;
-mod photometric_device;
+
 mod real;
 mod report;
 mod runner;

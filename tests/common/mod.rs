@@ -24,3 +24,4 @@ pub fn shared(path: &str) -> Option<PathBuf> {
     let missing = || skip::skip(&format!("../shared/{path} not found"), "put the data there");
     if full.exists() { Some(full) } else { missing() }
 }
+pub mod wavy;

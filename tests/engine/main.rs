@@ -11,6 +11,7 @@ mod candidates;
 mod checkpoint;
 #[path = "../common/mod.rs"]
 mod common;
+mod devices;
 #[path = "../../fuzz/entries/mod.rs"]
 mod entries;
 mod fuzz;

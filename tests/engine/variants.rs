@@ -1,8 +1,8 @@
 //! The engine's variants against each other: whatever is only a way of computing must not change a
 //! bit, whatever is an approximation must stay close to the f64 oracle.
 
+use super::common::wavy::wavy_frame;
 use vbgs_studio::math::normalization::Normalization;
-use vbgs_studio::math::rng::{Purpose, Rng};
 use vbgs_studio::model::paper::state::ModelState;
 use vbgs_studio::observation::points::Points;
 use vbgs_studio::train::paper::config::{
@@ -22,28 +22,8 @@ const POLICIES: [ReassignPolicy; 4] = [
     ReassignPolicy::Forwarded,
 ];
 
-/// A wavy surface with a depth edge, tile by tile; some tiles are not full.
-fn frame(phase: f32) -> Points<f32> {
-    let mut points = Points::new();
-    let mut rng = Rng::new(3, Purpose::Synthetic, phase.to_bits().into());
-    for tile in 0..40 * 40 {
-        let (column, row) = (tile % 40, tile / 40);
-        for k in 0..(if tile % 7 == 3 { 17 } else { 64 }) {
-            let x = (column * 8 + k % 8) as f32 * 0.01 - 1.6;
-            let y = (row * 8 + k / 8) as f32 * 0.01 - 1.6;
-            let edge = if x + 0.3 * y > 0.4 { 0.6 } else { 0.0 };
-            let noise = 0.002 * rng.normal() as f32;
-            let z = 0.4 * (2.0 * x + phase).sin() * (1.5 * y).cos() + edge + noise;
-            let color = [x, y, z].map(|v| (5.0 * v).sin() * 1.7);
-            points.push([x, y, z, color[0], color[1], color[2]]);
-        }
-        points.close_tile();
-    }
-    points
-}
-
 fn frames() -> Vec<Points<f32>> {
-    (0..4).map(|t| frame(0.3 * t as f32)).collect()
+    (0..4).map(|t| wavy_frame(0.3 * t as f32, 40)).collect()
 }
 
 fn config(overrides: &PaperOverrides) -> PaperConfig {
@@ -200,7 +180,7 @@ fn precisions_stay_close_to_the_oracle() {
 
 #[test]
 fn points_that_are_no_numbers_are_left_out() {
-    let clean = frame(0.1);
+    let clean = wavy_frame(0.1, 40);
     let mut dirty = Points::new();
     let bad = [
         [f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0],

@@ -16,6 +16,7 @@ mod hostile;
 mod images;
 mod lego;
 mod meshes;
+mod mixture;
 mod options;
 mod photometric;
 mod photometric_training;

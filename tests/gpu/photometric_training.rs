@@ -11,7 +11,8 @@ use vbgs_studio::pipeline::plan::Selection;
 use vbgs_studio::pipeline::session::{Session, Step};
 use vbgs_studio::pipeline::settings::scene::SceneOverrides;
 use vbgs_studio::render::{RenderMethod, RenderOptions};
-use vbgs_studio::train::comparer_use::{ComparerPolicy, ComparerUse};
+use vbgs_studio::train::comparer_use::ComparerUse;
+use vbgs_studio::train::device_trial::DevicePolicy;
 use vbgs_studio::train::scene::photometric::rule::PhotometricMode;
 
 const FRAMES: usize = 12;
@@ -37,7 +38,7 @@ fn session(room: &Arc<Dataset>) -> Session {
 /// On a device, which `before` each frame may harm.
 fn on_device(room: &Arc<Dataset>, gpu: &Fixture, before: impl Fn(usize)) -> Session {
     let mut session = session(room);
-    session.compare_on(Box::new(comparer(gpu)), ComparerPolicy::Device);
+    session.compare_on(Box::new(comparer(gpu)), DevicePolicy::Device);
     for frame in 0.. {
         before(frame);
         if matches!(session.step().unwrap(), Step::Finished) {

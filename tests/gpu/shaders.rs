@@ -9,6 +9,7 @@ use vbgs_studio::render::gpu::constants::{PAINT_NORMAL, with_constants};
 use vbgs_studio::render::gpu::layout::{
     Composite, GpuAppearance, GpuSplat, GpuView, SparseAppearance, SparseSplat, shader,
 };
+use vbgs_studio::render::gpu::mixture::shader as mixture;
 use vbgs_studio::render::gpu::photometric::shader as photometric;
 use vbgs_studio::render::gpu::tiles::shader as tiles;
 use vbgs_studio::render::paint::RAMP;
@@ -257,4 +258,13 @@ fn every_file_of_the_comparison_is_valid_and_used() {
         assert_eq!(stride(&modules[0], name), size, "{name}");
     }
     assert_eq!(stride(&modules[1], "Place"), 12);
+}
+
+#[test]
+fn the_file_of_a_pass_is_valid() {
+    let module = validated("mixture", mixture::PASS);
+    assert_eq!(module.entry_points.len(), 1);
+    assert_eq!(mixture::PASS, read("mixture/pass.wgsl"));
+    // What `mixture/layout.rs` holds.
+    assert_eq!(stride(&module, "Frame"), 96);
 }

@@ -24,7 +24,7 @@ pub use export::{AxesName, ExportArgs, FormatName, KindName};
 #[cfg(feature = "bench")]
 pub use precision_search::PrecisionSearchArgs;
 pub use render::{AxisName, PaintName, RenderArgs};
-pub use train::{PhotometricDevice, TrainArgs};
+pub use train::{DeviceName, TrainArgs};
 
 use clap::error::ErrorKind;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};

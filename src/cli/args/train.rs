@@ -12,9 +12,9 @@ use std::time::Duration;
 use vbgs_studio::pipeline::plan::{Order, Shard};
 use vbgs_studio::train::setting::Preset;
 
-/// What compares photographs.
+/// What does a part of the training.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum PhotometricDevice {
+pub enum DeviceName {
     /// The faster one; never a software adapter
     Auto,
     /// The processor, whose results have the same bits on every run
@@ -76,10 +76,14 @@ pub struct TrainArgs {
     /// Every N-th of these frames from the K-th on, for a model to be merged with the other shards'
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
+    /// What trains a model of the `paper` preset: the processor, a GPU, or whichever is faster by
+    /// measurement, to the same bits; a GPU that fails is given up for the processor
+    #[arg(long, value_enum, default_value = "auto", value_name = "DEVICE")]
+    pub device: DeviceName,
     /// What compares photographs with the scene: the processor, a GPU, or whichever is faster by
     /// measurement; a GPU that fails is given up for the processor
     #[arg(long, value_enum, default_value = "auto", value_name = "DEVICE")]
-    pub photometric_device: PhotometricDevice,
+    pub photometric_device: DeviceName,
     /// Print the report as JSON on stdout
     #[arg(long)]
     pub json: bool,

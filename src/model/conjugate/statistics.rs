@@ -21,6 +21,27 @@ pub struct TileRecord<R> {
     pub sums: [R; N_SUMS],
 }
 
+/// Words of a record as devices write it: number, tile and sums.
+pub const RECORD_WORDS: usize = 2 + N_SUMS;
+
+impl TileRecord<f32> {
+    /// Of the words that a device wrote: number, tile, and the bits of the sums.
+    ///
+    /// ```
+    /// use vbgs_studio::model::conjugate::statistics::{RECORD_WORDS, TileRecord};
+    ///
+    /// let mut words = [0; RECORD_WORDS];
+    /// (words[0], words[1], words[2]) = (7, 3, 1f32.to_bits());
+    /// let record = TileRecord::from_words(&words);
+    /// assert_eq!((record.id, record.tile, record.sums[0]), (7, 3, 1.0));
+    /// ```
+    #[inline]
+    pub fn from_words(words: &[u32; RECORD_WORDS]) -> Self {
+        let sums = std::array::from_fn(|i| f32::from_bits(words[2 + i]));
+        Self { id: words[0], tile: words[1], sums }
+    }
+}
+
 /// Adds a point of responsibility `r` at offset `d` from the component's initial mean to sums.
 #[inline(always)]
 pub fn add_point<R: Real>(sums: &mut [R; N_SUMS], r: R, d: [R; 3], color: [R; 3]) {

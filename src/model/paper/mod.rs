@@ -3,6 +3,7 @@
 
 pub mod merging;
 pub mod mixture;
+pub mod mixture_device;
 mod shard;
 pub mod state;
 mod total_scalar;

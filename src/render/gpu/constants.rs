@@ -2,6 +2,8 @@
 //! them, and stand as WGSL in front of every shader when its module is made: two truths would drift
 //! apart in silence, because a shader with another cut draws nearly the same picture.
 
+use crate::model::conjugate::statistics::RECORD_WORDS;
+use crate::model::paper::mixture_device::MAX_TILE_POINTS;
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::compare::OUTSIDE;
 use crate::render::cpu::photometric::{MIN_WEIGHT, N_IMAGE_SUMS, SEEN};
@@ -57,7 +59,7 @@ pub(super) mod slot {
 }
 
 /// Whole numbers by their names in WGSL.
-const WORDS: [(&str, u32); 24] = [
+const WORDS: [(&str, u32); 26] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -82,6 +84,8 @@ const WORDS: [(&str, u32); 24] = [
     ("N_NEEDED", slot::N_NEEDED),
     ("N_IMAGE_SUMS", N_IMAGE_SUMS as u32),
     ("N_QUARTERS", N_QUARTERS),
+    ("TILE_POINTS", MAX_TILE_POINTS as u32),
+    ("RECORD_WORDS", RECORD_WORDS as u32),
 ];
 
 /// Other numbers by their names in WGSL.

@@ -63,6 +63,34 @@ pub enum GpuError {
         /// What wgpu or the driver said.
         reason: String,
     },
+    /// A pass over a frame needs a larger buffer than this adapter has.
+    #[error(
+        "{what} need a buffer of {needed_mib} MiB, this adapter binds at most {limit_mib} MiB; the processor trains instead"
+    )]
+    PassTooLarge {
+        /// What was to be held.
+        what: &'static str,
+        /// Size of the buffer, MiB.
+        needed_mib: u64,
+        /// Largest buffer that a shader of this adapter sees whole, MiB.
+        limit_mib: u64,
+    },
+    /// The driver refused a buffer for a pass over a frame.
+    #[error(
+        "the GPU is out of memory for {what} ({mib} MiB asked for); the processor trains instead, close other GPU programs to change that"
+    )]
+    NoMemoryForPass {
+        /// What was to be held.
+        what: &'static str,
+        /// Size of the buffer asked for, MiB.
+        mib: u64,
+    },
+    /// A pass over a frame did not come back.
+    #[error("the GPU did not say what a frame teaches: {reason}; the processor trains instead")]
+    NoPass {
+        /// What wgpu or the driver said.
+        reason: String,
+    },
     /// An image needs more pairs of splat and tile than the GPU has room for.
     #[error(
         "{needed} pairs of splat and tile, this GPU has room for {capacity}: the farthest splats are left out; make the window smaller or come no closer"

@@ -4,6 +4,7 @@ use super::adapters::{self, AdapterChoice, AdapterFacts, UnknownAdapter};
 use super::context::{GpuCaps, device_descriptor};
 use super::error::GpuError;
 use super::faults::GpuFaults;
+use super::mixture::GpuMixture;
 use super::photometric::GpuComparer;
 use super::poll::ready;
 use std::time::Duration;
@@ -79,6 +80,11 @@ impl HeadlessGpu {
     /// What compares photographs on it.
     pub fn comparer(self) -> GpuComparer {
         GpuComparer::new(self.device, self.queue, self.faults, &self.caps)
+    }
+
+    /// What computes passes over frames on it.
+    pub fn mixture(self) -> GpuMixture {
+        GpuMixture::new(self.device, self.queue, self.faults, &self.caps)
     }
 
     /// Waits until everything submitted is done. An error if it was not done well.

@@ -85,7 +85,11 @@ impl Grid {
 
     /// At least one lane for each of `n` things.
     pub(super) fn lanes(n: usize) -> Self {
-        let n_groups = n.div_ceil(GROUP as usize);
+        Self::groups(n.div_ceil(GROUP as usize))
+    }
+
+    /// At least so many workgroups.
+    pub(super) fn groups(n_groups: usize) -> Self {
         // A dimension of a dispatch holds 65,535 groups.
         let columns = n_groups.clamp(1, 65_535);
         Self { columns: columns as u32, rows: n_groups.div_ceil(columns).max(1) as u32 }

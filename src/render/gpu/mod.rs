@@ -10,22 +10,27 @@
 //!    another image or a photograph if two are compared.
 //!
 //! Where the adapter computes on the cores, [`meshes::MeshPainter`] draws the window itself.
+//! [`photometric`] and [`mixture`] do a learner's work on a device of their own.
 //!
 //! Nothing here survives a lost device and nothing has to: [`faults::GpuFaults`] reports the loss,
 //! and everything is rebuilt from the splats on the CPU with `new`.
 
 pub mod adapters;
 mod allocation;
+mod answer;
 mod chooser;
 pub mod composite;
 pub mod constants;
 pub mod context;
 mod error;
 pub mod faults;
+mod growing;
 pub mod headless;
 mod kernel;
 pub mod layout;
 pub mod meshes;
+pub mod mixture;
+mod parallel_copy;
 mod path;
 pub mod photo;
 pub mod photometric;

@@ -9,6 +9,7 @@
 
 use super::columns::Columns;
 use super::error::IndexError;
+use crate::model::paper::mixture_device::MeanCells;
 use rayon::prelude::*;
 
 /// Most cells of a grid.
@@ -132,6 +133,15 @@ impl MeanGrid {
     #[inline(always)]
     pub(in crate::train) fn mean(&self, entry: u32) -> [f32; 3] {
         self.means.position(entry as usize)
+    }
+
+    /// The grid as a device reads it, with what belongs to its entries.
+    pub(in crate::train) fn cells<'a>(&'a self, appearance: &'a [[f32; 4]]) -> MeanCells<'a> {
+        let Shape { lo, cell, per_unit, dims } = self.shape;
+        let Columns { x, y, z, len, .. } = &self.means;
+        let positions = [x, y, z].map(|axis| &axis[..*len]);
+        let (starts, ids) = (&self.start[..=self.shape.n_cells()], self.ids());
+        MeanCells { lo, cell, per_unit, dims, starts, positions, ids, appearance }
     }
 
     /// Edge of a cell.

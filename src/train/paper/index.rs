@@ -4,6 +4,7 @@ use super::config::IndexKind;
 use super::scalar::PaperScalar;
 use crate::math::real::Real;
 use crate::model::paper::mixture::InitialModel;
+use crate::model::paper::mixture_device::MeanCells;
 use crate::train::candidates::{IndexError, KdTree, MeanGrid};
 use rayon::prelude::*;
 
@@ -19,6 +20,8 @@ pub struct Index {
     /// By entry of the grid the mean colour and the weight, for a model kept in f32: what the fused
     /// kernels read, side by side where their components lie side by side.
     appearance: Vec<[f32; 4]>,
+    /// Times it was built.
+    revision: u64,
 }
 
 impl Index {
@@ -32,6 +35,7 @@ impl Index {
             tree: None,
             narrowed: Vec::new(),
             appearance: Vec::new(),
+            revision: 0,
         };
         if kind == IndexKind::KdTree {
             index.tree = Some(tree(&model.space)?);
@@ -62,7 +66,18 @@ impl Index {
                 }
             });
         }
+        self.revision += 1;
         Ok(())
+    }
+
+    /// The grid with what the fused kernels read beside it, for a device.
+    pub fn cells(&self) -> MeanCells<'_> {
+        self.grid.cells(&self.appearance)
+    }
+
+    /// A number that changes whenever the index does.
+    pub fn revision(&self) -> u64 {
+        self.revision
     }
 
     /// By entry of the grid the mean colour and the weight; empty for a model kept in f64.

@@ -4,6 +4,7 @@ use super::scalar::PaperScalar;
 use super::trainer::PaperTrainer;
 use crate::math::normalization::Normalization;
 use crate::model::conjugate::posterior::ComponentPosterior;
+use crate::model::paper::mixture_device::{DeviceError, MixtureDevice};
 use crate::model::paper::state::ModelState;
 use crate::model::splat::appearance::{Appearance, SplatSet};
 use crate::model::splat::splats::Splat;
@@ -11,8 +12,10 @@ use crate::model::stored::StoredModel;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
+use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::FrameOutcome;
+use crate::train::pass_use::PassUse;
 use crate::train::stages::{PAPER_STAGES, TrainStage};
 use crate::train::warnings::TrainingWarning;
 use rayon::prelude::*;
@@ -109,6 +112,18 @@ impl<R: PaperScalar> Learner for InWorld<R> {
     fn splats_of(&self, components: &[u32]) -> SplatSet {
         let ids = components.par_iter().with_min_len(MIN_SPLATS);
         ids.map(|&k| self.splat(k as usize).0).collect::<Vec<_>>().into()
+    }
+
+    fn compute_on(
+        &mut self,
+        device: Box<dyn MixtureDevice>,
+        policy: DevicePolicy,
+    ) -> Result<(), DeviceError> {
+        self.trainer.compute_on(device, policy)
+    }
+
+    fn pass_use(&self) -> Option<PassUse> {
+        self.trainer.pass_use()
     }
 
     fn component_elbo(&self) -> &ComponentElbo {

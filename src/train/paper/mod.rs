@@ -10,6 +10,7 @@ pub mod init;
 pub mod learner;
 pub mod memory;
 pub mod pass;
+pub mod passes;
 mod plain;
 pub mod reassign;
 pub mod scalar;

@@ -8,6 +8,7 @@ use super::config::{Candidates, PaperConfig, ReassignPolicy};
 use super::index::Index;
 use super::init::InitialDraw;
 use super::pass::{Output, Pass, PassInputs};
+use super::passes::Passes;
 use super::reassign::{DestinationChooser, Quota};
 use super::scalar::PaperScalar;
 use crate::math::rng::{Purpose, Rng};
@@ -15,13 +16,16 @@ use crate::model::conjugate::posterior::ComponentPosterior;
 use crate::model::conjugate::prior::Hyper;
 use crate::model::conjugate::statistics::Moments;
 use crate::model::paper::mixture::InitialModel;
+use crate::model::paper::mixture_device::{DeviceError, MixtureDevice};
 use crate::model::paper::state::ModelState;
 use crate::model::paper::totals::Statistics;
 use crate::observation::points::Points;
 use crate::train::candidates::IndexError;
 use crate::train::component_elbo::ComponentElbo;
+use crate::train::device_trial::DevicePolicy;
 use crate::train::estep::Scoring;
 use crate::train::outcome::FrameOutcome;
+use crate::train::pass_use::PassUse;
 use crate::train::stages::{PAPER_STAGES, PaperStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
@@ -35,7 +39,7 @@ pub struct PaperTrainer<R: PaperScalar> {
     index: Index,
     scoring: Scoring,
     statistics: Statistics,
-    pass: Pass,
+    passes: Passes,
     /// Effective distance of every point of the last frame.
     q: Vec<f64>,
     component_elbo: ComponentElbo,
@@ -72,7 +76,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             index: Index::new(&model, config.index)?,
             scoring,
             statistics: Statistics::new(model.len(), config.operations.update),
-            pass: Pass::default(),
+            passes: Passes::default(),
             q: Vec::new(),
             component_elbo: ComponentElbo::new(scoring),
             moves: Vec::new(),
@@ -89,6 +93,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     /// has moved.
     pub fn train(&mut self, points: &Points<R>) -> Result<FrameOutcome, IndexError> {
         let wall = Stopwatch::start();
+        self.passes.begin_frame();
         let mut ms = StageMs::new(&PAPER_STAGES);
         let reassigned = match self.config.reassign {
             ReassignPolicy::Off => {
@@ -136,7 +141,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
     fn fit(&mut self, points: &Points<R>, ms: &mut StageMs) {
         self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
         let mut clock = Stopwatch::start();
-        self.pass.commit(&mut self.statistics, self.config.operations.moments);
+        self.passes.processor.commit(&mut self.statistics, self.config.operations.moments);
         self.component_elbo.count(&self.q, self.model.len());
         ms.add(PaperStage::Update as usize, clock.lap_ms());
     }
@@ -162,8 +167,8 @@ impl<R: PaperScalar> PaperTrainer<R> {
             Output::Elbo => None,
             Output::ElboAndSums => self.component_elbo.owners(),
         };
-        self.pass.run(&inputs, points, output, &mut self.q, owners);
-        ms.add_pass(clock.lap_ms(), self.pass.take_stage_nanos());
+        self.passes.run(&inputs, points, output, &mut self.q, owners);
+        ms.add_pass(clock.lap_ms(), self.passes.processor.take_stage_nanos());
     }
 
     /// Points that were learnt from and the mean of their ELBO; 0 without points.
@@ -254,7 +259,25 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     /// Scores a frame's points without learning from them; the values are [`PaperTrainer::elbo`].
     pub fn evaluate(&mut self, points: &Points<R>, candidates: Candidates) {
+        self.passes.begin_frame();
         self.run_pass(points, candidates, Output::Elbo, &mut StageMs::new(&PAPER_STAGES));
+    }
+
+    /// Runs passes on a device too from now on.
+    ///
+    /// # Errors
+    /// [`DeviceError`] if it has no room for the means; then it is not used.
+    pub fn compute_on(
+        &mut self,
+        device: Box<dyn MixtureDevice>,
+        policy: DevicePolicy,
+    ) -> Result<(), DeviceError> {
+        self.passes.add_device(device, policy, &self.index)
+    }
+
+    /// What passes ran on; `None` where the settings ask for what no device does.
+    pub fn pass_use(&self) -> Option<PassUse> {
+        self.passes.used(&self.inputs(self.config.candidates))
     }
 
     /// A model that goes on where another stopped after `frames` frames.
@@ -303,15 +326,18 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     /// Per point its candidates and their responsibilities, without learning from it.
     pub fn responsibilities(&self, points: &Points<R>) -> Vec<Vec<(u32, f64)>> {
-        let inputs = PassInputs {
+        Pass::responsibilities(&self.inputs(self.config.candidates), points)
+    }
+
+    fn inputs(&self, candidates: Candidates) -> PassInputs<'_, R> {
+        PassInputs {
             model: &self.model,
             index: &self.index,
             scoring: &self.scoring,
-            candidates: self.config.candidates,
+            candidates,
             config: &self.config,
             statistics: &self.statistics,
-        };
-        Pass::responsibilities(&inputs, points)
+        }
     }
 
     /// Components, used or not.

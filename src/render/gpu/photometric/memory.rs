@@ -2,13 +2,11 @@
 
 use super::layout::{COLOR_BYTES, Frame, PIXEL_BYTES, PLACE_BYTES, SPLAT_BYTES, SUM_BYTES};
 use crate::render::gpu::constants::N_QUARTERS;
-use crate::render::gpu::context::max_buffer_bytes;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::poll::ready;
+use crate::render::gpu::growing::{GrowingBuffers, GrowthError};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
-const MIB: u64 = 1 << 20;
 
 /// What a buffer holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,18 +94,17 @@ pub(super) const UPLOADED: [Part; 6] =
 /// The buffers, each as large as anything asked of it so far.
 #[derive(Debug)]
 pub(super) struct Memory {
-    buffers: Vec<wgpu::Buffer>,
+    buffers: GrowingBuffers,
 }
 
 impl Memory {
     pub(super) fn new(device: &wgpu::Device) -> Self {
-        // A binding cannot be empty; the first comparison makes room.
-        let buffers = PARTS.map(|(part, label, usage)| made(device, part, label, usage, 256));
-        Self { buffers: buffers.into() }
+        let buffers = PARTS.map(|(_, label, usage)| (label, usage));
+        Self { buffers: GrowingBuffers::new(device, buffers) }
     }
 
     pub(super) fn buffer(&self, part: Part) -> &wgpu::Buffer {
-        &self.buffers[part as usize]
+        self.buffers.get(part as usize)
     }
 
     /// Makes room.
@@ -115,45 +112,16 @@ impl Memory {
     /// # Errors
     /// [`GpuError::ComparisonTooLarge`], [`GpuError::NoMemoryToCompare`].
     pub(super) fn make_room(&mut self, device: &wgpu::Device, load: &Load) -> Result<(), GpuError> {
-        let most = max_buffer_bytes(&device.limits());
-        for (buffer, (part, label, usage)) in self.buffers.iter_mut().zip(PARTS) {
-            let needed = load.bytes(part);
-            if needed > most {
-                let [needed_mib, limit_mib] = [needed, most].map(|bytes| bytes.div_ceil(MIB));
-                return Err(GpuError::ComparisonTooLarge { needed_mib, limit_mib });
-            }
-            if needed > buffer.size() {
-                // Some more than needed: scenes grow frame by frame.
-                let bytes = (needed + needed / 2).min(most).next_multiple_of(WORD);
-                *buffer = refusable(device, bytes, || made(device, part, label, usage, bytes))?;
-            }
+        for (number, (part, ..)) in PARTS.into_iter().enumerate() {
+            let room = self.buffers.make_room(device, number, load.bytes(part));
+            room.map_err(|error| match error {
+                GrowthError::TooLarge { needed_mib, limit_mib } => {
+                    GpuError::ComparisonTooLarge { needed_mib, limit_mib }
+                }
+                GrowthError::Refused { mib } => GpuError::NoMemoryToCompare { mib },
+            })?;
         }
         Ok(())
-    }
-}
-
-fn made(device: &wgpu::Device, part: Part, label: &str, usage: Usage, size: u64) -> wgpu::Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(label),
-        size,
-        usage,
-        // It is mapped whenever no comparison is under way.
-        mapped_at_creation: part == Part::Upload,
-    })
-}
-
-/// Takes the driver's refusal from a scope of its own, so that it comes here and not to whoever hears of
-/// faults. A backend that answers later is heard of by these.
-fn refusable(
-    device: &wgpu::Device,
-    bytes: u64,
-    make: impl FnOnce() -> wgpu::Buffer,
-) -> Result<wgpu::Buffer, GpuError> {
-    let scope = device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
-    let buffer = make();
-    match ready(scope.pop()).flatten() {
-        None => Ok(buffer),
-        Some(_) => Err(GpuError::NoMemoryToCompare { mib: bytes.div_ceil(MIB) }),
     }
 }
 

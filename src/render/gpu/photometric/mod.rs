@@ -17,6 +17,7 @@ mod memory;
 pub mod shader;
 mod upload;
 
+use super::answer::wait_mapped;
 use super::context::GpuCaps;
 use super::error::GpuError;
 use super::faults::GpuFaults;
@@ -27,12 +28,8 @@ use crate::render::cpu::photometric::{
 use kernels::Kernels;
 use layout::SUM_BYTES;
 use memory::{Memory, Part};
-use std::sync::mpsc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use upload::{Comparison, tile_grid};
-
-/// A GPU that takes longer than this for one photograph is not coming back.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Compares photographs on a device of its own.
 pub struct GpuComparer {
@@ -102,27 +99,11 @@ impl GpuComparer {
         submission: wgpu::SubmissionIndex,
         bytes: u64,
     ) -> Result<wgpu::BufferView, GpuError> {
-        let (sender, receiver) = mpsc::sync_channel(2);
-        let told = |sender: mpsc::SyncSender<_>| {
-            move |result: Result<(), wgpu::BufferAsyncError>| {
-                // The receiver is gone only when the wait below has already failed.
-                let _ = sender.send(result);
-            }
-        };
         let readback = self.memory.buffer(Part::Readback);
         let upload = self.memory.buffer(Part::Upload);
-        readback.map_async(wgpu::MapMode::Read, ..bytes, told(sender.clone()));
-        upload.map_async(wgpu::MapMode::Write, .., told(sender));
-        let patiently =
-            wgpu::PollType::Wait { submission_index: Some(submission), timeout: Some(PATIENCE) };
-        self.device.poll(patiently).map_err(failed)?;
-        // The wait above has run both callbacks, or it never will.
-        for result in receiver.try_iter() {
-            result.map_err(failed)?;
-        }
-        if let Some(fault) = self.faults.take().into_iter().next() {
-            return Err(failed(fault.message));
-        }
+        let maps =
+            [(readback, wgpu::MapMode::Read, bytes), (upload, wgpu::MapMode::Write, upload.size())];
+        wait_mapped(&self.device, &self.faults, submission, &maps).map_err(failed)?;
         readback.get_mapped_range(..bytes).map_err(failed)
     }
 

@@ -5,12 +5,9 @@ use super::memory::{Load, Part, UPLOADED};
 use crate::math::image::Image;
 use crate::render::TILE;
 use crate::render::cpu::photometric::{PackedView, PixelRule, RowChoice};
+use crate::render::gpu::parallel_copy::copy;
 use bytemuck::cast_slice;
-use rayon::prelude::*;
 use wgpu::WriteOnly;
-
-/// Bytes that a task copies at a time.
-const COPIED: usize = 1 << 14;
 
 /// A view and its photograph.
 #[derive(Clone, Copy)]
@@ -81,14 +78,4 @@ impl Comparison<'_> {
 /// Bytes of the part of a buffer of [`Part::Upload`] before another.
 pub(super) fn offset(part: Part, load: &Load) -> u64 {
     UPLOADED.iter().take_while(|&&before| before != part).map(|&part| load.bytes(part)).sum()
-}
-
-/// Copies on all threads: one alone fills memory that a device reads too slowly.
-fn copy(to: WriteOnly<'_, [u8]>, from: &[u8]) {
-    let (pieces, mut rest) = to.into_chunks::<COPIED>();
-    let (from, left) = from.as_chunks::<COPIED>();
-    // Pieces of a fixed size, since only these may be sent to other threads.
-    let pieces: Vec<WriteOnly<'_, [u8; COPIED]>> = pieces.into_iter().collect();
-    pieces.into_par_iter().zip(from).for_each(|(to, from)| to.write(*from));
-    rest.copy_from_slice(left);
 }

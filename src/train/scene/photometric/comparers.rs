@@ -2,7 +2,6 @@
 //!
 //! A device that fails is given up: the processor compares that very photograph and all that follow.
 
-use super::trial::{Trial, Turn};
 use crate::math::camera::Camera;
 use crate::math::image::Image;
 use crate::model::splat::appearance::SplatView;
@@ -10,7 +9,8 @@ use crate::render::cpu::photometric::{
     Compared, ComparerError, PhotometricComparer, PhotometricWalk, PixelRule, RowChoice,
     ViewBuffers,
 };
-use crate::train::comparer_use::{ComparerMs, ComparerPolicy, ComparerUse};
+use crate::train::comparer_use::{ComparerMs, ComparerUse};
+use crate::train::device_trial::{DevicePolicy, DeviceTrial, Turn};
 use crate::train::timing::Stopwatch;
 
 /// Comparers and their memory.
@@ -25,14 +25,14 @@ pub struct Comparers {
 
 struct Device {
     comparer: Box<dyn PhotometricComparer>,
-    trial: Trial,
+    trial: DeviceTrial,
 }
 
 impl Comparers {
     /// Compares on a device too from now on.
-    pub fn add(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+    pub fn add(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.counts = ComparerUse { device: Some(comparer.name()), ..ComparerUse::default() };
-        self.device = Some(Device { comparer, trial: Trial::new(policy) });
+        self.device = Some(Device { comparer, trial: DeviceTrial::new(policy) });
     }
 
     /// What was used so far.
@@ -165,7 +165,7 @@ mod tests {
         let expected = squared_error(&mut comparers);
         assert!(expected > 0.0);
         let failing = Failing { walk: PhotometricWalk::default(), left: 2 };
-        comparers.add(Box::new(failing), ComparerPolicy::Device);
+        comparers.add(Box::new(failing), DevicePolicy::Device);
         for (device_frames, processor_frames) in [(1, 0), (2, 0), (2, 1), (2, 2)] {
             assert_eq!(squared_error(&mut comparers), expected);
             let used = comparers.used();

@@ -7,7 +7,6 @@ mod comparers;
 mod noise;
 pub mod rule;
 mod step;
-mod trial;
 
 use crate::math::camera::Camera;
 use crate::math::image::Image;
@@ -18,7 +17,8 @@ use crate::model::splat::splats::Splat;
 use crate::render::cpu::photometric::{
     Compared, PhotometricComparer, PixelRule, RowChoice, SeenSplat,
 };
-use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
+use crate::train::comparer_use::ComparerUse;
+use crate::train::device_trial::DevicePolicy;
 use crate::train::outcome::PhotographOutcome;
 use crate::train::timing::Stopwatch;
 use agreement::FrameAgreement;
@@ -53,7 +53,7 @@ impl PhotometricLearner {
     }
 
     /// Compares photographs on a device too from now on.
-    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+    pub fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.comparers.add(comparer, policy);
     }
 

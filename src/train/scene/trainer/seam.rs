@@ -10,8 +10,9 @@ use crate::model::stored::StoredModel;
 use crate::observation::surface::Observation;
 use crate::render::cpu::photometric::PhotometricComparer;
 use crate::train::candidates::IndexError;
-use crate::train::comparer_use::{ComparerPolicy, ComparerUse};
+use crate::train::comparer_use::ComparerUse;
 use crate::train::component_elbo::ComponentElbo;
+use crate::train::device_trial::DevicePolicy;
 use crate::train::learner::{Changed, Learner, Learns};
 use crate::train::outcome::FrameOutcome;
 use crate::train::scene::component_sums::SumScalar;
@@ -84,7 +85,7 @@ impl<W: SumScalar> Learner for SceneTrainer<W> {
         PhotometricDeviations::of(self.photometric.state(), id)
     }
 
-    fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: ComparerPolicy) {
+    fn compare_on(&mut self, comparer: Box<dyn PhotometricComparer>, policy: DevicePolicy) {
         self.photometric.compare_on(comparer, policy);
     }
 

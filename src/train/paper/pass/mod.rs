@@ -8,7 +8,10 @@
 //!
 //! Buffers belong to threads, not to tasks: a warm pass allocates nothing.
 
-use super::config::{Batch, Candidates, Operations, PaperConfig, StatisticsForm, Width};
+mod answer;
+mod tasks;
+
+use super::config::{Candidates, Operations, PaperConfig, StatisticsForm, Width};
 use super::fused::{FusedInputs, FusedMemory, FusedTiles};
 use super::index::Index;
 use super::plain::{PlainInputs, PlainMemory};
@@ -23,9 +26,7 @@ use crate::train::estep::Scoring;
 use crate::train::timing::{Lap, StageClock};
 use std::ops::Range;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
-
-/// Tiles one task takes: about a thousand points.
-const TILES_PER_TASK: usize = 16;
+use tasks::{Columns, batch_end, for_each_task, for_each_tile};
 
 /// What a pass is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,15 +104,6 @@ fn add(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
     [a[0] + b[0], a[1] + b[1]]
 }
 
-/// What belongs to the points of some tiles. The first two are empty where nothing is
-/// materialised, the last where nobody asks for owners.
-struct Columns<'a> {
-    ids: &'a mut [u32],
-    scores: &'a mut [f64],
-    q: &'a mut [f64],
-    owners: &'a mut [u32],
-}
-
 impl Pass {
     /// Runs over all points. `q` receives the effective distance of every point (see
     /// [`Scoring::elbo`]); NaN for points whose score is no number, which are left out. `owners`,
@@ -150,18 +142,7 @@ impl Pass {
         columns: Columns,
     ) {
         let shard_bits = inputs.statistics.shard_bits();
-        if let (Some(rank), Some(points), Some(model)) =
-            (fused_rank(inputs), R::narrow_points(points), R::narrow_model(inputs.model))
-        {
-            let inputs = FusedInputs {
-                points,
-                grid: inputs.index.grid(),
-                appearance: inputs.index.appearance(),
-                max_weight: model.max_weight,
-                scoring: inputs.scoring,
-                rank,
-                shard_bits,
-            };
+        if let Some(inputs) = fused_inputs(inputs, points) {
             return self.run_fused(inputs, batch, output, columns);
         }
         let &PassInputs { model, index, scoring, candidates, config, .. } = inputs;
@@ -301,7 +282,7 @@ impl Pass {
 
     /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
     /// takes which tiles changes from frame to frame.
-    fn begin(&mut self, statistics: &Statistics) {
+    pub(super) fn begin(&mut self, statistics: &Statistics) {
         // Never fewer than before: a smaller pool for a while must not throw memory away.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
@@ -354,6 +335,22 @@ impl Pass {
     }
 }
 
+/// What the fused kernels read, if they do what is asked for.
+pub(super) fn fused_inputs<'a, R: PaperScalar>(
+    inputs: &PassInputs<'a, R>,
+    points: &'a Points<R>,
+) -> Option<FusedInputs<'a>> {
+    Some(FusedInputs {
+        rank: fused_rank(inputs)?,
+        points: R::narrow_points(points)?,
+        grid: inputs.index.grid(),
+        appearance: inputs.index.appearance(),
+        max_weight: R::narrow_model(inputs.model)?.max_weight,
+        scoring: inputs.scoring,
+        shard_bits: inputs.statistics.shard_bits(),
+    })
+}
+
 /// Candidates per point if the fused kernels do what is asked for.
 fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
@@ -379,67 +376,5 @@ fn sum<R: PaperScalar>(
     match inputs.operations.moments {
         Width::F32 => inputs.sum_narrow(memory, tile, pairs, narrow),
         Width::F64 => inputs.sum_wide(memory, tile, pairs, wide),
-    }
-}
-
-/// Where the batch that starts with a tile ends.
-fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
-    let Batch::Points(n) = batch else { return points.n_tiles() };
-    let end = points.tiles[tile] as usize + n;
-    let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
-    // One tile at least, or a batch of fewer points than a tile has would never end.
-    tiles_before.clamp(tile + 1, points.n_tiles())
-}
-
-/// Splits tiles and their columns into tasks, `per_point` entries for each point.
-fn for_each_task<R: PaperScalar>(
-    points: &Points<R>,
-    tiles: Range<usize>,
-    per_point: usize,
-    columns: Columns,
-    task: &(impl Fn(Range<usize>, Columns) + Sync),
-) {
-    if tiles.len() <= TILES_PER_TASK {
-        return task(tiles, columns);
-    }
-    // Halves are rounded to whole tasks, so that only the last one may be small.
-    let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
-    let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
-    let (left, right) = columns.split(n_points, per_point);
-    rayon::join(
-        || for_each_task(points, tiles.start..middle, per_point, left, task),
-        || for_each_task(points, middle..tiles.end, per_point, right, task),
-    );
-}
-
-/// Hands every tile its columns.
-fn for_each_tile<R: PaperScalar>(
-    points: &Points<R>,
-    tiles: Range<usize>,
-    per_point: usize,
-    mut columns: Columns,
-    mut run: impl FnMut(usize, Columns),
-) {
-    for tile in tiles {
-        let (own, rest) = columns.split(points.tile(tile).len(), per_point);
-        columns = rest;
-        run(tile, own);
-    }
-}
-
-impl<'a> Columns<'a> {
-    fn reborrow(&mut self) -> Columns<'_> {
-        let Self { ids, scores, q, owners } = self;
-        Columns { ids, scores, q, owners }
-    }
-
-    fn split(self, n_points: usize, per_point: usize) -> (Columns<'a>, Columns<'a>) {
-        let (ids, later_ids) = self.ids.split_at_mut(n_points * per_point);
-        let (scores, later_scores) = self.scores.split_at_mut(n_points * per_point);
-        let (q, later_q) = self.q.split_at_mut(n_points);
-        let (owners, later_owners) = self.owners.split_at_mut(n_points.min(self.owners.len()));
-        let later =
-            Columns { ids: later_ids, scores: later_scores, q: later_q, owners: later_owners };
-        (Columns { ids, scores, q, owners }, later)
     }
 }

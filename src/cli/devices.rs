@@ -1,0 +1,114 @@
+//! What a training run computes on beside the processor.
+
+use super::args::{DeviceName, TrainArgs};
+use super::failure::Failure;
+use vbgs_studio::pipeline::session::Session;
+
+/// What a device is asked to do. Each has one of its own.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Task {
+    /// Passes over frames.
+    Passes,
+    /// Comparing photographs.
+    Photographs,
+}
+
+/// Hands the session what was asked for.
+pub fn attach(session: &mut Session, args: &TrainArgs) -> Result<(), Failure> {
+    attach_one(session, Task::Passes, args.device)?;
+    attach_one(session, Task::Photographs, args.photometric_device)
+}
+
+fn attach_one(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+    match asked {
+        DeviceName::Gpu if !task.is_there(session) => Err(Failure::Usage(format!(
+            "{} gpu: expected a run that {}",
+            task.option(),
+            task.needs()
+        ))),
+        DeviceName::Cpu => Ok(()),
+        // Drivers are not even loaded where there is nothing to do.
+        DeviceName::Auto if !task.is_there(session) => Ok(()),
+        DeviceName::Auto | DeviceName::Gpu => attach_gpu(session, task, asked),
+    }
+}
+
+impl Task {
+    fn option(self) -> &'static str {
+        match self {
+            Self::Passes => "--device",
+            Self::Photographs => "--photometric-device",
+        }
+    }
+
+    /// Whether the run has such work.
+    fn is_there(self, session: &Session) -> bool {
+        match self {
+            Self::Passes => session.learner().pass_use().is_some(),
+            Self::Photographs => session.learner().comparer_use().is_some(),
+        }
+    }
+
+    fn needs(self) -> &'static str {
+        match self {
+            Self::Passes => {
+                "a GPU can train, found one that it cannot; use it with --preset paper, --precision mixed, --index grid, --statistics fused and at most 4 --candidates"
+            }
+            Self::Photographs => {
+                "learns from photographs, found one that does not; use it with --photometric light or full"
+            }
+        }
+    }
+}
+
+#[cfg(feature = "gui")]
+fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+    use vbgs_studio::render::gpu::adapters::AdapterChoice;
+    use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
+    use vbgs_studio::train::device_trial::DevicePolicy;
+
+    let must = asked == DeviceName::Gpu;
+    let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
+        Err(HeadlessError::NoHardware { .. }) if must => HeadlessGpu::new(&AdapterChoice::Software),
+        other => other,
+    };
+    let error = match gpu {
+        Ok(gpu) => {
+            let policy = if must { DevicePolicy::Device } else { DevicePolicy::Fastest };
+            let handed = match task {
+                Task::Passes => session.compute_on(Box::new(gpu.mixture()), policy),
+                Task::Photographs => {
+                    session.compare_on(Box::new(gpu.comparer()), policy);
+                    Ok(())
+                }
+            };
+            let Err(error) = handed else { return Ok(()) };
+            error.to_string()
+        }
+        Err(HeadlessError::NoHardware { .. }) if !must => return Ok(()),
+        Err(error) => error.to_string(),
+    };
+    let option = task.option();
+    if must {
+        let error = anyhow::anyhow!("{option} gpu: {error}; {option} cpu needs none");
+        return Err(Failure::failed(error));
+    }
+    let what = match task {
+        Task::Passes => "trains",
+        Task::Photographs => "compares photographs",
+    };
+    eprintln!("note: {error}: the processor {what}");
+    Ok(())
+}
+
+/// Without the window compiled in, nothing speaks to a GPU.
+#[cfg(not(feature = "gui"))]
+fn attach_gpu(_: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
+    if asked == DeviceName::Auto {
+        return Ok(());
+    }
+    Err(Failure::Usage(format!(
+        "{} gpu: expected auto or cpu, since this build speaks to no GPU; build it with the feature gui",
+        task.option()
+    )))
+}

@@ -1,0 +1,151 @@
+//! Buffers of a pass, which grow with frames and models.
+
+use super::layout::Frame;
+use crate::model::conjugate::statistics::RECORD_WORDS;
+use crate::render::gpu::error::GpuError;
+use crate::render::gpu::growing::{GrowingBuffers, GrowthError};
+use wgpu::BufferUsages as Usage;
+
+const WORD: u64 = size_of::<u32>() as u64;
+/// Bytes of a point: six coordinates.
+const POINT_BYTES: u64 = 24;
+/// Bytes of a mean and of its colour and weight.
+const MEAN_BYTES: u64 = 16;
+/// Bytes of a record.
+pub(super) const RECORD_BYTES: u64 = RECORD_WORDS as u64 * WORD;
+/// Words before the open tiles: numbers of records and of open tiles.
+pub(super) const HEAD_WORDS: u64 = 2;
+
+/// What a buffer holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Part {
+    Frame,
+    Points,
+    Tiles,
+    Starts,
+    Means,
+    Appearance,
+    Distances,
+    Records,
+    Outcome,
+    /// Points and tiles on their way.
+    Upload,
+    /// Cells, means and colours on their way.
+    MeanUpload,
+    /// What comes back.
+    Readback,
+}
+
+const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
+const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
+const WAY_IN: Usage = Usage::MAP_WRITE.union(Usage::COPY_SRC);
+
+/// Every part with what it holds, for messages, and its use, in their order.
+const PARTS: [(Part, &str, Usage); 12] = [
+    (Part::Frame, "settings of a pass", Usage::UNIFORM.union(Usage::COPY_DST)),
+    (Part::Points, "points of a frame", IN),
+    (Part::Tiles, "tiles of a frame", IN),
+    (Part::Starts, "cells of means", IN),
+    (Part::Means, "means of components", IN),
+    (Part::Appearance, "colours of components", IN),
+    (Part::Distances, "scores of points", OUT),
+    (Part::Records, "sums of tiles", OUT),
+    (Part::Outcome, "tiles left out", OUT.union(Usage::COPY_DST)),
+    (Part::Upload, "points on their way", WAY_IN),
+    (Part::MeanUpload, "means on their way", WAY_IN),
+    (Part::Readback, "sums on their way", Usage::MAP_READ.union(Usage::COPY_DST)),
+];
+
+/// How much a pass holds.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Load {
+    pub(super) points: u64,
+    pub(super) tiles: u64,
+    pub(super) means: u64,
+    pub(super) cells: u64,
+    /// Records that there is room for.
+    pub(super) records: u64,
+}
+
+impl Load {
+    /// Bytes of a part.
+    pub(super) fn bytes(&self, part: Part) -> u64 {
+        let Self { points, tiles, means, cells, records } = *self;
+        match part {
+            Part::Frame => size_of::<Frame>() as u64,
+            Part::Points => points * POINT_BYTES,
+            Part::Tiles => (tiles + 1) * WORD,
+            Part::Starts => (cells + 1) * WORD,
+            Part::Means | Part::Appearance => means * MEAN_BYTES,
+            Part::Distances => points * WORD,
+            Part::Records => records * RECORD_BYTES,
+            Part::Outcome => (HEAD_WORDS + tiles) * WORD,
+            Part::Upload => self.all(&OF_FRAME),
+            Part::MeanUpload => self.all(&OF_MEANS),
+            Part::Readback => self.all(&READ),
+        }
+    }
+
+    fn all(&self, parts: &[Part]) -> u64 {
+        parts.iter().map(|&part| self.bytes(part)).sum()
+    }
+}
+
+/// Parts that go up with a frame, in the order in which they lie in [`Part::Upload`].
+pub(super) const OF_FRAME: [Part; 2] = [Part::Points, Part::Tiles];
+/// Parts that go up when means have moved, in the order in which they lie in [`Part::MeanUpload`].
+pub(super) const OF_MEANS: [Part; 3] = [Part::Starts, Part::Means, Part::Appearance];
+/// Parts that come back, in the order in which they lie in [`Part::Readback`].
+pub(super) const READ: [Part; 3] = [Part::Outcome, Part::Distances, Part::Records];
+
+/// The buffers.
+#[derive(Debug)]
+pub(super) struct Memory {
+    buffers: GrowingBuffers,
+}
+
+impl Memory {
+    pub(super) fn new(device: &wgpu::Device) -> Self {
+        let buffers = PARTS.map(|(_, label, usage)| (label, usage));
+        Self { buffers: GrowingBuffers::new(device, buffers) }
+    }
+
+    pub(super) fn buffer(&self, part: Part) -> &wgpu::Buffer {
+        self.buffers.get(part as usize)
+    }
+
+    /// Makes room in some parts, whose contents may be lost.
+    ///
+    /// # Errors
+    /// [`GpuError::PassTooLarge`], [`GpuError::NoMemoryForPass`].
+    pub(super) fn make_room(
+        &mut self,
+        device: &wgpu::Device,
+        load: &Load,
+        parts: &[Part],
+    ) -> Result<(), GpuError> {
+        for &part in parts {
+            let (_, what, _) = PARTS[part as usize];
+            let room = self.buffers.make_room(device, part as usize, load.bytes(part));
+            room.map_err(|error| match error {
+                GrowthError::TooLarge { needed_mib, limit_mib } => {
+                    GpuError::PassTooLarge { what, needed_mib, limit_mib }
+                }
+                GrowthError::Refused { mib } => GpuError::NoMemoryForPass { what, mib },
+            })?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_lie_at_their_places() {
+        for (at, (part, ..)) in PARTS.into_iter().enumerate() {
+            assert_eq!(part as usize, at);
+        }
+    }
+}

@@ -1,0 +1,271 @@
+//! Passes of the published algorithm over frames, on a GPU (`train.md`, On a device).
+//!
+//! A frame goes up once, in mapped memory that all threads fill; means go up when they have moved. One
+//! kernel searches, scores and sums, a workgroup a tile, and one readback brings what the learner needs:
+//! scores, sums of tiles, and the tiles that are left to the processor. Room for sums is a guess by the
+//! last pass; where it does not suffice the pass is run again.
+
+mod layout;
+mod memory;
+pub mod shader;
+
+use super::answer::wait_mapped;
+use super::constants::module;
+use super::context::GpuCaps;
+use super::error::GpuError;
+use super::faults::GpuFaults;
+use super::kernel::{Bound, ComputeKernel, Grid};
+use super::parallel_copy::copy;
+use crate::model::conjugate::statistics::RECORD_WORDS;
+use crate::model::paper::mixture_device::{
+    DeviceError, DevicePass, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule, PointColumns,
+};
+use layout::{Frame, MeanShape};
+use memory::{HEAD_WORDS, Load, Memory, OF_FRAME, OF_MEANS, Part, READ, RECORD_BYTES};
+use rayon::prelude::*;
+
+/// Records that there is room for at least.
+const MIN_RECORDS: u64 = 4096;
+/// Means that a task packs.
+const PACKED: usize = 1 << 14;
+
+/// Computes passes on a device of its own.
+pub struct GpuMixture {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    faults: GpuFaults,
+    name: String,
+    kernel: ComputeKernel,
+    memory: Memory,
+    load: Load,
+    /// Records to make room for in the next pass that sums.
+    room: u64,
+    means: MeanShape,
+    packed: Vec<[u32; 4]>,
+    /// What lies in mapped memory and is to go up with the next pass.
+    due: Vec<Upload>,
+    /// What came back last, mapped while it is read.
+    answer: Option<wgpu::BufferView>,
+}
+
+/// Parts that go up together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Upload {
+    /// The mapped memory they lie in.
+    from: Part,
+    /// In the order in which they lie there.
+    parts: &'static [Part],
+}
+
+const FRAME_UPLOAD: Upload = Upload { from: Part::Upload, parts: &OF_FRAME };
+const MEAN_UPLOAD: Upload = Upload { from: Part::MeanUpload, parts: &OF_MEANS };
+
+impl GpuMixture {
+    /// On a device whose faults are watched.
+    pub fn new(
+        device: wgpu::Device,
+        queue: wgpu::Queue,
+        faults: GpuFaults,
+        caps: &GpuCaps,
+    ) -> Self {
+        let shader = module(&device, "pass over a frame", shader::PASS);
+        Self {
+            kernel: ComputeKernel::new(&device, &shader, "run"),
+            memory: Memory::new(&device),
+            device,
+            queue,
+            faults,
+            name: caps.to_string(),
+            load: Load::default(),
+            room: MIN_RECORDS,
+            means: MeanShape::default(),
+            packed: Vec::new(),
+            due: Vec::new(),
+            answer: None,
+        }
+    }
+
+    fn upload_means(&mut self, means: &MeanCells<'_>) -> Result<(), GpuError> {
+        let &MeanCells { lo, cell, per_unit, dims, starts, positions, ids, appearance } = means;
+        self.means = MeanShape { lo, cell, per_unit, dims };
+        self.load.means = ids.len() as u64;
+        self.load.cells = dims.iter().product::<usize>() as u64;
+        self.memory.make_room(&self.device, &self.load, &OF_MEANS)?;
+        self.packed.resize(ids.len(), [0; 4]);
+        self.packed.par_chunks_mut(PACKED).enumerate().for_each(|(task, packed)| {
+            for (i, packed) in (task * PACKED..).zip(packed) {
+                let [x, y, z] = positions.map(|axis| axis[i].to_bits());
+                *packed = [x, y, z, ids[i]];
+            }
+        });
+        let packed = std::mem::take(&mut self.packed);
+        let parts = [bytemuck::cast_slice(starts), bytemuck::cast_slice(&packed)];
+        let appearance = bytemuck::cast_slice(appearance);
+        let written = self.write(MEAN_UPLOAD, parts.into_iter().chain([appearance]));
+        self.packed = packed;
+        written
+    }
+
+    fn upload_points(&mut self, points: &PointColumns<'_>) -> Result<(), GpuError> {
+        let PointColumns { columns, tiles } = *points;
+        if tiles.windows(2).any(|tile| tile[1] - tile[0] > MAX_TILE_POINTS as u32) {
+            let reason = format!("expected tiles of {MAX_TILE_POINTS} points at most, found more");
+            return Err(GpuError::NoPass { reason });
+        }
+        self.load.points = columns[0].len() as u64;
+        self.load.tiles = tiles.len().saturating_sub(1) as u64;
+        let parts = [Part::Distances, Part::Outcome];
+        self.memory.make_room(&self.device, &self.load, &OF_FRAME)?;
+        self.memory.make_room(&self.device, &self.load, &parts)?;
+        let columns = columns.map(bytemuck::cast_slice);
+        self.write(FRAME_UPLOAD, columns.into_iter().chain([bytemuck::cast_slice(tiles)]))
+    }
+
+    /// Writes what goes up with the next pass, piece by piece in the order of the parts.
+    fn write<'a>(
+        &mut self,
+        upload: Upload,
+        pieces: impl Iterator<Item = &'a [u8]>,
+    ) -> Result<(), GpuError> {
+        self.memory.make_room(&self.device, &self.load, &[upload.from])?;
+        let buffer = self.memory.buffer(upload.from);
+        let bytes = self.load.bytes(upload.from);
+        let mut mapped = buffer.get_mapped_range_mut(..bytes).map_err(failed)?;
+        let mut rest = mapped.slice(..);
+        for piece in pieces {
+            copy(rest.split_off(..piece.len()).unwrap_or_default(), piece);
+        }
+        if !self.due.contains(&upload) {
+            self.due.push(upload);
+        }
+        Ok(())
+    }
+
+    /// Runs a pass with room for as many records as the load says; how many there are, and how many open
+    /// tiles.
+    fn run(&mut self, rule: &PassRule, with_sums: bool) -> Result<[u64; 2], GpuError> {
+        let Self { device, queue, memory, load, .. } = self;
+        memory.make_room(device, load, &[Part::Records, Part::Readback])?;
+        let sizes = [load.points, load.tiles, load.records].map(|n| n as usize);
+        let frame = Frame::new(&self.means, rule, sizes, with_sums);
+        queue.write_buffer(memory.buffer(Part::Frame), 0, bytemuck::bytes_of(&frame));
+        let mut encoder = device.create_command_encoder(&Default::default());
+        self.record(&mut encoder, &self.bind());
+        let readback = self.memory.buffer(Part::Readback);
+        let bytes = self.load.bytes(Part::Readback);
+        let mut maps = vec![(readback, wgpu::MapMode::Read, bytes)];
+        for upload in &self.due {
+            let buffer = self.memory.buffer(upload.from);
+            buffer.unmap();
+            maps.push((buffer, wgpu::MapMode::Write, buffer.size()));
+        }
+        let submission = self.queue.submit([encoder.finish()]);
+        wait_mapped(&self.device, &self.faults, submission, &maps).map_err(failed)?;
+        self.due.clear();
+        let answer = readback.get_mapped_range(..bytes).map_err(failed)?;
+        let head: [u32; HEAD_WORDS as usize] =
+            bytemuck::pod_read_unaligned(&answer[..HEAD_WORDS as usize * 4]);
+        self.answer = Some(answer);
+        Ok(head.map(u64::from))
+    }
+
+    fn bind(&self) -> Bound {
+        use Part::*;
+        let parts = [Frame, Points, Tiles, Starts, Means, Appearance, Distances, Records, Outcome];
+        let resource = |(at, part)| (at, self.memory.buffer(part).as_entire_binding());
+        self.kernel.bind(&self.device, &(0..).zip(parts).map(resource).collect::<Vec<_>>())
+    }
+
+    fn record(&self, encoder: &mut wgpu::CommandEncoder, bound: &Bound) {
+        let Self { memory, load, .. } = self;
+        let copy = |encoder: &mut wgpu::CommandEncoder, (from, at), (to, by), bytes| {
+            let (from, to) = (memory.buffer(from), memory.buffer(to));
+            encoder.copy_buffer_to_buffer(from, at, to, by, bytes);
+        };
+        for upload in &self.due {
+            let mut at = 0;
+            for &part in upload.parts {
+                copy(encoder, (upload.from, at), (part, 0), load.bytes(part));
+                at += load.bytes(part);
+            }
+        }
+        let head = HEAD_WORDS * size_of::<u32>() as u64;
+        encoder.clear_buffer(memory.buffer(Part::Outcome), 0, Some(head));
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some("pass over a frame"),
+            timestamp_writes: None,
+        });
+        bound.dispatch(&mut pass, Grid::groups(load.tiles as usize));
+        drop(pass);
+        let mut at = 0;
+        for part in READ {
+            copy(encoder, (part, 0), (Part::Readback, at), load.bytes(part));
+            at += load.bytes(part);
+        }
+    }
+
+    /// Runs a pass, again if there was too little room for its records; how many there are, and how many
+    /// open tiles.
+    fn run_with_room(&mut self, rule: &PassRule, with_sums: bool) -> Result<[usize; 2], GpuError> {
+        loop {
+            self.forget_answer();
+            self.load.records = if with_sums { self.room } else { 0 };
+            let [records, open] = self.run(rule, with_sums)?;
+            // A frame is much like the next one.
+            self.room = self.room.max(records + records / 4);
+            if records <= self.load.records {
+                return Ok([records as usize, open as usize]);
+            }
+        }
+    }
+
+    /// Lets go of what came back last.
+    fn forget_answer(&mut self) {
+        // The view first: a buffer that is still looked at cannot be unmapped.
+        if self.answer.take().is_some() {
+            self.memory.buffer(Part::Readback).unmap();
+        }
+    }
+
+    fn refused(&self, error: &GpuError) -> DeviceError {
+        DeviceError { device: self.name.clone(), reason: error.to_string() }
+    }
+}
+
+fn failed(reason: impl ToString) -> GpuError {
+    GpuError::NoPass { reason: reason.to_string() }
+}
+
+impl MixtureDevice for GpuMixture {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn set_means(&mut self, means: &MeanCells<'_>) -> Result<(), DeviceError> {
+        self.upload_means(means).map_err(|error| self.refused(&error))
+    }
+
+    fn set_points(&mut self, points: &PointColumns<'_>) -> Result<(), DeviceError> {
+        self.upload_points(points).map_err(|error| self.refused(&error))
+    }
+
+    fn pass(&mut self, rule: &PassRule, with_sums: bool) -> Result<DevicePass<'_>, DeviceError> {
+        if self.load.points == 0 {
+            // Nothing to dispatch.
+            return Ok(DevicePass { q: &[], open: &[], records: &[] });
+        }
+        let [n_records, n_open] =
+            self.run_with_room(rule, with_sums).map_err(|error| self.refused(&error))?;
+        let bytes: &[u8] = self.answer.as_deref().unwrap_or_default();
+        let (outcome, rest) = bytes.split_at(self.load.bytes(Part::Outcome) as usize);
+        let (q, records) = rest.split_at(self.load.bytes(Part::Distances) as usize);
+        let outcome: &[u32] = bytemuck::cast_slice(outcome);
+        let records = &records[..n_records * RECORD_BYTES as usize];
+        let records: &[u32] = bytemuck::cast_slice(records);
+        Ok(DevicePass {
+            q: bytemuck::cast_slice(q),
+            open: &outcome[HEAD_WORDS as usize..][..n_open],
+            records: records.as_chunks::<RECORD_WORDS>().0,
+        })
+    }
+}

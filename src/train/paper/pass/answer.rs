@@ -1,0 +1,81 @@
+//! What a device found of a pass, taken over as if the processor had found it.
+
+use super::{Output, Pass, TileRecord, Worker};
+use crate::math::simd::Isa;
+use crate::model::conjugate::statistics::N_SUMS;
+use crate::model::paper::mixture_device::DevicePass;
+use crate::train::paper::fused::{FusedInputs, FusedTiles};
+use crate::train::timing::StageClock;
+use rayon::prelude::*;
+
+/// Records that a task sorts into shards.
+const SORTED: usize = 1 << 10;
+/// Counts below round to nothing in the totals, so that no record of one is kept.
+const MIN_COUNT: f32 = 1e-11;
+
+/// Number, tile and the bits of the sums.
+type RecordBits = (u32, u32, [u32; N_SUMS]);
+
+impl Pass {
+    /// Takes over scores and records; scores of open tiles are still to come.
+    pub(in crate::train::paper) fn take_over(
+        &self,
+        inputs: &FusedInputs<'_>,
+        found: &DevicePass<'_>,
+        q: &mut [f64],
+    ) {
+        q.par_iter_mut().zip(found.q).for_each(|(q, &found)| *q = found.into());
+        found.records.par_chunks(SORTED).for_each(|records| {
+            let mut worker = self.worker();
+            for words in records {
+                let record = TileRecord::from_words(words);
+                worker.narrow[record.id as usize >> inputs.shard_bits].push(record);
+            }
+        });
+    }
+
+    /// Runs some tiles, each once and in any order.
+    pub(in crate::train::paper) fn run_open(
+        &self,
+        inputs: &FusedInputs<'_>,
+        open: &[u32],
+        output: Output,
+        q: &mut [f64],
+    ) {
+        let mut open = open.to_vec();
+        open.sort_unstable();
+        let (mut rest, mut at) = (q, 0);
+        let with_scores = |tile: u32| {
+            let range = inputs.points.tile(tile as usize);
+            let (_, from) = std::mem::take(&mut rest).split_at_mut(range.start - at);
+            let (own, later) = from.split_at_mut(range.len());
+            (rest, at) = (later, range.end);
+            (tile as usize, own)
+        };
+        let tiles: Vec<(usize, &mut [f64])> = open.into_iter().map(with_scores).collect();
+        tiles.into_par_iter().for_each(|(tile, q)| {
+            let mut worker = self.worker();
+            let Worker { fused: memory, narrow, clock, .. } = &mut *worker;
+            let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
+            let (inputs, tiles, owners) = (*inputs, tile..tile + 1, &mut [][..]);
+            Isa::best().run(FusedTiles { inputs, memory, tiles, q, owners, records, clock });
+        });
+    }
+
+    /// Books the time that a clock has seen on top of the processor's own.
+    pub(in crate::train::paper) fn book(&self, mut clock: StageClock) {
+        self.worker().clock.add(clock.take());
+    }
+
+    /// The records of the last pass that reach the totals, in an order of their own.
+    pub(in crate::train::paper) fn kept_records(&self) -> Vec<RecordBits> {
+        let mut kept = Vec::new();
+        for worker in self.read_workers() {
+            let records = worker.narrow.iter().flatten().filter(|r| r.sums[0] >= MIN_COUNT);
+            // Zeros of either sign are one number.
+            kept.extend(records.map(|r| (r.id, r.tile, r.sums.map(|sum| (sum + 0.0).to_bits()))));
+        }
+        kept.sort_unstable();
+        kept
+    }
+}

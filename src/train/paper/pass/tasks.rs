@@ -1,0 +1,80 @@
+//! How a pass is split into tasks: tiles, and what belongs to their points.
+
+use crate::observation::points::Points;
+use crate::train::paper::config::Batch;
+use crate::train::paper::scalar::PaperScalar;
+use std::ops::Range;
+
+/// Tiles one task takes: about a thousand points.
+const TILES_PER_TASK: usize = 16;
+
+/// What belongs to the points of some tiles. The first two are empty where nothing is
+/// materialised, the last where nobody asks for owners.
+pub(super) struct Columns<'a> {
+    pub(super) ids: &'a mut [u32],
+    pub(super) scores: &'a mut [f64],
+    pub(super) q: &'a mut [f64],
+    pub(super) owners: &'a mut [u32],
+}
+
+/// Where the batch that starts with a tile ends.
+pub(super) fn batch_end<R: PaperScalar>(points: &Points<R>, tile: usize, batch: Batch) -> usize {
+    let Batch::Points(n) = batch else { return points.n_tiles() };
+    let end = points.tiles[tile] as usize + n;
+    let tiles_before = points.tiles.partition_point(|&start| (start as usize) < end);
+    // One tile at least, or a batch of fewer points than a tile has would never end.
+    tiles_before.clamp(tile + 1, points.n_tiles())
+}
+
+/// Splits tiles and their columns into tasks, `per_point` entries for each point.
+pub(super) fn for_each_task<R: PaperScalar>(
+    points: &Points<R>,
+    tiles: Range<usize>,
+    per_point: usize,
+    columns: Columns,
+    task: &(impl Fn(Range<usize>, Columns) + Sync),
+) {
+    if tiles.len() <= TILES_PER_TASK {
+        return task(tiles, columns);
+    }
+    // Halves are rounded to whole tasks, so that only the last one may be small.
+    let middle = tiles.start + (tiles.len() / 2).next_multiple_of(TILES_PER_TASK);
+    let n_points = (points.tiles[middle] - points.tiles[tiles.start]) as usize;
+    let (left, right) = columns.split(n_points, per_point);
+    rayon::join(
+        || for_each_task(points, tiles.start..middle, per_point, left, task),
+        || for_each_task(points, middle..tiles.end, per_point, right, task),
+    );
+}
+
+/// Hands every tile its columns.
+pub(super) fn for_each_tile<R: PaperScalar>(
+    points: &Points<R>,
+    tiles: Range<usize>,
+    per_point: usize,
+    mut columns: Columns,
+    mut run: impl FnMut(usize, Columns),
+) {
+    for tile in tiles {
+        let (own, rest) = columns.split(points.tile(tile).len(), per_point);
+        columns = rest;
+        run(tile, own);
+    }
+}
+
+impl<'a> Columns<'a> {
+    pub(super) fn reborrow(&mut self) -> Columns<'_> {
+        let Self { ids, scores, q, owners } = self;
+        Columns { ids, scores, q, owners }
+    }
+
+    fn split(self, n_points: usize, per_point: usize) -> (Columns<'a>, Columns<'a>) {
+        let (ids, later_ids) = self.ids.split_at_mut(n_points * per_point);
+        let (scores, later_scores) = self.scores.split_at_mut(n_points * per_point);
+        let (q, later_q) = self.q.split_at_mut(n_points);
+        let (owners, later_owners) = self.owners.split_at_mut(n_points.min(self.owners.len()));
+        let later =
+            Columns { ids: later_ids, scores: later_scores, q: later_q, owners: later_owners };
+        (Columns { ids, scores, q, owners }, later)
+    }
+}

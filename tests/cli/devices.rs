@@ -1,0 +1,90 @@
+//! What trains and what compares photographs, chosen on the command line.
+
+use super::runner::Scratch;
+use serde_json::Value;
+
+/// The report's word of photographs, and the console's.
+fn trained(arguments: &str) -> (Value, String) {
+    let (report, said) = report(&Scratch::with_room(), "out", arguments);
+    (report["comparer"].clone(), said)
+}
+
+fn report(scratch: &Scratch, out: &str, arguments: &str) -> (Value, String) {
+    let command = format!("train room --out {out} --max-frames 3 {arguments}");
+    let run = scratch.run(&command).succeeds();
+    (scratch.json(&format!("{out}/report.json")), run.stdout)
+}
+
+#[test]
+fn the_processor_compares_where_it_is_asked_to() {
+    let (used, said) = trained("--photometric-device cpu");
+    assert_eq!(used["device"], Value::Null);
+    assert_eq!((&used["processor_frames"], &used["device_frames"]), (&3.into(), &0.into()));
+    assert!(said.contains("the processor compared photographs"), "{said}");
+    let (none, said) = trained("--photometric off");
+    assert!(none.is_null() && !said.contains("photographs"), "{none} {said}");
+}
+
+#[test]
+fn a_gpu_without_photographs_is_refused() {
+    let scratch = Scratch::with_room();
+    for without in ["--photometric off", "--preset paper --components 100"] {
+        let arguments = format!("train room --out out --photometric-device gpu {without}");
+        scratch
+            .run(&arguments)
+            .fails(2, &["--photometric-device gpu", "--photometric light or full"]);
+    }
+}
+
+/// Asked for, a software adapter is as good as any.
+#[cfg(feature = "gui")]
+#[test]
+fn a_gpu_compares_where_it_is_asked_to() {
+    let Some(adapter) = crate::common::adapter::vulkan() else { return };
+    let (used, said) = trained("--photometric full --photometric-device gpu");
+    assert_eq!((&used["processor_frames"], &used["device_frames"]), (&0.into(), &3.into()));
+    let name = used["device"].as_str().unwrap();
+    assert!(said.contains(&format!("{name} compared photographs")), "{said}");
+    if adapter.get_info().device_type == wgpu::DeviceType::Cpu {
+        let (auto, _) = trained("--photometric full");
+        assert_eq!(auto["device"], Value::Null, "software is never taken unasked");
+    }
+}
+
+const PAPER: &str = "--preset paper --components 2000";
+
+#[test]
+fn the_processor_trains_where_it_is_asked_to() {
+    let scratch = Scratch::with_room();
+    let (report_of_cpu, said) = report(&scratch, "out", &format!("{PAPER} --device cpu"));
+    let used = &report_of_cpu["passes"];
+    assert_eq!((&used["device"], &used["processor_frames"]), (&Value::Null, &3.into()));
+    assert!(!said.contains("fitted"), "{said}");
+    let (none, _) = report(&scratch, "scene", "");
+    assert!(none["passes"].is_null());
+}
+
+#[test]
+fn a_gpu_that_cannot_train_a_run_is_refused() {
+    let scratch = Scratch::with_room();
+    for other in ["", "--preset paper --precision f64", "--preset paper --candidates 5"] {
+        let arguments = format!("train room --out out --device gpu {other}");
+        scratch.run(&arguments).fails(2, &["--device gpu", "--preset paper", "--precision mixed"]);
+    }
+}
+
+#[cfg(feature = "gui")]
+#[test]
+fn a_gpu_trains_to_the_same_files() {
+    if crate::common::adapter::vulkan().is_none() {
+        return;
+    }
+    let scratch = Scratch::with_room();
+    let (report_of_gpu, said) = report(&scratch, "gpu", &format!("{PAPER} --device gpu"));
+    report(&scratch, "cpu", &format!("{PAPER} --device cpu"));
+    let used = &report_of_gpu["passes"];
+    // The first frame is fitted by both and compared.
+    assert_eq!((&used["device_frames"], &used["processor_frames"]), (&2.into(), &1.into()));
+    assert!(said.contains(&format!("{} fitted 2 frames", used["device"].as_str().unwrap())));
+    assert!(scratch.bytes("gpu/scene.ply") == scratch.bytes("cpu/scene.ply"));
+}

@@ -1,0 +1,91 @@
+//! Passes on a device beside the processor, played by ones that know little.
+
+use super::common::wavy::wavy_frame;
+use vbgs_studio::math::normalization::Normalization;
+use vbgs_studio::model::paper::mixture_device::{
+    DeviceError, DevicePass, MeanCells, MixtureDevice, PassRule, PointColumns,
+};
+use vbgs_studio::train::device_trial::DevicePolicy;
+use vbgs_studio::train::paper::config::{PaperConfig, PaperOverrides};
+use vbgs_studio::train::paper::engine;
+use vbgs_studio::train::paper::init::InitialDraw;
+use vbgs_studio::train::pass_use::PassUse;
+
+const FRAMES: usize = 4;
+
+/// Leaves tiles to the processor, all or none, from which pass on it fails.
+struct Idle {
+    leaves_all: bool,
+    passes_left: usize,
+    q: Vec<f32>,
+    tiles: Vec<u32>,
+}
+
+impl MixtureDevice for Idle {
+    fn name(&self) -> String {
+        "card".to_owned()
+    }
+
+    fn set_means(&mut self, _: &MeanCells<'_>) -> Result<(), DeviceError> {
+        Ok(())
+    }
+
+    fn set_points(&mut self, points: &PointColumns<'_>) -> Result<(), DeviceError> {
+        self.q = vec![0.5; points.columns[0].len()];
+        let n_tiles = if self.leaves_all { points.tiles.len() as u32 - 1 } else { 0 };
+        // In any order.
+        self.tiles = (0..n_tiles).rev().collect();
+        Ok(())
+    }
+
+    fn pass(&mut self, _: &PassRule, _: bool) -> Result<DevicePass<'_>, DeviceError> {
+        let gone = DeviceError { device: self.name(), reason: "gone".to_owned() };
+        self.passes_left = self.passes_left.checked_sub(1).ok_or(gone)?;
+        Ok(DevicePass { q: &self.q, open: &self.tiles, records: &[] })
+    }
+}
+
+/// Trains beside the processor to its bits.
+fn used(leaves_all: bool, passes_left: usize, policy: DevicePolicy) -> PassUse {
+    let asked = PaperOverrides { components: Some(1000), ..PaperOverrides::default() };
+    let config = PaperConfig::paper().with(&asked).unwrap();
+    let draw = InitialDraw::random(config.components, config.seed);
+    let begin = || engine::begin(&config, &draw, Normalization::IDENTITY).unwrap();
+    let (mut alone, mut beside) = (begin(), begin());
+    let idle = Idle { leaves_all, passes_left, q: Vec::new(), tiles: Vec::new() };
+    beside.compute_on(Box::new(idle), policy).unwrap();
+    for t in 0..FRAMES {
+        let points = wavy_frame(0.2 * t as f32, 9);
+        let outcomes = [&mut alone, &mut beside].map(|learner| learner.learn(&points).unwrap());
+        assert_eq!(outcomes[0].elbo_mean, outcomes[1].elbo_mean);
+        assert_eq!(alone.point_elbo(), beside.point_elbo());
+        assert!(alone.state() == beside.state());
+    }
+    beside.pass_use().unwrap()
+}
+
+#[test]
+fn what_a_device_leaves_open_is_the_processors() {
+    let idle = used(true, usize::MAX, DevicePolicy::Device);
+    assert_eq!((idle.device_frames, idle.processor_frames, idle.given_up), (3, 1, None));
+    assert_eq!((idle.device.as_deref(), idle.open_share), (Some("card"), 1.0));
+    let tried = used(true, usize::MAX, DevicePolicy::Fastest);
+    assert_eq!((tried.device_frames, tried.processor_frames), (0, 4), "it is tried on four");
+    assert!(tried.trial.is_some_and(|ms| ms.device > 0.0 && ms.processor > 0.0));
+}
+
+#[test]
+fn a_device_of_other_arithmetic_is_given_up_before_it_counts() {
+    let wrong = used(false, usize::MAX, DevicePolicy::Device);
+    assert_eq!((wrong.device_frames, wrong.processor_frames), (0, 4));
+    assert_eq!(wrong.given_up.as_deref(), Some("its arithmetic is not the processor's"));
+}
+
+#[test]
+fn the_very_frame_that_a_device_fails_at_is_learnt() {
+    // It fits the first frame beside the processor and the second alone; before the third is fitted, its
+    // points are scored.
+    let lost = used(true, 2, DevicePolicy::Device);
+    assert_eq!((lost.device_frames, lost.processor_frames), (1, 3));
+    assert_eq!(lost.given_up.as_deref(), Some("gone"));
+}
