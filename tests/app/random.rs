@@ -149,7 +149,7 @@ fn any_input(window: &mut Window, files: &[PathBuf], rng: &mut Rng) -> String {
 /// Opens a dataset whatever the window is at, and trains it.
 fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String>) {
     window.set_size(Vec2::new(1000.0, 640.0));
-    let started = Instant::now();
+    let (started, threads_before) = (Instant::now(), threads());
     loop {
         let snapshot = window.state().snapshot();
         if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
@@ -159,7 +159,15 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
             let buttons = window.query_all_by_role(Role::Button);
             let shown: Vec<_> = buttons.filter_map(|node| node.accesskit_node().label()).collect();
             let notices: Vec<_> = snapshot.notices.iter().map(|n| n.text.as_str()).collect();
-            panic!("cannot be brought back from {:?}: {shown:?}, {notices:?}", snapshot.state);
+            // Who has worked meanwhile tells a thread that waits from one that others keep off the cores.
+            panic!(
+                "cannot be brought back from {:?} at frame {} of {}: {shown:?}, {notices:?}, threads \
+                 before {threads_before:?}, now {:?}",
+                snapshot.state,
+                snapshot.frames_done,
+                snapshot.n_frames,
+                threads()
+            );
         }
         alive.send("coming back".to_owned()).unwrap();
         window.key_press(Key::Escape);
@@ -180,6 +188,19 @@ fn comes_back(window: &mut Window, path: &std::path::Path, alive: &Sender<String
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
     }
+}
+
+/// Name, state and nanoseconds on a core of every thread, as far as the system tells.
+fn threads() -> Vec<String> {
+    let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
+    let told = tasks.map(|task| {
+        let read = |file| std::fs::read_to_string(task.path().join(file)).unwrap_or_default();
+        let (name, stat, worked) = (read("comm"), read("stat"), read("schedstat"));
+        let state = stat.rsplit(") ").next().and_then(|rest| rest.chars().next());
+        let worked = worked.split(' ').next().unwrap_or_default();
+        format!("{} {} {worked}", name.trim(), state.unwrap_or('?'))
+    });
+    told.collect()
 }
 
 /// A number that a long run is asked for by.
@@ -241,9 +262,10 @@ fn the_window_survives_any_input_in_any_state() {
             comes_back(&mut window, &room, &alive);
             measured.push(bytes() as f64 / 1e6);
             eprintln!(
-                "{inputs} inputs in {:.0} s, {:.2} MB held, {:.1} resident",
+                "{inputs} inputs in {:.0} s, {:.2} MB held, {:.2} of them the model, {:.1} resident",
                 started.elapsed().as_secs_f64(),
                 measured[measured.len() - 1],
+                window.state().snapshot().model_bytes as f64 / 1e6,
                 rss_bytes().map_or(f64::NAN, |bytes| bytes as f64 / 1e6)
             );
         }
