@@ -1,11 +1,12 @@
-//! Seeds by place: a hash grid with cells as wide as the structural scale, four of which to every side
-//! are a block.
+//! Seeds by place: a hash grid with cells as wide as the structural scale, some of which to every side are a
+//! block.
 //!
 //! A scene has no bounds that are known beforehand, so blocks are hashed instead of laid out. Points lie on
-//! surfaces, most cells of a box around some of them hold no seed, and looking these up one by one took
-//! half the time of finding components; a block has seeds of a dozen cells together. Larger blocks hold
-//! more seeds that are too far away, smaller ones are mostly empty again. Buckets are chains of nodes with
-//! room for a few seeds each: insertion moves nothing, growth relinks, and seeds keep their numbers.
+//! surfaces: most cells of a box around some of them hold no seed, and looking these up one by one took
+//! half the time of finding components; a block of four to a side has seeds of a dozen cells together. Larger
+//! ones hold more seeds that are too far away, smaller ones are mostly empty again. Buckets are chains of
+//! nodes with room for a few seeds each: insertion moves nothing, growth relinks, and seeds keep their
+//! numbers.
 
 /// Stands for no seed, and for no component.
 pub const NONE: u32 = u32::MAX;
@@ -14,8 +15,10 @@ pub const NONE: u32 = u32::MAX;
 const MAX_CELLS: f32 = (1 << 20) as f32;
 /// Buckets of a grid without seeds.
 const MIN_BUCKETS: usize = 256;
-/// Cells along a side of a block, as a power of two.
-const BLOCK_BITS: u32 = 2;
+/// Cells along a side of a block, as a power of two, where seeds near a place are looked for.
+const WIDE_BLOCK: u32 = 2;
+/// The same where seeds are looked up by their own place: few others come along then.
+const NARROW_BLOCK: u32 = 1;
 /// Seeds of a node.
 const NODE: usize = 7;
 
@@ -23,6 +26,8 @@ const NODE: usize = 7;
 pub struct SeedGrid {
     cell: f32,
     per_cell: f32,
+    /// Cells along a side of a block, as a power of two.
+    block_bits: u32,
     positions: Vec<[f32; 3]>,
     nodes: Vec<Node>,
     /// First node by bucket; a power of two of them.
@@ -44,10 +49,16 @@ impl SeedGrid {
         Self {
             cell: cell as f32,
             per_cell: (1.0 / cell) as f32,
+            block_bits: WIDE_BLOCK,
             positions: Vec::new(),
             nodes: Vec::new(),
             heads: vec![NONE; MIN_BUCKETS],
         }
+    }
+
+    /// The same for seeds that are looked up by their exact place, [`Self::at`].
+    pub fn of_lattice(cell: f64) -> Self {
+        Self { block_bits: NARROW_BLOCK, ..Self::new(cell) }
     }
 
     /// Number of seeds.
@@ -109,7 +120,7 @@ impl SeedGrid {
 
     fn link(&mut self, id: u32) {
         let cell = self.cell_of(self.positions[id as usize]);
-        let bucket = self.bucket(cell.map(|c| c >> BLOCK_BITS));
+        let bucket = self.bucket(cell.map(|c| c >> self.block_bits));
         let head = self.heads[bucket];
         let room = self.nodes.get_mut(head as usize).and_then(|node| {
             let free = node.ids.iter().position(|id| *id == NONE)?;
@@ -139,7 +150,7 @@ impl SeedGrid {
     /// Every seed in the blocks that some cells lie in, and some from elsewhere, to `visit`.
     #[inline(always)]
     fn visit_blocks(&self, cells: CellBox, mut visit: impl FnMut(u32, [f32; 3])) {
-        let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> BLOCK_BITS));
+        let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> self.block_bits));
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
                 for x in low[0]..=high[0] {

@@ -99,6 +99,10 @@ impl<W: SumScalar> SceneTrainer<W> {
     pub fn new(config: &SceneConfig, origin: DVec3) -> Self {
         let hyper = Hyper::scene(config.h);
         let scoring = Scoring::new(&hyper);
+        let grid = match config.births.is_order_invariant() {
+            true => SeedGrid::of_lattice(config.h),
+            false => SeedGrid::new(config.h),
+        };
         Self {
             config: config.clone(),
             scale: config.h,
@@ -106,7 +110,7 @@ impl<W: SumScalar> SceneTrainer<W> {
             origin,
             hyper,
             scoring,
-            grid: SeedGrid::new(config.h),
+            grid,
             components: Components::default(),
             component_sums: ComponentSums::default(),
             owners: Vec::new(),
