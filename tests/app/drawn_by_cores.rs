@@ -1,6 +1,7 @@
 //! Where the cores draw the window, it looks as egui's own painter would draw it.
 
 use super::harness::{Window, click, dataset, device, train};
+use crate::common::adapter::turn;
 use eframe::egui::epaint::ClippedShape;
 use eframe::egui::epaint::textures::TexturesDelta;
 use eframe::egui::{Context, FullOutput, Key, Plugin, Pos2, Rect, Shape, Vec2};
@@ -96,6 +97,7 @@ const MEAN_DIFFERENCE: f64 = 0.05;
 
 #[test]
 fn the_window_looks_as_egui_would_draw_it() {
+    let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 4);
     let Some(mut pair) = Pair::new(None) else { return };
@@ -130,6 +132,7 @@ fn the_window_looks_as_egui_would_draw_it() {
 
 #[test]
 fn a_window_of_another_size_or_scale_is_drawn_anew() {
+    let _turn = turn();
     let Some(mut pair) = Pair::new(None) else { return };
     pair.window.run_steps(2);
     pair.assert_alike("the start");
