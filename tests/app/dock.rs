@@ -71,3 +71,17 @@ fn a_window_of_any_size_has_its_panels() {
     // As wide as before it had no room.
     assert!(tab(&window, "Latency").x > 500.0);
 }
+
+#[test]
+fn no_tab_hides_in_a_narrow_window() {
+    let _turn = turn();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.run_steps(3);
+    let wide = window.get_by_label("Settings").rect().width();
+    window.set_size([720.0, 460.0].into());
+    // A step finds that there is less room, the next one fits the names into it.
+    window.run_steps(4);
+    let settings = window.get_by_label("Settings").rect();
+    // Names begin on whole pixels, so that the last may end a little late.
+    assert!(settings.right() < 721.0 && settings.width() < wide, "{settings:?}");
+}

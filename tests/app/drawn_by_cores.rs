@@ -1,9 +1,10 @@
 //! Where the cores draw the window, it looks as egui's own painter would draw it.
 
 use super::harness::{Window, click, dataset, device, train};
+use crate::common::adapter::turn;
 use eframe::egui::epaint::ClippedShape;
 use eframe::egui::epaint::textures::TexturesDelta;
-use eframe::egui::{Context, FullOutput, Key, Plugin, Pos2, Rect, Shape, Vec2};
+use eframe::egui::{Context, FullOutput, Key, Plugin, Pos2, Rect, Shape, Theme, Vec2};
 use egui_kittest::wgpu::WgpuTestRenderer;
 use egui_kittest::{Harness, TestRenderer};
 use std::sync::{Arc, Mutex};
@@ -96,6 +97,7 @@ const MEAN_DIFFERENCE: f64 = 0.05;
 
 #[test]
 fn the_window_looks_as_egui_would_draw_it() {
+    let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let path = dataset(folder.path(), 4);
     let Some(mut pair) = Pair::new(None) else { return };
@@ -110,9 +112,11 @@ fn the_window_looks_as_egui_would_draw_it() {
         click(&mut pair.window, tab);
         pair.assert_alike(tab);
     }
-    for theme in ["Light theme", "Dark theme"] {
-        click(&mut pair.window, theme);
-        pair.assert_alike(theme);
+    for theme in [Theme::Light, Theme::Dark] {
+        pair.window.ctx.set_theme(theme);
+        pair.window.run_steps(3);
+        assert_eq!(pair.window.ctx.theme(), theme);
+        pair.assert_alike("another theme");
     }
     pair.window.hover_at(Pos2::new(30.0, 12.0));
     pair.window.run_steps(3);
@@ -130,6 +134,7 @@ fn the_window_looks_as_egui_would_draw_it() {
 
 #[test]
 fn a_window_of_another_size_or_scale_is_drawn_anew() {
+    let _turn = turn();
     let Some(mut pair) = Pair::new(None) else { return };
     pair.window.run_steps(2);
     pair.assert_alike("the start");

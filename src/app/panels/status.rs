@@ -98,7 +98,8 @@ fn components(snapshot: &Snapshot) -> String {
 
 fn color(state: RunState, is_dark: bool) -> Color32 {
     match state {
-        RunState::Empty | RunState::Loading => Color32::GRAY,
+        RunState::Empty | RunState::Loading if is_dark => Color32::GRAY,
+        RunState::Empty | RunState::Loading => Color32::DARK_GRAY,
         RunState::Ready | RunState::Paused | RunState::Waiting => SignalColor::Yellow.on(is_dark),
         RunState::Training => SignalColor::Green.on(is_dark),
         RunState::Finished => SignalColor::Blue.on(is_dark),

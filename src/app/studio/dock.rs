@@ -22,6 +22,8 @@ const MIN_SIZE: f32 = 120.0;
 /// Room around what a panel holds, and around the name of a tab, points.
 const MARGIN: Margin = Margin { left: 8, right: 4, top: 4, bottom: 2 };
 const TAB_MARGIN: Vec2 = Vec2::new(6.0, 2.0);
+/// Least room beside the name of a tab where a panel is narrow, points.
+const MIN_TAB_MARGIN: f32 = 2.0;
 
 /// What the tiles ask of the window while they are drawn.
 struct Dock<'a> {
@@ -31,6 +33,8 @@ struct Dock<'a> {
     /// Where the picture goes. It is drawn after the panels, by the settings that they leave.
     place: Option<Rect>,
     is_dropped: bool,
+    /// Room around the names of the tabs that are drawn.
+    tab_margin: Vec2,
 }
 
 impl Dock<'_> {
@@ -71,7 +75,7 @@ impl Behavior<DockPane> for Dock<'_> {
         let title = self.tab_title_for_tile(tiles, tile);
         let font = TextStyle::Button.resolve(ui.style());
         let text = title.into_galley(ui, Some(TextWrapMode::Extend), f32::INFINITY, font);
-        let size = text.size() + 2.0 * TAB_MARGIN;
+        let size = text.size() + 2.0 * self.tab_margin;
         let (_, place) = ui.allocate_space(Vec2::new(size.x, ui.available_height()));
         let rect = Align2::CENTER_CENTER.align_size_within_rect(size, place);
         let response = ui.interact(rect, id, Sense::click_and_drag());
@@ -84,13 +88,23 @@ impl Behavior<DockPane> for Dock<'_> {
             let (radius, stroke) = (look.corner_radius, look.bg_stroke);
             ui.painter().rect(rect, radius, look.weak_bg_fill, stroke, StrokeKind::Inside);
         }
-        ui.painter().galley(rect.min + TAB_MARGIN, text, look.text_color());
+        ui.painter().galley(rect.min + self.tab_margin, text, look.text_color());
         let hint = "Drag it beside the picture, beside other panels, or among their tabs";
         response.on_hover_cursor(CursorIcon::Grab).on_hover_text(hint)
     }
 
-    fn tab_bar_left_ui(&mut self, _: &Tiles<DockPane>, ui: &mut Ui, _: TileId, _: &Tabs) {
+    /// Names stand closer in a narrow panel, before some of them hide behind an arrow.
+    fn tab_bar_left_ui(&mut self, tiles: &Tiles<DockPane>, ui: &mut Ui, _: TileId, tabs: &Tabs) {
         ui.add_space(f32::from(MARGIN.left) - TAB_MARGIN.x);
+        let font = TextStyle::Button.resolve(ui.style());
+        let width = |tab: &TileId| {
+            let title = self.tab_title_for_tile(tiles, *tab);
+            title.into_galley(ui, Some(TextWrapMode::Extend), f32::INFINITY, font.clone()).size().x
+        };
+        let names: f32 = tabs.children.iter().map(width).sum();
+        let room = (ui.available_width() - names) / (2.0 * tabs.children.len().max(1) as f32);
+        // Rounded down, so that what is placed on whole pixels fits too.
+        self.tab_margin.x = room.floor().clamp(MIN_TAB_MARGIN, TAB_MARGIN.x);
     }
 
     fn is_tile_draggable(&self, tiles: &Tiles<DockPane>, id: TileId) -> bool {
@@ -154,7 +168,14 @@ impl Studio {
         let nothing = Tree::empty(before.id());
         let mut tree = std::mem::replace(&mut self.layout.tree, nothing);
         let picture = tree.tiles.find_pane(&DockPane::Picture);
-        let mut dock = Dock { studio: self, snapshot, picture, place: None, is_dropped: false };
+        let mut dock = Dock {
+            studio: self,
+            snapshot,
+            picture,
+            place: None,
+            is_dropped: false,
+            tab_margin: TAB_MARGIN,
+        };
         tree.ui(&mut dock, ui);
         let Dock { place, is_dropped, .. } = dock;
         // Dropped on the picture's middle a panel would hide it behind a tab.

@@ -20,6 +20,7 @@ use super::painting::Painting;
 use super::panels::menus::{MenuAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
+use super::panels::signal_color::SignalColor;
 use super::panels::transport::TransportAnswer;
 use super::panels::{abandoned, start, status, transport};
 use super::path_dialog::PathDialog;
@@ -40,7 +41,9 @@ use super::worker::{Waker, Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
-use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
+use eframe::egui::{
+    CentralPanel, Color32, Context, Frame, Panel, Theme, Ui, ViewportCommand, Visuals,
+};
 use glam::DVec3;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
@@ -365,9 +368,11 @@ fn go_on(view: &mut SceneView, exit: &Exit) -> PathEditor {
     path
 }
 
-/// As egui has it, text that stands back is hard to read, on white above all.
+/// As egui has them, text that stands back and links are hard to read, on white above all.
 fn strengthen_weak_text(context: &Context) {
     context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
+    let link = SignalColor::Blue.on(false);
+    context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
 }
 
 /// Draws the window again when something has come that it does not wait for.
