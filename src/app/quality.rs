@@ -374,13 +374,21 @@ fn start(waker: Waker) -> std::io::Result<ViewThread<QualityQuery, QualityAnswer
         let QualityQuery { dataset, split, views, .. } = &query;
         let options = query.options_for(splats);
         let measure = || evaluate(splats, dataset, *split, views, &options, |_| {});
-        // A figure is no reason to close the window: nothing of the measuring outlives its panic.
-        let scores = match catch_unwind(AssertUnwindSafe(|| alone.install(measure))) {
-            Ok(measured) => measured.map(|(_, scores)| scores).map_err(|error| error.to_string()),
-            Err(panic) => Err(PanicReport::of(&*panic).ended("measuring the quality")),
-        };
+        let scores = measured(|| {
+            let (_, scores) = alone.install(measure).map_err(|error| error.to_string())?;
+            Ok(scores)
+        });
         QualityAnswer { scores, took: started.elapsed(), query }
     })
+}
+
+/// What was measured, or why nothing can be: a figure is no reason to close the window, and nothing of the
+/// measuring outlives its panic.
+fn measured(
+    measure: impl FnOnce() -> Result<Vec<ViewReport>, String>,
+) -> Result<Vec<ViewReport>, String> {
+    catch_unwind(AssertUnwindSafe(measure))
+        .unwrap_or_else(|panic| Err(PanicReport::of(&*panic).ended("measuring the quality")))
 }
 
 /// Means over views; `None` for none.
@@ -423,5 +431,14 @@ mod tests {
         assert_eq!(all.len(), MAX_VIEWS);
         assert!(all.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(held_out(0).chosen(3).is_empty());
+    }
+
+    #[test]
+    fn a_panic_of_measuring_is_a_problem_that_is_told() {
+        let problem = measured(|| panic!("injected into measuring")).unwrap_err();
+        for part in ["injected into measuring", "the quality", "report it"] {
+            assert!(problem.contains(part), "{part:?} is missing in: {problem}");
+        }
+        assert_eq!(measured(|| Ok(Vec::new())).unwrap().len(), 0);
     }
 }

@@ -1,6 +1,7 @@
 //! A program at fault: what it says, and where the scene is afterwards. Panics come from outside, by
 //! egui's own hooks and by the waker, so that nothing in the program can be asked to panic.
 
+use super::device_loss::draw_film;
 use super::harness::{self, PATIENCE, Window, click, dataset, is, train, wait, wait_for_label};
 use crate::common::adapter::{turn, vulkan};
 use eframe::egui::Vec2;
@@ -11,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use vbgs_studio::app::rescue::{CrashedThread, Rescue};
-use vbgs_studio::app::state::{RunState, Subject};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::worker::{Waker, Worker, WorkerOrder};
 use vbgs_studio::app::{Exit, Leave, Painting, Studio, WindowError, guarded};
 
@@ -147,4 +148,39 @@ fn a_panic_of_training_saves_the_scene_and_leaves_the_window() {
     assert!(window.get_by_label("Export…").rect().is_positive());
     assert_eq!(worker.rescue(), crash.rescue, "saved once");
     assert!(worker.is_alive());
+}
+
+/// Lets the next thread of a pool that wakes the window panic there, once: pools give their threads no names.
+fn panic_of_pool(window: &Window) -> Arc<AtomicBool> {
+    let armed = Arc::new(AtomicBool::new(true));
+    let trigger = armed.clone();
+    window.ctx.set_request_repaint_callback(move |_| {
+        let is_meant = std::thread::current().name().is_none();
+        assert!(!(is_meant && trigger.swap(false, Ordering::SeqCst)), "injected into a film");
+    });
+    armed
+}
+
+#[test]
+fn a_panic_of_a_film_costs_the_film_and_is_told() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(mut hosted) = hosted(Subject::Path(path), Arc::new(|| {}), folder.path()) else {
+        return;
+    };
+    let Hosted { window, worker, .. } = &mut hosted;
+    train(window);
+    wait(window, "splats", |s| s.n_drawn() > 100);
+    let armed = panic_of_pool(window);
+    draw_film(window, &folder.path().join("film"));
+    wait(window, "the word", |s| {
+        let told = |text: &str| text.contains("injected into a film") && text.contains("report it");
+        s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Error && told(&n.text))
+    });
+    assert!(!armed.load(Ordering::SeqCst) && worker.crash().is_none());
+    // The next one is drawn.
+    draw_film(window, &folder.path().join("again"));
+    let second = folder.path().join("again/00002.png");
+    wait(window, "pictures", |_| second.exists());
 }

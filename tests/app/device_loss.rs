@@ -97,20 +97,24 @@ fn begin(window: &mut Window, moment: Moment, folder: &Path) {
             window.run_steps(2);
             enter_path(window, &folder.join("scene.ply"));
         }
-        Moment::Filming => {
-            click(window, "Path");
-            click(window, "Turntable");
-            click(window, "Draw film…");
-            window.run_steps(2);
-            window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-            window.event(Event::Text(folder.join("film").display().to_string()));
-            window.run_steps(2);
-            window.get_by_role_and_label(Role::Button, "Draw film").click();
-            window.run_steps(2);
-            if window.query_by_label("Replace").is_some() {
-                click(window, "Replace");
-            }
-        }
+        Moment::Filming => draw_film(window, &folder.join("film")),
+    }
+}
+
+/// Begins to draw a film once around the scene.
+pub fn draw_film(window: &mut Window, output: &Path) {
+    click(window, "Path");
+    click(window, "Turntable");
+    click(window, "Draw film…");
+    window.run_steps(2);
+    // The tab has a field of its own; the dialog's has the focus.
+    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
+    window.event(Event::Text(output.display().to_string()));
+    window.run_steps(2);
+    window.get_by_role_and_label(Role::Button, "Draw film").click();
+    window.run_steps(2);
+    if window.query_by_label("Replace").is_some() {
+        click(window, "Replace");
     }
 }
 

@@ -91,7 +91,11 @@ impl Thumbnails {
         // Decoders that would spread over the cores stay on one.
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
         let alone = alone.map_err(std::io::Error::other)?;
-        let work = move || serve(&inbox, &answers, &alone, &flag, &waker);
+        let work = move || {
+            serve(&inbox, &answers, &flag, &waker, |frame, part| {
+                alone.install(|| decode(frame, part))
+            })
+        };
         std::thread::Builder::new().name("thumbnails".into()).spawn(work)?;
         Ok(Self { requests, decoded, kept: HashMap::new(), n_waiting: 0, stands_back })
     }
@@ -196,14 +200,14 @@ impl Thumbnails {
 fn serve(
     inbox: &Receiver<(FrameRef, Part)>,
     answers: &SyncSender<Decoded>,
-    alone: &rayon::ThreadPool,
     stands_back: &AtomicBool,
     waker: &Waker,
+    decode: impl Fn(&FrameRef, Part) -> Decoded,
 ) {
     while let Ok((frame, part)) = inbox.recv() {
         let started = Instant::now();
         // Were the thread to end here, nothing that is scrolled to would ever be shown any more.
-        let decoded = catch_unwind(AssertUnwindSafe(|| alone.install(|| decode(&frame, part))));
+        let decoded = catch_unwind(AssertUnwindSafe(|| decode(&frame, part)));
         let decoded = decoded.unwrap_or_else(|panic| Decoded {
             position: frame.position(),
             photo: None,
@@ -338,6 +342,25 @@ mod tests {
         assert!(near.b() > near.g() && far.r() > 200 && far.g() > 200 && far.b() < 80);
         let depth = Depth { codes: DepthCodes::Lengths(Image::filled(2, 2, 0.0)), ..depth };
         assert_eq!(depth_picture(&depth).pixels, [HOLE; 4]);
+    }
+
+    #[test]
+    fn a_frame_whose_decoding_panics_is_told_and_the_next_one_is_decoded() {
+        let dataset = demo::dataset().unwrap();
+        let frame = FrameRef::first(&dataset).unwrap();
+        let (requests, inbox) = sync_channel(2);
+        let (answers, decoded) = sync_channel(2);
+        requests.send((frame.clone(), Part::PhotoAndDepth)).unwrap();
+        requests.send((frame, Part::Photo)).unwrap();
+        drop(requests);
+        let waker: Waker = Arc::new(|| {});
+        serve(&inbox, &answers, &AtomicBool::new(false), &waker, |frame, part| {
+            assert!(part == Part::Photo, "injected into decoding");
+            decode(frame, part)
+        });
+        let problem = decoded.recv().unwrap().problem.unwrap();
+        assert!(problem.contains("injected into decoding"), "{problem}");
+        assert!(decoded.recv().unwrap().photo.is_some());
     }
 
     /// As if every frame of a long recording had been scrolled past.

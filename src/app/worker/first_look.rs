@@ -9,8 +9,9 @@ use crate::app::state::NoticeKind;
 use crate::app::wording;
 use crate::dataset::pose_check;
 use crate::dataset::surface::sample::FrameSample;
+use std::any::Any;
 use std::sync::Arc;
-use std::thread;
+use std::thread::{self, JoinHandle};
 
 impl WorkerThread {
     /// Begins to look at what was just opened. The look at what was open before ends unheard.
@@ -36,13 +37,9 @@ impl WorkerThread {
     pub(super) fn take_first_look(&mut self) {
         let Some(thread) = self.first_look.take_if(|thread| thread.is_finished()) else { return };
         self.changed = true;
-        let look = match thread.join() {
+        let look = match looked(thread) {
             Ok(look) => look,
-            Err(panic) => {
-                let text =
-                    PanicReport::of(&*panic).ended("looking at the frames for doubtful poses");
-                return self.notify(NoticeKind::Warning, text);
-            }
+            Err(text) => return self.notify(NoticeKind::Warning, text),
         };
         self.snapshot.sample = look.sample;
         let Some(check) = look.poses else { return };
@@ -50,5 +47,26 @@ impl WorkerThread {
             self.notify(NoticeKind::Warning, warning);
         }
         self.snapshot.poses = Some(Arc::new(check));
+    }
+}
+
+/// What the thread found, or what the user is told of its panic.
+fn looked(thread: JoinHandle<FirstLook>) -> Result<FirstLook, String> {
+    let told = |panic: Box<dyn Any + Send>| {
+        PanicReport::of(&*panic).ended("looking at the frames for doubtful poses")
+    };
+    thread.join().map_err(told)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_look_that_panics_is_told() {
+        let told = looked(thread::spawn(|| panic!("injected into a look"))).err().unwrap();
+        for part in ["injected into a look", "doubtful poses", "report it"] {
+            assert!(told.contains(part), "{part:?} is missing in: {told}");
+        }
     }
 }
