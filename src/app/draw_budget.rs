@@ -21,7 +21,7 @@ const WANTED_PER_S: f64 = 10.0;
 const NEWEST: f64 = 0.2;
 /// Least that a pass counts as, s of a core: the display server and the driver's queue work for it too, which
 /// nothing here sees, and more than a dozen pictures a second of two cores are not worth training's time.
-const LEAST_PASS_S: f64 = 0.033;
+const LEAST_PASS_S: f64 = 0.036;
 /// Longest pause before a pass of a moving camera: longer ones would be felt in every control, so beyond
 /// it a budget is exceeded.
 const LONGEST_PAUSE: Duration = Duration::from_millis(200);
@@ -141,7 +141,7 @@ mod tests {
         budget.share = 0.5;
         assert_eq!(budget.interval(), Duration::from_millis(50));
         budget.pass_s = 0.001;
-        assert_eq!(budget.interval(), Duration::from_millis(33), "as if it took more");
+        assert_eq!(budget.interval(), Duration::from_millis(36), "as if it took more");
         budget.share = f32::NAN;
         assert!(budget.interval() <= Duration::from_secs(10));
     }

@@ -81,7 +81,8 @@ fn help_lists_every_shortcut_and_tabs_switch() {
 fn the_status_line_tells_state_pace_components_and_memory() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
-    let subject = Subject::Path(super::waiting::large(folder.path(), 12));
+    // Enough to be trained while the window is told of it several times.
+    let subject = Subject::Path(super::waiting::large(folder.path(), 60));
     let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
     window.get_by_label("Ready");
@@ -89,7 +90,9 @@ fn the_status_line_tells_state_pace_components_and_memory() {
     let started = Instant::now();
     // What the pass has drawn: the newest snapshot may be newer.
     while window.query_by_label_contains("frames/s").is_none() {
-        assert!(started.elapsed() < PATIENCE, "no pace is told");
+        let snapshot = window.state().snapshot();
+        let (state, frames) = (snapshot.state, snapshot.frames_done);
+        assert!(started.elapsed() < PATIENCE, "no pace is told: {state:?} after {frames} frames");
         window.step();
     }
     window.get_by_label("Training");

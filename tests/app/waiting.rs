@@ -107,5 +107,7 @@ fn the_last_picture_stays_while_something_is_opened() {
     wait_for_picture(&mut window);
     wait(&mut window, "the next", |s| s.snapshot().state == RunState::Ready);
     drop_on(&mut window, &shown);
+    // The one before is ready too, and must not be trained in its place.
+    wait(&mut window, "the shown one", |s| s.snapshot().n_frames == 2);
     train(&mut window);
 }
