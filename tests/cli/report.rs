@@ -111,6 +111,12 @@ machine.adapter null
 machine.cpu string
 machine.simd string
 machine.threads number
+passes.device null
+passes.device_frames number
+passes.given_up null
+passes.open_share number
+passes.processor_frames number
+passes.trial null
 seen[].after_frames number
 seen[].coverage number
 seen[].coverage_interior number
