@@ -5,6 +5,7 @@
 //! without drawing a splat again.
 
 use super::constants::{COMPARE_DIFFERENCE, COMPARE_NOTHING, COMPARE_WIPE, module};
+use super::draw_pipeline::DrawPipeline;
 use super::layout::{Composite, shader};
 use super::target::SplatTarget;
 use crate::render::compare::{Area, Combination};
@@ -140,25 +141,13 @@ fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderP
     let module = module(device, "composite", shader::COMPOSITE);
     // Values are sRGB-encoded already; such a target would encode them twice.
     let fragment = if format.is_srgb() { "fragment_linear" } else { "fragment_encoded" };
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("composite"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vertex"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: Default::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(fragment),
-            compilation_options: Default::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    DrawPipeline {
+        label: "composite",
+        module: &module,
+        entries: ["vertex", fragment],
+        buffers: &[],
+        topology: wgpu::PrimitiveTopology::TriangleList,
+        target: format.into(),
+    }
+    .made(device)
 }

@@ -8,6 +8,15 @@ const MIB: u64 = 1 << 20;
 /// Bytes before anything is asked for: a binding cannot be empty.
 const SMALLEST: u64 = 256;
 
+/// What shaders read, from a buffer on its way in.
+pub(super) const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
+/// What shaders write, for a buffer on its way out.
+pub(super) const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
+/// What goes to the GPU, on its way.
+pub(super) const WAY_IN: Usage = Usage::MAP_WRITE.union(Usage::COPY_SRC);
+/// What comes back, on its way.
+pub(super) const WAY_OUT: Usage = Usage::MAP_READ.union(Usage::COPY_DST);
+
 /// Buffers by number, each as large as anything asked of it so far.
 #[derive(Debug)]
 pub(super) struct GrowingBuffers(Vec<GrowingBuffer>);

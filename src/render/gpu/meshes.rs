@@ -5,6 +5,7 @@
 //! is opaque is not blended. Colours are sRGB-encoded bytes throughout, as in the window.
 
 use super::constants::module;
+use super::draw_pipeline::DrawPipeline;
 use super::layout::shader;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -104,8 +105,13 @@ impl MeshPainter {
         let module = module(device, "meshes", shader::MESHES);
         let over = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
         let pipeline = |name: &str, buffers: &[_], blend| {
-            let entries = [format!("vertex_{name}"), format!("fragment_{name}")];
-            pipeline(device, &module, &entries, buffers, format, blend)
+            let [vertex, fragment] = ["vertex", "fragment"].map(|stage| format!("{stage}_{name}"));
+            let entries = [&vertex[..], &fragment[..]];
+            let target =
+                wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL };
+            let topology = wgpu::PrimitiveTopology::TriangleList;
+            DrawPipeline { label: "meshes", module: &module, entries, buffers, topology, target }
+                .made(device)
         };
         let corners = [Some(wgpu::VertexBufferLayout {
             array_stride: size_of::<MeshVertex>() as u64,
@@ -262,39 +268,4 @@ impl MeshPainter {
         });
         Picture { texture, bindings }
     }
-}
-
-fn pipeline(
-    device: &wgpu::Device,
-    module: &wgpu::ShaderModule,
-    [vertex, fragment]: &[String; 2],
-    buffers: &[Option<wgpu::VertexBufferLayout<'_>>],
-    format: wgpu::TextureFormat,
-    blend: Option<wgpu::BlendState>,
-) -> wgpu::RenderPipeline {
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("meshes"),
-        layout: None,
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some(vertex),
-            compilation_options: Default::default(),
-            buffers,
-        },
-        primitive: Default::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some(fragment),
-            compilation_options: Default::default(),
-            targets: &[Some(wgpu::ColorTargetState {
-                format,
-                blend,
-                write_mask: wgpu::ColorWrites::ALL,
-            })],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }

@@ -22,6 +22,7 @@ mod chooser;
 pub mod composite;
 pub mod constants;
 pub mod context;
+mod draw_pipeline;
 mod error;
 pub mod faults;
 mod growing;

@@ -1,6 +1,7 @@
 //! One pass of instanced quads, back to front: both renderers and both lenses, by the uniforms.
 
 use super::constants::module;
+use super::draw_pipeline::DrawPipeline;
 use super::layout::shader;
 use super::scene::{GpuScene, OrderOf};
 use super::target;
@@ -64,35 +65,13 @@ const OVER: wgpu::BlendComponent = wgpu::BlendComponent {
 fn pipeline(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
-    [vertex, fragment]: [&str; 2],
+    entries: [&str; 2],
 ) -> wgpu::RenderPipeline {
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("quads"),
-        // Derived from the shader, where each binding is declared once.
-        layout: None,
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some(vertex),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState {
-            topology: wgpu::PrimitiveTopology::TriangleStrip,
-            ..Default::default()
-        },
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some(fragment),
-            compilation_options: Default::default(),
-            targets: &[Some(wgpu::ColorTargetState {
-                format: target::FORMAT,
-                blend: Some(wgpu::BlendState { color: OVER, alpha: OVER }),
-                write_mask: wgpu::ColorWrites::ALL,
-            })],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    let target = wgpu::ColorTargetState {
+        format: target::FORMAT,
+        blend: Some(wgpu::BlendState { color: OVER, alpha: OVER }),
+        write_mask: wgpu::ColorWrites::ALL,
+    };
+    let topology = wgpu::PrimitiveTopology::TriangleStrip;
+    DrawPipeline { label: "quads", module, entries, buffers: &[], topology, target }.made(device)
 }

@@ -39,17 +39,15 @@ impl SeedGroups {
     /// A group that a depth edge tears apart is halved until it holds together: one point's cells are few.
     fn gather_halves(&mut self, grid: &SeedGrid, radius: f32, points: &[SurfacePoint]) {
         let near = points.iter().map(|point| point.position);
-        let Some(corners) = corners(near.filter(|p| grid.comes_near(*p, radius)), radius) else {
-            self.groups.push(Group { n_points: points.len(), end: self.seeds.len() });
-            return;
-        };
-        if grid.cells_between(corners).n_cells() > MAX_CELLS && points.len() > 1 {
-            let (first, second) = points.split_at(points.len() / 2);
-            self.gather_halves(grid, radius, first);
-            self.gather_halves(grid, radius, second);
-            return;
+        if let Some(corners) = corners(near.filter(|p| grid.comes_near(*p, radius)), radius) {
+            if grid.cells_between(corners).n_cells() > MAX_CELLS && points.len() > 1 {
+                let (first, second) = points.split_at(points.len() / 2);
+                self.gather_halves(grid, radius, first);
+                self.gather_halves(grid, radius, second);
+                return;
+            }
+            grid.gather(corners, &mut self.seeds);
         }
-        grid.gather(corners, &mut self.seeds);
         self.groups.push(Group { n_points: points.len(), end: self.seeds.len() });
     }
 

@@ -3,7 +3,7 @@
 use super::layout::Frame;
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, GrowthError};
+use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
@@ -36,10 +36,6 @@ pub(super) enum Part {
     Readback,
 }
 
-const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
-const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
-const WAY_IN: Usage = Usage::MAP_WRITE.union(Usage::COPY_SRC);
-
 /// Every part with what it holds, for messages, and its use, in their order.
 const PARTS: [(Part, &str, Usage); 12] = [
     (Part::Frame, "settings of a pass", Usage::UNIFORM.union(Usage::COPY_DST)),
@@ -53,7 +49,7 @@ const PARTS: [(Part, &str, Usage); 12] = [
     (Part::Outcome, "tiles left out", OUT.union(Usage::COPY_DST)),
     (Part::Upload, "points on their way", WAY_IN),
     (Part::MeanUpload, "means on their way", WAY_IN),
-    (Part::Readback, "sums on their way", Usage::MAP_READ.union(Usage::COPY_DST)),
+    (Part::Readback, "sums on their way", WAY_OUT),
 ];
 
 /// How much a pass holds.

@@ -3,7 +3,7 @@
 use super::layout::{COLOR_BYTES, Frame, PIXEL_BYTES, PLACE_BYTES, SPLAT_BYTES, SUM_BYTES};
 use crate::render::gpu::constants::N_QUARTERS;
 use crate::render::gpu::error::GpuError;
-use crate::render::gpu::growing::{GrowingBuffers, GrowthError};
+use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
 use wgpu::BufferUsages as Usage;
 
 const WORD: u64 = size_of::<u32>() as u64;
@@ -33,9 +33,6 @@ pub(super) enum Part {
     Readback,
 }
 
-const IN: Usage = Usage::STORAGE.union(Usage::COPY_DST);
-const OUT: Usage = Usage::STORAGE.union(Usage::COPY_SRC);
-
 /// Every part with its name and use, in their order.
 const PARTS: [(Part, &str, Usage); 13] = [
     (Part::Frame, "comparison", Usage::UNIFORM.union(Usage::COPY_DST)),
@@ -49,8 +46,8 @@ const PARTS: [(Part, &str, Usage); 13] = [
     (Part::Shown, "splats that tiles show", IN),
     (Part::PartialSums, "sums by tile", Usage::STORAGE),
     (Part::Totals, "sums by splat", OUT),
-    (Part::Upload, "comparison on its way", Usage::MAP_WRITE.union(Usage::COPY_SRC)),
-    (Part::Readback, "sums on their way", Usage::MAP_READ.union(Usage::COPY_DST)),
+    (Part::Upload, "comparison on its way", WAY_IN),
+    (Part::Readback, "sums on their way", WAY_OUT),
 ];
 
 /// How much a comparison holds.
