@@ -129,11 +129,6 @@ impl Tile {
         self.open_rows == 0
     }
 
-    /// Pixel of the image at its upper left.
-    pub(super) fn corner(&self) -> (usize, usize) {
-        (self.left, self.top)
-    }
-
     /// Transmittance (its sign says nothing outside), colour and depth sums.
     pub(super) fn planes(&self) -> [&Plane; 5] {
         let [red, green, blue] = &self.color;
@@ -239,14 +234,10 @@ pub(super) fn untouched(first: usize, columns: usize) -> [f32; LANES] {
 
 /// A splat in eight pixels.
 pub(super) struct Passed<V> {
-    /// 0 where a pixel does not show it.
-    pub alpha: V,
-    /// Alpha where it is below the cap, else 0.
-    pub moving: V,
+    /// Alpha before the cap; 0 where a pixel does not show it.
+    pub free: V,
     /// Alpha times the transmittance in front.
     pub weight: V,
-    /// Transmittance in front.
-    pub front: V,
     /// Whether a pixel was finished by it.
     pub stopped: bool,
 }
@@ -266,10 +257,8 @@ pub(super) fn pass<V: Vector>(
     if hit.signs() == 0 {
         return None;
     }
-    let cap = V::splat(ALPHA_CAP as f32);
-    let free = V::splat(splat.opacity) * exp2(exponent);
-    let mut alpha = free.min(cap).and(hit);
-    let mut weight = alpha * front;
+    let mut free = (V::splat(splat.opacity) * exp2(exponent)).and(hit);
+    let mut weight = capped(free) * front;
     let mut next = front - weight;
     let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
     // Lanes that were not hit are not stopped either.
@@ -278,12 +267,17 @@ pub(super) fn pass<V: Vector>(
     // its size stays: coverage still needs it.
     if stopped != 0 {
         let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
-        (alpha, weight) = (alpha.and(goes_on), weight.and(goes_on));
+        (free, weight) = (free.and(goes_on), weight.and(goes_on));
         next = V::select(goes_on, next, V::splat(0.0) - front);
     }
     next.store(transmittance);
-    let moving = alpha.and(free.mask_at_most(cap));
-    Some(Passed { alpha, moving, weight, front, stopped: stopped != 0 })
+    Some(Passed { free, weight, stopped: stopped != 0 })
+}
+
+/// Alpha of what it would be without its cap.
+#[inline(always)]
+pub(super) fn capped<V: Vector>(free: V) -> V {
+    free.min(V::splat(ALPHA_CAP as f32))
 }
 
 /// Whether no pixel of a row takes any more splats.
@@ -378,9 +372,8 @@ pub(super) fn offset_color<V: Vector>(
     channel: usize,
     offset: [V; 2],
 ) -> V {
-    let zero = V::splat(0.0);
-    let at = Response { exponent: zero, tau: V::splat(1.0), beyond: zero, offset };
-    shaded(color, gradient, channel, &at)
+    let [x, y] = gradient.across[channel];
+    changed(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
 }
 
 /// One channel of the colour with its gradient (`rendering.md`, Native appearance).
@@ -388,7 +381,12 @@ pub(super) fn offset_color<V: Vector>(
 fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
     let [x, y] = gradient.across[channel];
     let across = at.tau * (V::splat(x) * at.offset[0] + V::splat(y) * at.offset[1]);
-    let change = V::splat(gradient.along[channel]) * at.beyond + across;
+    changed(color, V::splat(gradient.along[channel]) * at.beyond + across)
+}
+
+/// A channel of the colour at its centre, changed by what its gradient says.
+#[inline(always)]
+fn changed<V: Vector>(color: f32, change: V) -> V {
     let limit = GRADIENT_LIMIT as f32;
     // Beyond the points that taught it a gradient extrapolates; the limit is the model's.
     let change = change.max(V::splat(-limit)).min(V::splat(limit));
