@@ -3,6 +3,7 @@
 #![cfg(target_os = "linux")]
 
 use super::runner::{Run, Scratch};
+use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -154,7 +155,7 @@ fn told_or_harmless(layout: &str, (scratch, scene): &(Scratch, Vec<u8>), failing
 
 /// Lets some of the calls fail, evenly spaced, each by itself and with all behind it.
 fn fail_some(calls: &[(&'static str, i32)], most: usize) {
-    for layout in LAYOUTS {
+    LAYOUTS.par_iter().for_each(|layout| {
         let recorded = recorded(layout);
         for &(call, by) in calls {
             let n = run(&recorded.0, "room", Failing::not(call), TRAIN).calls;
@@ -164,12 +165,13 @@ fn fail_some(calls: &[(&'static str, i32)], most: usize) {
                 told_or_harmless(layout, &recorded, Failing::at(call, at, by));
                 told_or_harmless(layout, &recorded, Failing::from(call, at, by));
             }
+            println!("{layout}: {tried} of {n} calls of {call} failed, alone and with all behind");
         }
-    }
+    });
 }
 
 /// Five calls of a kind; every single one where `VBGS_EVERY_CALL` is set, some 8,000 runs of the program in
-/// half an hour.
+/// half an hour of a core.
 #[test]
 fn whichever_file_cannot_be_read_it_is_told_or_changes_nothing() {
     match std::env::var_os("VBGS_EVERY_CALL") {
