@@ -7,22 +7,20 @@
 //! A finished or outside pixel is one of negative transmittance: one comparison answers both.
 
 use super::lanes::exp2;
-use super::record::{ConicRecord, Gradient, Records, TangentFrame};
+use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
 use crate::math::camera::Intrinsics;
-use crate::math::simd::{LANES, Vector};
+use crate::math::simd::{EVERY_BIT, LANES, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::constants::{ALPHA_CAP, TILE, TRANSMITTANCE_STOP};
 use crate::render::options::Lens;
 use glam::DVec2;
+use std::ops::Range;
 
 /// Groups of lanes per row of a tile.
 pub(super) const GROUPS: usize = TILE / LANES;
 
 /// Keeps `0/0` out of the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
-
-/// A lane of a mask that is set.
-const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
 
 /// What the records mean, as a constant that the compiler builds a loop for each of.
 pub(super) struct Form;
@@ -166,9 +164,7 @@ impl Tile {
         frame: Option<&TangentFrame>,
         min_front: f32,
     ) {
-        let rows = span(splat.rect.y0, splat.rect.y1, self.top);
-        let columns = span(splat.rect.x0, splat.rect.x1, self.left);
-        let groups = columns.start / LANES..columns.end.div_ceil(LANES);
+        let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
         // Closures over vectors are not compiled for the instruction set; this is spelled out.
         let x =
@@ -286,9 +282,16 @@ pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
     groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
+/// Rows of a tile at a pixel of the image that a rectangle has part in, and groups of these rows.
+#[inline(always)]
+pub(super) fn covered(rect: &Rect, [left, top]: [usize; 2]) -> (Range<usize>, Range<usize>) {
+    let columns = span(rect.x0, rect.x1, left);
+    (span(rect.y0, rect.y1, top), columns.start / LANES..columns.end.div_ceil(LANES))
+}
+
 /// The part of `lo..hi` inside a tile that begins at `first`, from there.
 #[inline(always)]
-pub(super) fn span(lo: u16, hi: u16, first: usize) -> std::ops::Range<usize> {
+fn span(lo: u16, hi: u16, first: usize) -> Range<usize> {
     let end = first + TILE;
     ((lo as usize).max(first) - first)..((hi as usize).min(end) - first)
 }

@@ -12,10 +12,12 @@
 //!
 //! A component tells of colours no farther than it reaches, so every round searches the components of
 //! the moved points anew and goes a part of the way. Cameras err alike from frame to frame, so the first
-//! round begins where the frames around say; five rounds are usual. Exact poses are left alone.
+//! round begins where the frames around say; six rounds of a few points are usual, and one of all from
+//! there. Exact poses are left alone.
 
 use super::component_sums::SumScalar;
 use super::known_planes::{ColoredPlane, KnownPlanes};
+use super::near_seeds::GROUP;
 use super::rigid_equations::{Motion, RigidEquations};
 use crate::model::scene::sums::outer;
 use crate::observation::surface::{Observation, SurfacePoint};
@@ -24,10 +26,8 @@ use rayon::prelude::*;
 
 /// Points of a frame that are looked at, about: neighbours say the same.
 const LOOKED_AT: usize = 8192;
-/// Of so many groups of neighbours among them, one leads most of the way.
+/// Of so many groups of neighbours among them, one leads most of the way (`scene.md`, Pose alignment).
 pub const FEW: usize = 4;
-/// Points of such a group.
-const NEIGHBOURS: usize = 8;
 /// Searches for components and motions at most, one after the other.
 pub const ROUNDS: usize = 24;
 /// Movement of a point in a round, units of the structural scale, from which on another is of use.
@@ -77,7 +77,7 @@ pub fn looked_at(frame: &Observation) -> Observation {
 
 /// A frame with a few of its points. Neighbours stay together: they are searched for together.
 pub fn a_few(frame: &Observation) -> Observation {
-    let groups = frame.points.chunks(NEIGHBOURS).step_by(FEW);
+    let groups = frame.points.chunks(GROUP).step_by(FEW);
     with_points(frame, groups.flatten().copied().collect())
 }
 

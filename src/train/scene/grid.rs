@@ -8,7 +8,7 @@
 //! nodes with room for a few seeds each: insertion moves nothing, growth relinks, and seeds keep their
 //! numbers. Nodes hold places beside numbers, so that a box takes eight seeds at a time.
 
-use crate::math::simd::{Isa, Kernel, LANES, Vector};
+use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector};
 
 /// Stands for no seed, and for no component.
 pub const NONE: u32 = u32::MAX;
@@ -257,7 +257,7 @@ impl Kernel for Gather<'_> {
         let [low, high] = corners;
         for mut next in grid.heads_of(grid.cells_between(corners)) {
             while let Some(node) = grid.nodes.get(next as usize) {
-                let mut inside = V::splat(f32::from_bits(u32::MAX));
+                let mut inside = V::splat(EVERY_BIT);
                 for axis in 0..3 {
                     let at = V::load(&node.along[axis]);
                     let above = V::splat(low[axis]).mask_at_most(at);

@@ -7,7 +7,7 @@
 
 use super::super::record::{ConicRecord, Gradient, Records};
 use super::super::tile::{
-    GROUPS, LANE_COLUMNS, Passed, Plane, offset_color, pass, row_is_finished, span, untouched,
+    GROUPS, LANE_COLUMNS, Passed, Plane, covered, offset_color, pass, row_is_finished, untouched,
 };
 use crate::math::simd::{LANES, Vector};
 use crate::render::constants::TILE;
@@ -95,9 +95,7 @@ impl DrawnTile {
 
     #[inline(always)]
     fn draw_splat<V: Vector>(&mut self, splat: &ConicRecord, gradient: Option<&Gradient>) {
-        let rows = span(splat.rect.y0, splat.rect.y1, self.top);
-        let columns = span(splat.rect.x0, splat.rect.x1, self.left);
-        let groups = columns.start / LANES..columns.end.div_ceil(LANES);
+        let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
         let x =
             [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];

@@ -17,7 +17,7 @@ use super::drawn::{DrawnTile, Hit, color_at, rows_of, whitened};
 use super::moments::{HitTerms, sum_hits};
 use super::sums::ImageSums;
 use crate::math::image::Image;
-use crate::math::simd::{LANES, Vector};
+use crate::math::simd::{EVERY_BIT, LANES, Vector};
 use crate::render::constants::{ALPHA_CAP, TILE};
 
 /// Least weight that a pixel's share is divided by.
@@ -36,9 +36,6 @@ pub struct PixelRule {
     /// How much a coverage that is wrong by 1 counts beside a colour that is, squared.
     pub coverage: f32,
 }
-
-/// A lane of a mask that is set.
-const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
 
 /// A tile between the walks; one after the other, in the same memory. Pixels beyond the image show no splat,
 /// so that it does not matter what is kept of them as long as it is finite.
