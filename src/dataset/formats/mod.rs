@@ -5,6 +5,7 @@
 mod arkit;
 mod blender;
 mod color_depth;
+mod depth_delay;
 mod format;
 mod lens;
 mod listed;

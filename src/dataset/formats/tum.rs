@@ -14,6 +14,7 @@
 //! The recordings do not hold their intrinsics. The default of the makers projects their depth better
 //! than the calibration that is published for each colour camera.
 
+use super::depth_delay::{self, Clock};
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{Cameras, RecordedFrame, Recording, wrong};
 use super::stated::{self, PRIMESENSE};
@@ -90,25 +91,46 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
     let is_growing = folder.is_growing();
-    for depth in depths.iter().filter(|depth| !folder.has_taken(frame_name(&depth.name))) {
-        // Poses and photographs come in the order of time: the one behind may be the nearer.
-        let is_passed = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
-        // Of a Kinect, until the last row was read.
-        let read = if is_kinect { 0.5 * KINECT_DEPTH } else { 0.0 };
-        let end = |poses: &Trajectory| poses.end().map(|end| end - read);
-        let has_pose = trajectory.as_ref().is_none_or(|poses| is_passed(end(poses)));
-        if is_growing && !(has_pose && is_passed(colors.last().map(|color| color.time))) {
-            continue;
+    let poses = trajectory.as_ref().map(|trajectory| Poses {
+        trajectory,
+        convention: options.poses,
+        is_kinect,
+        delay: 0.0,
+    });
+    let taken: Vec<&TimedImage> = depths
+        .iter()
+        .filter(|depth| !folder.has_taken(frame_name(&depth.name)))
+        .filter(|depth| !is_growing || is_passed(depth, poses, &colors))
+        .collect();
+    let poses = match poses {
+        // While a recording grows, its first frames would be placed otherwise than the later ones.
+        Some(poses) if is_kinect && !is_growing => {
+            let frames =
+                taken.iter().map(|depth| frame(depth, &colors, Some(poses), cameras, encoding));
+            let frames: Vec<RecordedFrame> = frames.filter_map(Result::ok).collect();
+            Some(poses.delayed(&mut recording, &frames))
         }
-        let convention = options.poses;
-        let poses =
-            trajectory.as_ref().map(|trajectory| Poses { trajectory, convention, is_kinect });
+        poses => poses,
+    };
+    for depth in taken {
         match frame(depth, &colors, poses, cameras, encoding) {
             Ok(frame) => recording.push(frame),
             Err(problem) => recording.skip(&depth.name, depth.path.clone(), problem),
         }
     }
     Ok(recording.finish())
+}
+
+/// Whether all that a frame of this depth image needs is written. Poses and photographs come in the order of
+/// time: the one behind may be the nearer.
+fn is_passed(depth: &TimedImage, poses: Option<Poses<'_>>, colors: &[TimedImage]) -> bool {
+    let has = |last: Option<f64>| last.is_some_and(|last| last >= depth.time);
+    // Of a Kinect, until the last row was read.
+    let end = |poses: Poses<'_>| {
+        let read = if poses.is_kinect { 0.5 * KINECT_DEPTH } else { 0.0 };
+        poses.trajectory.end().map(|end| end - read)
+    };
+    poses.is_none_or(|poses| has(end(poses))) && has(colors.last().map(|color| color.time))
 }
 
 /// An image of a list.
@@ -233,6 +255,8 @@ struct Poses<'a> {
     convention: Option<PoseConvention>,
     /// Whether images are read row by row, as the makers' cameras do.
     is_kinect: bool,
+    /// Seconds by which depth images were taken after their times.
+    delay: f64,
 }
 
 impl Poses<'_> {
@@ -240,6 +264,18 @@ impl Poses<'_> {
     fn at(&self, time: f64) -> Option<Pose> {
         let convention = self.convention.unwrap_or(FORMAT.poses);
         self.trajectory.at(time).ok().and_then(|matrix| convention.pose(matrix).ok())
+    }
+
+    /// With the delay that the depth itself tells.
+    fn delayed(self, recording: &mut Recording<'_>, frames: &[RecordedFrame]) -> Self {
+        let clock = Clock { at: |time| self.at(time), reading: KINECT_DEPTH };
+        let Some(delay) = depth_delay::find(frames, &clock) else { return self };
+        recording.note(format!(
+            "depth was taken {:.0} ms {} its times say, as it agrees with itself along the trajectory: it is placed where the camera was then",
+            1e3 * delay.abs(),
+            if delay < 0.0 { "before" } else { "after" }
+        ));
+        Self { delay, ..self }
     }
 
     /// How the camera turned while it read an image, the middle row at `time`, in `seconds`.
@@ -286,12 +322,12 @@ fn frame(
     encoding: DepthEncoding,
 ) -> Result<RecordedFrame, FrameProblem> {
     let pose = match poses {
-        Some(poses) => Pose::from_opencv(poses.trajectory.at(depth.time)?)?,
+        Some(poses) => Pose::from_opencv(poses.trajectory.at(depth.time + poses.delay)?)?,
         None => Pose::IDENTITY,
     };
     let color = nearest(colors, depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
-    let times = [depth.time, color.time];
+    let times = [depth.time + poses.map_or(0.0, |poses| poses.delay), color.time];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
     let cameras = poses.map_or(cameras, |poses| poses.apart(cameras, size, times));
     let file = ByteSource::File(depth.path.clone());
