@@ -29,3 +29,4 @@ pub mod summary;
 pub mod timings;
 pub mod training;
 pub mod transport;
+pub mod walk_back;

@@ -1,0 +1,238 @@
+//! Pictures of the window: those of README, and every panel in both themes and several sizes, to be looked at.
+//!
+//! `VBGS_SCREENSHOTS=screenshots cargo test --release --test app -- --ignored readme_pictures` renews README's;
+//! `VBGS_SCREENSHOTS=/tmp/panels … -- --ignored every_panel` writes the panels. Without the variable they are
+//! made all the same, and thrown away.
+
+use super::harness::{
+    PATIENCE, Window, click, drop_on, enter_path, is, train, wait, wait_for_picture, window,
+};
+use super::inspect::click_at;
+use super::viewer::{choose, press};
+use crate::common::adapter::turn;
+use crate::common::shared;
+use eframe::egui::{Event, Key, Modifiers, Pos2, Theme, Vec2, pos2};
+use image::RgbaImage;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::imageops;
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use vbgs_studio::app::Painting;
+use vbgs_studio::app::state::RunState;
+
+/// Size of README's pictures of a whole window.
+const README_SIZE: Vec2 = Vec2::new(1280.0, 800.0);
+/// The tabs beside the picture.
+const TABS: [&str; 7] = ["Latency", "Quality", "Scene", "Inspector", "Edit", "Path", "Settings"];
+/// Sizes that every panel is looked at in, points, and pixels a point.
+const SIZES: [(f32, f32, f32); 3] =
+    [(800.0, 600.0, 1.0), (1600.0, 1000.0, 1.0), (1920.0, 1080.0, 2.0)];
+
+/// Where pictures go; the second keeps a folder that nobody asked for.
+fn folder() -> (PathBuf, tempfile::TempDir) {
+    let own = tempfile::tempdir().unwrap();
+    let asked = std::env::var_os("VBGS_SCREENSHOTS").map(PathBuf::from);
+    (asked.unwrap_or_else(|| own.path().to_owned()), own)
+}
+
+fn opened(dataset: Option<&Path>, size: Vec2) -> Option<Window> {
+    let mut window = window(None, Painting::Auto)?;
+    window.set_size(size);
+    window.ctx.set_theme(Theme::Dark);
+    window.run_steps(3);
+    if let Some(dataset) = dataset {
+        drop_on(&mut window, dataset);
+    }
+    Some(window)
+}
+
+/// egui makes another size of another scale, so that comes first.
+fn resize(window: &mut Window, size: Vec2, scale: f32) {
+    window.set_pixels_per_point(scale);
+    window.run_steps(2);
+    window.set_size(size);
+    window.run_steps(4);
+}
+
+/// The window once it no longer changes.
+fn still(window: &mut Window) -> RgbaImage {
+    // Neither a button that lights up nor a tooltip.
+    window.event(Event::PointerGone);
+    let started = Instant::now();
+    let mut last = RgbaImage::new(1, 1);
+    loop {
+        for _ in 0..20 {
+            window.step();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        let image = window.render().unwrap();
+        if image == last {
+            return image;
+        }
+        let differing = image.enumerate_pixels().zip(last.pixels());
+        let at =
+            differing.filter(|((_, _, now), before)| now != before).map(|((x, y, _), _)| (x, y));
+        let at: Vec<(u32, u32)> = at.collect();
+        assert!(
+            started.elapsed() < PATIENCE,
+            "the window never rests: {:?} {:?}",
+            at.first(),
+            at.last()
+        );
+        last = image;
+    }
+}
+
+/// Writes a picture, which must show something.
+fn save(image: &RgbaImage, folder: &Path, name: &str) {
+    let colors: BTreeSet<[u8; 4]> = image.pixels().step_by(7).map(|pixel| pixel.0).collect();
+    assert!(colors.len() > 30, "{name} has {} colours", colors.len());
+    std::fs::create_dir_all(folder).unwrap();
+    let file = File::create(folder.join(name)).unwrap();
+    let encoder = PngEncoder::new_with_quality(file, CompressionType::Best, FilterType::Adaptive);
+    let opaque = image::DynamicImage::ImageRgba8(image.clone()).into_rgb8();
+    opaque.write_with_encoder(encoder).unwrap();
+}
+
+/// Selects the splat at a place of the picture.
+fn select(window: &mut Window, at: Pos2) {
+    click_at(window, at);
+    wait(window, "the selection", |s| s.snapshot().inspected.is_some());
+}
+
+#[test]
+#[ignore = "trains the demo, Lego and a Kinect's room: minutes"]
+fn readme_pictures() {
+    let _turn = turn();
+    let (Some(lego), Some(kinect)) = (shared("data/lego400"), shared("data/kinect_office")) else {
+        return;
+    };
+    let (folder, _own) = folder();
+    let Some(mut window) = opened(None, README_SIZE) else { return };
+    click(&mut window, "Try the synthetic scene");
+    wait(&mut window, "ready", |s| s.snapshot().opened.is_some());
+    if is(RunState::Training)(window.state()) {
+        window.key_press(Key::Space);
+    }
+    demo(&mut window, &folder);
+
+    let Some(mut window) = opened(Some(&lego), README_SIZE) else { return };
+    train(&mut window);
+    wait_for_picture(&mut window);
+    click(&mut window, "×");
+    choose(&mut window, 1, "Evidence");
+    select(&mut window, pos2(440.0, 330.0));
+    save(&still(&mut window), &folder, "evidence-inspector.png");
+
+    let Some(mut window) = opened(Some(&kinect), README_SIZE) else { return };
+    click(&mut window, "Quality");
+    train(&mut window);
+    wait(&mut window, "the result", |s| s.quality().result().is_some());
+    click(&mut window, "×");
+    press(&mut window, Key::G);
+    window.run_steps(10);
+    save(&still(&mut window), &folder, "kinect-room-dark.png");
+    window.ctx.set_theme(Theme::Light);
+    save(&still(&mut window), &folder, "kinect-room-light.png");
+}
+
+/// The demo after one frame and at its end, beside each other; both renderers.
+fn demo(window: &mut Window, folder: &Path) {
+    wait(window, "a frame", |s| s.snapshot().frames_done > 0 && s.n_drawn() > 100);
+    let halves = [still(window), {
+        if !is(RunState::Finished)(window.state()) {
+            window.key_press(Key::Space);
+        }
+        wait(window, "the end", is(RunState::Finished));
+        click(window, "×");
+        still(window)
+    }];
+    let (width, height) = (halves[0].width() * 9 / 16, halves[0].height() * 9 / 16);
+    let mut both = RgbaImage::new(2 * width, height);
+    for (half, x) in halves.iter().zip([0, width]) {
+        let small = imageops::resize(half, width, height, imageops::FilterType::Lanczos3);
+        imageops::replace(&mut both, &small, x.into(), 0);
+    }
+    save(&both, folder, "demo-growing.png");
+    choose(window, 0, "Wipe renderers");
+    save(&still(window), folder, "wipe.png");
+}
+
+#[test]
+#[ignore = "trains a Kinect's room and draws some eighty windows: minutes"]
+fn every_panel() {
+    let _turn = turn();
+    let Some(kinect) = shared("data/kinect_office") else { return };
+    let (folder, _own) = folder();
+    for theme in [Theme::Dark, Theme::Light] {
+        let Some(mut window) = opened(None, README_SIZE) else { return };
+        window.ctx.set_theme(theme);
+        in_all_sizes(&mut window, &folder, theme, "start", |_| ());
+    }
+    let Some(mut window) = opened(Some(&kinect), README_SIZE) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    for theme in [Theme::Dark, Theme::Light] {
+        window.ctx.set_theme(theme);
+        in_all_sizes(&mut window, &folder, theme, "ready", |_| ());
+    }
+    resize(&mut window, README_SIZE, 1.0);
+    train(&mut window);
+    wait_for_picture(&mut window);
+    for theme in [Theme::Dark, Theme::Light] {
+        window.ctx.set_theme(theme);
+        in_all_sizes(&mut window, &folder, theme, "end", |_| ());
+    }
+    click(&mut window, "×");
+    resize(&mut window, README_SIZE, 1.0);
+    select(&mut window, pos2(440.0, 330.0));
+    for theme in [Theme::Dark, Theme::Light] {
+        window.ctx.set_theme(theme);
+        panels(&mut window, &folder, theme);
+    }
+}
+
+fn panels(window: &mut Window, folder: &Path, theme: Theme) {
+    for tab in TABS {
+        in_all_sizes(window, folder, theme, tab, |window| click(window, tab));
+    }
+    in_all_sizes(window, folder, theme, "wipe", |window| {
+        if !window.state().view().mode().has_photo() {
+            press(window, Key::G);
+        }
+    });
+    press(window, Key::G);
+    in_all_sizes(window, folder, theme, "help", |window| press(window, Key::F1));
+    in_all_sizes(window, folder, theme, "palette", |window| {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::P);
+        window.run_steps(2);
+    });
+    in_all_sizes(window, folder, theme, "menu", |window| click(window, "View"));
+    let file = folder.join("scene.ply");
+    in_all_sizes(window, folder, theme, "export", |window| {
+        window.key_press_modifiers(Modifiers::COMMAND, Key::E);
+        window.run_steps(2);
+        enter_path(window, &file);
+    });
+}
+
+/// Pictures of what `show` brings up, by Escape gone again, in every size.
+fn in_all_sizes(
+    window: &mut Window,
+    folder: &Path,
+    theme: Theme,
+    name: &str,
+    show: impl Fn(&mut Window),
+) {
+    for (width, height, scale) in SIZES {
+        resize(window, Vec2::new(width, height), scale);
+        show(window);
+        let theme = if theme == Theme::Dark { "dark" } else { "light" };
+        save(&still(window), folder, &format!("{name}-{theme}-{width}.png"));
+        if matches!(name, "help" | "palette" | "menu" | "export") {
+            press(window, Key::Escape);
+            window.run_steps(2);
+        }
+    }
+}
