@@ -79,17 +79,18 @@ impl Pair {
 
     #[track_caller]
     fn compare(&mut self, what: &str) {
-        // Not by the harness, which draws a pointer of its own over it.
-        let found = self.egui.render(&self.window.ctx, self.window.output()).unwrap();
         let context = self.window.ctx.clone();
         let mut handed = self.witness.0.lock().unwrap();
         self.egui.handle_delta(&mut handed.textures);
         let area = Rect::from_min_size(Pos2::ZERO, Vec2::splat(10_000.0));
         let background = Shape::rect_filled(area, 0.0, context.global_style().visuals.panel_fill);
-        let mut shapes = vec![ClippedShape::new(area, background)];
-        shapes.extend(handed.shapes.iter().cloned());
-        let output = FullOutput { shapes, ..Default::default() };
-        let expected = self.egui.render(&context, &output).unwrap();
+        let background = ClippedShape::new(area, background);
+        // Not by the harness, which draws a pointer of its own over it.
+        let [found, expected] = [&self.window.output().shapes, &handed.shapes].map(|shapes| {
+            let shapes = [std::slice::from_ref(&background), shapes].concat();
+            let output = FullOutput { shapes, ..Default::default() };
+            self.egui.render(&context, &output).unwrap()
+        });
         assert_eq!(found.dimensions(), expected.dimensions(), "{what}");
         let differences: Vec<u8> =
             found.iter().zip(expected.iter()).map(|(a, b)| a.abs_diff(*b)).collect();

@@ -32,6 +32,10 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     assert!((result.psnr - expected.psnr).abs() < 1e-9, "{result:?}");
     assert_eq!(result.frames, 3);
     assert!(result.depth_error.is_some() && result.seconds > 0.0);
+    assert_eq!(result.components, window.state().snapshot().used);
+    for metric in ["Components", "SSIM", "Depth error", "PSNR"] {
+        click(&mut window, metric);
+    }
     wait_for_label(&mut window, &format!("{:.2} dB", expected.psnr));
     wait(&mut window, "what is kept", |s| {
         let kept = s.quality().retention().frames().first();

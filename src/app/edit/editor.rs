@@ -115,6 +115,13 @@ impl Editor {
         }
     }
 
+    /// Back to the scene of now, whose splats edits are about.
+    fn leave_past(&mut self) {
+        if self.past_shown().is_some() {
+            self.walked_to = None;
+        }
+    }
+
     /// The last frame, by its position in the run, whose births are shown.
     pub fn born_until(&self) -> Option<u32> {
         let until = |n_frames: usize| n_frames.saturating_sub(1) as u32;
@@ -160,6 +167,7 @@ impl Editor {
 
     /// Selects what the slider means, as a step that goes on while it is dragged.
     pub fn select_doubtful(&mut self, threshold: f64, palette: &Palette) {
+        self.leave_past();
         self.threshold = Some(threshold);
         let slots = self.doubt.slots(threshold, palette.learned(), palette.known());
         let marks = self.marks(slots, palette);
@@ -169,6 +177,7 @@ impl Editor {
 
     /// Selects what is shown and not selected.
     pub fn invert(&mut self, palette: &Palette) {
+        self.leave_past();
         let all = self.marks(0..palette.learned().len() as u32, palette);
         let next = self.edits().selecting(all.without(&self.edits().selected), SelectHow::Replace);
         self.history.step(next);
@@ -188,7 +197,7 @@ impl Editor {
             UiCommand::Redo => return self.history.redo(),
             UiCommand::BoxSelect => {
                 self.is_boxing = !self.is_boxing;
-                return;
+                return self.leave_past();
             }
             UiCommand::Deselect => now.selecting(SplatMarks::default(), SelectHow::Replace),
             UiCommand::HideSelected => now.hiding(),

@@ -47,8 +47,6 @@ impl SceneView {
     pub fn is_of_use(&self, command: UiCommand) -> bool {
         let edits = self.editor.edits();
         match command {
-            // Edits are of the splats of now, which are not seen then.
-            UiCommand::BoxSelect => self.editor.past_shown().is_none(),
             UiCommand::Undo => self.editor.can_undo(),
             UiCommand::Redo => self.editor.can_redo(),
             UiCommand::HideSelected | UiCommand::DeleteSelected => !edits.selected.is_empty(),
@@ -105,6 +103,7 @@ impl SceneView {
             let world = self.world_of(ui, response.rect, &self.latest_camera?, opened)?;
             crop_handles::face_at(&world, crop, at)
         });
+        // Edits are of the splats of now, which are not seen then.
         let is_boxing = self.editor.is_boxing && self.editor.past_shown().is_none();
         let selects = is_boxing.then_some(EditDrag::Select);
         self.edit_drag = face.map(EditDrag::Face).or(selects);
