@@ -253,6 +253,21 @@ fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
         window.get_by_label("As it was after frame 1 of 6 (Edit)");
         let past = window.state().view().editor().past_shown().unwrap().clone();
         assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
+        let now = settled(&mut window);
+        let d: Vec<usize> = now
+            .iter()
+            .zip(&first)
+            .enumerate()
+            .filter(|(_, (a, b))| a != b)
+            .map(|(i, _)| i)
+            .collect();
+        eprintln!(
+            "DBG {} {:?} {:?}",
+            d.len(),
+            d.first().map(|i| (i / 4 % 500 + 50, i / 2000 + 150)),
+            d.last().map(|i| (i / 4 % 500 + 50, i / 2000 + 150))
+        );
+        window.render().unwrap().save("/tmp/walk.png").unwrap();
         assert!(settled(&mut window) == first, "the picture of then");
         step_to(&mut window, 4);
         assert!(settled(&mut window) == first, "what is trained is not shown");

@@ -96,6 +96,11 @@ fn save(image: &RgbaImage, folder: &Path, name: &str) {
     opaque.write_with_encoder(encoder).unwrap();
 }
 
+fn smaller(image: &RgbaImage, numerator: u32, denominator: u32) -> RgbaImage {
+    let [width, height] = [image.width(), image.height()].map(|n| n * numerator / denominator);
+    imageops::resize(image, width, height, imageops::FilterType::Lanczos3)
+}
+
 /// Selects the splat at a place of the picture.
 fn select(window: &mut Window, at: Pos2) {
     click_at(window, at);
@@ -135,7 +140,7 @@ fn readme_pictures() {
     window.run_steps(10);
     save(&still(&mut window), &folder, "kinect-room-dark.png");
     window.ctx.set_theme(Theme::Light);
-    save(&still(&mut window), &folder, "kinect-room-light.png");
+    save(&smaller(&still(&mut window), 3, 4), &folder, "kinect-room-light.png");
 }
 
 /// The demo after one frame and at its end, beside each other; both renderers.
@@ -149,11 +154,11 @@ fn demo(window: &mut Window, folder: &Path) {
         click(window, "×");
         still(window)
     }];
-    let (width, height) = (halves[0].width() * 9 / 16, halves[0].height() * 9 / 16);
+    let halves = halves.map(|half| smaller(&half, 9, 16));
+    let (width, height) = halves[0].dimensions();
     let mut both = RgbaImage::new(2 * width, height);
     for (half, x) in halves.iter().zip([0, width]) {
-        let small = imageops::resize(half, width, height, imageops::FilterType::Lanczos3);
-        imageops::replace(&mut both, &small, x.into(), 0);
+        imageops::replace(&mut both, half, x.into(), 0);
     }
     save(&both, folder, "demo-growing.png");
     choose(window, 0, "Wipe renderers");

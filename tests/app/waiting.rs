@@ -132,8 +132,8 @@ fn only_splats_that_changed_are_uploaded() {
     drag(&mut window, PointerButton::Primary);
     assert_eq!(uploaded(&window, 5), 0, "by a camera that moves");
     press(&mut window, Key::B);
-    let corner = MIDDLE + Vec2::splat(30.0);
-    drag_between(&mut window, PointerButton::Primary, MIDDLE, corner);
+    let corners = [-60.0, 60.0].map(|side| MIDDLE + Vec2::splat(side));
+    drag_between(&mut window, PointerButton::Primary, corners[0], corners[1]);
     settled(&mut window);
     let n_selected = window.state().view().editor().edits().selected.len();
     let n_all = window.state().view().learned().len();
