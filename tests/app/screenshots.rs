@@ -5,13 +5,14 @@
 //! made all the same, and thrown away.
 
 use super::harness::{
-    PATIENCE, Window, click, drop_on, enter_path, is, train, wait, wait_for_picture, window,
+    PATIENCE, Window, click, close_notice, drop_on, enter_path, is, train, wait, wait_for_picture, window,
 };
 use super::inspect::click_at;
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
 use crate::common::shared;
 use eframe::egui::{Event, Key, Modifiers, Pos2, Theme, Vec2, pos2};
+use egui_kittest::kittest::Queryable;
 use image::RgbaImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::imageops;
@@ -101,6 +102,14 @@ fn smaller(image: &RgbaImage, numerator: u32, denominator: u32) -> RgbaImage {
     imageops::resize(image, width, height, imageops::FilterType::Lanczos3)
 }
 
+/// Closes the card at the end and all notices.
+fn close_all(window: &mut Window) {
+    window.run_steps(2);
+    while window.query_all_by_label("×").next().is_some() {
+        close_notice(window);
+    }
+}
+
 /// Selects the splat at a place of the picture.
 fn select(window: &mut Window, at: Pos2) {
     click_at(window, at);
@@ -126,7 +135,8 @@ fn readme_pictures() {
     let Some(mut window) = opened(Some(&lego), README_SIZE) else { return };
     train(&mut window);
     wait_for_picture(&mut window);
-    click(&mut window, "×");
+    close_all(&mut window);
+    press(&mut window, Key::F);
     choose(&mut window, 1, "Evidence");
     select(&mut window, pos2(440.0, 330.0));
     save(&still(&mut window), &folder, "evidence-inspector.png");
@@ -135,7 +145,7 @@ fn readme_pictures() {
     click(&mut window, "Quality");
     train(&mut window);
     wait(&mut window, "the result", |s| s.quality().result().is_some());
-    click(&mut window, "×");
+    close_all(&mut window);
     press(&mut window, Key::G);
     window.run_steps(10);
     save(&still(&mut window), &folder, "kinect-room-dark.png");
@@ -151,7 +161,7 @@ fn demo(window: &mut Window, folder: &Path) {
             window.key_press(Key::Space);
         }
         wait(window, "the end", is(RunState::Finished));
-        click(window, "×");
+        close_all(window);
         still(window)
     }];
     let halves = halves.map(|half| smaller(&half, 9, 16));
@@ -189,7 +199,7 @@ fn every_panel() {
         window.ctx.set_theme(theme);
         in_all_sizes(&mut window, &folder, theme, "end", |_| ());
     }
-    click(&mut window, "×");
+    close_all(&mut window);
     resize(&mut window, README_SIZE, 1.0);
     select(&mut window, pos2(440.0, 330.0));
     for theme in [Theme::Dark, Theme::Light] {
