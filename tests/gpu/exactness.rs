@@ -1,7 +1,7 @@
 //! The exact renderer of the GPU against maxima found by search (see `common/exactness.rs`).
 
 use super::device::Gpu;
-use crate::common::exactness::{Tolerance, check};
+use crate::common::exactness::{N_SPLATS, Tolerance, check};
 use vbgs_studio::model::splat::splats::Splat;
 use vbgs_studio::render::gpu::DrawPath;
 
@@ -9,15 +9,18 @@ use vbgs_studio::render::gpu::DrawPath;
 const TOLERANCE: Tolerance = Tolerance { alpha: 2e-3, cut_band: 5e-3 };
 
 #[test]
-#[ignore = "half a minute or more: two thousand pictures"]
+#[ignore = "half a minute or more: more than a thousand pictures"]
 fn no_awkward_splat_is_wrong_or_missing() {
     let Some(gpu) = Gpu::new() else { return };
-    for path in [DrawPath::Quads, DrawPath::Tiles] {
+    // By tiles five of every kind in every view: cores draw one of those in a sixth of a second, most of it
+    // for workgroups that find nothing to do.
+    for (path, n_splats) in [(DrawPath::Quads, N_SPLATS), (DrawPath::Tiles, 240)] {
         let mut renderer = gpu.renderer();
         renderer.set_path(path);
         // One scene throughout: its pipelines take longer than a picture.
         let mut scene = gpu.scene(&[Splat::default()]);
         let figures = check(
+            n_splats,
             |case| {
                 let splats = [case.splat];
                 scene.update(&gpu.device, &gpu.queue, &[0], &splats).unwrap();
@@ -27,7 +30,7 @@ fn no_awkward_splat_is_wrong_or_missing() {
             TOLERANCE,
         );
         println!("{path}: {figures:?}");
-        assert_eq!(figures.n_splats, 1000);
+        assert_eq!(figures.n_splats, n_splats);
         assert!(figures.n_on_cut * 100 < figures.n_rays, "{figures:?}");
     }
     gpu.assert_no_faults();

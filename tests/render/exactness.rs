@@ -1,6 +1,6 @@
 //! The exact renderer against maxima found by search (see `common/exactness.rs`).
 
-use crate::common::exactness::{Figures, Tolerance, check};
+use crate::common::exactness::{Figures, N_SPLATS, Tolerance, check};
 use crate::common::oracle::Oracle;
 use vbgs_studio::render::cpu::CpuRenderer;
 
@@ -8,6 +8,7 @@ use vbgs_studio::render::cpu::CpuRenderer;
 fn the_oracle_is_exact() {
     let tolerance = Tolerance { alpha: 1e-9, cut_band: 1e-9 };
     let figures = check(
+        N_SPLATS,
         |case| {
             let oracle = Oracle::of(&[case.splat], &case.camera, &case.options);
             oracle.render().map(|sample| sample.rgba[3])
@@ -23,6 +24,7 @@ fn the_cpu_renderer_is_exact() {
     let tolerance = Tolerance { alpha: 2e-5, cut_band: 1e-3 };
     let mut renderer = CpuRenderer::new();
     let figures = check(
+        N_SPLATS,
         |case| {
             let image = renderer.render(&[case.splat], &case.camera, &case.options);
             image.coverage.map(|alpha| f64::from(*alpha))
@@ -34,7 +36,7 @@ fn the_cpu_renderer_is_exact() {
 
 fn report(name: &str, figures: &Figures) {
     println!("{name}: {figures:?}");
-    assert_eq!(figures.n_splats, 1000);
+    assert_eq!(figures.n_splats, N_SPLATS);
     assert!(figures.n_rays > 100_000 && figures.n_integrated > 50_000, "{figures:?}");
     assert!(figures.n_on_cut * 1000 < figures.n_rays, "{figures:?}");
 }
