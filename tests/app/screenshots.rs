@@ -5,7 +5,8 @@
 //! made all the same, and thrown away.
 
 use super::harness::{
-    PATIENCE, Window, click, close_notice, drop_on, enter_path, is, train, wait, wait_for_picture, window,
+    PATIENCE, Window, click, close_notice, drop_on, enter_path, is, train, wait, wait_for_picture,
+    window,
 };
 use super::inspect::click_at;
 use super::viewer::{choose, press};
@@ -142,6 +143,7 @@ fn readme_pictures() {
     save(&still(&mut window), &folder, "evidence-inspector.png");
 
     let Some(mut window) = opened(Some(&kinect), README_SIZE) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
     click(&mut window, "Quality");
     train(&mut window);
     wait(&mut window, "the result", |s| s.quality().result().is_some());
