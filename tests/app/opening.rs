@@ -116,7 +116,7 @@ fn a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt() {
     });
     let snapshot = window.state().snapshot();
     assert_eq!(snapshot.skipped.len() + snapshot.frames_done, 60);
-    let reason = &snapshot.skipped.last().unwrap().reason;
+    let reason = &snapshot.skipped.last().unwrap().message;
     assert!(reason.contains(".png"), "{reason}");
     let file = folder.path().join("scene.ply");
     write_to(&mut window, Key::E, "Export", &file);
