@@ -5,8 +5,8 @@
 //! made all the same, and thrown away.
 
 use super::harness::{
-    PATIENCE, Window, click, close_notice, drop_on, enter_path, is, train, wait, wait_for_picture,
-    window,
+    PATIENCE, Window, click, close_notice, drop_on, enter_path, is, train, turn_wheel, wait,
+    wait_for_picture, window,
 };
 use super::inspect::click_at;
 use super::viewer::{choose, press};
@@ -137,9 +137,9 @@ fn readme_pictures() {
     train(&mut window);
     wait_for_picture(&mut window);
     close_all(&mut window);
-    press(&mut window, Key::F);
+    turn_wheel(&mut window, pos2(440.0, 330.0), -80.0);
     choose(&mut window, 1, "Evidence");
-    select(&mut window, pos2(440.0, 330.0));
+    select(&mut window, pos2(440.0, 360.0));
     save(&still(&mut window), &folder, "evidence-inspector.png");
 
     let Some(mut window) = opened(Some(&kinect), README_SIZE) else { return };
@@ -152,7 +152,7 @@ fn readme_pictures() {
     window.run_steps(10);
     save(&still(&mut window), &folder, "kinect-room-dark.png");
     window.ctx.set_theme(Theme::Light);
-    save(&smaller(&still(&mut window), 3, 4), &folder, "kinect-room-light.png");
+    save(&smaller(&still(&mut window), 5, 8), &folder, "kinect-room-light.png");
 }
 
 /// The demo after one frame and at its end, beside each other; both renderers.
