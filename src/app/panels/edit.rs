@@ -1,5 +1,6 @@
 //! What is selected, hidden, deleted and cropped; and the walk back to earlier frames.
 
+use super::explained::{SLIDER, weak};
 use super::legend::number;
 use super::walk_back;
 use crate::app::command::UiCommand;
@@ -9,10 +10,7 @@ use crate::app::edit::threshold::Doubt;
 use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
-use eframe::egui::{Button, DragValue, Grid, Label, Response, RichText, ScrollArea, Slider, Ui};
-
-/// Width of the sliders, points.
-pub const SLIDER: f32 = 200.0;
+use eframe::egui::{Button, DragValue, Grid, Response, RichText, ScrollArea, Slider, Ui};
 
 /// Draws the panel; the command that was asked for.
 pub fn ui(
@@ -73,11 +71,6 @@ pub fn ui(
 fn section(ui: &mut Ui, title: &str) {
     ui.add_space(8.0);
     ui.label(RichText::new(title).strong());
-}
-
-/// A text that explains.
-pub fn weak(ui: &mut Ui, text: &str) {
-    ui.add(Label::new(RichText::new(text).weak()).wrap());
 }
 
 fn command(ui: &mut Ui, command: UiCommand, is_of_use: bool, asked: &mut Option<UiCommand>) {

@@ -6,6 +6,7 @@ pub mod badge;
 pub mod detail;
 pub mod draw_share;
 pub mod edit;
+pub mod explained;
 pub mod frame_cell;
 pub mod frame_strip;
 pub mod histogram;

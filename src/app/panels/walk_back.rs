@@ -1,6 +1,6 @@
 //! The walk back: the scene as it was after earlier frames, as far as it is kept, or what was born by then.
 
-use super::edit::{SLIDER, weak};
+use super::explained::{SLIDER, weak};
 use crate::app::edit::editor::{Editor, WalkBack};
 use crate::app::state::Snapshot;
 use crate::app::viewer::SceneView;
