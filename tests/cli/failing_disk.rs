@@ -166,7 +166,6 @@ fn fail_some(calls: &[(&'static str, i32)], most: usize) {
                 told_or_harmless(layout, &recorded, Failing::at(call, at, by));
                 told_or_harmless(layout, &recorded, Failing::from(call, at, by));
             }
-            println!("{layout}: {tried} of {n} calls of {call} failed, alone and with all behind");
         }
     });
 }

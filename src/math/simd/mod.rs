@@ -11,4 +11,4 @@ mod portable;
 mod vector;
 
 pub use isa::{FORCE_VARIABLE, Isa};
-pub use vector::{Kernel, LANES, Vector};
+pub use vector::{EVERY_BIT, Kernel, LANES, Vector};

@@ -5,6 +5,9 @@ use std::ops::{Add, Div, Mul, Sub};
 /// Lanes of a [`Vector`].
 pub const LANES: usize = 8;
 
+/// A lane of a mask that is set.
+pub const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
+
 /// Eight f32 lanes.
 pub trait Vector:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>

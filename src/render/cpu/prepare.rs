@@ -116,36 +116,42 @@ impl Chunk<'_> {
 
     /// Writes splat `i` to place `to`; whether any pixel sees it.
     fn draw(&mut self, view: &CpuView, i: usize, placed: CameraSplat, to: usize) -> bool {
-        let appearance = self.appearance.get(i);
-        let color = shade::color(view, &self.splats[i], &placed, appearance);
+        let (splats, appearance) = (self.splats, self.appearance.get(i));
+        let color = |placed: &CameraSplat| shade::color(view, &splats[i], placed, appearance);
         let shade = match (self.gradients.get_mut(to), appearance) {
             (Some(place), Some(appearance)) => Some((place, ColorGradient::new(appearance, view))),
             _ => None,
         };
-        let drawn = match view.method {
+        let recorded = match view.method {
             RenderMethod::Projected(support) => {
-                if let Some((place, shade)) = shade {
-                    *place = projected::gradient(&shade, &placed, view);
-                }
-                projected::draw(view, &placed, support)
+                // Of many splats the view sees nothing: what colours them comes last.
+                let drawn = projected::draw(view, &placed, support);
+                drawn.and_then(|drawn| {
+                    if let Some((place, shade)) = shade {
+                        *place = projected::gradient(&shade, &placed, view);
+                    }
+                    drawn.record(color(&placed))
+                })
             }
             RenderMethod::Exact(settings) if settings.lens == Lens::Pinhole => {
                 if let Some((place, shade)) = shade {
                     *place = shade.gradient(&exact::pinhole_tangent(&placed, &view.intrinsics));
                 }
-                exact::pinhole(view, placed, settings)
+                let color = color(&placed);
+                exact::pinhole(view, placed, settings).and_then(|drawn| drawn.record(color))
             }
             RenderMethod::Exact(settings) => {
                 if let Some((place, shade)) = shade {
                     *place = shade.gradient(&exact::fisheye_tangent(&placed));
                 }
-                exact::fisheye(view, placed, settings).map(|(drawn, frame)| {
+                let color = color(&placed);
+                exact::fisheye(view, placed, settings).and_then(|(drawn, frame)| {
                     self.frames[to] = frame;
-                    drawn
+                    drawn.record(color)
                 })
             }
         };
-        let Some((record, key)) = drawn.and_then(|drawn| drawn.record(color)) else { return false };
+        let Some((record, key)) = recorded else { return false };
         self.listings[to] = DepthEntry::new(key, &record.rect);
         self.records[to] = record;
         self.ids[to] = self.first + i as u32;

@@ -7,22 +7,20 @@
 //! A finished or outside pixel is one of negative transmittance: one comparison answers both.
 
 use super::lanes::exp2;
-use super::record::{ConicRecord, Gradient, Records, TangentFrame};
+use super::record::{ConicRecord, Gradient, Records, Rect, TangentFrame};
 use crate::math::camera::Intrinsics;
-use crate::math::simd::{LANES, Vector};
+use crate::math::simd::{EVERY_BIT, LANES, Vector};
 use crate::model::splat::appearance::GRADIENT_LIMIT;
 use crate::render::constants::{ALPHA_CAP, TILE, TRANSMITTANCE_STOP};
 use crate::render::options::Lens;
 use glam::DVec2;
+use std::ops::Range;
 
 /// Groups of lanes per row of a tile.
 pub(super) const GROUPS: usize = TILE / LANES;
 
 /// Keeps `0/0` out of the direction opposite to a splat's centre.
 const MIN_NUMERATOR: f32 = 1e-20;
-
-/// A lane of a mask that is set.
-const EVERY_BIT: f32 = f32::from_bits(u32::MAX);
 
 /// What the records mean, as a constant that the compiler builds a loop for each of.
 pub(super) struct Form;
@@ -129,11 +127,6 @@ impl Tile {
         self.open_rows == 0
     }
 
-    /// Pixel of the image at its upper left.
-    pub(super) fn corner(&self) -> (usize, usize) {
-        (self.left, self.top)
-    }
-
     /// Transmittance (its sign says nothing outside), colour and depth sums.
     pub(super) fn planes(&self) -> [&Plane; 5] {
         let [red, green, blue] = &self.color;
@@ -171,9 +164,7 @@ impl Tile {
         frame: Option<&TangentFrame>,
         min_front: f32,
     ) {
-        let rows = span(splat.rect.y0, splat.rect.y1, self.top);
-        let columns = span(splat.rect.x0, splat.rect.x1, self.left);
-        let groups = columns.start / LANES..columns.end.div_ceil(LANES);
+        let (rows, groups) = covered(&splat.rect, [self.left, self.top]);
         let x0 = self.left as f32 + 0.5 - splat.u;
         // Closures over vectors are not compiled for the instruction set; this is spelled out.
         let x =
@@ -239,14 +230,10 @@ pub(super) fn untouched(first: usize, columns: usize) -> [f32; LANES] {
 
 /// A splat in eight pixels.
 pub(super) struct Passed<V> {
-    /// 0 where a pixel does not show it.
-    pub alpha: V,
-    /// Alpha where it is below the cap, else 0.
-    pub moving: V,
+    /// Alpha before the cap; 0 where a pixel does not show it.
+    pub free: V,
     /// Alpha times the transmittance in front.
     pub weight: V,
-    /// Transmittance in front.
-    pub front: V,
     /// Whether a pixel was finished by it.
     pub stopped: bool,
 }
@@ -266,10 +253,8 @@ pub(super) fn pass<V: Vector>(
     if hit.signs() == 0 {
         return None;
     }
-    let cap = V::splat(ALPHA_CAP as f32);
-    let free = V::splat(splat.opacity) * exp2(exponent);
-    let mut alpha = free.min(cap).and(hit);
-    let mut weight = alpha * front;
+    let mut free = (V::splat(splat.opacity) * exp2(exponent)).and(hit);
+    let mut weight = capped(free) * front;
     let mut next = front - weight;
     let open = V::splat(TRANSMITTANCE_STOP as f32).mask_at_most(next);
     // Lanes that were not hit are not stopped either.
@@ -278,12 +263,17 @@ pub(super) fn pass<V: Vector>(
     // its size stays: coverage still needs it.
     if stopped != 0 {
         let goes_on = V::select(hit, open, V::splat(EVERY_BIT));
-        (alpha, weight) = (alpha.and(goes_on), weight.and(goes_on));
+        (free, weight) = (free.and(goes_on), weight.and(goes_on));
         next = V::select(goes_on, next, V::splat(0.0) - front);
     }
     next.store(transmittance);
-    let moving = alpha.and(free.mask_at_most(cap));
-    Some(Passed { alpha, moving, weight, front, stopped: stopped != 0 })
+    Some(Passed { free, weight, stopped: stopped != 0 })
+}
+
+/// Alpha of what it would be without its cap.
+#[inline(always)]
+pub(super) fn capped<V: Vector>(free: V) -> V {
+    free.min(V::splat(ALPHA_CAP as f32))
 }
 
 /// Whether no pixel of a row takes any more splats.
@@ -292,9 +282,16 @@ pub(super) fn row_is_finished(transmittance: &Plane, row: usize) -> bool {
     groups.iter().flatten().all(|&t| t < f32::MIN_POSITIVE)
 }
 
+/// Rows of a tile at a pixel of the image that a rectangle has part in, and groups of these rows.
+#[inline(always)]
+pub(super) fn covered(rect: &Rect, [left, top]: [usize; 2]) -> (Range<usize>, Range<usize>) {
+    let columns = span(rect.x0, rect.x1, left);
+    (span(rect.y0, rect.y1, top), columns.start / LANES..columns.end.div_ceil(LANES))
+}
+
 /// The part of `lo..hi` inside a tile that begins at `first`, from there.
 #[inline(always)]
-pub(super) fn span(lo: u16, hi: u16, first: usize) -> std::ops::Range<usize> {
+fn span(lo: u16, hi: u16, first: usize) -> Range<usize> {
     let end = first + TILE;
     ((lo as usize).max(first) - first)..((hi as usize).min(end) - first)
 }
@@ -378,9 +375,8 @@ pub(super) fn offset_color<V: Vector>(
     channel: usize,
     offset: [V; 2],
 ) -> V {
-    let zero = V::splat(0.0);
-    let at = Response { exponent: zero, tau: V::splat(1.0), beyond: zero, offset };
-    shaded(color, gradient, channel, &at)
+    let [x, y] = gradient.across[channel];
+    changed(color, V::splat(x) * offset[0] + V::splat(y) * offset[1])
 }
 
 /// One channel of the colour with its gradient (`rendering.md`, Native appearance).
@@ -388,7 +384,12 @@ pub(super) fn offset_color<V: Vector>(
 fn shaded<V: Vector>(color: f32, gradient: &Gradient, channel: usize, at: &Response<V>) -> V {
     let [x, y] = gradient.across[channel];
     let across = at.tau * (V::splat(x) * at.offset[0] + V::splat(y) * at.offset[1]);
-    let change = V::splat(gradient.along[channel]) * at.beyond + across;
+    changed(color, V::splat(gradient.along[channel]) * at.beyond + across)
+}
+
+/// A channel of the colour at its centre, changed by what its gradient says.
+#[inline(always)]
+fn changed<V: Vector>(color: f32, change: V) -> V {
     let limit = GRADIENT_LIMIT as f32;
     // Beyond the points that taught it a gradient extrapolates; the limit is the model's.
     let change = change.max(V::splat(-limit)).min(V::splat(limit));

@@ -12,10 +12,12 @@
 //!
 //! A component tells of colours no farther than it reaches, so every round searches the components of
 //! the moved points anew and goes a part of the way. Cameras err alike from frame to frame, so the first
-//! round begins where the frames around say; five rounds are usual. Exact poses are left alone.
+//! round begins where the frames around say; six rounds of a few points are usual, and one of all from
+//! there. Exact poses are left alone.
 
 use super::component_sums::SumScalar;
 use super::known_planes::{ColoredPlane, KnownPlanes};
+use super::near_seeds::GROUP;
 use super::rigid_equations::{Motion, RigidEquations};
 use crate::model::scene::sums::outer;
 use crate::observation::surface::{Observation, SurfacePoint};
@@ -24,6 +26,8 @@ use rayon::prelude::*;
 
 /// Points of a frame that are looked at, about: neighbours say the same.
 const LOOKED_AT: usize = 8192;
+/// Of so many groups of neighbours among them, one leads most of the way (`scene.md`, Pose alignment).
+pub const FEW: usize = 4;
 /// Searches for components and motions at most, one after the other.
 pub const ROUNDS: usize = 24;
 /// Movement of a point in a round, units of the structural scale, from which on another is of use.
@@ -56,8 +60,8 @@ pub struct PoseAlignment<'a> {
 }
 
 /// What a component expects of the frame, and what the frame shows of it.
-struct Match {
-    plane: ColoredPlane,
+struct Match<'p> {
+    plane: &'p ColoredPlane,
     /// Variance of the points' mean along the normal, world units².
     variance: f64,
     /// Means of the frame's points.
@@ -68,8 +72,19 @@ struct Match {
 /// A frame with as many of its points, evenly chosen, as tell of its motion.
 pub fn looked_at(frame: &Observation) -> Observation {
     let every = (frame.points.len() / LOOKED_AT).max(1);
+    with_points(frame, frame.points.iter().step_by(every).copied().collect())
+}
+
+/// A frame with a few of its points. Neighbours stay together: they are searched for together.
+pub fn a_few(frame: &Observation) -> Observation {
+    let groups = frame.points.chunks(GROUP).step_by(FEW);
+    with_points(frame, groups.flatten().copied().collect())
+}
+
+/// What tells where some points were seen from.
+fn with_points(frame: &Observation, points: Vec<SurfacePoint>) -> Observation {
     Observation {
-        points: frame.points.iter().step_by(every).copied().collect(),
+        points,
         camera: frame.camera,
         origin: frame.origin,
         tolerance: frame.tolerance,
@@ -95,7 +110,7 @@ impl PoseAlignment<'_> {
         for _ in 0..STEPS {
             // About the recorded pose in every round: about the last one, rounds could wander off.
             let mut normal = RigidEquations::prior(&motion, [TURN_DEVIATION, shift_deviation]);
-            let part = |matches: &[Match]| {
+            let part = |matches: &[Match<'_>]| {
                 let mut part = RigidEquations::NONE;
                 matches.iter().for_each(|matched| part.add_match(matched, centre, &motion));
                 part
@@ -115,7 +130,7 @@ impl PoseAlignment<'_> {
     }
 
     /// Matches of the components that own points, in ascending order.
-    fn matches<W: SumScalar>(&self, planes: &mut KnownPlanes<'_, W>) -> Vec<Match> {
+    fn matches<'p, W: SumScalar>(&self, planes: &'p mut KnownPlanes<'_, W>) -> Vec<Match<'p>> {
         let owners = self.owners.iter().enumerate().filter(|(_, owner)| planes.has(**owner));
         let mut order: Vec<u64> =
             owners.map(|(i, &owner)| u64::from(owner) << 32 | i as u64).collect();
@@ -123,12 +138,13 @@ impl PoseAlignment<'_> {
         order.par_sort_unstable();
         let runs: Vec<&[u64]> = order.chunk_by(|a, b| a >> 32 == b >> 32).collect();
         planes.learn(runs.iter().map(|run| component(run)));
+        let planes = &*planes;
         let matched = |run: &&[u64]| Some(self.matched(run, planes.of(component(run))?));
         runs.par_iter().with_min_len(64).filter_map(matched).collect()
     }
 
     /// What the points of one component say.
-    fn matched(&self, run: &[u64], plane: &ColoredPlane) -> Match {
+    fn matched<'p>(&self, run: &[u64], plane: &'p ColoredPlane) -> Match<'p> {
         let n = run.len() as f64;
         let (mut seen, mut seen_color, mut noise) = (DVec3::ZERO, DVec3::ZERO, 0.0);
         for key in run {
@@ -139,7 +155,7 @@ impl PoseAlignment<'_> {
         }
         // Not divided by the number of points: errors of neighbouring pixels do not average out.
         let variance = noise * noise + plane.variance;
-        Match { plane: *plane, variance, seen: plane.seed + seen, seen_color }
+        Match { plane, variance, seen: plane.seed + seen, seen_color }
     }
 
     fn exposed(&self, point: &SurfacePoint) -> DVec3 {
@@ -153,7 +169,7 @@ fn component(run: &[u64]) -> u32 {
 }
 
 impl RigidEquations {
-    fn add_match(&mut self, matched: &Match, centre: DVec3, motion: &Motion) {
+    fn add_match(&mut self, matched: &Match<'_>, centre: DVec3, motion: &Motion) {
         // About the camera's centre, so that a turn leaves the camera where it is.
         let arm = motion.turn * (matched.seen - centre);
         let offset = centre + arm + motion.shift - matched.plane.mean;

@@ -6,7 +6,9 @@
 //! half the time of finding components; a block of four to a side has seeds of a dozen cells together. Larger
 //! ones hold more seeds that are too far away, smaller ones are mostly empty again. Buckets are chains of
 //! nodes with room for a few seeds each: insertion moves nothing, growth relinks, and seeds keep their
-//! numbers.
+//! numbers. Nodes hold places beside numbers, so that a box takes eight seeds at a time.
+
+use crate::math::simd::{EVERY_BIT, Isa, Kernel, LANES, Vector};
 
 /// Stands for no seed, and for no component.
 pub const NONE: u32 = u32::MAX;
@@ -20,7 +22,7 @@ const WIDE_BLOCK: u32 = 2;
 /// The same where seeds are looked up by their own place: few others come along then.
 const NARROW_BLOCK: u32 = 1;
 /// Seeds of a node.
-const NODE: usize = 7;
+const NODE: usize = LANES;
 
 /// Seeds of all components, found by place.
 pub struct SeedGrid {
@@ -37,6 +39,8 @@ pub struct SeedGrid {
 /// Some seeds of a bucket, in ascending order.
 #[derive(Clone, Copy)]
 struct Node {
+    /// Where they are, axis by axis; nowhere behind the last.
+    along: [[f32; NODE]; 3],
     /// [`NONE`] behind the last.
     ids: [u32; NODE],
     /// The next node of the bucket.
@@ -119,22 +123,15 @@ impl SeedGrid {
     }
 
     fn link(&mut self, id: u32) {
-        let cell = self.cell_of(self.positions[id as usize]);
-        let bucket = self.bucket(cell.map(|c| c >> self.block_bits));
+        let position = self.positions[id as usize];
+        let bucket = self.bucket(self.cell_of(position).map(|c| c >> self.block_bits));
         let head = self.heads[bucket];
-        let room = self.nodes.get_mut(head as usize).and_then(|node| {
-            let free = node.ids.iter().position(|id| *id == NONE)?;
-            Some(&mut node.ids[free])
-        });
-        match room {
-            Some(free) => *free = id,
-            None => {
-                self.heads[bucket] = self.nodes.len() as u32;
-                let mut ids = [NONE; NODE];
-                ids[0] = id;
-                self.nodes.push(Node { ids, next: head });
-            }
+        let has_room = self.nodes.get(head as usize).is_some_and(|node| node.ids[NODE - 1] == NONE);
+        if !has_room {
+            self.heads[bucket] = self.nodes.len() as u32;
+            self.nodes.push(Node { next: head, ..Node::EMPTY });
         }
+        self.nodes[self.heads[bucket] as usize].add(id, position);
     }
 
     fn grow(&mut self) {
@@ -147,21 +144,25 @@ impl SeedGrid {
         }
     }
 
+    /// First nodes of the blocks that some cells lie in.
+    #[inline(always)]
+    fn heads_of(&self, cells: CellBox) -> impl Iterator<Item = u32> {
+        let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> self.block_bits));
+        let rows = (low[2]..=high[2]).flat_map(move |z| (low[1]..=high[1]).map(move |y| [y, z]));
+        rows.flat_map(move |[y, z]| {
+            (low[0]..=high[0]).map(move |x| self.heads[self.bucket([x, y, z])])
+        })
+    }
+
     /// Every seed in the blocks that some cells lie in, and some from elsewhere, to `visit`.
     #[inline(always)]
     fn visit_blocks(&self, cells: CellBox, mut visit: impl FnMut(u32, [f32; 3])) {
-        let [low, high] = [cells.low, cells.high].map(|cell| cell.map(|c| c >> self.block_bits));
-        for z in low[2]..=high[2] {
-            for y in low[1]..=high[1] {
-                for x in low[0]..=high[0] {
-                    let mut next = self.heads[self.bucket([x, y, z])];
-                    while let Some(node) = self.nodes.get(next as usize) {
-                        for &id in node.ids.iter().take_while(|id| **id != NONE) {
-                            visit(id, self.positions[id as usize]);
-                        }
-                        next = node.next;
-                    }
+        for mut next in self.heads_of(cells) {
+            while let Some(node) = self.nodes.get(next as usize) {
+                for (i, &id) in node.ids.iter().take_while(|id| **id != NONE).enumerate() {
+                    visit(id, node.position(i));
                 }
+                next = node.next;
             }
         }
     }
@@ -184,15 +185,7 @@ impl SeedGrid {
 
     /// Adds to `found` the seeds of a box between two corners.
     pub fn gather(&self, corners: [[f32; 3]; 2], found: &mut Vec<(u32, [f32; 3])>) {
-        let [low, high] = corners;
-        self.visit_blocks(self.cells_between(corners), |id, seed| {
-            // One decision: most seeds of a block are out of the box by one axis or another.
-            let inside =
-                (0..3).fold(true, |all, i| all & (seed[i] >= low[i]) & (seed[i] <= high[i]));
-            if inside {
-                found.push((id, seed));
-            }
-        });
+        Isa::best().run(Gather { grid: self, corners, found });
     }
 
     /// The nearest seed within a cell's width of a place; of equals the oldest.
@@ -227,6 +220,58 @@ impl SeedGrid {
             }
         });
         found
+    }
+}
+
+impl Node {
+    /// No seeds, and no next node.
+    const EMPTY: Self = Self { along: [[f32::NAN; NODE]; 3], ids: [NONE; NODE], next: NONE };
+
+    /// Adds a seed where there is room.
+    fn add(&mut self, id: u32, position: [f32; 3]) {
+        if let Some(free) = self.ids.iter().position(|id| *id == NONE) {
+            self.ids[free] = id;
+            (0..3).for_each(|axis| self.along[axis][free] = position[axis]);
+        }
+    }
+
+    #[inline(always)]
+    fn position(&self, i: usize) -> [f32; 3] {
+        [self.along[0][i], self.along[1][i], self.along[2][i]]
+    }
+}
+
+/// Adds the seeds of a box to those found.
+struct Gather<'a> {
+    grid: &'a SeedGrid,
+    corners: [[f32; 3]; 2],
+    found: &'a mut Vec<(u32, [f32; 3])>,
+}
+
+impl Kernel for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { grid, corners, found } = self;
+        let [low, high] = corners;
+        for mut next in grid.heads_of(grid.cells_between(corners)) {
+            while let Some(node) = grid.nodes.get(next as usize) {
+                let mut inside = V::splat(EVERY_BIT);
+                for axis in 0..3 {
+                    let at = V::load(&node.along[axis]);
+                    let above = V::splat(low[axis]).mask_at_most(at);
+                    inside = inside.and(above).and(at.mask_at_most(V::splat(high[axis])));
+                }
+                let mut inside = inside.signs();
+                while inside != 0 {
+                    let i = inside.trailing_zeros() as usize % NODE;
+                    found.push((node.ids[i], node.position(i)));
+                    inside &= inside - 1;
+                }
+                next = node.next;
+            }
+        }
     }
 }
 

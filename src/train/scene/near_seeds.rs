@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// Points that are gathered for by one thread at a time.
 const CHUNK: usize = 256;
 /// Most points that share their seeds: consecutive ones are neighbours in the picture.
-const GROUP: usize = 8;
+pub const GROUP: usize = 8;
 /// How far points may move before the seeds near them are gathered anew, units of what is in reach.
 const MARGIN: f32 = 0.25;
 

@@ -9,7 +9,9 @@
 mod blocks;
 mod compared;
 mod comparer;
+mod drawn;
 mod lift;
+mod moments;
 #[cfg(feature = "gui")]
 mod packed;
 mod row;

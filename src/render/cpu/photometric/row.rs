@@ -2,7 +2,7 @@
 
 use super::super::raster::{BATCH, Batch};
 use super::super::record::Records;
-use super::super::tile::{Form, Tile};
+use super::drawn::DrawnTile;
 use super::sums::{ImageSums, N_IMAGE_SUMS};
 use super::walk::{PixelRule, SecondWalk};
 use crate::math::image::Image;
@@ -54,8 +54,8 @@ pub(super) struct WalkCanvas {
     pub squared_error: f64,
     /// Covered pixels that count.
     pub pixels: f64,
-    tiles: Vec<Tile>,
     batches: Vec<Batch>,
+    drawn: DrawnTile,
     walk: SecondWalk,
 }
 
@@ -78,38 +78,27 @@ impl Kernel for WalkRow<'_> {
     fn run<V: Vector>(self) {
         let Self { records, list, row, photograph, rule, rows, canvas } = self;
         canvas.begin(list.len());
-        let mask = rows.mask();
         let (width, height, top) = (photograph.width, photograph.height, row * TILE);
-        let n_tiles = width.div_ceil(TILE);
-        canvas.tiles.resize_with(n_tiles, || Tile::new(0, 0, 0, 0));
-        for (tile, left) in canvas.tiles.iter_mut().zip((0..width).step_by(TILE)) {
-            tile.begin([left, top], [width - left, height - top], mask);
-        }
+        let mask = rows.mask() & ((1 << TILE.min(height - top)) - 1);
         canvas.batches.resize_with(list.len().div_ceil(BATCH), Batch::default);
         for (batch, list) in canvas.batches.iter_mut().zip(list.chunks(BATCH)) {
-            batch.fill(records, list, canvas.tiles.len());
-            for (index, tile) in canvas.tiles.iter_mut().enumerate() {
-                let (list, records) = (batch.by_tile.get(index), &batch.records);
-                if records.gradients.is_empty() {
-                    tile.blend_all::<V, { Form::PROJECTED }, false>(list, records, 1.0);
-                } else {
-                    tile.blend_all::<V, { Form::PROJECTED }, true>(list, records, 1.0);
-                }
-            }
+            batch.fill(records, list, width.div_ceil(TILE));
         }
-        for (index, tile) in canvas.tiles.iter().enumerate() {
+        for (index, left) in (0..width).step_by(TILE).enumerate() {
             // Most tiles of an object before nothing show nothing.
             if canvas.batches.iter().all(|batch| batch.by_tile.get(index).is_empty()) {
                 continue;
             }
-            let walk = &mut canvas.walk;
-            walk.begin(tile, photograph, rule, mask);
+            let WalkCanvas { sums, batches, drawn, walk, .. } = &mut *canvas;
+            drawn.begin([left, top], width - left, mask);
+            for (batch, first) in batches.iter().zip((0..).step_by(BATCH)) {
+                drawn.draw::<V>(batch.by_tile.get(index), &batch.records, first);
+            }
+            walk.begin::<V>(drawn, photograph, rule, mask);
             let (error, pixels) = walk.error();
+            walk.walk::<V>(drawn, batches, sums);
             canvas.squared_error += error;
             canvas.pixels += pixels;
-            for (batch, sums) in canvas.batches.iter().zip(canvas.sums.chunks_mut(BATCH)) {
-                walk.walk::<V>(batch.by_tile.get(index), &batch.records, sums);
-            }
         }
     }
 }

@@ -1,9 +1,8 @@
 //! The second walk over a tile: from the difference of photograph and picture to sums per splat.
 //!
-//! It goes from front to back like the first one and stops where that stopped, so that both see the
-//! same splats: what lies behind a splat is the finished pixel less what was walked over. A walk from
-//! back to front, as others do it, has to divide the transmittance back and to remember where each
-//! pixel ended.
+//! It goes from front to back through what the first one kept: what lies behind a splat is the finished
+//! pixel less what was walked over. A walk from back to front, as others do it, has to divide the
+//! transmittance back.
 //!
 //! Coverage is learnt beside colour: crack filling hides gaps from the colours, and without it splats
 //! shrink until they show at other distances (`photometric.md`, Coverage).
@@ -11,16 +10,15 @@
 //! Crack filling is part of the derivative (`photometric.md`, Crack filling): a pixel's colour is `C·f(A)`
 //! with `f = min(1/F, 1/A)`, so where it is filled, every splat also shares in what fills it.
 
-use super::super::record::{ConicRecord, Gradient, Records};
-use super::super::tile::{
-    GROUPS, LANE_COLUMNS, Passed, Plane, Tile, offset_color, pass, row_is_finished, span, untouched,
-};
-use super::sums::{
-    COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, WEIGHT,
-};
+use super::super::raster::{BATCH, Batch};
+use super::super::record::{ConicRecord, Gradient};
+use super::super::tile::{GROUPS, LANE_COLUMNS, Plane, capped};
+use super::drawn::{DrawnTile, Hit, color_at, rows_of, whitened};
+use super::moments::{HitTerms, sum_hits};
+use super::sums::ImageSums;
 use crate::math::image::Image;
-use crate::math::simd::{LANES, Vector};
-use crate::render::constants::TILE;
+use crate::math::simd::{EVERY_BIT, LANES, Vector};
+use crate::render::constants::{ALPHA_CAP, TILE};
 
 /// Least weight that a pixel's share is divided by.
 pub(in crate::render) const MIN_WEIGHT: f32 = 1e-8;
@@ -39,7 +37,8 @@ pub struct PixelRule {
     pub coverage: f32,
 }
 
-/// A tile between the walks; one after the other, in the same memory.
+/// A tile between the walks; one after the other, in the same memory. Pixels beyond the image show no splat,
+/// so that it does not matter what is kept of them as long as it is finite.
 pub(super) struct SecondWalk {
     left: usize,
     top: usize,
@@ -58,7 +57,6 @@ pub(super) struct SecondWalk {
     lacking: Plane,
     /// See [`PixelRule::coverage`].
     coverage: f32,
-    open_rows: u32,
     /// Squared differences of covered pixels that count, and how many these are.
     error: (f64, f64),
 }
@@ -77,7 +75,6 @@ impl Default for SecondWalk {
             end: empty,
             lacking: empty,
             coverage: 0.0,
-            open_rows: 0,
             error: (0.0, 0.0),
         }
     }
@@ -86,73 +83,83 @@ impl Default for SecondWalk {
 impl SecondWalk {
     /// Begins anew with a tile that was drawn in the rows of `mask`, against the photograph: colour over
     /// black and coverage of each pixel.
-    pub(super) fn begin(
+    #[inline(always)]
+    pub(super) fn begin<V: Vector>(
         &mut self,
-        tile: &Tile,
+        tile: &DrawnTile,
         photograph: &Image<[f32; 4]>,
         rule: PixelRule,
         mask: u32,
     ) {
-        let (left, top) = tile.corner();
-        let (columns, rows) = (photograph.width - left, photograph.height - top);
-        (self.left, self.top, self.coverage) = (left, top, rule.coverage);
-        (self.open_rows, self.error) = (0, (0.0, 0.0));
-        for row in (0..TILE.min(rows)).filter(|row| mask & (1 << row) != 0) {
-            self.open_rows |= 1 << row;
-            (0..GROUPS).for_each(|half| self.clear(row * GROUPS + half, half * LANES, columns));
-            for column in 0..TILE.min(columns) {
-                self.compare(tile, photograph, rule, row, column);
+        [self.left, self.top] = tile.corner();
+        (self.coverage, self.error) = (rule.coverage, (0.0, 0.0));
+        for row in rows_of(mask) {
+            let pixels = &photograph.data[(self.top + row) * photograph.width..];
+            let pixels = &pixels[self.left..photograph.width.min(self.left + TILE)];
+            for half in 0..GROUPS {
+                // By channel; nothing beyond the image.
+                let mut targets = [[0.0; LANES]; 4];
+                for (lane, pixel) in pixels.iter().skip(half * LANES).take(LANES).enumerate() {
+                    (0..4).for_each(|channel| targets[channel][lane] = pixel[channel]);
+                }
+                self.compare::<V>(tile, &targets, rule, row * GROUPS + half);
             }
         }
     }
 
-    /// Forgets a group whose first pixel has the column `first` of so many.
-    fn clear(&mut self, group: usize, first: usize, columns: usize) {
-        self.transmittance[group] = untouched(first, columns);
-        let planes = [&mut self.fill, &mut self.share, &mut self.end, &mut self.lacking];
-        let planes = planes.into_iter().chain(&mut self.behind).chain(&mut self.residual);
-        planes.for_each(|plane| plane[group] = [0.0; LANES]);
+    /// Sets what the splats of eight pixels need of them.
+    #[inline(always)]
+    fn compare<V: Vector>(
+        &mut self,
+        tile: &DrawnTile,
+        targets: &[[f32; LANES]; 4],
+        rule: PixelRule,
+        group: usize,
+    ) {
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        let left = V::load(&tile.transmittance[group]);
+        let end = left.max(zero - left);
+        let covered = one - end;
+        let full = V::splat(rule.full_coverage);
+        let fill = (one / full).min(one / covered);
+        // The derivative of `1/A` where the pixel is filled, times what is left to the background.
+        let filled = end / (covered * covered);
+        let filled = V::select(covered.mask_at_most(full), zero, filled);
+        let mut residual = [zero; 3];
+        let mut squared = zero;
+        for (k, residual) in residual.iter_mut().enumerate() {
+            let color = V::load(&tile.color[k][group]);
+            *residual = V::load(&targets[k]) - color * fill;
+            squared = squared + *residual * *residual;
+            (color * (fill + filled)).store(&mut self.behind[k][group]);
+        }
+        self.count_error(squared.to_array(), covered.to_array());
+        let rho = one / (one + squared / V::splat(rule.tau * rule.tau));
+        for (plane, residual) in self.residual.iter_mut().zip(residual) {
+            (rho * residual).store(&mut plane[group]);
+        }
+        // What is mostly covered lies inside a surface, as far as nobody knows better.
+        let target = V::load(&targets[3]);
+        let (is_number, is_seen) =
+            (target.mask_at_most(target), V::splat(SEEN).mask_at_most(covered));
+        let is_known = V::select(is_number, V::splat(EVERY_BIT), is_seen);
+        let lacks = V::select(is_number, target, one) - covered;
+        end.and(is_known).store(&mut self.end[group]);
+        let lacking = rho * V::splat(rule.coverage) * lacks;
+        lacking.and(is_known).store(&mut self.lacking[group]);
+        fill.store(&mut self.fill[group]);
+        (rho * covered.sqrt() * covered.sqrt().sqrt()).store(&mut self.share[group]);
+        self.transmittance[group] = [1.0; LANES];
     }
 
-    /// Sets what one pixel's splats need of it.
-    fn compare(
-        &mut self,
-        tile: &Tile,
-        photograph: &Image<[f32; 4]>,
-        rule: PixelRule,
-        row: usize,
-        column: usize,
-    ) {
-        let (group, lane) = (row * GROUPS + column / LANES, column % LANES);
-        let [t, r, g, b, _] = tile.planes().map(|plane| plane[group][lane]);
-        let end = t.abs();
-        let covered = 1.0 - end;
-        let fill = (1.0 / rule.full_coverage).min(1.0 / covered);
-        // The derivative of `1/A` where the pixel is filled, times what is left to the background.
-        let filled = if covered > rule.full_coverage { end / (covered * covered) } else { 0.0 };
-        let [red, green, blue, target] =
-            photograph.data[(self.top + row) * photograph.width + self.left + column];
-        let color = [r, g, b];
-        let residual: [f32; 3] = std::array::from_fn(|k| [red, green, blue][k] - color[k] * fill);
-        let squared: f32 = residual.iter().map(|r| r * r).sum();
-        // Where nothing is drawn yet the difference says nothing of noise.
-        if covered >= SEEN {
+    /// Where nothing is drawn yet the difference says nothing of noise.
+    #[inline(always)]
+    fn count_error(&mut self, squared: [f32; LANES], covered: [f32; LANES]) {
+        for (squared, _) in squared.into_iter().zip(covered).filter(|(_, covered)| *covered >= SEEN)
+        {
             self.error.0 += f64::from(squared);
             self.error.1 += 1.0;
         }
-        let rho = 1.0 / (1.0 + squared / (rule.tau * rule.tau));
-        for k in 0..3 {
-            self.behind[k][group][lane] = color[k] * (fill + filled);
-            self.residual[k][group][lane] = rho * residual[k];
-        }
-        // What is mostly covered lies inside a surface, as far as nobody knows better.
-        let target = if target.is_nan() && covered >= SEEN { 1.0 } else { target };
-        if !target.is_nan() {
-            self.end[group][lane] = end;
-            self.lacking[group][lane] = rho * rule.coverage * (target - covered);
-        }
-        self.fill[group][lane] = fill;
-        self.share[group][lane] = rho * covered.sqrt() * covered.sqrt().sqrt();
     }
 
     /// Sum of the squared differences of photograph and picture over channels and counted pixels, and
@@ -161,84 +168,57 @@ impl SecondWalk {
         self.error
     }
 
-    /// Adds the sums of the listed splats, nearest first, to theirs.
+    /// Adds the sums of the tile's splats, nearest first, to theirs in the row's list.
     #[inline(always)]
-    pub(super) fn walk<V: Vector>(&mut self, list: &[u32], all: &Records, sums: &mut [ImageSums]) {
-        for &index in list {
-            if self.open_rows == 0 {
-                break;
-            }
-            let index = index as usize;
-            let gradient = all.gradients.get(index);
-            self.add_splat::<V>(&all.records[index], gradient, &mut sums[index]);
-        }
-    }
-
-    #[inline(always)]
-    fn add_splat<V: Vector>(
+    pub(super) fn walk<V: Vector>(
         &mut self,
-        splat: &ConicRecord,
-        gradient: Option<&Gradient>,
-        sums: &mut ImageSums,
+        tile: &DrawnTile,
+        batches: &[Batch],
+        sums: &mut [ImageSums],
     ) {
-        let rows = span(splat.rect.y0, splat.rect.y1, self.top);
-        let columns = span(splat.rect.x0, splat.rect.x1, self.left);
-        let groups = columns.start / LANES..columns.end.div_ceil(LANES);
-        let x0 = self.left as f32 + 0.5 - splat.u;
-        let x =
-            [V::load(&LANE_COLUMNS[0]) + V::splat(x0), V::load(&LANE_COLUMNS[1]) + V::splat(x0)];
-        let mut lanes = [V::splat(0.0); N_IMAGE_SUMS];
-        let mut any = false;
-        for row in rows {
-            if self.open_rows & (1 << row) == 0 {
-                continue;
+        let mut terms = [HitTerms::<V>::none(); TILE * GROUPS];
+        let mut first = 0;
+        for shown in &tile.shown {
+            let all = &batches[shown.place / BATCH].records;
+            let index = shown.place % BATCH;
+            let (splat, gradient) = (&all.records[index], all.gradients.get(index));
+            let hits = &tile.hits[first..shown.end];
+            for (terms, hit) in terms.iter_mut().zip(hits) {
+                *terms = self.terms(hit, splat, gradient);
             }
-            let y = V::splat((self.top + row) as f32 + 0.5 - splat.v);
-            let mut stopped = false;
-            for half in groups.clone() {
-                let group = row * GROUPS + half;
-                let (hit, ended) =
-                    self.add_group::<V>(group, splat, gradient, [x[half], y], &mut lanes);
-                any |= hit;
-                stopped |= ended;
-            }
-            if stopped && row_is_finished(&self.transmittance, row) {
-                self.open_rows &= !(1 << row);
-            }
-        }
-        if any {
-            add_lanes(sums, &lanes);
+            sum_hits(&terms[..hits.len().min(TILE * GROUPS)], &mut sums[shown.place]);
+            first = shown.end;
         }
     }
 
-    /// Adds eight pixels; whether any of them shows the splat, and whether one was finished by it.
+    /// What eight pixels say of a splat that they show.
     #[inline(always)]
-    fn add_group<V: Vector>(
+    fn terms<V: Vector>(
         &mut self,
-        group: usize,
+        hit: &Hit,
         splat: &ConicRecord,
         gradient: Option<&Gradient>,
-        offset: [V; 2],
-        sums: &mut [V; N_IMAGE_SUMS],
-    ) -> (bool, bool) {
-        let group = group % (TILE * GROUPS); // as it is: the compiler then checks no bounds
-        let p = V::splat(splat.p_x) * offset[0] + V::splat(splat.p_y) * offset[1];
-        let q = V::splat(splat.q_y) * offset[1];
-        let exponent = V::splat(0.0) - (p * p + q * q);
-        let passed = pass(&mut self.transmittance[group], splat, exponent);
-        let Some(passed) = passed else { return (false, false) };
-        // Under the cap neither position nor shape nor opacity changes alpha, hence `moving`.
-        let Passed { alpha, moving, weight, front, stopped } = passed;
+    ) -> HitTerms<V> {
+        let group = hit.group as usize % (TILE * GROUPS); // as it is: the compiler then checks no bounds
+        let x = self.left as f32 + 0.5 - splat.u;
+        let x = V::load(&LANE_COLUMNS[group % GROUPS]) + V::splat(x);
+        let offset = [x, V::splat((self.top + group / GROUPS) as f32 + 0.5 - splat.v)];
+        let [p, q] = whitened(splat, offset);
+        let free = V::load(&hit.free);
+        let alpha = capped(free);
+        // Under the cap neither position nor shape nor opacity changes alpha.
+        let moving = alpha.and(free.mask_at_most(V::splat(ALPHA_CAP as f32)));
+        let front = V::load(&self.transmittance[group]);
+        let weight = alpha * front;
+        (front - weight).store(&mut self.transmittance[group]);
         let fill = V::load(&self.fill[group]);
         let filled = fill * weight;
         let per_open = V::splat(1.0) / (V::splat(1.0) - alpha);
         let ahead = fill * front;
         let (mut along, mut squared) = (V::splat(0.0), V::splat(0.0));
-        for k in 0..3 {
-            let color = match gradient {
-                Some(gradient) => offset_color(splat.color[k], gradient, k, offset),
-                None => V::splat(splat.color[k]),
-            };
+        let mut pulls = [V::splat(0.0); 3];
+        for (k, pull) in pulls.iter_mut().enumerate() {
+            let color = color_at(splat, gradient, k, offset);
             let behind = V::load(&self.behind[k][group]) - filled * color;
             behind.store(&mut self.behind[k][group]);
             // What one more unit of alpha would change of the pixel.
@@ -246,11 +226,7 @@ impl SecondWalk {
             let residual = V::load(&self.residual[k][group]);
             along = along + change * residual;
             squared = squared + change * change;
-            let pull = residual * filled;
-            let at = COLOR + 3 * k;
-            sums[at] = sums[at] + pull;
-            sums[at + 1] = sums[at + 1] + pull * p;
-            sums[at + 2] = sums[at + 2] + pull * q;
+            *pull = residual * filled;
         }
         // Coverage is one more channel, in which every splat is 1 and what lies behind ends with 1.
         let closing = V::load(&self.end[group]) * per_open;
@@ -259,47 +235,13 @@ impl SecondWalk {
         // `(A/w)^¾`: all splats of a pixel move at once, so a block alone would overshoot.
         let root = weight.max(V::splat(MIN_WEIGHT)).sqrt();
         let share = V::load(&self.share[group]) / (root * root.sqrt());
-        let slopes = [along * moving, share * squared * moving * moving, share * filled * filled];
-        add_moments(sums, [p, q], slopes);
-        sums[WEIGHT] = sums[WEIGHT] + weight;
-        (true, stopped)
-    }
-}
-
-/// Adds every lane to its sum. Lane by lane, so that the sum has the same bits on every instruction set.
-#[inline(always)]
-fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
-    let (mut whole, mut eights) = (sums.chunks_exact_mut(LANES), lanes.chunks_exact(LANES));
-    for (sums, lanes) in whole.by_ref().zip(eights.by_ref()) {
-        let mut rows = [lanes[0]; LANES];
-        rows.copy_from_slice(lanes);
-        (V::load(sums) + V::lane_sums(rows)).store(sums);
-    }
-    let (rest, lanes) = (whole.into_remainder(), eights.remainder());
-    let mut rows = [V::splat(0.0); LANES];
-    rows[..lanes.len()].copy_from_slice(lanes);
-    let added = V::lane_sums(rows).to_array();
-    rest.iter_mut().zip(added).for_each(|(sum, added)| *sum += added);
-}
-
-/// Adds moments at `(p, q)`: quadratic ones of the slope, quartic ones of the curvature, quadratic ones
-/// of the colour's curvature.
-#[inline(always)]
-fn add_moments<V: Vector>(
-    sums: &mut [V; N_IMAGE_SUMS],
-    [p, q]: [V; 2],
-    [slope, bend, color_bend]: [V; 3],
-) {
-    let [pp, pq, qq] = [p * p, p * q, q * q];
-    let quadratic = [V::splat(1.0), p, q, pp, pq, qq];
-    for (i, moment) in quadratic.into_iter().enumerate() {
-        sums[GRADIENT + i] = sums[GRADIENT + i] + slope * moment;
-        sums[CURVATURE + i] = sums[CURVATURE + i] + bend * moment;
-        sums[COLOR_CURVATURE + i] = sums[COLOR_CURVATURE + i] + color_bend * moment;
-    }
-    let above = [pp * p, pp * q, p * qq, q * qq, pp * pp, pp * pq, pp * qq, pq * qq, qq * qq];
-    for (i, moment) in above.into_iter().enumerate() {
-        let at = CURVATURE + N_QUADRATIC + i;
-        sums[at] = sums[at] + bend * moment;
+        HitTerms {
+            at: [p, q],
+            slope: along * moving,
+            bend: share * squared * moving * moving,
+            color_bend: share * filled * filled,
+            pulls,
+            weight,
+        }
     }
 }

@@ -5,7 +5,7 @@ use crate::math::camera::Camera;
 use crate::math::pose::Pose;
 use crate::model::splat::pose_log::{corrected, reach};
 use crate::observation::surface::{Observation, SurfacePoint};
-use crate::train::scene::align::{PoseAlignment, ROUNDS, looked_at};
+use crate::train::scene::align::{FEW, PoseAlignment, ROUNDS, a_few, looked_at};
 use crate::train::scene::component_sums::SumScalar;
 use crate::train::scene::config::BirthRule;
 use crate::train::scene::known_planes::KnownPlanes;
@@ -50,20 +50,39 @@ impl<W: SumScalar> SceneTrainer<W> {
         let ridge = self.config.splat_rule.gradient_ridge * h * h;
         let seed_positions = SeedPositions { grid: &self.grid, components: &self.components };
         let mut planes = KnownPlanes::new(&self.component_sums, seed_positions, h, ridge);
-        let (mut motion, mut moved) = (self.likely(&part.camera.pose), Vec::new());
+        let likely = self.likely(&part.camera.pose);
+        // A few of the points lead so near to where all do that these take one round more.
+        let few = a_few(part);
+        let near = self.settled(&few, FEWEST / FEW as f64, ROUNDS, likely, &mut planes, owners);
+        let (start, rounds) = near.map_or((likely, ROUNDS), |near| (near, 1));
+        self.settled(part, FEWEST, rounds, start, &mut planes, owners)
+    }
+
+    /// The motion that so many rounds at most from `motion` on lead to. Fewer points than `fewest` do not
+    /// tell of the frame's exposure.
+    fn settled(
+        &self,
+        part: &Observation,
+        fewest: f64,
+        rounds: usize,
+        mut motion: Motion,
+        planes: &mut KnownPlanes<'_, W>,
+        owners: &mut Vec<u32>,
+    ) -> Option<Motion> {
+        let (h, mut moved) = (self.config.h, Vec::new());
         motion.apply(part, &mut moved);
         let mut near = matches!(self.config.births, BirthRule::Seeds)
             .then(|| NearSeeds::new(&self.grid, h as f32, moved.len()));
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds {
             // Anew in every round: points that move come to other components, and only those tell how
             // much farther they have to go.
             match &mut near {
                 Some(near) => near.assign(&self.components, &moved, owners),
                 None => self.find_owners(&moved, Spacing::new(h, None), owners),
             }
-            let gain = self.gain_of(&part.points, owners, FEWEST);
+            let gain = self.gain_of(&part.points, owners, fewest);
             let alignment = PoseAlignment { frame: part, owners, gain, h };
-            let (next, has_settled) = alignment.improved(&motion, &mut planes)?;
+            let (next, has_settled) = alignment.improved(&motion, planes)?;
             motion = next;
             if has_settled {
                 break;

@@ -1,0 +1,125 @@
+//! From pixels that show a splat to its sums.
+//!
+//! A splat has few groups of pixels in a tile and many sums. So what each group says is worked out first, and
+//! then one kind of sum after the other goes through all groups: sums stay in registers, where sums of
+//! all kinds at once would go to memory and back with every group. Every sum adds its groups in their
+//! order and then its lanes in theirs, and has the same bits on every instruction set.
+
+use super::sums::{
+    COLOR, COLOR_CURVATURE, CURVATURE, GRADIENT, ImageSums, N_IMAGE_SUMS, N_QUADRATIC, N_QUARTIC,
+    WEIGHT,
+};
+use crate::math::simd::{LANES, Vector};
+
+/// Moments of third and fourth order.
+const N_ABOVE: usize = N_QUARTIC - N_QUADRATIC;
+
+/// What eight pixels say of a splat.
+#[derive(Clone, Copy)]
+pub(super) struct HitTerms<V> {
+    /// Offset from the splat's centre, `p` and `q`.
+    pub at: [V; 2],
+    /// Derivative by the logarithm of alpha.
+    pub slope: V,
+    /// Its curvature.
+    pub bend: V,
+    /// Curvature by the colour.
+    pub color_bend: V,
+    /// Derivatives by the colour.
+    pub pulls: [V; 3],
+    /// Weight in the pixels.
+    pub weight: V,
+}
+
+impl<V: Vector> HitTerms<V> {
+    /// Of no pixels.
+    #[inline(always)]
+    pub(super) fn none() -> Self {
+        let zero = V::splat(0.0);
+        Self {
+            at: [zero; 2],
+            slope: zero,
+            bend: zero,
+            color_bend: zero,
+            pulls: [zero; 3],
+            weight: zero,
+        }
+    }
+
+    /// `1, p, q, p², pq, q²`.
+    #[inline(always)]
+    fn quadratic(&self) -> [V; N_QUADRATIC] {
+        let [p, q] = self.at;
+        [V::splat(1.0), p, q, p * p, p * q, q * q]
+    }
+
+    /// Moments of third and fourth order, by falling powers of `p`.
+    #[inline(always)]
+    fn above(&self) -> [V; N_ABOVE] {
+        let [_, p, q, pp, pq, qq] = self.quadratic();
+        [pp * p, pp * q, p * qq, q * qq, pp * pp, pp * pq, pp * qq, pq * qq, qq * qq]
+    }
+}
+
+/// Adds what some groups of pixels say of a splat to its sums.
+#[inline(always)]
+pub(super) fn sum_hits<V: Vector>(hits: &[HitTerms<V>], sums: &mut ImageSums) {
+    let zero = V::splat(0.0);
+    let mut lanes = [zero; N_IMAGE_SUMS];
+    let mut slopes = [zero; N_QUADRATIC];
+    let mut weight = zero;
+    for hit in hits {
+        add(&mut slopes, hit.slope, hit.quadratic());
+        weight = weight + hit.weight;
+    }
+    lanes[GRADIENT..][..N_QUADRATIC].copy_from_slice(&slopes);
+    lanes[WEIGHT] = weight;
+    let mut bends = [zero; N_QUADRATIC];
+    for hit in hits {
+        add(&mut bends, hit.bend, hit.quadratic());
+    }
+    lanes[CURVATURE..][..N_QUADRATIC].copy_from_slice(&bends);
+    let mut bends = [zero; N_ABOVE];
+    for hit in hits {
+        add(&mut bends, hit.bend, hit.above());
+    }
+    lanes[CURVATURE + N_QUADRATIC..][..N_ABOVE].copy_from_slice(&bends);
+    let mut pulls = [[zero; 3]; 3];
+    for hit in hits {
+        for (pulls, pull) in pulls.iter_mut().zip(hit.pulls) {
+            add(pulls, pull, [V::splat(1.0), hit.at[0], hit.at[1]]);
+        }
+    }
+    for (k, pulls) in pulls.iter().enumerate() {
+        lanes[COLOR + 3 * k..][..3].copy_from_slice(pulls);
+    }
+    let mut bends = [zero; N_QUADRATIC];
+    for hit in hits {
+        add(&mut bends, hit.color_bend, hit.quadratic());
+    }
+    lanes[COLOR_CURVATURE..][..N_QUADRATIC].copy_from_slice(&bends);
+    add_lanes(sums, &lanes);
+}
+
+#[inline(always)]
+fn add<V: Vector, const N: usize>(sums: &mut [V; N], factor: V, moments: [V; N]) {
+    for (sum, moment) in sums.iter_mut().zip(moments) {
+        *sum = *sum + factor * moment;
+    }
+}
+
+/// Adds every lane to its sum.
+#[inline(always)]
+fn add_lanes<V: Vector>(sums: &mut ImageSums, lanes: &[V; N_IMAGE_SUMS]) {
+    let (mut whole, mut eights) = (sums.chunks_exact_mut(LANES), lanes.chunks_exact(LANES));
+    for (sums, lanes) in whole.by_ref().zip(eights.by_ref()) {
+        let mut rows = [lanes[0]; LANES];
+        rows.copy_from_slice(lanes);
+        (V::load(sums) + V::lane_sums(rows)).store(sums);
+    }
+    let (rest, lanes) = (whole.into_remainder(), eights.remainder());
+    let mut rows = [V::splat(0.0); LANES];
+    rows[..lanes.len()].copy_from_slice(lanes);
+    let added = V::lane_sums(rows).to_array();
+    rest.iter_mut().zip(added).for_each(|(sum, added)| *sum += added);
+}
