@@ -1,7 +1,7 @@
 //! Questions about unsaved training, and the list of shortcuts.
 
 use super::command::UiCommand;
-use eframe::egui::{Grid, Id, Modal, ProgressBar, RichText, Ui, Window};
+use eframe::egui::{Grid, Id, Modal, ProgressBar, RichText, ScrollArea, Ui, Window};
 
 /// What the user decided about unsaved training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,25 +76,32 @@ const MOUSE: [(&str, &str); 8] = [
     ("Drop a folder or file", "Open it, or calibrate what is open by it"),
 ];
 
+/// Room that the title of the list of shortcuts takes, and some around it, points.
+const HELP_FRAME: f32 = 60.0;
+
 /// The list of shortcuts.
 pub fn help(ui: &Ui, is_open: &mut bool) {
-    Window::new("Shortcuts").open(is_open).collapsible(false).resizable(false).show(
-        ui.ctx(),
-        |ui| {
-            Grid::new("shortcuts").num_columns(2).striped(true).show(ui, |ui| {
-                for command in UiCommand::ALL {
-                    if !command.shortcuts().is_empty() {
-                        ui.label(RichText::new(command.keys(ui.ctx())).monospace());
-                        ui.label(command.tooltip());
-                        ui.end_row();
-                    }
-                }
-                for (action, effect) in MOUSE {
-                    ui.label(RichText::new(action).monospace());
-                    ui.label(effect);
-                    ui.end_row();
-                }
-            });
-        },
-    );
+    let room = ui.ctx().viewport_rect().height() - HELP_FRAME;
+    Window::new("Shortcuts")
+        .open(is_open)
+        .collapsible(false)
+        .resizable(false)
+        .show(ui.ctx(), |ui| ScrollArea::vertical().max_height(room).show(ui, shortcuts));
+}
+
+fn shortcuts(ui: &mut Ui) {
+    Grid::new("shortcuts").num_columns(2).striped(true).show(ui, |ui| {
+        for command in UiCommand::ALL {
+            if !command.shortcuts().is_empty() {
+                ui.label(RichText::new(command.keys(ui.ctx())).monospace());
+                ui.label(command.tooltip());
+                ui.end_row();
+            }
+        }
+        for (action, effect) in MOUSE {
+            ui.label(RichText::new(action).monospace());
+            ui.label(effect);
+            ui.end_row();
+        }
+    });
 }

@@ -66,7 +66,7 @@ mod wording;
 pub mod worker;
 
 pub use exit::{Exit, Leave};
-pub use guard::guarded;
+pub use guard::{guarded, run_window};
 pub use painting::Painting;
 pub use studio::Studio;
 pub use window::run;

@@ -26,7 +26,7 @@ pub struct Palette {
 impl Palette {
     /// Takes what the trainer sent; returns what painters are to change.
     pub fn change(&mut self, update: SplatUpdate) -> SplatChange {
-        let SplatUpdate { change, attributes } = update;
+        let SplatUpdate { change, attributes, .. } = update;
         // Copies them only while a click is answered, whose thread holds a share.
         let changed = apply(Arc::make_mut(&mut self.learned), change.clone());
         if self.attribute.is_none() && !self.is_asked {
@@ -161,7 +161,7 @@ mod tests {
         assert!(matches!(unknown, SplatChange::All(s) if s.iter().all(|s| s.color == UNKNOWN)));
         assert!(palette.choose(Some(Attribute::Birth)).is_none());
         let attributes = vec![born(Some(0)), born(None), born(Some(10))];
-        palette.change(SplatUpdate { change: all(3), attributes });
+        palette.change(SplatUpdate { change: all(3), attributes, n_frames: 1 });
         let colors: Vec<_> = palette.splats().iter().map(|s| s.color).collect();
         assert_eq!(colors, [ramp(0.0), UNKNOWN, ramp(1.0)]);
         palette.choose(None);
@@ -174,11 +174,12 @@ mod tests {
         palette.change(all(4).into());
         palette.choose(Some(Attribute::Birth));
         let attributes = vec![born(Some(0)), born(None), born(Some(10)), born(None)];
-        palette.change(SplatUpdate { change: all(4), attributes });
+        palette.change(SplatUpdate { change: all(4), attributes, n_frames: 1 });
         let change = |palette: &mut Palette, id, frame| {
             let splats = vec![Splat::default()].into();
             let change = SplatChange::Some { ids: vec![id], splats };
-            palette.change(SplatUpdate { change, attributes: vec![born(Some(frame))] })
+            let attributes = vec![born(Some(frame))];
+            palette.change(SplatUpdate { change, attributes, n_frames: 2 })
         };
         let within = change(&mut palette, 1, 5);
         assert!(matches!(&within, SplatChange::Some { ids, splats }

@@ -27,11 +27,13 @@ pub struct SplatUpdate {
     pub change: SplatChange,
     /// What is known of its components.
     pub attributes: Vec<ComponentAttributes>,
+    /// Frames that the scene has seen with it, skipped ones among them.
+    pub n_frames: usize,
 }
 
 impl From<SplatChange> for SplatUpdate {
     fn from(change: SplatChange) -> Self {
-        Self { change, attributes: Vec::new() }
+        Self { change, attributes: Vec::new(), n_frames: 0 }
     }
 }
 

@@ -253,6 +253,13 @@ pub struct Snapshot {
     pub followed: Option<Followed>,
 }
 
+impl Snapshot {
+    /// Frames that the scene has seen, skipped ones among them.
+    pub fn n_seen(&self) -> usize {
+        self.frames_done + self.skipped.len()
+    }
+}
+
 /// How a recording is followed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Followed {

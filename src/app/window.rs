@@ -2,7 +2,7 @@
 //! next one shows the same run.
 
 use super::exit::{Exit, Leave};
-use super::guard::guarded;
+use super::guard::run_window;
 use super::painting::Painting;
 use super::state::{NoticeKind, RunState, Subject};
 use super::studio::Studio;
@@ -168,12 +168,9 @@ impl Host {
             let studio = Studio::attach(creation, worker, orders, word, Painting::Auto, started)?;
             Ok(Box::new(studio) as Box<dyn eframe::App>)
         };
-        let options = native_options(adapter);
         // All windows run on this thread: winit allows one event loop in a process, which eframe
         // keeps by thread to run it again.
-        let ended = guarded(&self.worker, &exit, || {
-            Ok(eframe::run_native("vbgs-studio", options, Box::new(create))?)
-        });
+        let ended = run_window(&self.worker, &exit, || native_options(adapter), create);
         // After an error too: the waker must not hold the context of a window that is gone.
         *self.context.lock().unwrap_or_else(PoisonError::into_inner) = None;
         ended?;

@@ -156,7 +156,7 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
-        "Quality: PSNR/SSIM on held-out views against frames seen and against seconds",
+        "Quality: PSNR/SSIM on held-out views against frames seen and against seconds, components against frames",
         &[
             "quality.rs: held_out_views_are_measured_as_eval_does_and_a_click_flies_there",
             "quality.rs: views_of_a_camera_whose_poses_were_corrected_are_drawn_from_where_it_stood",
@@ -172,6 +172,7 @@ const PROMISES: &[(&str, &[&str])] = &[
     (
         "The viewport re-uploads only components that changed since the last upload",
         &[
+            "waiting.rs: only_splats_that_changed_are_uploaded",
             "src/app/splat_updates.rs: a_replacement_supersedes_what_waits_and_later_changes_may_add",
         ],
     ),
@@ -187,8 +188,9 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["waiting.rs: frames_are_trained_while_the_window_does_nothing"],
     ),
     (
-        "Training time per frame is the same with the window visible, hidden, minimised",
+        "Training time per frame is the same with the window visible, hidden, minimised, resized, vsync on or off",
         &[
+            "waiting.rs: frames_are_trained_while_the_window_does_nothing",
             "window.rs: start_up_and_cost_of_the_window",
             "window.rs: a_window_at_rest_costs_nothing_shown_or_hidden",
         ],
@@ -209,10 +211,26 @@ const PROMISES: &[(&str, &[&str])] = &[
         "Every failure is a message that says what to do; the app goes on",
         &[
             "opening.rs: what_cannot_be_opened_is_said_and_what_was_open_stays",
+            "opening.rs: a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt",
             "compared.rs: a_broken_second_model_is_a_notice_and_nothing_else_changes",
             "crash.rs: a_panic_of_training_saves_the_scene_and_leaves_the_window",
             "inspect.rs: a_lost_device_ends_the_window_and_not_the_training",
             "scene.rs: depth_in_a_wrong_unit_is_said",
+        ],
+    ),
+    (
+        "A scene can be walked back: view after frame k (from births and kept snapshots)",
+        &[
+            "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",
+            "editing.rs: training_goes_on_beside_edits_and_what_it_bears_is_shown",
+            "src/app/edit/past.rs: moments_keep_to_the_budget_and_none_is_kept_that_exceeds_it_alone",
+        ],
+    ),
+    (
+        "A lost device costs a window and nothing else, also on a real display",
+        &[
+            "real_window.rs: a_screen_shows_the_window_and_a_lost_device_the_next_one",
+            "device_loss.rs: at_any_moment_a_lost_device_costs_a_window_and_nothing_else",
         ],
     ),
 ];

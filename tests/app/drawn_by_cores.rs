@@ -4,9 +4,13 @@ use super::harness::{Window, click, dataset, device, train};
 use crate::common::adapter::turn;
 use eframe::egui::epaint::ClippedShape;
 use eframe::egui::epaint::textures::TexturesDelta;
-use eframe::egui::{Context, FullOutput, Key, Plugin, Pos2, Rect, Shape, Theme, Vec2};
+use eframe::egui::{
+    Context, FullOutput, Key, PaintCallbackInfo, Plugin, Pos2, Rect, Shape, Theme, Vec2,
+};
+use eframe::egui_wgpu::{Callback, CallbackResources, CallbackTrait};
 use egui_kittest::wgpu::WgpuTestRenderer;
 use egui_kittest::{Harness, TestRenderer};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 use vbgs_studio::app::state::Subject;
@@ -18,6 +22,8 @@ struct Witness(Arc<Mutex<Handed>>);
 
 #[derive(Default)]
 struct Handed {
+    /// Drawn over all else by someone who draws by himself.
+    foreign: Option<ClippedShape>,
     shapes: Vec<ClippedShape>,
     textures: TexturesDelta,
 }
@@ -29,6 +35,7 @@ impl Plugin for Witness {
 
     fn output_hook(&mut self, _: &Context, output: &mut FullOutput) {
         let mut handed = self.0.lock().unwrap();
+        output.shapes.extend(handed.foreign.clone());
         handed.shapes = output.shapes.clone();
         handed.textures.append(output.textures_delta.clone());
     }
@@ -57,24 +64,33 @@ impl Pair {
         Some(Self { window, witness, egui: WgpuTestRenderer::from_setup(device()?) })
     }
 
-    /// Compares the window as it is after the last pass.
+    /// Whether egui is left nothing but to call the window's painter.
+    fn is_taken_over(&self) -> bool {
+        let shapes = &self.window.output().shapes;
+        matches!(&shapes[..], [shape] if matches!(shape.shape, Shape::Callback(_)))
+    }
+
+    /// Compares the window as it is after the last pass, which its painter draws.
     #[track_caller]
     fn assert_alike(&mut self, what: &str) {
-        let [shape] = &self.window.output().shapes[..] else {
-            panic!("{what}: egui draws the window by itself");
-        };
-        assert!(matches!(shape.shape, Shape::Callback(_)), "{what}");
-        // Not by the harness, which draws a pointer of its own over it.
-        let found = self.egui.render(&self.window.ctx, self.window.output()).unwrap();
+        assert!(self.is_taken_over(), "{what}: egui draws the window by itself");
+        self.compare(what);
+    }
+
+    #[track_caller]
+    fn compare(&mut self, what: &str) {
         let context = self.window.ctx.clone();
         let mut handed = self.witness.0.lock().unwrap();
         self.egui.handle_delta(&mut handed.textures);
         let area = Rect::from_min_size(Pos2::ZERO, Vec2::splat(10_000.0));
         let background = Shape::rect_filled(area, 0.0, context.global_style().visuals.panel_fill);
-        let mut shapes = vec![ClippedShape::new(area, background)];
-        shapes.extend(handed.shapes.iter().cloned());
-        let output = FullOutput { shapes, ..Default::default() };
-        let expected = self.egui.render(&context, &output).unwrap();
+        let background = ClippedShape::new(area, background);
+        // Not by the harness, which draws a pointer of its own over it.
+        let [found, expected] = [&self.window.output().shapes, &handed.shapes].map(|shapes| {
+            let shapes = [std::slice::from_ref(&background), shapes].concat();
+            let output = FullOutput { shapes, ..Default::default() };
+            self.egui.render(&context, &output).unwrap()
+        });
         assert_eq!(found.dimensions(), expected.dimensions(), "{what}");
         let differences: Vec<u8> =
             found.iter().zip(expected.iter()).map(|(a, b)| a.abs_diff(*b)).collect();
@@ -146,4 +162,45 @@ fn a_window_of_another_size_or_scale_is_drawn_anew() {
         pair.window.run_steps(3);
         pair.assert_alike("another scale");
     }
+}
+
+/// Draws nothing, and counts how often it is asked to.
+struct Foreign(Arc<AtomicUsize>);
+
+impl CallbackTrait for Foreign {
+    fn paint(
+        &self,
+        _: PaintCallbackInfo,
+        _: &mut wgpu::RenderPass<'static>,
+        _: &CallbackResources,
+    ) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Whoever draws by himself finds egui's own painter at work, and after him the window is whole.
+#[test]
+fn a_window_with_a_callback_of_others_is_left_to_egui() {
+    let _turn = turn();
+    let Some(mut pair) = Pair::new(None) else { return };
+    pair.window.run_steps(2);
+    pair.assert_alike("before");
+    let asked = Arc::new(AtomicUsize::new(0));
+    let rect = Rect::from_min_size(Pos2::new(100.0, 100.0), Vec2::splat(50.0));
+    let callback = Callback::new_paint_callback(rect, Foreign(asked.clone()));
+    let foreign = ClippedShape::new(rect, Shape::Callback(callback));
+    pair.witness.0.lock().unwrap().foreign = Some(foreign);
+    for tab in ["Quality", "Settings"] {
+        click(&mut pair.window, tab);
+        assert!(!pair.is_taken_over(), "{tab}: the callback would not be called");
+        let before = asked.load(Ordering::Relaxed);
+        pair.compare(tab);
+        // By the window and by what it is compared with.
+        assert_eq!(asked.load(Ordering::Relaxed) - before, 2, "{tab}");
+    }
+    pair.witness.0.lock().unwrap().foreign = None;
+    pair.window.run_steps(2);
+    pair.assert_alike("after");
+    click(&mut pair.window, "Scene");
+    pair.assert_alike("one more tab");
 }

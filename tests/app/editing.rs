@@ -1,8 +1,8 @@
 //! Selecting, hiding, deleting and cropping splats, and the walk back to earlier frames.
 
 use super::harness::{
-    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_picture, window,
-    write_to,
+    Window, click, dataset, drag_between, is, settled, train, wait, wait_for_label,
+    wait_for_picture, window, write_to,
 };
 use super::viewer::{choose, press};
 use crate::common::adapter::turn;
@@ -214,12 +214,63 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
     wait(&mut window, "births", |s| s.view().known().iter().any(|k| k.birth.is_some()));
     let at = slider(&mut window, 1);
     drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
+    window.get_by_label("By birth, as it is now").click_accesskit();
     let first = wait_until_fewer(&mut window, left);
     assert!(first > 0, "the first frame bore some");
-    window.get_by_label_contains("Born up to frame 1 of 4");
+    wait_for_label(&mut window, "Born up to frame 1 of 4, as they are now (Edit)");
 }
 
 fn wait_until_fewer(window: &mut Window, than: usize) -> usize {
     wait(window, "fewer splats", move |s| s.n_drawn() < than);
     window.state().n_drawn()
+}
+
+/// What is shown of the past is what was shown then, however the scene goes on.
+#[test]
+fn a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let room = dataset(folder.path(), 6);
+    for painting in BOTH {
+        let Some(mut window) = window(Some(Subject::Path(room.clone())), painting) else { return };
+        wait(&mut window, "ready", is(RunState::Ready));
+        press(&mut window, Key::T);
+        step_to(&mut window, 1);
+        // A hand on the camera: it no longer follows training.
+        drag_between(&mut window, PointerButton::Primary, BOX[0], BOX[1]);
+        assert!(!window.state().view().is_guided());
+        click(&mut window, "Edit");
+        let first = settled(&mut window);
+        let (splats, drawn) = (window.state().view().learned().clone(), window.state().n_drawn());
+        for frame in 2..=3 {
+            step_to(&mut window, frame);
+        }
+        wait(&mut window, "more splats", move |s| s.n_drawn() > drawn);
+        assert!(settled(&mut window) != first, "the scene has grown");
+        click(&mut window, "As it was");
+        let at = slider(&mut window, 1);
+        drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
+        wait(&mut window, "the past", move |s| s.n_drawn() == drawn);
+        window.get_by_label("As it was after frame 1 of 6 (Edit)");
+        let past = window.state().view().editor().past_shown().unwrap().clone();
+        assert!(past.n_frames == 1 && *past.splats == *splats, "other splats");
+        assert!(settled(&mut window) == first, "the picture of then");
+        step_to(&mut window, 4);
+        assert!(settled(&mut window) == first, "what is trained is not shown");
+        window.get_by_label("Back to now").click_accesskit();
+        wait(&mut window, "the scene of now", move |s| s.n_drawn() > drawn);
+        let at = slider(&mut window, 1);
+        drag_between(&mut window, PointerButton::Primary, at.right_center(), at.left_center());
+        wait(&mut window, "the past again", move |s| s.n_drawn() == drawn);
+        press(&mut window, Key::B);
+        let editor = window.state().view().editor();
+        assert!(editor.is_boxing && editor.past_shown().is_none(), "edits are of the scene of now");
+        assert_eq!(window.state().view().editor().past.moments().len(), 4);
+    }
+}
+
+fn step_to(window: &mut Window, frame: usize) {
+    click(window, "Step");
+    wait(window, "a frame", move |s| s.snapshot().frames_done == frame);
+    wait(window, "its splats", |s| s.n_drawn() > 100);
 }

@@ -2,7 +2,9 @@
 
 use crate::common::adapter::vulkan;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Event, Key, Modifiers, PointerButton, Pos2, Vec2};
+use eframe::egui::{
+    Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2,
+};
 use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuSetup, WgpuSetupExisting};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable;
@@ -214,6 +216,24 @@ pub fn drag_between(window: &mut Window, button: PointerButton, start: Pos2, end
         window.step();
     }
     window.event(press(end, false));
+    window.event(Event::PointerMoved(Pos2::new(5.0, 635.0)));
+    window.step();
+}
+
+/// Turns the wheel over a place, by so many points upwards.
+pub fn turn_wheel(window: &mut Window, at: Pos2, points: f32) {
+    window.event(Event::PointerMoved(at));
+    window.step();
+    window.event(Event::MouseWheel {
+        unit: MouseWheelUnit::Point,
+        delta: Vec2::new(0.0, points),
+        phase: TouchPhase::Move,
+        source: MouseWheelSource::Wheel,
+        modifiers: Modifiers::NONE,
+    });
+    // egui spreads it over some passes.
+    window.run_steps(30);
+    // The harness draws the pointer into its pictures.
     window.event(Event::PointerMoved(Pos2::new(5.0, 635.0)));
     window.step();
 }

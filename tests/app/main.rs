@@ -28,8 +28,11 @@ mod path;
 mod poses;
 mod quality;
 mod random;
+#[cfg(feature = "cli")]
+mod real_window;
 mod saving;
 mod scene;
+mod screenshots;
 mod states;
 mod switching;
 mod tools;

@@ -1,13 +1,15 @@
 //! What is dropped on the window, and what of it cannot be used.
 
 use super::harness::{
-    Window, close_notice, dataset, drop_all_on, drop_on, is, train, wait, window,
+    Window, click, close_notice, dataset, drop_all_on, drop_on, is, train, wait, window, write_to,
 };
 use crate::common::adapter::turn;
+use eframe::egui::Key;
 use egui_kittest::kittest::Queryable;
 use std::path::{Path, PathBuf};
 use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
 use vbgs_studio::app::{Painting, Studio};
+use vbgs_studio::export;
 
 #[test]
 fn what_cannot_be_opened_is_said_and_what_was_open_stays() {
@@ -94,6 +96,32 @@ fn a_dataset_with_bad_frames_trains_on_the_others_and_counts_them() {
     assert_eq!(snapshot.skipped.len(), 1);
     window.run_steps(2);
     window.get_by_label("1 frames skipped");
+}
+
+/// A stick that is pulled, a folder that is moved away.
+#[test]
+fn a_dataset_that_vanishes_while_it_trains_leaves_what_was_learnt() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 60);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    click(&mut window, "Step");
+    wait(&mut window, "a frame", |s| s.snapshot().frames_done == 1);
+    std::fs::remove_dir_all(&path).unwrap();
+    window.key_press(Key::Space);
+    wait(&mut window, "the end", |s| {
+        !s.snapshot().skipped.is_empty() && s.snapshot().state != RunState::Training
+    });
+    let snapshot = window.state().snapshot();
+    assert_eq!(snapshot.skipped.len() + snapshot.frames_done, 60);
+    let reason = &snapshot.skipped.last().unwrap().message;
+    assert!(reason.contains(".png"), "{reason}");
+    let file = folder.path().join("scene.ply");
+    write_to(&mut window, Key::E, "Export", &file);
+    wait(&mut window, "the file", |s| s.snapshot().latest_write.is_some_and(|w| w.is_written));
+    assert!(export::read(&file).unwrap().splats.len() > 100);
 }
 
 /// First file below a folder whose path fits.

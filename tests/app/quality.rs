@@ -3,6 +3,7 @@
 use super::harness::{click, dataset, is, train, wait, wait_for_label, window};
 use super::viewer::{evaluated_on_black, position, session};
 use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
 use egui_kittest::kittest::Queryable;
 use std::fs;
 use std::path::Path;
@@ -32,6 +33,11 @@ fn held_out_views_are_measured_as_eval_does_and_a_click_flies_there() {
     assert!((result.psnr - expected.psnr).abs() < 1e-9, "{result:?}");
     assert_eq!(result.frames, 3);
     assert!(result.depth_error.is_some() && result.seconds > 0.0);
+    assert_eq!(result.components, window.state().snapshot().used);
+    for metric in ["Components", "SSIM", "Depth error", "PSNR"] {
+        window.get_by_role_and_label(Role::Button, metric).click_accesskit();
+        window.run_steps(2);
+    }
     wait_for_label(&mut window, &format!("{:.2} dB", expected.psnr));
     wait(&mut window, "what is kept", |s| {
         let kept = s.quality().retention().frames().first();

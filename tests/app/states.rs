@@ -2,6 +2,7 @@
 
 use super::harness::{PATIENCE, click, dataset, is, wait, wait_for_picture, window};
 use crate::common::adapter::turn;
+use eframe::egui::accesskit::Role;
 use eframe::egui::{Key, Vec2};
 use egui_kittest::kittest::Queryable;
 use std::time::Instant;
@@ -67,9 +68,20 @@ fn help_lists_every_shortcut_and_tabs_switch() {
     window.run_steps(2);
     window.get_by_label("Left drag");
     window.get_by_label("Train exactly one frame");
+    for (key, size) in [(Key::F1, Vec2::new(800.0, 600.0)), (Key::Escape, Vec2::new(640.0, 400.0))]
+    {
+        window.set_size(size);
+        window.run_steps(4);
+        let list = window.get_by_role_and_label(Role::Window, "Shortcuts").rect();
+        assert!(list.height() < size.y && list.bottom() <= size.y, "{list} in {size}");
+        window.key_press(key);
+        window.run_steps(2);
+        assert!(window.query_by_label("Left drag").is_none(), "{key:?} closes it");
+        window.key_press(Key::F1);
+        window.run_steps(2);
+    }
     window.key_press(Key::F1);
     window.run_steps(2);
-    assert!(window.query_by_label("Left drag").is_none());
     click(&mut window, "Scene");
     window.get_by_label("Nothing is open.");
     window.set_size(Vec2::new(640.0, 400.0));

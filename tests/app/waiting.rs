@@ -1,8 +1,13 @@
 //! Nobody waits for anybody: the window for no trainer and no file, the trainer for no window.
 
-use super::harness::{PATIENCE, dataset, drop_on, is, train, wait, wait_for_picture, window};
+use super::harness::{
+    PATIENCE, Window, dataset, drag, drag_between, drop_on, is, settled, train, wait,
+    wait_for_picture, window,
+};
+use super::inspect::MIDDLE;
+use super::viewer::press;
 use crate::common::adapter::turn;
-use eframe::egui::{Key, PointerButton};
+use eframe::egui::{Key, PointerButton, Vec2};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use vbgs_studio::app::Painting;
@@ -110,4 +115,39 @@ fn the_last_picture_stays_while_something_is_opened() {
     // The one before is ready too, and must not be trained in its place.
     wait(&mut window, "the shown one", |s| s.snapshot().n_frames == 2);
     train(&mut window);
+}
+
+/// Splats go to the GPU once: a camera that moves sends none of them again, and what changes goes alone.
+#[test]
+fn only_splats_that_changed_are_uploaded() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let subject = Some(Subject::Path(dataset(folder.path(), 3)));
+    let Some(mut window) = window(subject, Painting::Gpu) else { return };
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    settled(&mut window);
+    let all = uploaded(&window, usize::MAX);
+    assert!(all > 0, "the scene was uploaded");
+    drag(&mut window, PointerButton::Primary);
+    assert_eq!(uploaded(&window, 5), 0, "by a camera that moves");
+    press(&mut window, Key::B);
+    let corners = [-60.0, 60.0].map(|side| MIDDLE + Vec2::splat(side));
+    drag_between(&mut window, PointerButton::Primary, corners[0], corners[1]);
+    settled(&mut window);
+    let n_selected = window.state().view().editor().edits().selected.len();
+    let n_all = window.state().view().learned().len();
+    assert!(0 < n_selected && 4 * n_selected < n_all, "{n_selected} of {n_all}");
+    // The latest pictures alone: selecting renews the set of what is shown once.
+    press(&mut window, Key::K);
+    settled(&mut window);
+    let hidden = uploaded(&window, 3);
+    assert!(hidden < all / 2, "{hidden} of {all} bytes for {n_selected} of {n_all} splats");
+}
+
+/// Bytes of splats that went to the GPU for the latest pictures.
+fn uploaded(window: &Window, n_pictures: usize) -> u64 {
+    let bytes = window.state().view().drawn().samples().map(|sample| sample.uploaded_bytes);
+    let bytes: Vec<u64> = bytes.collect();
+    bytes.iter().rev().take(n_pictures).sum()
 }

@@ -15,7 +15,7 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const RUNS: usize = 3;
 
 /// A display; `None` where there is none and may be none.
-fn display() -> Option<OsString> {
+pub fn display() -> Option<OsString> {
     let found = std::env::var_os("DISPLAY").filter(|display| !display.is_empty());
     found.or_else(|| skip("no DISPLAY", "use xvfb-run"))
 }

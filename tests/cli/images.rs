@@ -102,16 +102,25 @@ fn a_video_is_what_ffmpeg_makes_of_the_pictures() {
         std::fs::write(&fake, text).unwrap();
         std::fs::set_permissions(&fake, std::fs::Permissions::from_mode(0o755)).unwrap();
     };
-    ffmpeg("#!/bin/sh\nfor last; do :; done\n/bin/cat > \"$last\"\n");
-    let made = render("way.mp4");
-    assert!(made.status.success(), "{made:?}");
-    assert_eq!(scratch.bytes("way.mp4").len(), 7 * 64 * 48 * 3);
+    ffmpeg("#!/bin/sh\nfor last; do :; done\necho $* > ${0%/*}/asked\n/bin/cat > \"$last\"\n");
+    // Those that ffmpeg 5.1 made a video of which has every picture, of its size and at its pace.
+    let codecs = [("mp4", "-c:v libx264"), ("webm", "-c:v libvpx-vp9"), ("webp", "-c:v libwebp")];
+    for (form, codec) in codecs {
+        let name = format!("way.{form}");
+        let made = render(&name);
+        assert!(made.status.success(), "{made:?}");
+        assert_eq!(scratch.bytes(&name).len(), 7 * 64 * 48 * 3);
+        let asked = std::fs::read_to_string(scratch.path("bin/asked")).unwrap();
+        for part in ["-f rawvideo -pix_fmt rgb24 -s 64x48 -r 4 -i -", codec] {
+            assert!(asked.contains(part), "`{part}` is missing from: {asked}");
+        }
+    }
     ffmpeg("#!/bin/sh\necho no such encoder >&2\nexit 1\n");
     let failed = render("other.webm");
     assert_eq!(failed.status.code(), Some(1));
     let said = String::from_utf8(failed.stderr).unwrap();
     assert!(said.contains("no such encoder") && said.contains("other.webm"), "{said}");
-    assert_eq!(files(), before + 1, "the first video alone");
+    assert_eq!(files(), before + codecs.len(), "the first videos alone");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use super::edits::{Edits, SelectHow};
 use super::history::EditHistory;
 use super::left_out::LeftOut;
 use super::marks::SplatMarks;
+use super::past::{PastScene, PastScenes};
 use super::threshold::Doubt;
 use super::visible::{SceneParts, VisibilityRules, VisibleSplats};
 use crate::app::command::UiCommand;
@@ -32,6 +33,16 @@ pub struct EditCounts {
     pub unborn: usize,
 }
 
+/// What a walk back to an earlier frame shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WalkBack {
+    /// The scene as it was, as far as it is kept.
+    #[default]
+    AsItWas,
+    /// The splats that were born by then, as they are now.
+    Births,
+}
+
 /// Edits and tools.
 #[derive(Default)]
 pub struct Editor {
@@ -43,8 +54,12 @@ pub struct Editor {
     pub doubt: Doubt,
     /// Where it stands, once it was moved.
     pub threshold: Option<f64>,
-    /// The last frame, by its position in the run, whose births are shown; `None` shows all.
-    pub born_until: Option<u32>,
+    /// What is shown has seen so many frames and not what comes after; `None` shows the scene of now.
+    pub walked_to: Option<usize>,
+    /// What a walk back shows.
+    pub walk: WalkBack,
+    /// The scene after earlier frames.
+    pub past: PastScenes,
     /// Whether a panel needs what is known of splats, said anew in every pass.
     pub is_asked: bool,
     /// Increases with every change of splats or edits.
@@ -86,16 +101,39 @@ impl Editor {
         self.history.can_redo()
     }
 
-    /// Takes a change that the palette has taken; returns what painters are to change.
-    pub fn change(&mut self, change: SplatChange, palette: &Palette) -> SplatChange {
+    /// Takes a change that the palette has taken; returns what painters are to change, if anything.
+    pub fn change(&mut self, change: SplatChange, palette: &Palette) -> Option<SplatChange> {
         self.revision += 1;
-        self.visible.change(change, parts(palette))
+        self.visible.change(change, parts(palette, None))
+    }
+
+    /// The moment that is shown instead of the scene of now.
+    pub fn past_shown(&self) -> Option<&PastScene> {
+        match self.walk {
+            WalkBack::AsItWas => self.past.at(self.walked_to?),
+            WalkBack::Births => None,
+        }
+    }
+
+    /// Back to the scene of now, whose splats edits are about.
+    fn leave_past(&mut self) {
+        if self.past_shown().is_some() {
+            self.walked_to = None;
+        }
+    }
+
+    /// The last frame, by its position in the run, whose births are shown.
+    pub fn born_until(&self) -> Option<u32> {
+        let until = |n_frames: usize| n_frames.saturating_sub(1) as u32;
+        self.walked_to.filter(|_| self.past_shown().is_none()).map(until)
     }
 
     /// Shows by the edits of now; returns what painters are to change, if anything.
     pub fn follow(&mut self, palette: &Palette) -> Option<SplatChange> {
-        let rules = VisibilityRules { edits: self.edits().clone(), born_until: self.born_until };
-        let change = self.visible.follow(rules, parts(palette));
+        let past = self.past_shown().cloned();
+        let (edits, born_until) = (self.edits().clone(), self.born_until());
+        let rules = VisibilityRules { edits, born_until, past: past.clone() };
+        let change = self.visible.follow(rules, parts(palette, past.as_ref()));
         self.revision += u64::from(change.is_some());
         change
     }
@@ -129,6 +167,7 @@ impl Editor {
 
     /// Selects what the slider means, as a step that goes on while it is dragged.
     pub fn select_doubtful(&mut self, threshold: f64, palette: &Palette) {
+        self.leave_past();
         self.threshold = Some(threshold);
         let slots = self.doubt.slots(threshold, palette.learned(), palette.known());
         let marks = self.marks(slots, palette);
@@ -138,6 +177,7 @@ impl Editor {
 
     /// Selects what is shown and not selected.
     pub fn invert(&mut self, palette: &Palette) {
+        self.leave_past();
         let all = self.marks(0..palette.learned().len() as u32, palette);
         let next = self.edits().selecting(all.without(&self.edits().selected), SelectHow::Replace);
         self.history.step(next);
@@ -157,7 +197,7 @@ impl Editor {
             UiCommand::Redo => return self.history.redo(),
             UiCommand::BoxSelect => {
                 self.is_boxing = !self.is_boxing;
-                return;
+                return self.leave_past();
             }
             UiCommand::Deselect => now.selecting(SplatMarks::default(), SelectHow::Replace),
             UiCommand::HideSelected => now.hiding(),
@@ -232,6 +272,10 @@ impl Editor {
     }
 }
 
-fn parts(palette: &Palette) -> SceneParts<'_> {
-    SceneParts { colored: palette.splats(), known: palette.known() }
+fn parts<'a>(palette: &'a Palette, past: Option<&'a PastScene>) -> SceneParts<'a> {
+    match past {
+        // What is known is known of the splats of now.
+        Some(past) => SceneParts { colored: &past.splats, known: &[] },
+        None => SceneParts { colored: palette.splats(), known: palette.known() },
+    }
 }

@@ -2,7 +2,7 @@
 //!
 //! The model is never changed: edits are kept beside it, as sets of splats ([`marks`]), a box and a
 //! selection ([`edits`]), with a history of both ([`history`]). [`visible`] makes of them what painters
-//! get, [`left_out`] says what files do not get.
+//! get, [`left_out`] says what files do not get; [`past`] keeps what the scene was before.
 //!
 //! Edits follow a scene that is trained on by the numbers of its splats. What is born later is in no set;
 //! the box takes new splats out too. Where the budget has components merged, the number of one that is no
@@ -13,6 +13,7 @@ pub mod edits;
 pub mod history;
 pub mod left_out;
 pub mod marks;
+pub mod past;
 pub mod screen_box;
 pub mod threshold;
 pub mod visible;

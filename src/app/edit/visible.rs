@@ -2,6 +2,7 @@
 
 use super::edits::Edits;
 use super::left_out::LeftOut;
+use super::past::PastScene;
 use crate::app::splat_updates::{SplatChange, apply};
 use crate::model::attributes::ComponentAttributes;
 use crate::model::splat::appearance::{Appearance, SplatSet};
@@ -28,11 +29,13 @@ pub struct VisibilityRules {
     pub edits: Edits,
     /// Splats of a later birth are not shown; those of an unknown birth are.
     pub born_until: Option<u32>,
+    /// The scene of then is shown, whatever becomes of it meanwhile.
+    pub past: Option<PastScene>,
 }
 
 impl VisibilityRules {
     fn is_nothing(&self) -> bool {
-        !self.edits.is_shown() && self.born_until.is_none()
+        !self.edits.is_shown() && self.born_until.is_none() && self.past.is_none()
     }
 
     fn look(&self, slot: u32, splat: &Splat, known: Option<&ComponentAttributes>) -> Look {
@@ -69,29 +72,32 @@ pub struct VisibleSplats {
 }
 
 impl VisibleSplats {
-    /// Takes a change that `parts` contain already; returns what painters are to change.
-    pub fn change(&mut self, change: SplatChange, parts: SceneParts<'_>) -> SplatChange {
+    /// Takes a change that `parts` contain already; returns what painters are to change, if anything.
+    pub fn change(&mut self, change: SplatChange, parts: SceneParts<'_>) -> Option<SplatChange> {
         if self.rules.is_nothing() {
-            return change;
+            return Some(change);
         }
-        match change {
+        if self.rules.past.is_some() {
+            return None;
+        }
+        Some(match change {
             SplatChange::All(_) => self.renew(parts),
             SplatChange::Some { ids, .. } => self.update(ids, parts),
-        }
+        })
     }
 
-    /// Shows by other rules; returns what painters are to change, if anything.
+    /// Shows by other rules `parts`, of the past where the rules say so; returns what painters are to change, if anything.
     pub fn follow(&mut self, rules: VisibilityRules, parts: SceneParts<'_>) -> Option<SplatChange> {
         if rules == self.rules {
             return None;
         }
-        let was_nothing = self.rules.is_nothing();
+        let is_another = self.rules.is_nothing() || self.rules.past != rules.past;
         self.rules = rules;
         if self.rules.is_nothing() {
             (self.looks, self.shown) = (Vec::new(), Arc::default());
             return Some(SplatChange::All(parts.colored.clone()));
         }
-        if was_nothing {
+        if is_another {
             return Some(self.renew(parts));
         }
         let looks = (0..).zip(&self.looks);
@@ -191,10 +197,10 @@ mod tests {
         edits = edits.selecting(marks(&[1]), SelectHow::Replace).deleting();
         edits = edits.selecting(marks(&[2]), SelectHow::Replace);
         edits.crop = Some([DVec3::splat(-1.0), DVec3::new(4.5, 1.0, 1.0)]);
-        let rules = VisibilityRules { edits: edits.clone(), born_until: None };
+        let rules = VisibilityRules { edits: edits.clone(), ..VisibilityRules::default() };
         visible.follow(rules, parts);
         assert_eq!(seen(visible.splats().unwrap()), "..mss.");
-        let rules = VisibilityRules { edits: edits.clone(), born_until: Some(3) };
+        let rules = VisibilityRules { edits: edits.clone(), born_until: Some(3), past: None };
         let change = visible.follow(rules, parts).unwrap();
         assert!(matches!(change, SplatChange::Some { ids, .. } if ids == [4]));
         assert_eq!(seen(visible.splats().unwrap()), "..ms..");
@@ -209,7 +215,7 @@ mod tests {
         let marks = SplatMarks::of([1], &colored);
         let edits = Edits::default().selecting(marks, SelectHow::Replace).deleting();
         let mut visible = VisibleSplats::default();
-        let rules = VisibilityRules { edits, born_until: None };
+        let rules = VisibilityRules { edits, ..VisibilityRules::default() };
         visible.follow(rules, SceneParts { colored: &colored, known: &[] });
         let moved = Splat { mean: [1.1, 0.0, 0.0], ..colored[1] };
         let change = SplatChange::Some {

@@ -1,6 +1,8 @@
 //! What is selected, hidden, deleted and cropped; and the walk back to earlier frames.
 
+use super::explained::{SLIDER, weak};
 use super::legend::number;
+use super::walk_back;
 use crate::app::command::UiCommand;
 use crate::app::edit::editor::{EditCounts, Editor};
 use crate::app::edit::edits::Edits;
@@ -8,10 +10,7 @@ use crate::app::edit::threshold::Doubt;
 use crate::app::palette::Palette;
 use crate::app::state::{Opened, Snapshot};
 use crate::app::viewer::SceneView;
-use eframe::egui::{Button, DragValue, Grid, Label, Response, RichText, ScrollArea, Slider, Ui};
-
-/// Width of the sliders, points.
-const SLIDER: f32 = 200.0;
+use eframe::egui::{Button, DragValue, Grid, Response, RichText, ScrollArea, Slider, Ui};
 
 /// Draws the panel; the command that was asked for.
 pub fn ui(
@@ -64,7 +63,7 @@ pub fn ui(
         section(ui, "Left out");
         left_out(editor, &counts, &mut asked, ui);
         section(ui, "Walk back");
-        walk_back(editor, palette, &counts, snapshot, ui);
+        walk_back::ui(view, counts.unborn, snapshot, ui);
     });
     asked
 }
@@ -72,10 +71,6 @@ pub fn ui(
 fn section(ui: &mut Ui, title: &str) {
     ui.add_space(8.0);
     ui.label(RichText::new(title).strong());
-}
-
-fn weak(ui: &mut Ui, text: &str) {
-    ui.add(Label::new(RichText::new(text).weak()).wrap());
 }
 
 fn command(ui: &mut Ui, command: UiCommand, is_of_use: bool, asked: &mut Option<UiCommand>) {
@@ -180,36 +175,4 @@ fn left_out(editor: &Editor, counts: &EditCounts, asked: &mut Option<UiCommand>,
         command(ui, UiCommand::BringBack, !edits.deleted.is_empty(), asked);
     });
     weak(ui, "The model itself, its checkpoints and its quality keep all splats.");
-}
-
-/// The scene as far as it was born at a frame.
-fn walk_back(
-    editor: &mut Editor,
-    palette: &Palette,
-    counts: &EditCounts,
-    snapshot: &Snapshot,
-    ui: &mut Ui,
-) {
-    let is_known = palette.known().iter().any(|known| known.birth.is_some());
-    if !is_known || snapshot.n_frames == 0 {
-        editor.born_until = None;
-        weak(ui, "Births are known of scenes that were trained since they were opened.");
-        return;
-    }
-    let last = snapshot.n_frames;
-    ui.spacing_mut().slider_width = SLIDER;
-    let mut frames = editor.born_until.map_or(last, |k| k as usize + 1);
-    ui.label("Show splats born up to frame");
-    let slider = Slider::new(&mut frames, 1..=last);
-    let hint = "Where splats are that a later frame bore is left empty; those that are left are as they are now, not as they were then";
-    if ui.add(slider).on_hover_text(hint).changed() {
-        editor.born_until = (frames < last).then_some(frames as u32 - 1);
-    }
-    weak(
-        ui,
-        "Only shows which splats were born by then, as they are now. Nothing is left out of files by it.",
-    );
-    if counts.unborn > 0 {
-        weak(ui, &format!("{} splats of an unknown birth are always shown.", counts.unborn));
-    }
 }

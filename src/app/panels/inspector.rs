@@ -111,7 +111,7 @@ fn posterior(i: &Inspection) -> Vec<Section> {
             line("Uncertainty", known(a.uncertainty.map(|u| format!("± {}", number(u.into()))))),
             line("Covariance", matrix(i.covariance)),
             line("Deviations", numbers(&i.scales.to_array())),
-            line("Rotation wxyz", numbers(&[q.w, q.x, q.y, q.z])),
+            line("Rotation wxyz", quaternion([q.w, q.x, q.y, q.z])),
         ],
     };
     let law = Section {
@@ -150,7 +150,7 @@ fn drawn(title: &'static str, inspected: &Inspected, origin: DVec3) -> Section {
     let mut lines = vec![
         line("Centre", numbers(&wide(splat.mean))),
         line("Scales", numbers(&wide(splat.scale))),
-        line("Rotation wxyz", numbers(&splat.rotation.map(f64::from))),
+        line("Rotation wxyz", quaternion(splat.rotation.map(f64::from))),
         line("Opacity", number(splat.opacity.into())),
         Line { label: "Colour", text: numbers(&wide(splat.color)), swatch: Some(splat.color) },
     ];
@@ -172,6 +172,11 @@ fn line(label: &'static str, text: String) -> Line {
 
 fn numbers(values: &[f64]) -> String {
     values.iter().map(|&v| number(v)).collect::<Vec<_>>().join("  ")
+}
+
+/// Short enough for four numbers to stand in a line of the panel.
+fn quaternion(wxyz: [f64; 4]) -> String {
+    wxyz.map(|v| format!("{v:.3}")).join(" ")
 }
 
 fn matrix(m: Sym3) -> String {

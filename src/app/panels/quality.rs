@@ -11,7 +11,7 @@ use crate::app::viewer::frame_refs::FrameRef;
 use crate::app::viewer::thumbnails::Thumbnails;
 use crate::eval::report::ViewReport;
 use eframe::egui::{
-    Button, Color32, DragValue, Frame, Grid, Image, Label, Margin, RichText, ScrollArea, Ui, Vec2,
+    Button, DragValue, Frame, Grid, Image, Label, Margin, RichText, ScrollArea, Ui, Vec2,
 };
 use egui_plot::{Line, Plot, PlotPoints, Points};
 
@@ -66,7 +66,6 @@ impl Metric {
 const EVERY: std::ops::RangeInclusive<usize> = 1..=1000;
 /// Frames between two measurements unless others are chosen.
 pub const DEFAULT_EVERY: usize = 10;
-const CURVE: Color32 = Color32::from_rgb(86, 180, 233);
 /// Height of a photograph in the table, points.
 const ROW: f32 = 28.0;
 /// Width of a view's name in the table, points.
@@ -166,6 +165,7 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
         ui.selectable_value(&mut chosen.against_seconds, false, "Frames");
         ui.selectable_value(&mut chosen.against_seconds, true, "Seconds");
     });
+    let color = SignalColor::Blue.on(ui.visuals().dark_mode);
     let QualityPlot { metric, against_seconds } = *chosen;
     let x = |point: &QualityPoint| match against_seconds {
         true => point.seconds,
@@ -181,9 +181,9 @@ fn curve(history: &[QualityPoint], chosen: &mut QualityPlot, ui: &mut Ui) {
         .allow_scroll(false)
         .allow_boxed_zoom(false)
         .show(ui, |plot| {
-            plot.line(Line::new(metric.label(), PlotPoints::from(points.clone())).color(CURVE));
+            plot.line(Line::new(metric.label(), PlotPoints::from(points.clone())).color(color));
             plot.points(
-                Points::new(metric.label(), PlotPoints::from(points)).radius(2.5).color(CURVE),
+                Points::new(metric.label(), PlotPoints::from(points)).radius(2.5).color(color),
             );
         });
 }

@@ -13,13 +13,18 @@ use eframe::egui::{
 const WIDTH: f32 = 250.0;
 /// Tallest first photograph, points.
 const PHOTO_HEIGHT: f32 = 190.0;
+/// Room for what is written below it, points.
+const TEXT_HEIGHT: f32 = 210.0;
+/// A smaller photograph shows nothing.
+const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
-/// Draws the card with its lower left corner at `at`; whether training is asked for.
+/// Draws the card with its lower left corner at `at`, `room` points below the top of the viewport; whether
+/// training is asked for.
 pub fn ui(
     snapshot: &Snapshot,
     opened: &Opened,
     photo: Option<&TextureHandle>,
-    at: Pos2,
+    (at, room): (Pos2, f32),
     ui: &Ui,
 ) -> Option<UiCommand> {
     let mut asked = None;
@@ -27,9 +32,10 @@ pub fn ui(
     area.show(ui.ctx(), |ui| {
         Frame::popup(ui.style()).show(ui, |ui| {
             ui.set_width(WIDTH);
-            if let Some(photo) = photo {
+            let height = PHOTO_HEIGHT.min(room - TEXT_HEIGHT);
+            if let Some(photo) = photo.filter(|_| height >= MIN_PHOTO_HEIGHT) {
                 let size = photo.size_vec2();
-                let scale = (WIDTH / size.x).min(PHOTO_HEIGHT / size.y);
+                let scale = (WIDTH / size.x).min(height / size.y);
                 ui.add(Image::new(photo).fit_to_exact_size(size * scale))
                     .on_hover_text("The first photograph");
             }

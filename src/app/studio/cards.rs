@@ -39,7 +39,8 @@ impl Studio {
             (Some(thumbnails), Some(first)) => thumbnails.get(ui.ctx(), first, true),
             _ => None,
         };
-        if let Some(command) = ready::ui(snapshot, opened, photo, corner, ui) {
+        let place = (corner, corner.y - ui.max_rect().top());
+        if let Some(command) = ready::ui(snapshot, opened, photo, place, ui) {
             self.apply_command(command, snapshot);
         }
     }

@@ -7,7 +7,9 @@ use crate::app::command_line::command_line;
 use crate::app::pending::{Continuation, Pending};
 use crate::app::state::{NoticeKind, Snapshot, Subject};
 use crate::app::worker::WorkerOrder;
-use eframe::egui::{Context, FocusDirection, Key, Popup, Ui, ViewportCommand};
+use eframe::egui::{
+    Context, FocusDirection, InputState, Key, Modifiers, Popup, Ui, ViewportCommand,
+};
 use std::path::PathBuf;
 
 impl Studio {
@@ -132,6 +134,11 @@ impl Studio {
             || dialogs.iter().any(|dialog| dialog.is_open());
         if asks || ui.ctx().text_edit_focused() {
             return;
+        }
+        // The list of keys goes before a selection does.
+        let closes = |i: &mut InputState| i.consume_key(Modifiers::NONE, Key::Escape);
+        if self.help_is_open && ui.input_mut(closes) {
+            self.help_is_open = false;
         }
         // Shift+Tab leads to the controls whatever Tab is taken for.
         let leads_on = ui.input(|i| i.modifiers.shift && i.key_pressed(Key::Tab));

@@ -94,7 +94,11 @@ impl SceneView {
             ui.ctx().request_repaint_after(HINT.saturating_sub(since.elapsed()));
             return Some(text.clone());
         }
-        if let Some(last) = self.editor.born_until {
+        if let Some(past) = self.editor.past_shown() {
+            let (frame, of) = (past.n_frames, self.n_frames);
+            return Some(format!("As it was after frame {frame} of {of} (Edit)"));
+        }
+        if let Some(last) = self.editor.born_until() {
             let (frame, of) = (last + 1, self.n_frames);
             return Some(format!("Born up to frame {frame} of {of}, as they are now (Edit)"));
         }

@@ -10,6 +10,7 @@ use crate::app::edit::editor::Editor;
 use crate::app::edit::edits::{Edits, SelectHow};
 use crate::app::edit::screen_box::slots_within;
 use crate::app::palette::Palette;
+use crate::app::splat_updates::SplatChange;
 use crate::app::state::Opened;
 use crate::math::camera::Camera;
 use crate::model::attributes::ComponentAttributes;
@@ -58,7 +59,7 @@ impl SceneView {
     /// What the worker is to tell of components: what colours them, else what a panel or the walk back
     /// needs.
     fn watched(&self) -> Option<Attribute> {
-        let is_asked = self.editor.is_asked || self.editor.born_until.is_some();
+        let is_asked = self.editor.is_asked || self.editor.born_until().is_some();
         self.settings.color_mode.attribute().or(is_asked.then_some(Attribute::Evidence))
     }
 
@@ -73,10 +74,16 @@ impl SceneView {
     pub(super) fn show_edits(&mut self) {
         self.palette.keep_known(self.watched().is_some());
         if let Some(change) = self.palette.choose(self.settings.color_mode.attribute()) {
-            let change = self.editor.change(change, &self.palette);
-            self.painter.change(change, self.editor.shown(&self.palette));
+            self.show(change);
         }
         if let Some(change) = self.editor.follow(&self.palette) {
+            self.painter.change(change, self.editor.shown(&self.palette));
+        }
+    }
+
+    /// Hands over what of the palette has changed, as far as it is shown.
+    pub(super) fn show(&mut self, change: SplatChange) {
+        if let Some(change) = self.editor.change(change, &self.palette) {
             self.painter.change(change, self.editor.shown(&self.palette));
         }
     }
@@ -96,7 +103,9 @@ impl SceneView {
             let world = self.world_of(ui, response.rect, &self.latest_camera?, opened)?;
             crop_handles::face_at(&world, crop, at)
         });
-        let selects = self.editor.is_boxing.then_some(EditDrag::Select);
+        // Edits are of the splats of now, which are not seen then.
+        let is_boxing = self.editor.is_boxing && self.editor.past_shown().is_none();
+        let selects = is_boxing.then_some(EditDrag::Select);
         self.edit_drag = face.map(EditDrag::Face).or(selects);
         if self.edit_drag.is_some() {
             // What is framed must not be carried away while it is framed.

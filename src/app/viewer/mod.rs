@@ -169,9 +169,10 @@ impl SceneView {
             photos.change(update.change.clone());
         }
         self.preview.outdate();
+        let n_frames = update.n_frames;
         let change = self.palette.change(update);
-        let change = self.editor.change(change, &self.palette);
-        self.painter.change(change, self.editor.shown(&self.palette));
+        self.editor.past.note(n_frames, self.palette.learned(), self.settings.past_bytes());
+        self.show(change);
     }
 
     /// Whether the GPU was given up.
@@ -271,7 +272,9 @@ impl SceneView {
         self.measure_preview(&request, snapshot.state);
         self.draw_world(ui, rect, &request, opened, snapshot);
         self.decorate(ui, rect, &request, result);
-        if let Some((attribute, range)) = self.palette.legend() {
+        // The past is shown in its own colours.
+        let legend = self.palette.legend().filter(|_| self.editor.past_shown().is_none());
+        if let Some((attribute, range)) = legend {
             legend::ui(attribute, range.as_ref(), rect.left_bottom() + LEGEND, ui);
         }
         self.edit(ui, &response, &request, opened);

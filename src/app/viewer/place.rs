@@ -85,10 +85,15 @@ impl SceneView {
                 self.hint = Some((text, Instant::now()));
             })
             .ok()?;
+        if self.editor.past_shown().is_some() && picked.purpose != PickPurpose::Pivot {
+            let text = "Only splats of now can be asked about: the tab Edit goes back to them";
+            self.hint = Some((text.to_owned(), Instant::now()));
+            return None;
+        }
         if picked.purpose == PickPurpose::Select {
             return Some(picked.splat);
         }
-        let splat = self.palette.learned().get(picked.splat? as usize)?;
+        let splat = self.editor.clickable(&self.palette).get(picked.splat? as usize)?;
         let point = surface_point(splat, &picked.camera, picked.pixel);
         if picked.purpose == PickPurpose::Measure {
             self.measure.aim(picked.splat?, point);

@@ -20,6 +20,9 @@ pub const PINHOLE_FOV_DEG: RangeInclusive<f32> = 10.0..=150.0;
 /// Vertical fields of view of a fisheye, degrees.
 pub const FISHEYE_FOV_DEG: RangeInclusive<f32> = 60.0..=360.0;
 
+/// Largest budget of earlier moments, MB.
+pub const MAX_PAST_MB: u32 = 4096;
+
 /// Colour behind the scene, sRGB bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -97,6 +100,8 @@ pub struct ViewSettings {
     pub frame_budget_ms: f64,
     /// Share of all cores that drawing may take while frames are trained, where no GPU draws.
     pub draw_share: f32,
+    /// What earlier moments of a scene in training may take to be walked back to, MB.
+    pub past_mb: u32,
     /// What colours mean. Not kept: the next scene may not tell it.
     #[serde(skip)]
     pub color_mode: ColorMode,
@@ -122,6 +127,7 @@ impl Default for ViewSettings {
             quality_every: Some(DEFAULT_EVERY),
             frame_budget_ms: FRAME_BUDGET_MS,
             draw_share: DEFAULT_SHARE,
+            past_mb: 128,
             color_mode: ColorMode::Color,
         }
     }
@@ -161,9 +167,15 @@ impl ViewSettings {
                 _ => FRAME_BUDGET_MS,
             },
             draw_share: within(self.draw_share, SHARES, start.draw_share),
+            past_mb: self.past_mb.min(MAX_PAST_MB),
             difference_gain: within(self.difference_gain, GAINS, start.difference_gain),
             ..self
         }
+    }
+
+    /// What earlier moments of a scene in training may take, bytes.
+    pub fn past_bytes(&self) -> usize {
+        self.past_mb as usize * 1_000_000
     }
 
     /// Chooses the lens; the projected renderer cannot follow to a fisheye.
@@ -238,9 +250,9 @@ mod tests {
             assert_eq!(read, ViewSettings::default(), "{text}");
             assert!(notice.unwrap().contains("the defaults are used"), "{text}");
         }
-        let text = "(scale: 99.0, opacity_cut: NaN, pinhole_fov_deg: Some(500.0), lens: fisheye)";
+        let text = "(scale: 99.0, opacity_cut: NaN, past_mb: 99999, pinhole_fov_deg: Some(500.0), lens: fisheye)";
         let (read, notice) = ViewSettings::from_text(text);
-        assert_eq!((read.scale, read.opacity_cut), (3.0, 0.0));
+        assert_eq!((read.scale, read.opacity_cut, read.past_mb), (3.0, 0.0, MAX_PAST_MB));
         assert_eq!((read.pinhole_fov_deg, read.renderer), (Some(150.0), Renderer::Exact));
         assert_eq!(notice, None);
     }

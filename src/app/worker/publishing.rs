@@ -55,7 +55,8 @@ impl WorkerThread {
             let splats = session.splats_of(&ids);
             let attributes = self.attributes_of(&ids);
             let change = SplatChange::Some { ids, splats };
-            self.shared.updates.push(SplatUpdate { change, attributes });
+            let n_frames = self.snapshot.n_seen();
+            self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
         }
     }
 
@@ -64,7 +65,8 @@ impl WorkerThread {
         let splats = self.splats();
         let ids: Vec<u32> = (0..splats.len() as u32).collect();
         let attributes = self.attributes_of(&ids);
-        self.shared.updates.push(SplatUpdate { change: SplatChange::All(splats), attributes });
+        let (change, n_frames) = (SplatChange::All(splats), self.snapshot.n_seen());
+        self.shared.updates.push(SplatUpdate { change, attributes, n_frames });
     }
 
     /// What is known of components, if the viewport asks for it.
