@@ -154,7 +154,6 @@ fn told_or_harmless(layout: &str, (scratch, scene): &(Scratch, Vec<u8>), failing
 }
 
 /// Lets some of the calls fail, evenly spaced, each by itself and with all behind it.
-#[allow(clippy::print_stdout)]
 fn fail_some(calls: &[(&'static str, i32)], most: usize) {
     LAYOUTS.par_iter().for_each(|layout| {
         let recorded = recorded(layout);

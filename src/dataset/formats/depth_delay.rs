@@ -27,7 +27,7 @@ const LEAST_CHANGE: f64 = 0.3;
 const RATE: f64 = 0.01;
 /// Seconds between the delays that are tried, and how many to either side.
 const STEP: f64 = 0.005;
-const N_STEPS: i32 = 8;
+const N_STEPS: usize = 8;
 /// Rows and columns of depth of which every so-many-th is a sample.
 const EVERY: usize = 16;
 /// Distances count as shares of the depth, at most this: edges hide and show.
@@ -54,64 +54,93 @@ where
 {
     let pairs: Vec<Pair> = chosen(frames, clock)
         .into_par_iter()
-        .filter_map(|[a, b]| Some(Pair([Seen::load(&frames[a])?, Seen::load(&frames[b])?])))
+        .filter_map(|[a, b]| Some(Pair([Seen::load(a)?, Seen::load(b)?])))
         .collect();
     if pairs.len() < PAIRS[1] {
         return None;
     }
-    let delays: Vec<f64> = (-N_STEPS..=N_STEPS).map(|i| f64::from(i) * STEP).collect();
-    let table: Vec<Vec<f64>> = pairs
+    let table: Vec<Distances> = pairs
         .par_iter()
-        .map(|pair| delays.iter().map(|&delay| pair.distance(clock, delay)).collect())
+        .map(|pair| std::array::from_fn(|i| pair.distance(clock, delay_of(i as f64))))
         .collect();
-    let of = |half: &dyn Fn(usize) -> bool| -> Vec<f64> {
-        let rows = || table.iter().enumerate().filter(|(i, _)| half(*i)).map(|(_, row)| row);
-        (0..delays.len()).map(|k| rows().map(|row| row[k]).sum()).collect()
-    };
-    let all = of(&|_| true);
+    let half = |first: usize| sum(table.iter().skip(first).step_by(2));
+    let all = sum(table.iter());
     let (delay, least) = lowest(&all)?;
-    let halves = [lowest(&of(&|i| i % 2 == 0))?.0, lowest(&of(&|i| i % 2 == 1))?.0];
+    let halves = [lowest(&half(0))?.0, lowest(&half(1))?.0];
     let is_determined =
-        least < (1.0 - FALL) * all[N_STEPS as usize] && (halves[0] - halves[1]).abs() < AGREED;
+        least < (1.0 - FALL) * all[N_STEPS] && (halves[0] - halves[1]).abs() < AGREED;
     (is_determined && delay.abs() >= LEAST).then_some(delay)
 }
 
+/// By delay: see [`delay_of`].
+type Distances = [f64; 2 * N_STEPS + 1];
+
+/// Seconds of a place among the distances.
+fn delay_of(place: f64) -> f64 {
+    (place - N_STEPS as f64) * STEP
+}
+
+fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
+    rows.fold([0.0; _], |mut sums, row| {
+        sums.iter_mut().zip(row).for_each(|(sum, distance)| *sum += distance);
+        sums
+    })
+}
+
 /// The delay of the least distance and that distance; `None` at either end, where less may lie beyond.
-fn lowest(distances: &[f64]) -> Option<(f64, f64)> {
-    let (best, _) = distances.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1))?;
-    let (before, here) = (*distances.get(best.checked_sub(1)?)?, distances[best]);
-    let after = *distances.get(best + 1)?;
-    let bend = before - 2.0 * here + after;
-    let off = if bend > 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
-    Some(((best as f64 - f64::from(N_STEPS) + off) * STEP, here))
+fn lowest(distances: &Distances) -> Option<(f64, f64)> {
+    let triples = distances.array_windows().enumerate();
+    let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
+    if left < here || right < here {
+        return None;
+    }
+    let bend = left - 2.0 * here + right;
+    let off = if bend > 0.0 { 0.5 * (left - right) / bend } else { 0.0 };
+    Some((delay_of(before as f64 + 1.0 + off), *here))
 }
 
 /// Pairs of images, evenly over the recording, each with the partner of the most different turning.
-fn chosen<At>(frames: &[RecordedFrame], clock: &Clock<At>) -> Vec<[usize; 2]>
+fn chosen<'a, At>(frames: &'a [RecordedFrame], clock: &Clock<At>) -> Vec<[&'a RecordedFrame; 2]>
 where
     At: Fn(f64) -> Option<Pose> + Sync,
 {
-    let rate = |frame: &RecordedFrame| -> Option<DVec3> {
-        let [before, after] =
-            [-RATE, RATE].map(|by| frame.time.and_then(|time| (clock.at)(time + by)));
-        let (before, after) = (before?, after?);
-        // In the axes of the world, where both of a pair can be compared.
-        Some(before.rotation() * before.offset_to(&after).1.to_scaled_axis() / (2.0 * RATE))
-    };
-    let rates: Vec<Option<DVec3>> = frames.iter().map(rate).collect();
-    let change = |a: usize, b: usize| -> Option<f64> {
-        let turn = frames[a].pose.offset_to(&frames[b].pose).1.to_scaled_axis();
-        (turn.length() < MOST_TURN).then_some((rates[a]? - rates[b]?).length())
-    };
-    let n = frames.len();
+    let turning: Vec<Turning<'a>> =
+        frames.iter().filter_map(|frame| Turning::new(frame, clock)).collect();
+    let n = turning.len();
     let anchors = n.min(PAIRS[0]);
     let pair = |i: usize| {
-        let a = i * n / anchors;
-        let partners = (a + 1..n.min(a + 1 + REACH)).filter_map(|b| Some((b, change(a, b)?)));
-        let (b, most) = partners.max_by(|x, y| x.1.total_cmp(&y.1))?;
-        (most >= LEAST_CHANGE).then_some([a, b])
+        let (first, behind) = turning.get(i * n / anchors..)?.split_first()?;
+        let partners = behind.iter().take(REACH);
+        let changes = partners.filter_map(|second| Some((second, first.change(second)?)));
+        let (second, most) = changes.max_by(|x, y| x.1.total_cmp(&y.1))?;
+        (most >= LEAST_CHANGE).then_some([first.frame, second.frame])
     };
     (0..anchors).filter_map(pair).collect()
+}
+
+/// A frame and how its camera turns.
+struct Turning<'a> {
+    frame: &'a RecordedFrame,
+    /// Radians a second, axes of the world.
+    rate: DVec3,
+}
+
+impl<'a> Turning<'a> {
+    fn new<At>(frame: &'a RecordedFrame, clock: &Clock<At>) -> Option<Self>
+    where
+        At: Fn(f64) -> Option<Pose>,
+    {
+        let at = |by: f64| (clock.at)(frame.time? + by);
+        let (before, after) = (at(-RATE)?, at(RATE)?);
+        let turn = before.offset_to(&after).1.to_scaled_axis();
+        Some(Self { frame, rate: before.rotation() * turn / (2.0 * RATE) })
+    }
+
+    /// By how much the turning differs, radians a second; `None` where both hardly show the same.
+    fn change(&self, other: &Self) -> Option<f64> {
+        let turn = self.frame.pose.offset_to(&other.frame.pose).1.to_scaled_axis();
+        (turn.length() < MOST_TURN).then_some((self.rate - other.rate).length())
+    }
 }
 
 /// A depth image.
