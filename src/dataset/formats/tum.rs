@@ -9,7 +9,8 @@
 //! photograph was taken by a camera that stood where the trajectory was at its own time.
 //!
 //! Nor was an image taken at one time: the makers' cameras, which recordings without intrinsics are taken
-//! for, read it row by row, and the trajectory says how they turned meanwhile.
+//! for, read it row by row, and the trajectory says how they turned meanwhile. Their depth tells by how much
+//! its own times are wrong (`depth_delay.rs`).
 //!
 //! The recordings do not hold their intrinsics. The default of the makers projects their depth better
 //! than the calibration that is published for each colour camera.
@@ -321,13 +322,14 @@ fn frame(
     cameras: Cameras,
     encoding: DepthEncoding,
 ) -> Result<RecordedFrame, FrameProblem> {
+    let measured = depth.time + poses.map_or(0.0, |poses| poses.delay);
     let pose = match poses {
-        Some(poses) => Pose::from_opencv(poses.trajectory.at(depth.time + poses.delay)?)?,
+        Some(poses) => Pose::from_opencv(poses.trajectory.at(measured)?)?,
         None => Pose::IDENTITY,
     };
     let color = nearest(colors, depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
-    let times = [depth.time + poses.map_or(0.0, |poses| poses.delay), color.time];
+    let times = [measured, color.time];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
     let cameras = poses.map_or(cameras, |poses| poses.apart(cameras, size, times));
     let file = ByteSource::File(depth.path.clone());
