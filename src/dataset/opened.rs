@@ -208,6 +208,18 @@ impl Dataset {
         }
     }
 
+    /// Loads a frame that settings are chosen by. Twice: what a disk refuses once is learnt from later, and
+    /// settings would differ for no reason that anybody is told. What it goes on to refuse is told.
+    pub(crate) fn load_sampled(&self, split: usize, index: usize) -> Result<Frame, FrameError> {
+        let loaded = self.load(split, index).or_else(|_| self.load(split, index));
+        if let Err(error) = &loaded
+            && matches!(error.problem, FrameProblem::Read(_))
+        {
+            tracing::warn!("{error}; settings are chosen by other frames");
+        }
+        loaded
+    }
+
     /// Takes up what a look at the growing recording found: the frames of `split` are appended, other
     /// splits replaced.
     pub fn grow(&mut self, split: usize, found: Self) {

@@ -33,10 +33,8 @@ pub fn estimate(dataset: &Dataset, split: usize) -> Result<PositionRange, RangeE
     let mut axes: [Vec<f64>; 3] = Default::default();
     let mut failure = None;
     for at in (0..n_sampled).filter_map(|i| sound.get(i * sound.len() / n_sampled)) {
-        // A damaged frame must not keep a recording from training: others tell the range too. Twice: by
-        // what a disk refuses once the range would differ, and nobody would be told.
-        let mut ask = || sample(dataset, split, *at, &mut axes);
-        if let Err(error) = ask().or_else(|_| ask()) {
+        // A damaged frame must not keep a recording from training: others tell the range too.
+        if let Err(error) = sample(dataset, split, *at, &mut axes) {
             failure = Some(error);
         }
     }
@@ -82,7 +80,7 @@ fn sample(
     index: usize,
     axes: &mut [Vec<f64>; 3],
 ) -> Result<(), FrameError> {
-    let frame = dataset.load(split, index)?;
+    let frame = dataset.load_sampled(split, index)?;
     let Some(depth) = &frame.depth else { return Ok(()) };
     let (width, height) = depth.size();
     let k = &frame.camera.intrinsics;

@@ -33,6 +33,8 @@ const DRAWN: usize = 20;
 /// Measurements from which on memory must be flat: of fewer the medians scatter by more than it may rise, as
 /// one window in rest holds 5 % more or less than another.
 const MIN_MEASURED: usize = 100;
+/// The largest size of the window.
+const LARGEST: Vec2 = Vec2::new(1600.0, 1000.0);
 /// Rounds that a window is given to come to rest.
 const MAX_ROUNDS: usize = 100;
 /// By how much memory may rise after warm-up.
@@ -142,7 +144,10 @@ fn any_input(window: &mut Window, files: &[PathBuf], rng: &mut Rng) -> String {
             format!("dropped {}", file.display())
         }
         _ => {
-            let size = Vec2::new(rng.range(200.0, 1600.0) as f32, rng.range(120.0, 1000.0) as f32);
+            let size = Vec2::new(
+                rng.range(200.0, LARGEST.x.into()) as f32,
+                rng.range(120.0, LARGEST.y.into()) as f32,
+            );
             window.set_size(size);
             format!("size {size:?}")
         }
@@ -250,12 +255,17 @@ fn as_at_first(window: &mut Window, path: &std::path::Path, alive: &Sender<Strin
     });
 }
 
-/// A window that has trained by the preset of the most components and is as at first again: what is drawn
-/// from then on has room for so many splats, which inputs would otherwise ask for one day.
+/// A window that has drawn the most components there are as large as it gets, beside a photograph too, and is as
+/// at first again: what draws has room for so much from then on, which inputs would otherwise ask for one day.
 fn roomy_window(path: &std::path::Path, alive: &Sender<String>) -> Option<Window> {
     let mut window = paper_window(path, Painting::Auto)?;
     window.key_press(Key::Space);
     wait(&mut window, "trained", is(RunState::Finished));
+    window.set_size(LARGEST);
+    window.key_press(Key::T);
+    window.key_press(Key::G);
+    wait(&mut window, "compared", |studio| studio.view().frame_ref().is_some());
+    held_at_rest(&mut window);
     as_at_first(&mut window, path, alive);
     Some(window)
 }

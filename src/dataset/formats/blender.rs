@@ -158,8 +158,10 @@ impl FrameList {
         self.check_camera(size)?;
         let stated = self.intrinsics(size.0, size.1)?;
         let intrinsics = options.intrinsics.map_or(Ok(stated), |numbers| given(numbers, size))?;
-        // Where no depth image can be read any encoding will do: each frame fails by itself.
-        let bits = listed.depth_bits().unwrap_or(8);
+        let Some(bits) = listed.depth_bits() else {
+            listed.skip_unreadable(parsed);
+            return Ok(None);
+        };
         let encoding = self.depth_encoding(bits, options)?;
         Ok(Some(listed.into_split(intrinsics, encoding, parsed)))
     }

@@ -154,7 +154,19 @@ impl Seen {
     fn load(frame: &RecordedFrame) -> Option<Self> {
         let DepthSource { file, encoding, .. } = frame.depth.as_ref()?;
         let intrinsics = frame.cameras.depth;
-        let depth = decode::depth(file, encoding, (intrinsics.width, intrinsics.height)).ok()?;
+        let size = (intrinsics.width, intrinsics.height);
+        // Twice, as all that settings are chosen by: what a disk refuses once is learnt from later.
+        let read = || decode::depth(file, encoding, size);
+        let depth = match read().or_else(|_| read()) {
+            Ok(depth) => depth,
+            Err(problem) => {
+                tracing::warn!(
+                    "frame {}: {problem}; the delay of depth is told by others",
+                    frame.name
+                );
+                return None;
+            }
+        };
         // What a Kinect measures; other depth would need its own rays.
         (depth.kind == DepthKind::Z).then_some(Self { time: frame.time?, depth, intrinsics })
     }

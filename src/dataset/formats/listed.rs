@@ -16,6 +16,9 @@ use crate::math::camera::{Camera, Intrinsics};
 use crate::math::pose::Pose;
 use std::path::{Path, PathBuf};
 
+/// What is said of a file that can be read now.
+const REFUSED: &str = "one that could not be read a moment ago";
+
 fn header(path: &Path) -> Result<ImageHeader, FrameProblem> {
     decode::header(&ByteSource::File(path.to_owned()))
 }
@@ -51,11 +54,12 @@ impl ListedSplit {
         self.frames.iter().map(|frame| frame.color.as_path())
     }
 
-    /// Bits of the depth of most frames; `None` if none can be read.
+    /// Bits of the depth of most frames, any where there is no depth; `None` if none can be read.
     pub fn depth_bits(&self) -> Option<u16> {
         let depths: Vec<&PathBuf> =
             self.frames.iter().filter_map(|frame| frame.depth.as_ref().ok()).collect();
-        of_most(&depths, |path| header(path).map(|header| header.bits_per_channel)).ok()?
+        let bits = of_most(&depths, |path| header(path).map(|header| header.bits_per_channel));
+        bits.map(|bits| bits.unwrap_or(8)).ok()
     }
 
     /// Makes the split; in one with depth, frames without are skipped.
@@ -85,14 +89,18 @@ impl ListedSplit {
         DatasetSplit { name: self.name, frames, has_depth }
     }
 
-    /// Without a readable header there is no camera: each frame gets its own message.
+    /// Without a readable header there is no camera or no encoding: each frame gets its own message.
     pub fn skip_unreadable(self, parsed: &mut ParsedFolder) {
-        for ListedFrame { name, color, .. } in self.frames {
-            let problem = header(&color).err().unwrap_or_else(|| {
-                // What a disk gives only at the second attempt must not vanish without a word.
-                FrameProblem::Read(std::io::Error::other("one that could not be read a moment ago"))
-            });
-            parsed.skip(&self.name, &name, color, problem);
+        for ListedFrame { name, color, depth, .. } in self.frames {
+            let (file, problem) = match (header(&color), depth) {
+                (Err(problem), _) | (_, Err(problem)) => (color, problem),
+                (Ok(_), Ok(depth)) => match header(&depth) {
+                    Err(problem) => (depth, problem),
+                    // What a disk gives only at a later attempt must not vanish without a word.
+                    Ok(_) => (color, FrameProblem::Read(std::io::Error::other(REFUSED))),
+                },
+            };
+            parsed.skip(&self.name, &name, file, problem);
         }
     }
 }

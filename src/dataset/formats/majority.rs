@@ -19,6 +19,8 @@ pub(super) fn of_most<S, T: Copy + PartialEq, E>(
     let n = files.len().min(ASKED);
     let is_asked = |(at, _): &(usize, &S)| (0..n).any(|i| i * files.len() / n == *at);
     let (mut answers, mut error) = (Vec::new(), None);
+    // Twice: by what a disk refuses once all frames would be read otherwise, and nobody would be told.
+    let ask = |file: &S| ask(file).or_else(|_| ask(file));
     let mut note = |answer: Result<T, E>| match answer {
         Ok(answer) => answers.push(answer),
         Err(e) => drop(error.get_or_insert(e)),

@@ -42,9 +42,7 @@ impl FrameSample {
             if n == SAMPLED_FRAMES {
                 break;
             }
-            // Twice: what a disk refuses once is learnt from later, and the scale would differ for no
-            // reason that anybody is told. What it goes on to refuse is told in its turn.
-            let frame = match dataset.load(split, index).or_else(|_| dataset.load(split, index)) {
+            let frame = match dataset.load_sampled(split, index) {
                 Ok(frame) => frame,
                 Err(error) => {
                     unreadable.get_or_insert_with(|| error.to_string());
