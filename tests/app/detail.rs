@@ -1,9 +1,9 @@
 //! How fine is trained next: on the bar, in Settings with marks of what was changed, and as a command.
 
-use super::harness::{Window, click, dataset, drop_on, is, wait, window};
+use super::harness::{Window, click, copied, dataset, drop_on, is, wait, window};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Event, Key, Modifiers, OutputCommand};
+use eframe::egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
@@ -59,21 +59,6 @@ fn the_slider_holds_for_the_first_run_and_offers_another_with_its_forecast() {
         now.state == RunState::Finished && now.used > used
     });
     assert!(pixels(&window) < first);
-}
-
-/// What the window copies when the button is pressed.
-fn copied(window: &mut Window, label: &str) -> String {
-    window.run_steps(2);
-    window.get_by_label(label).click_accesskit();
-    for _ in 0..5 {
-        window.step();
-        for command in &window.output().platform_output.commands {
-            if let OutputCommand::CopyText(text) = command {
-                return text.clone();
-            }
-        }
-    }
-    panic!("nothing is copied");
 }
 
 #[test]

@@ -3,7 +3,8 @@
 use crate::common::adapter::vulkan;
 use eframe::egui::accesskit::Role;
 use eframe::egui::{
-    Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, PointerButton, Pos2, TouchPhase, Vec2,
+    Event, Key, Modifiers, MouseWheelSource, MouseWheelUnit, OutputCommand, PointerButton, Pos2,
+    TouchPhase, Vec2,
 };
 use eframe::egui_wgpu::{RenderState, RendererOptions, WgpuSetup, WgpuSetupExisting};
 use egui_kittest::Harness;
@@ -258,4 +259,19 @@ pub fn settled(window: &mut Window) -> Vec<u8> {
         assert!(started.elapsed() < PATIENCE, "the picture never settles");
         last = middle;
     }
+}
+
+/// What the window copies when the button is pressed.
+pub fn copied(window: &mut Window, label: &str) -> String {
+    window.run_steps(2);
+    window.get_by_label(label).click_accesskit();
+    for _ in 0..5 {
+        window.step();
+        for command in &window.output().platform_output.commands {
+            if let OutputCommand::CopyText(text) = command {
+                return text.clone();
+            }
+        }
+    }
+    panic!("nothing is copied");
 }

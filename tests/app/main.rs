@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod abandoned;
+mod background;
 mod camera;
 #[path = "../common/mod.rs"]
 mod common;

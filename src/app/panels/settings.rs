@@ -9,7 +9,8 @@ use crate::app::viewer::settings::{
 };
 use crate::render::Exposing;
 use crate::render::{Antialias, Lens, Renderer};
-use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
+use eframe::egui::accesskit::Role;
+use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui, WidgetInfo};
 
 /// What the panel says beside the settings.
 pub struct SettingsContext<'a> {
@@ -251,7 +252,9 @@ fn background(settings: &mut ViewSettings, ui: &mut Ui) {
             ui.selectable_value(&mut settings.background, choice, label);
         }
         let mut rgb = settings.background.rgb8();
-        let picked = ui.color_edit_button_srgb(&mut rgb).on_hover_text("Any other colour");
+        let name = "Any other colour";
+        let picked = ui.color_edit_button_srgb(&mut rgb).on_hover_text(name);
+        picked.widget_info(|| WidgetInfo::labeled(Role::ColorWell, ui.is_enabled(), name));
         if picked.changed() {
             settings.background = Background::Custom(rgb);
         }
