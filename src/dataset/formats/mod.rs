@@ -5,7 +5,7 @@
 mod arkit;
 mod blender;
 mod color_depth;
-mod depth_delay;
+mod delays;
 mod format;
 mod lens;
 mod listed;

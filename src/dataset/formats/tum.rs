@@ -9,13 +9,13 @@
 //! photograph was taken by a camera that stood where the trajectory was at its own time.
 //!
 //! Nor was an image taken at one time: the makers' cameras, which recordings without intrinsics are taken
-//! for, read it row by row, and the trajectory says how they turned meanwhile. Their depth tells by how much
-//! its own times are wrong (`depth_delay.rs`).
+//! for, read it row by row, and the trajectory says how they turned meanwhile. What they show tells by how much
+//! their times are wrong (`delays/mod.rs`).
 //!
 //! The recordings do not hold their intrinsics. The default of the makers projects their depth better
 //! than the calibration that is published for each colour camera.
 
-use super::depth_delay::{self, Clock};
+use super::delays::{self, Clock, Delays, Shot};
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{Cameras, RecordedFrame, Recording, wrong};
 use super::stated::{self, PRIMESENSE};
@@ -31,6 +31,7 @@ use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::rolling_shutter::{KINECT_COLOR, KINECT_DEPTH, RollingShutter};
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
+use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use glam::DVec3;
 use std::path::PathBuf;
@@ -96,7 +97,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         trajectory,
         convention: options.poses,
         is_kinect,
-        delay: 0.0,
+        delays: Delays::default(),
     });
     let taken: Vec<&TimedImage> = depths
         .iter()
@@ -105,11 +106,10 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         .collect();
     let poses = match poses {
         // While a recording grows, its first frames would be placed otherwise than the later ones.
-        Some(poses) if is_kinect && !is_growing => {
-            let frames =
-                taken.iter().map(|depth| frame(depth, &colors, Some(poses), cameras, encoding));
-            let frames: Vec<RecordedFrame> = frames.filter_map(Result::ok).collect();
-            Some(poses.delayed(&mut recording, &frames))
+        Some(poses) if is_kinect && !is_growing && cameras.color.is_none() => {
+            let shots = taken.iter().filter_map(|depth| shot(depth, &colors, encoding));
+            let shots: Vec<Shot> = shots.collect();
+            Some(poses.delayed(&mut recording, &shots, cameras.depth))
         }
         poses => poses,
     };
@@ -256,8 +256,8 @@ struct Poses<'a> {
     convention: Option<PoseConvention>,
     /// Whether images are read row by row, as the makers' cameras do.
     is_kinect: bool,
-    /// Seconds by which depth images were taken after their times.
-    delay: f64,
+    /// By how much images were taken after their times.
+    delays: Delays,
 }
 
 impl Poses<'_> {
@@ -267,16 +267,26 @@ impl Poses<'_> {
         self.trajectory.at(time).ok().and_then(|matrix| convention.pose(matrix).ok())
     }
 
-    /// With the delay that the depth itself tells.
-    fn delayed(self, recording: &mut Recording<'_>, frames: &[RecordedFrame]) -> Self {
-        let clock = Clock { at: |time| self.at(time), reading: KINECT_DEPTH };
-        let Some(delay) = depth_delay::find(frames, &clock) else { return self };
-        recording.note(format!(
-            "depth was taken {:.0} ms {} its times say, as it agrees with itself along the trajectory: it is placed where the camera was then",
-            1e3 * delay.abs(),
-            if delay < 0.0 { "before" } else { "after" }
-        ));
-        Self { delay, ..self }
+    /// With the delays that the images themselves tell.
+    fn delayed(
+        self,
+        recording: &mut Recording<'_>,
+        shots: &[Shot],
+        intrinsics: Intrinsics,
+    ) -> Self {
+        let at = |time| self.at(time);
+        let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
+        let delays = delays::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
+        for (what, delay) in [("depth was", delays.depth), ("photographs were", delays.color)] {
+            if delay != 0.0 {
+                recording.note(format!(
+                    "{what} taken {:.0} ms {} the times say, as one agrees with the other along the trajectory: each is placed where the camera was then",
+                    1e3 * delay.abs(),
+                    if delay < 0.0 { "before" } else { "after" }
+                ));
+            }
+        }
+        Self { delays, ..self }
     }
 
     /// How the camera turned while it read an image, the middle row at `time`, in `seconds`.
@@ -322,14 +332,15 @@ fn frame(
     cameras: Cameras,
     encoding: DepthEncoding,
 ) -> Result<RecordedFrame, FrameProblem> {
-    let measured = depth.time + poses.map_or(0.0, |poses| poses.delay);
+    let delays = poses.map_or(Delays::default(), |poses| poses.delays);
+    let measured = depth.time + delays.depth;
     let pose = match poses {
         Some(poses) => Pose::from_opencv(poses.trajectory.at(measured)?)?,
         None => Pose::IDENTITY,
     };
     let color = nearest(colors, depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
-    let times = [measured, color.time];
+    let times = [measured, color.time + delays.color];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
     let cameras = poses.map_or(cameras, |poses| poses.apart(cameras, size, times));
     let file = ByteSource::File(depth.path.clone());
@@ -341,6 +352,17 @@ fn frame(
         color: ByteSource::File(color.path.clone()),
         depth: Some(DepthSource { file, encoding, confidence: None }),
         lens,
+    })
+}
+
+/// A depth image and the photograph beside it, whatever is known of their camera.
+fn shot(depth: &TimedImage, colors: &[TimedImage], encoding: DepthEncoding) -> Option<Shot> {
+    let color = nearest(colors, depth.time).ok()?;
+    let file = ByteSource::File(depth.path.clone());
+    Some(Shot {
+        name: frame_name(&depth.name).into(),
+        depth: (depth.time, DepthSource { file, encoding, confidence: None }),
+        color: (color.time, ByteSource::File(color.path.clone())),
     })
 }
 

@@ -1,0 +1,102 @@
+//! How well two photographs fit, given when they were taken.
+
+use super::clock::{Clock, Shot};
+use super::depth;
+use super::strips::Strips;
+use crate::dataset::decode;
+use crate::math::camera::Intrinsics;
+use crate::math::image::Image;
+use crate::math::pose::Pose;
+use glam::DVec3;
+
+/// Sides of the squares of pixels that are averaged: noise and detail finer than a pixel's error are gone.
+const SQUARE: usize = 4;
+/// Differences of grey, of 1, count at most as this: what moves or shines is another colour.
+const FARTHEST: f64 = 0.2;
+
+/// Two photographs, and what both show.
+pub(super) struct Pair {
+    times: [f64; 2],
+    greys: [Image<f32>; 2],
+    points: Vec<DVec3>,
+}
+
+impl Pair {
+    /// Those beside two depth images that were taken `delay` after their times; `None` where one cannot be read.
+    pub fn load<At>(pair: &depth::Pair<'_>, clock: &Clock<At>, delay: f64) -> Option<Self>
+    where
+        At: Fn(f64) -> Option<Pose>,
+    {
+        let [a, b] = pair.shots;
+        Some(Self {
+            times: [a.color.0, b.color.0],
+            greys: [load(a, &clock.intrinsics)?, load(b, &clock.intrinsics)?],
+            points: pair.common(clock, delay),
+        })
+    }
+
+    /// Mean difference of what both show of the same points; exposures are made equal.
+    pub fn distance<At>(&self, clock: &Clock<At>, delay: f64) -> f64
+    where
+        At: Fn(f64) -> Option<Pose>,
+    {
+        let [a, b] = self.times.map(|time| {
+            Strips::new(clock.intrinsics, &clock.at, time + delay, clock.color_reading)
+        });
+        let shown = |world: &DVec3| {
+            let [x, y] = [a.seen(*world)?, b.seen(*world)?];
+            Some([grey_at(&self.greys[0], x)?, grey_at(&self.greys[1], y)?])
+        };
+        let shown: Vec<[f64; 2]> = self.points.iter().filter_map(shown).collect();
+        let gain =
+            shown.iter().map(|[x, _]| x).sum::<f64>() / shown.iter().map(|[_, y]| y).sum::<f64>();
+        if shown.is_empty() || !gain.is_finite() {
+            return FARTHEST;
+        }
+        let differences = shown.iter().map(|[x, y]| (x - gain * y).abs().min(FARTHEST));
+        differences.sum::<f64>() / shown.len() as f64
+    }
+}
+
+/// Means of the squares of a photograph, in `[0, 1]`.
+fn load(shot: &Shot, k: &Intrinsics) -> Option<Image<f32>> {
+    let read = || decode::color(&shot.color.1, (k.width, k.height));
+    let color = match read().or_else(|_| read()) {
+        Ok(color) => color,
+        Err(problem) => {
+            tracing::warn!("frame {}: {problem}; delays are told by others", shot.name);
+            return None;
+        }
+    };
+    let (columns, rows) = (color.width / SQUARE, color.height / SQUARE);
+    let mut means = Image::filled(columns, rows, 0.0);
+    for (row, line) in means.data.chunks_mut(columns.max(1)).enumerate() {
+        for (column, mean) in line.iter_mut().enumerate() {
+            let of_square = |i: usize| {
+                let [r, g, b, _] =
+                    *color.at(SQUARE * column + i % SQUARE, SQUARE * row + i / SQUARE);
+                f32::from(r) + f32::from(g) + f32::from(b)
+            };
+            let sum: f32 = (0..SQUARE * SQUARE).map(of_square).sum();
+            *mean = sum / (3.0 * 255.0 * (SQUARE * SQUARE) as f32);
+        }
+    }
+    Some(means)
+}
+
+/// Between the four squares around a place in the photograph; `None` at its rim.
+fn grey_at(grey: &Image<f32>, [u, v, _]: [f64; 3]) -> Option<f64> {
+    let (x, y) = (u / SQUARE as f64 - 0.5, v / SQUARE as f64 - 0.5);
+    let (column, row) = (x.floor(), y.floor());
+    let is_inside = column >= 0.0 && row >= 0.0;
+    let (right, down) = (x - column, y - row);
+    let (column, row) = (column as usize, row as usize);
+    if !is_inside || column + 1 >= grey.width || row + 1 >= grey.height {
+        return None;
+    }
+    let along = |row: usize| {
+        let [left, next] = [column, column + 1].map(|column| f64::from(*grey.at(column, row)));
+        left + right * (next - left)
+    };
+    Some(along(row) + down * (along(row + 1) - along(row)))
+}

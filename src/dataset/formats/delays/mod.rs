@@ -1,0 +1,101 @@
+//! When images were taken, told by what they show: a clock that stamps them late shows where the camera
+//! turns.
+//!
+//! Depth of one image, moved by the trajectory into another, lies on what that one measured if both were
+//! taken when their times say; and what it measured has one colour in the photographs beside both if these
+//! were. A camera that turns evenly says nothing, since a delay moves both alike: pairs are chosen between
+//! which it turns otherwise (`pairs.rs`). Of delays in steps the one of the least mean distance is taken, and
+//! refined by a parabola, if two halves of the pairs agree about it.
+
+mod clock;
+mod color;
+mod depth;
+mod pairs;
+mod strips;
+#[cfg(test)]
+mod tests;
+
+use crate::math::pose::Pose;
+pub(super) use clock::{Clock, Shot};
+use rayon::prelude::*;
+
+/// The fewest pairs of images that say anything.
+const FEWEST: usize = 6;
+/// Seconds between the delays that are tried, and how many to either side.
+const STEP: f64 = 0.005;
+const N_STEPS: usize = 8;
+/// By what share the mean distance must fall, seconds by which two halves of the pairs may differ, and the least
+/// delay that is told.
+const FALL: f64 = 0.05;
+const AGREED: f64 = 0.008;
+const LEAST: f64 = 0.004;
+
+/// Seconds by which images were taken after their times, negative before them; 0 where the recording does not
+/// determine it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Delays {
+    pub depth: f64,
+    pub color: f64,
+}
+
+/// Those of a recording.
+pub(super) fn find<At>(shots: &[Shot], clock: &Clock<At>) -> Delays
+where
+    At: Fn(f64) -> Option<Pose> + Sync,
+{
+    let pairs: Vec<depth::Pair> = pairs::chosen(shots, clock)
+        .into_par_iter()
+        .filter_map(|pair| depth::Pair::load(pair, clock))
+        .collect();
+    let depth = lowest_of(&pairs, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
+    let pairs: Vec<color::Pair> =
+        pairs.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, depth)).collect();
+    let color = lowest_of(&pairs, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
+    Delays { depth, color }
+}
+
+/// The delay at which what pairs say, given one, is least on average; `None` where they do not determine it, or
+/// determine that there is none.
+fn lowest_of<P: Sync>(pairs: &[P], distance: impl Fn(&P, f64) -> f64 + Sync) -> Option<f64> {
+    if pairs.len() < FEWEST {
+        return None;
+    }
+    let table: Vec<Distances> = pairs
+        .par_iter()
+        .map(|pair| std::array::from_fn(|i| distance(pair, delay_of(i as f64))))
+        .collect();
+    let half = |first: usize| sum(table.iter().skip(first).step_by(2));
+    let all = sum(table.iter());
+    let (delay, least) = lowest(&all)?;
+    let halves = [lowest(&half(0))?.0, lowest(&half(1))?.0];
+    let is_determined =
+        least < (1.0 - FALL) * all[N_STEPS] && (halves[0] - halves[1]).abs() < AGREED;
+    (is_determined && delay.abs() >= LEAST).then_some(delay)
+}
+
+/// By delay: see [`delay_of`].
+type Distances = [f64; 2 * N_STEPS + 1];
+
+/// Seconds of a place among the distances.
+fn delay_of(place: f64) -> f64 {
+    (place - N_STEPS as f64) * STEP
+}
+
+fn sum<'a>(rows: impl Iterator<Item = &'a Distances>) -> Distances {
+    rows.fold([0.0; _], |mut sums, row| {
+        sums.iter_mut().zip(row).for_each(|(sum, distance)| *sum += distance);
+        sums
+    })
+}
+
+/// The delay of the least distance and that distance; `None` at either end, where less may lie beyond.
+fn lowest(distances: &Distances) -> Option<(f64, f64)> {
+    let triples = distances.array_windows().enumerate();
+    let (before, [left, here, right]) = triples.min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]))?;
+    if left < here || right < here {
+        return None;
+    }
+    let bend = left - 2.0 * here + right;
+    let off = if bend > 0.0 { 0.5 * (left - right) / bend } else { 0.0 };
+    Some((delay_of(before as f64 + 1.0 + off), *here))
+}
