@@ -17,12 +17,27 @@ pub struct StatusContext<'a> {
     pub file_progress: Option<f32>,
 }
 
-/// Draws the line; whether the user wants the file being exported no more.
-pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> bool {
+/// What the user wants no more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unwanted {
+    /// The file being exported.
+    File,
+    /// What is being opened.
+    Opening,
+}
+
+/// Draws the line; what the user wants no more, if anything.
+pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Option<Unwanted> {
     let line = ui.horizontal(|ui| {
         let color = color(snapshot.state, ui.visuals().dark_mode);
         ui.label(RichText::new(snapshot.state.label()).strong().color(color));
         let is_cancelled = surroundings.file_progress.is_some_and(|share| file(share, ui));
+        let is_given_up = snapshot.state == RunState::Loading && opening(ui);
+        let unwanted = match (is_cancelled, is_given_up) {
+            (true, _) => Some(Unwanted::File),
+            (false, true) => Some(Unwanted::Opening),
+            (false, false) => None,
+        };
         if let Some(followed) = &snapshot.followed {
             ui.separator();
             let said = ui.label(following(snapshot.frames_done, followed));
@@ -65,7 +80,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> boo
         // The one text of unknown length must not make the line, and with it the viewport, jump.
         let adapter = Label::new(RichText::new(surroundings.adapter).weak()).truncate();
         ui.add(adapter).on_hover_text(surroundings.adapter);
-        is_cancelled
+        unwanted
     });
     line.inner
 }
@@ -76,6 +91,11 @@ fn file(share: f32, ui: &mut Ui) -> bool {
     let text = format!("Exporting: {:.0} %", 100.0 * share);
     ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
     ui.button("Cancel export").on_hover_text("An older file of this name stays").clicked()
+}
+
+/// Whether the user no longer waits for what is being opened.
+fn opening(ui: &mut Ui) -> bool {
+    ui.button("Cancel opening").on_hover_text("What was open before stays").clicked()
 }
 
 /// How a recording is followed, in words.

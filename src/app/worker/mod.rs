@@ -11,6 +11,7 @@ mod first_look;
 mod following;
 mod order;
 mod publishing;
+mod reading;
 mod run_autosave;
 mod shared;
 mod subject;
@@ -24,7 +25,7 @@ pub use shared::Waker;
 use super::panic_report::PanicReport;
 use super::rescue::{Crash, Rescue, fallback_folders};
 use super::splat_updates::SplatUpdates;
-use super::state::Snapshot;
+use super::state::{RunState, Snapshot};
 use shared::Shared;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -74,6 +75,11 @@ impl Worker {
 
     /// Hands an order over; returns at once.
     pub fn send(&self, order: WorkerOrder) {
+        let opens = matches!(order, WorkerOrder::Open(_) | WorkerOrder::OpenFirst(_));
+        if opens && self.snapshot().state == RunState::Loading {
+            // The newest wish counts, and what is being opened may never be.
+            self.cancel_opening();
+        }
         if let Some(orders) = &self.orders {
             // A thread that a second panic has ended takes none, which [`Self::is_alive`] tells.
             let _ = orders.send(order);
@@ -111,6 +117,11 @@ impl Worker {
         self.shared.file.cancel();
     }
 
+    /// Gives up what is being opened; what was open before stays.
+    pub fn cancel_opening(&self) {
+        self.shared.opening.cancel();
+    }
+
     /// The thread's latest panic and what became of the scene.
     pub fn crash(&self) -> Option<Crash> {
         self.shared.crash()
@@ -128,6 +139,8 @@ impl Worker {
     }
 
     fn saved_by(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
+        // What is being opened is no more wanted, and may be on a drive that never answers.
+        self.shared.opening.end();
         let (sender, receiver) = sync_channel(1);
         self.send(order(sender));
         // Without a limit of time: the program ends afterwards, and with it what is not
@@ -147,6 +160,7 @@ impl Drop for Worker {
     fn drop(&mut self) {
         // Hanging up is what ends the loop of the thread, so it comes before the join.
         self.orders = None;
+        self.shared.opening.end();
         if let Some(thread) = self.thread.take() {
             // A panic of the thread was reported when it happened.
             let _ = thread.join();

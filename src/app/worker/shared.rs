@@ -1,6 +1,7 @@
 //! What the training thread and the window share.
 
 use super::file_progress::FileProgress;
+use super::reading::OpeningWish;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
 use crate::app::state::Snapshot;
@@ -23,6 +24,8 @@ pub struct Shared {
     crash: Mutex<Option<Crash>>,
     /// How far the file being exported is.
     pub file: FileProgress,
+    /// Whether what is being opened is still wanted.
+    pub opening: OpeningWish,
     /// Files that were given a number.
     n_numbered: AtomicU64,
 }
