@@ -31,15 +31,20 @@ struct Silent {
 impl Silent {
     /// `None` where files cannot be held and need not be.
     fn new(scratch: &Path) -> Option<Self> {
+        Self::at(scratch, "transforms_train.json")
+    }
+
+    /// The file of this name.
+    fn at(scratch: &Path, file: &str) -> Option<Self> {
         let network = scratch.join("network");
         std::fs::create_dir(&network).unwrap();
-        let folder = dataset(&network, 2);
+        let folder = dataset(&network, 12);
         let program = scratch.join("silent_file");
         let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/app/silent_file.c");
         let compiled = Command::new("cc").arg(source).arg("-o").arg(&program).status();
         assert!(compiled.unwrap().success());
         let mut holder = Command::new(program)
-            .arg(folder.join("transforms_train.json"))
+            .arg(folder.join(file))
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
@@ -158,4 +163,27 @@ fn a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive() {
     assert!(started.elapsed() < PASS, "{:?}", started.elapsed());
     assert!(format!("{kept}").contains("1"), "{kept}");
     assert!(worker.snapshot().is_left_behind);
+}
+
+#[test]
+fn a_frame_that_is_never_read_is_named_and_holds_up_neither_window_nor_end() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    // Not among the frames that are looked at before training.
+    let Some(silent) = Silent::at(folder.path(), "train/r_10_depth_0001.png") else { return };
+    let subject = Subject::Path(silent.folder.clone());
+    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.key_press(Key::Space);
+    let started = Instant::now();
+    while window.query_by_label_contains("not read after").is_none() {
+        assert!(started.elapsed() < PATIENCE, "nothing is said");
+        let pass = Instant::now();
+        window.step();
+        assert!(pass.elapsed() < PASS, "the window waits: {:?}", pass.elapsed());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let ended = Instant::now();
+    drop(window);
+    assert!(ended.elapsed() < Duration::from_secs(20), "{:?}", ended.elapsed());
 }

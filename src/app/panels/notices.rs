@@ -15,7 +15,7 @@ const WIDTH: f32 = 620.0;
 const MARGIN: f32 = 10.0;
 /// Share of the viewport's height beyond which notices scroll, and the height that they may take in any
 /// case, points: what lies below them, cards and the picture, needs room in a small window.
-const MAX_SHARE: f32 = 0.3;
+const MAX_SHARE: f32 = 0.35;
 const MIN_HEIGHT: f32 = 60.0;
 /// How long something that is good to know stays.
 const FADES_AFTER: Duration = Duration::from_secs(20);

@@ -2,10 +2,12 @@
 
 use super::signal_color::SignalColor;
 use crate::app::state::{Followed, RunState, Snapshot};
+use crate::app::viewer::frame_refs::FrameRef;
 use crate::eval::machine;
 use crate::eval::report::quantile;
 use crate::pipeline::any_preset::ComponentLimit;
 use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
+use std::time::Duration;
 
 /// What the line says beside the snapshot.
 pub struct StatusContext<'a> {
@@ -15,6 +17,8 @@ pub struct StatusContext<'a> {
     pub n_drawn: usize,
     /// The share of the file being exported that is written.
     pub file_progress: Option<f32>,
+    /// For how long the trainer has been at one frame, where that is long.
+    pub slow_frame: Option<Duration>,
 }
 
 /// What the user wants no more.
@@ -38,6 +42,10 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
             (false, true) => Some(Unwanted::Opening),
             (false, false) => None,
         };
+        if let Some(time) = surroundings.slow_frame {
+            ui.separator();
+            slow_frame(snapshot, time, ui);
+        }
         if let Some(followed) = &snapshot.followed {
             ui.separator();
             let said = ui.label(following(snapshot.frames_done, followed));
@@ -96,6 +104,17 @@ fn file(share: f32, ui: &mut Ui) -> bool {
 /// Whether the user no longer waits for what is being opened.
 fn opening(ui: &mut Ui) -> bool {
     ui.button("Cancel opening").on_hover_text("What was open before stays").clicked()
+}
+
+/// What the trainer has been waiting for.
+fn slow_frame(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
+    let next = snapshot.opened.as_ref().and_then(|o| FrameRef::trained(o, snapshot.n_seen()));
+    let name = next.map_or_else(|| "a frame".to_owned(), |frame| frame.entry().name.clone());
+    let text = format!("{name}: not read after {} s", time.as_secs());
+    let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+    ui.label(RichText::new(text).color(color)).on_hover_text(
+        "Its drive may be slow or gone: check it. Training goes on once it answers, and only then pauses, saves and exports; the window can be closed",
+    );
 }
 
 /// How a recording is followed, in words.

@@ -29,7 +29,7 @@ use super::pending::Pending;
 use super::persistence::{self, StoredSettings};
 use super::quality::QualityMonitor;
 use super::recent::RecentPaths;
-use super::state::{NoticeKind, Opened, Snapshot, Subject};
+use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
 use super::still::StillJob;
 use super::tab::SideTab;
 use super::training::TrainSettings;
@@ -46,7 +46,7 @@ use setup::{go_on, scene_view, strengthen_weak_text, waker_of};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use strip_memory::StripMemory;
 
 /// The application's state; the trainer's is on its own thread.
@@ -244,10 +244,15 @@ impl Studio {
             let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
             self.answer_abandoned(run, answer.inner, snapshot);
         }
+        if snapshot.state == RunState::Training {
+            // A trainer that waits for a drive wakes no window.
+            ui.ctx().request_repaint_after(Duration::from_secs(1));
+        }
         let surroundings = status::StatusContext {
             adapter: &self.drawn_by(),
             n_drawn: self.view.n_drawn(),
             file_progress: self.worker.file_progress(),
+            slow_frame: self.worker.slow_frame(),
         };
         let unwanted = Panel::bottom("status")
             .frame(frame)

@@ -14,6 +14,7 @@ mod publishing;
 mod reading;
 mod run_autosave;
 mod shared;
+mod step_clock;
 mod subject;
 mod thread;
 mod training;
@@ -29,13 +30,20 @@ use super::state::{RunState, Snapshot};
 use shared::Shared;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thread::WorkerThread;
 
 /// Least time between two snapshots where a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);
+
+/// A frame that takes so long is spoken of, and one that takes so much longer is not waited for where the
+/// program ends: the largest take some seconds.
+const SLOW_FRAME: Duration = Duration::from_secs(5);
+const STUCK_FRAME: Duration = Duration::from_secs(15);
+/// How often it is looked for the end of the thread.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// Orders that wait at most. Nobody gives so many while a dataset is opened; a window that did would
 /// wait for the trainer rather than fill the memory.
@@ -143,16 +151,38 @@ impl Worker {
         self.shared.opening.end();
         let (sender, receiver) = sync_channel(1);
         self.send(order(sender));
-        // Without a limit of time: the program ends afterwards, and with it what is not
-        // saved. If the thread has ended, the sender has too, and the panic that ended
-        // it tells what was saved.
-        receiver.recv().unwrap_or_else(|_| match self.crash() {
-            Some(crash) => crash.rescue,
-            None => Rescue::Lost {
-                frames: self.snapshot().unsaved_frames,
-                problems: vec!["the training thread has ended".to_owned()],
-            },
-        })
+        // Without a limit of time but at a frame that is never read: the program ends
+        // afterwards, and with it what is not saved. If the thread has ended, the sender
+        // has too, and the panic that ended it tells what was saved.
+        let lost = |problem: &str| Rescue::Lost {
+            frames: self.snapshot().unsaved_frames,
+            problems: vec![problem.to_owned()],
+        };
+        loop {
+            match (receiver.recv_timeout(LOOK), self.crash()) {
+                (Ok(rescue), _) => return rescue,
+                (Err(RecvTimeoutError::Disconnected), Some(crash)) => return crash.rescue,
+                (Err(RecvTimeoutError::Disconnected), None) => {
+                    return lost("the training thread has ended");
+                }
+                (Err(RecvTimeoutError::Timeout), _) if self.is_stuck() => {
+                    return lost(
+                        "the training thread waits for a frame whose drive does not answer",
+                    );
+                }
+                (Err(RecvTimeoutError::Timeout), _) => {}
+            }
+        }
+    }
+
+    /// For how long the trainer has been at one frame, where that is long: its drive may not answer.
+    pub fn slow_frame(&self) -> Option<Duration> {
+        self.shared.step.at_frame().filter(|time| *time >= SLOW_FRAME)
+    }
+
+    /// Whether the thread is at a frame that nobody need wait for.
+    fn is_stuck(&self) -> bool {
+        self.shared.step.at_frame().is_some_and(|time| time >= STUCK_FRAME)
     }
 }
 
@@ -162,6 +192,13 @@ impl Drop for Worker {
         self.orders = None;
         self.shared.opening.end();
         if let Some(thread) = self.thread.take() {
+            while !thread.is_finished() {
+                if self.is_stuck() {
+                    // Left behind with what it waits for; the program ends without it.
+                    return;
+                }
+                std::thread::sleep(LOOK);
+            }
             // A panic of the thread was reported when it happened.
             let _ = thread.join();
         }

@@ -2,6 +2,7 @@
 
 use super::file_progress::FileProgress;
 use super::reading::OpeningWish;
+use super::step_clock::StepClock;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
 use crate::app::state::Snapshot;
@@ -26,6 +27,8 @@ pub struct Shared {
     pub file: FileProgress,
     /// Whether what is being opened is still wanted.
     pub opening: OpeningWish,
+    /// How long the trainer is at one frame.
+    pub step: StepClock,
     /// Files that were given a number.
     n_numbered: AtomicU64,
 }
