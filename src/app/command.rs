@@ -248,7 +248,7 @@ impl UiCommand {
             }
             UiCommand::Find => "Find every action by some letters of its name",
             UiCommand::FocusControls => {
-                "Go to the controls, where Tab leads from one to the next, or back to the view"
+                "Go to the controls, where Tab leads on, or back to the view"
             }
             UiCommand::Help => "Show all keyboard and mouse shortcuts",
             UiCommand::Quit => "Close the window; training that is in no file is asked about",

@@ -22,6 +22,7 @@ use vbgs_studio::app::{Painting, Studio};
 
 /// Longest that one pass of the window may take here: far less than anybody waits for a drive.
 const PASS: Duration = Duration::from_secs(2);
+
 /// A dataset, one file of which does not answer until the end of the test.
 struct Silent {
     folder: PathBuf,
@@ -29,16 +30,15 @@ struct Silent {
 }
 
 impl Silent {
-    /// `None` where files cannot be held and need not be.
+    /// One that cannot be opened; `None` where files cannot be held and need not be.
     fn new(scratch: &Path) -> Option<Self> {
-        Self::at(scratch, "transforms_train.json")
-    }
-
-    /// The file of this name.
-    fn at(scratch: &Path, file: &str) -> Option<Self> {
         let network = scratch.join("network");
         std::fs::create_dir(&network).unwrap();
-        let folder = dataset(&network, 12);
+        Self::of(scratch, dataset(&network, 2), "transforms_train.json")
+    }
+
+    /// A dataset whose file of this name does not answer from now on.
+    fn of(scratch: &Path, folder: PathBuf, file: &str) -> Option<Self> {
         let program = scratch.join("silent_file");
         let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/app/silent_file.c");
         let compiled = Command::new("cc").arg(source).arg("-o").arg(&program).status();
@@ -169,11 +169,14 @@ fn a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive() {
 fn a_frame_that_is_never_read_is_named_and_holds_up_neither_window_nor_end() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
-    // Not among the frames that are looked at before training.
-    let Some(silent) = Silent::at(folder.path(), "train/r_10_depth_0001.png") else { return };
-    let subject = Subject::Path(silent.folder.clone());
-    let Some(mut window) = window(Some(subject), Painting::Auto) else { return };
+    let path = dataset(folder.path(), 30);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
     wait(&mut window, "ready", is(RunState::Ready));
+    wait(&mut window, "the look at frames", |s| s.snapshot().sample.is_some());
+    // Far behind those that are decoded ahead, and with no thumbnail on screen.
+    let file = "train/r_28_depth_0001.png";
+    let Some(_silent) = Silent::of(folder.path(), path, file) else { return };
     window.key_press(Key::Space);
     let started = Instant::now();
     while window.query_by_label_contains("not read after").is_none() {

@@ -68,15 +68,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Opt
             ui.separator();
             ui.label(format!("{} splats drawn", surroundings.n_drawn));
         }
-        if !snapshot.skipped.is_empty() {
-            ui.separator();
-            let first = &snapshot.skipped[0].message;
-            ui.label(
-                RichText::new(format!("{} frames skipped", snapshot.skipped.len()))
-                    .color(SignalColor::Yellow.on(ui.visuals().dark_mode)),
-            )
-            .on_hover_text(format!("The first: {first}"));
-        }
+        skipped(snapshot, ui);
         ui.separator();
         if let Some(bytes) = machine::rss_bytes() {
             let model = snapshot.model_bytes as f64 / 1048576.0;
@@ -104,6 +96,16 @@ fn file(share: f32, ui: &mut Ui) -> bool {
 /// Whether the user no longer waits for what is being opened.
 fn opening(ui: &mut Ui) -> bool {
     ui.button("Cancel opening").on_hover_text("What was open before stays").clicked()
+}
+
+/// How many frames could not be used, and why the first could not.
+fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
+    let Some(first) = snapshot.skipped.first() else { return };
+    ui.separator();
+    let text = format!("{} frames skipped", snapshot.skipped.len());
+    let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+    let said = ui.label(RichText::new(text).color(color));
+    said.on_hover_text(format!("The first: {}", first.message));
 }
 
 /// What the trainer has been waiting for.

@@ -42,7 +42,7 @@ use crate::render::Lens;
 use crate::render::attributes::Attribute;
 use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
 use glam::DVec3;
-use setup::{go_on, scene_view, strengthen_weak_text, waker_of};
+use setup::{give_first_orders, go_on, scene_view, strengthen_weak_text, waker_of};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -121,11 +121,7 @@ impl Studio {
         // The trainer begins while the GPU is made ready.
         let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(context.storage);
-        // Settings go first, since they hold for what is opened after them.
-        worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
-        first.into_iter().for_each(|order| worker.send(order));
-        let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
-        problems.into_iter().for_each(warn);
+        give_first_orders(&worker, &training, first, problems);
         strengthen_weak_text(&context.egui_ctx);
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);

@@ -5,17 +5,33 @@ use crate::app::drawing::Drawer;
 use crate::app::exit::{Exit, Handover};
 use crate::app::panels::signal_color::SignalColor;
 use crate::app::path_editor::PathEditor;
+use crate::app::state::NoticeKind;
+use crate::app::training::TrainSettings;
 use crate::app::viewer::SceneView;
 use crate::app::viewer::painter::ViewPainter;
 use crate::app::viewer::settings::ViewSettings;
 use crate::app::viewport;
 use crate::app::window_painter::WindowPainter;
-use crate::app::worker::Waker;
+use crate::app::worker::{Waker, Worker, WorkerOrder};
 use eframe::egui::{Context, Theme};
 use std::sync::Arc;
 
 /// Share of its strength that text has which stands back.
 const WEAK_TEXT: f32 = 0.8;
+
+/// What the worker is to do first, and what could not be read of the stored settings.
+pub(super) fn give_first_orders(
+    worker: &Worker,
+    training: &TrainSettings,
+    first: Vec<WorkerOrder>,
+    problems: Vec<String>,
+) {
+    // Settings go first, since they hold for what is opened after them.
+    worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
+    first.into_iter().for_each(|order| worker.send(order));
+    let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
+    problems.into_iter().for_each(warn);
+}
 
 /// The central view, which knows whether a real GPU is there that does not draw it. Where none is, the cores
 /// draw the window too.

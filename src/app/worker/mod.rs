@@ -9,6 +9,7 @@ mod file_progress;
 mod files;
 mod first_look;
 mod following;
+mod opening_wish;
 mod order;
 mod publishing;
 mod reading;

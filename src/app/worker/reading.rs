@@ -9,7 +9,6 @@ use crate::app::panic_report::PanicReport;
 use crate::app::state::{NoticeKind, NoticeTopic};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -17,35 +16,6 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(50);
 /// After so long without an answer the user is told.
 const SLOW: Duration = Duration::from_secs(4);
-
-/// Whether the user still wants what is being opened. Shared by window and training thread.
-#[derive(Default)]
-pub struct OpeningWish {
-    is_cancelled: AtomicBool,
-    is_over: AtomicBool,
-}
-
-// Relaxed throughout: each flag stands for itself.
-impl OpeningWish {
-    /// The user wants no more what is being opened now.
-    pub fn cancel(&self) {
-        self.is_cancelled.store(true, Ordering::Relaxed);
-    }
-
-    /// Nothing is wanted any more: the program ends.
-    pub fn end(&self) {
-        self.is_over.store(true, Ordering::Relaxed);
-    }
-
-    /// Something else is opened; what was cancelled before was another.
-    fn begin(&self) {
-        self.is_cancelled.store(false, Ordering::Relaxed);
-    }
-
-    fn is_given_up(&self) -> bool {
-        self.is_cancelled.load(Ordering::Relaxed) || self.is_over.load(Ordering::Relaxed)
-    }
-}
 
 /// Why something was not opened.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -119,22 +89,5 @@ impl WorkerThread {
         // Of the subject: once it is open after all, this goes.
         self.notify_of(NoticeTopic::Subject, NoticeKind::Warning, text);
         self.publish(true);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_wish_is_given_up_once_and_an_end_is_for_good() {
-        let wish = OpeningWish::default();
-        wish.cancel();
-        assert!(wish.is_given_up());
-        wish.begin();
-        assert!(!wish.is_given_up(), "what was cancelled was another");
-        wish.end();
-        wish.begin();
-        assert!(wish.is_given_up());
     }
 }

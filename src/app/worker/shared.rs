@@ -1,7 +1,7 @@
 //! What the training thread and the window share.
 
 use super::file_progress::FileProgress;
-use super::reading::OpeningWish;
+use super::opening_wish::OpeningWish;
 use super::step_clock::StepClock;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
