@@ -20,23 +20,31 @@ pub fn file_of_user() -> Option<PathBuf> {
     Some(eframe::storage_dir(APP)?.join(FILE))
 }
 
-/// Puts the last good file in the place of a broken one, which is set aside, or keeps a copy of a good
-/// one. What the user is to know.
+/// Keeps a copy of the file where it is whole: when the last window is closed, since a start waits for no
+/// disk.
+pub fn keep(file: &Path) {
+    let good = good_of(file);
+    let Some(text) = read(file).ok().filter(|text| parse(text).is_ok()) else { return };
+    if read(&good).ok().as_ref() != Some(&text)
+        && let Err(error) = write_atomic(&good, |out| out.write_all(text.as_bytes()))
+    {
+        tracing::warn!("the copy of the settings was not kept: {error}");
+    }
+}
+
+fn good_of(file: &Path) -> PathBuf {
+    file.with_added_extension("good")
+}
+
+/// Puts the last good file in the place of a broken one, which is set aside. What the user is to know.
 pub fn mend(file: &Path) -> Option<String> {
     let text = match read(file) {
         Ok(text) => text,
         // None was written yet; or it cannot be read at all, which eframe logs and no copy mends.
         Err(_) => return None,
     };
-    let good = file.with_added_extension("good");
-    let Err(problem) = parse(&text) else {
-        if read(&good).ok().as_ref() != Some(&text)
-            && let Err(error) = write_atomic(&good, |out| out.write_all(text.as_bytes()))
-        {
-            tracing::warn!("the copy of the settings was not kept: {error}");
-        }
-        return None;
-    };
+    let good = good_of(file);
+    let Err(problem) = parse(&text) else { return None };
     let broken = file.with_added_extension("broken");
     let aside = broken.display();
     if let Err(error) = std::fs::rename(file, &broken) {
@@ -89,7 +97,9 @@ mod tests {
             assert_eq!(mend(&file), None, "none was written yet");
             std::fs::write(&file, GOOD).unwrap();
             assert_eq!(mend(&file), None);
+            keep(&file);
             std::fs::write(&file, broken).unwrap();
+            keep(&file);
             let told = mend(&file).unwrap();
             for part in [FILE, "expected", "found", "start before", "app.ron.broken", "make room"] {
                 assert!(told.contains(part), "{part:?} is missing in: {told}");

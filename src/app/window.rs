@@ -109,6 +109,9 @@ pub fn run(
     if let Some(text) = settings.as_deref().and_then(settings_guard::mend) {
         tracing::error!("{text}");
     }
+    if let Some(file) = &settings {
+        settings_guard::keep(file);
+    }
     match ended {
         // Training that crashed left its window open; the user has closed it by now.
         Ok(()) => match host.worker.crash() {

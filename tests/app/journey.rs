@@ -168,7 +168,7 @@ fn a_hand_opens_trains_orbits_compares_measures_exports_and_quits() {
 #[ignore = "trains large frames in a window for some ten seconds; figures are of a quiet machine"]
 fn figures_of_one_window() {
     let folder = tempfile::tempdir().unwrap();
-    let path = super::waiting::large(folder.path(), 60);
+    let path = super::waiting::large(folder.path(), 120);
     let Some(hand) = Hand::on(&path, folder.path()) else { return };
     let shown = number_after(&hand.said("window after").unwrap(), "window after ").unwrap();
     hand.wait_for("the dataset", |hand| hand.said("shown: Ready").is_some());
@@ -177,7 +177,7 @@ fn figures_of_one_window() {
     for n in 1..=5 {
         hand.key("space");
         hand.wait_for("training", |hand| hand.times("shown: Training") == n);
-        std::thread::sleep(Duration::from_millis(400));
+        std::thread::sleep(Duration::from_millis(150));
         let asked = Instant::now();
         hand.key("space");
         hand.wait_for("the pause", |hand| hand.times("shown: Paused") == n);
