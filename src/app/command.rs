@@ -200,9 +200,7 @@ impl UiCommand {
             UiCommand::Train => "Train frame by frame until the frames end",
             UiCommand::Pause => "Stop after the current frame",
             UiCommand::Step => "Train exactly one frame",
-            UiCommand::Follow => {
-                "Take frames while they are recorded, of what is open and opened next"
-            }
+            UiCommand::Follow => "Take frames as they are recorded, also of what is opened next",
             UiCommand::Reset => "Forget the scene and start over with what was opened",
             UiCommand::Save => "Write a checkpoint that training can go on from",
             UiCommand::Export => "Write the scene as a file of splats",
@@ -247,9 +245,7 @@ impl UiCommand {
                 "Copy the command that trains what is open by these settings without a window"
             }
             UiCommand::Find => "Find every action by some letters of its name",
-            UiCommand::FocusControls => {
-                "Go to the controls, where Tab leads on, or back to the view"
-            }
+            UiCommand::FocusControls => "Go to the controls (Tab leads on), or back to the view",
             UiCommand::Help => "Show all keyboard and mouse shortcuts",
             UiCommand::Quit => "Close the window; training that is in no file is asked about",
         }
