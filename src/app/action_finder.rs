@@ -3,6 +3,7 @@
 use super::color_mode::ColorMode;
 use super::command::UiCommand;
 use super::fuzzy::score;
+use super::panels::explained::named;
 use super::tab::SideTab;
 use super::viewer::mode::ViewMode;
 use eframe::egui::{
@@ -122,7 +123,7 @@ impl ActionFinder {
 
     fn search(&mut self, ui: &mut Ui) {
         let field = TextEdit::singleline(&mut self.typed).hint_text("Find an action");
-        let field = ui.add(field.desired_width(f32::INFINITY));
+        let field = named(ui.add(field.desired_width(f32::INFINITY)), "Find an action");
         field.request_focus();
         if field.changed() {
             self.chosen = 0;

@@ -4,7 +4,7 @@ use super::state::HomeView;
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::math::pose::Pose;
-use crate::model::splat::splats::Framing;
+use crate::model::splat::framing::Framing;
 use crate::render::Lens;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI};

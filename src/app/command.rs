@@ -1,8 +1,7 @@
 //! What a user can ask for: label, tooltip and shortcut in one place, and the one table of what is
-//! legal in which state. Buttons, keys and the help list come from here.
+//! legal in which state. Buttons, keys (`shortcuts.rs`) and the help list come from here.
 
 use super::state::{RunState, Source};
-use eframe::egui::{Context, Key, KeyboardShortcut, Modifiers};
 
 /// A request of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +24,8 @@ pub enum UiCommand {
     Save,
     /// Write the scene to a file.
     Export,
+    /// Write the picture of the view to a file.
+    SavePicture,
     /// Frame the whole scene.
     FrameScene,
     /// Back to where the scene was opened.
@@ -81,11 +82,13 @@ pub enum UiCommand {
     FocusControls,
     /// List of all shortcuts.
     Help,
+    /// Close the window.
+    Quit,
 }
 
 impl UiCommand {
     /// Every command, in the order help shows them.
-    pub const ALL: [UiCommand; 37] = [
+    pub const ALL: [UiCommand; 39] = [
         UiCommand::Open,
         UiCommand::OpenDemo,
         UiCommand::Train,
@@ -95,6 +98,7 @@ impl UiCommand {
         UiCommand::Reset,
         UiCommand::Save,
         UiCommand::Export,
+        UiCommand::SavePicture,
         UiCommand::FrameScene,
         UiCommand::Home,
         UiCommand::ToggleRenderer,
@@ -124,6 +128,7 @@ impl UiCommand {
         UiCommand::Find,
         UiCommand::FocusControls,
         UiCommand::Help,
+        UiCommand::Quit,
     ];
 
     /// Text on the button.
@@ -138,6 +143,7 @@ impl UiCommand {
             UiCommand::Reset => "Reset",
             UiCommand::Save => "Save…",
             UiCommand::Export => "Export…",
+            UiCommand::SavePicture => "Save picture",
             UiCommand::FrameScene => "Frame scene",
             UiCommand::Home => "Home view",
             UiCommand::ToggleRenderer => "Projected/exact",
@@ -166,6 +172,7 @@ impl UiCommand {
             UiCommand::Find => "Find action…",
             UiCommand::FocusControls => "Controls by keyboard",
             UiCommand::Help => "Shortcuts",
+            UiCommand::Quit => "Quit",
         }
     }
 
@@ -193,12 +200,11 @@ impl UiCommand {
             UiCommand::Train => "Train frame by frame until the frames end",
             UiCommand::Pause => "Stop after the current frame",
             UiCommand::Step => "Train exactly one frame",
-            UiCommand::Follow => {
-                "Take frames while they are recorded, of what is open and opened next"
-            }
+            UiCommand::Follow => "Take frames as they are recorded, also of what is opened next",
             UiCommand::Reset => "Forget the scene and start over with what was opened",
             UiCommand::Save => "Write a checkpoint that training can go on from",
             UiCommand::Export => "Write the scene as a file of splats",
+            UiCommand::SavePicture => "Write the view as a PNG picture beside what is open",
             UiCommand::FrameScene => "Move the camera so that the whole scene is seen",
             UiCommand::Home => "Go back to the view the scene was opened with",
             UiCommand::ToggleRenderer => "Switch between the projected and the exact renderer",
@@ -239,92 +245,9 @@ impl UiCommand {
                 "Copy the command that trains what is open by these settings without a window"
             }
             UiCommand::Find => "Find every action by some letters of its name",
-            UiCommand::FocusControls => {
-                "Go to the controls, where Tab leads from one to the next, or back to the view"
-            }
+            UiCommand::FocusControls => "Go to the controls (Tab leads on), or back to the view",
             UiCommand::Help => "Show all keyboard and mouse shortcuts",
-        }
-    }
-
-    /// Keys that ask for it.
-    pub fn shortcuts(self) -> &'static [KeyboardShortcut] {
-        const fn plain(key: Key) -> KeyboardShortcut {
-            KeyboardShortcut::new(Modifiers::NONE, key)
-        }
-        const fn control(key: Key) -> KeyboardShortcut {
-            KeyboardShortcut::new(Modifiers::COMMAND, key)
-        }
-        match self {
-            UiCommand::Open => const { &[control(Key::O)] },
-            UiCommand::OpenDemo
-            | UiCommand::Follow
-            | UiCommand::CompareModel
-            | UiCommand::RemoveModel
-            | UiCommand::ResetLayout
-            | UiCommand::BringBack
-            | UiCommand::CropBox
-            | UiCommand::CopyCommandLine => &[],
-            // One key toggles the two, of which one is legal at a time.
-            UiCommand::Train | UiCommand::Pause => const { &[plain(Key::Space)] },
-            UiCommand::Step => const { &[plain(Key::Period)] },
-            UiCommand::Reset => const { &[control(Key::R)] },
-            UiCommand::Save => const { &[control(Key::S)] },
-            UiCommand::Export => const { &[control(Key::E)] },
-            UiCommand::FrameScene => const { &[plain(Key::F)] },
-            UiCommand::Home => const { &[plain(Key::H)] },
-            UiCommand::ToggleRenderer => const { &[plain(Key::Tab)] },
-            UiCommand::PreviousCamera => {
-                const { &[plain(Key::OpenBracket), plain(Key::ArrowLeft)] }
-            }
-            UiCommand::NextCamera => const { &[plain(Key::CloseBracket), plain(Key::ArrowRight)] },
-            UiCommand::RideAlong => const { &[plain(Key::V)] },
-            UiCommand::Measure => const { &[plain(Key::M)] },
-            UiCommand::BoxSelect => const { &[plain(Key::B)] },
-            UiCommand::HideSelected => const { &[plain(Key::K)] },
-            UiCommand::ShowHidden => const { &[plain(Key::U)] },
-            UiCommand::DeleteSelected => const { &[plain(Key::Delete)] },
-            UiCommand::Redo => {
-                const CONTROL_SHIFT: Modifiers = Modifiers::COMMAND.plus(Modifiers::SHIFT);
-                const { &[KeyboardShortcut::new(CONTROL_SHIFT, Key::Z), control(Key::Y)] }
-            }
-            UiCommand::Undo => const { &[control(Key::Z)] },
-            UiCommand::Cameras => const { &[plain(Key::C)] },
-            UiCommand::Points => const { &[plain(Key::P)] },
-            UiCommand::Grid => const { &[plain(Key::X)] },
-            UiCommand::FrameStrip => const { &[plain(Key::T)] },
-            UiCommand::ComparePhoto => const { &[plain(Key::G)] },
-            UiCommand::Deselect => const { &[plain(Key::Escape)] },
-            UiCommand::Find => const { &[control(Key::P)] },
-            UiCommand::FocusControls => const { &[plain(Key::F6)] },
-            UiCommand::Help => const { &[plain(Key::F1)] },
-        }
-    }
-
-    /// Its keys as menus show them, empty if it has none.
-    pub fn keys(self, ctx: &Context) -> String {
-        let name = |shortcut: &KeyboardShortcut| {
-            // `[` says more than its name; other symbols, as of arrows, are in none of the fonts.
-            let symbol = shortcut.logical_key.symbol_or_name();
-            match shortcut.modifiers {
-                Modifiers::NONE if symbol.is_ascii() => symbol.to_owned(),
-                _ => ctx.format_shortcut(shortcut),
-            }
-        };
-        self.shortcuts().iter().map(name).collect::<Vec<_>>().join(" or ")
-    }
-
-    /// Whether one of its keys means something to a control that has the focus: pressing it, changing
-    /// its value, or going on to the next.
-    pub fn is_of_controls(self) -> bool {
-        const KEYS: [Key; 5] = [Key::Space, Key::Tab, Key::ArrowLeft, Key::ArrowRight, Key::Escape];
-        self.shortcuts().iter().any(|shortcut| KEYS.contains(&shortcut.logical_key))
-    }
-
-    /// What it does and its keys.
-    pub fn hint(self, ctx: &Context) -> String {
-        match self.shortcuts() {
-            [] => self.tooltip().to_owned(),
-            _ => format!("{} ({})", self.tooltip(), self.keys(ctx)),
+            UiCommand::Quit => "Close the window; training that is in no file is asked about",
         }
     }
 
@@ -341,7 +264,7 @@ impl UiCommand {
             UiCommand::Reset | UiCommand::Save => {
                 dataset && matches!(state, Training | Paused | Finished | Failed)
             }
-            UiCommand::Export => {
+            UiCommand::Export | UiCommand::SavePicture => {
                 source != Source::Nothing && !matches!(state, Empty | Loading | Waiting)
             }
             UiCommand::CompareModel | UiCommand::RemoveModel => source != Source::Nothing,
@@ -349,6 +272,7 @@ impl UiCommand {
             UiCommand::ResetLayout
             | UiCommand::Find
             | UiCommand::FocusControls
+            | UiCommand::Quit
             | UiCommand::Help => true,
             of_view => match of_view.view_source() {
                 Some(Source::Dataset) => dataset,

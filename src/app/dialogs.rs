@@ -82,11 +82,14 @@ const HELP_FRAME: f32 = 60.0;
 /// The list of shortcuts.
 pub fn help(ui: &Ui, is_open: &mut bool) {
     let room = ui.ctx().viewport_rect().height() - HELP_FRAME;
-    Window::new("Shortcuts")
-        .open(is_open)
-        .collapsible(false)
-        .resizable(false)
-        .show(ui.ctx(), |ui| ScrollArea::vertical().max_height(room).show(ui, shortcuts));
+    Window::new("Shortcuts").open(is_open).collapsible(false).resizable(false).show(
+        ui.ctx(),
+        |ui| {
+            // All of the list where the window has room for it.
+            let list = ScrollArea::vertical().max_height(room).min_scrolled_height(room);
+            list.show(ui, shortcuts);
+        },
+    );
 }
 
 fn shortcuts(ui: &mut Ui) {

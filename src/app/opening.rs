@@ -13,7 +13,8 @@ use crate::export::{self, ExportError, Imported};
 use crate::math::camera::{Camera, Intrinsics};
 use crate::math::orbit::Orbit;
 use crate::model::splat::appearance::SplatSet;
-use crate::model::splat::splats::{Framing, Splat, framing};
+use crate::model::splat::framing::{Framing, framing};
+use crate::model::splat::splats::Splat;
 use crate::pipeline::checkpoint::{ResumeRequest, RunError, SavedRun};
 use crate::pipeline::demo::{self, DemoError};
 use crate::pipeline::error::SessionError;
@@ -142,7 +143,7 @@ fn home_of(session: &Session) -> HomeView {
     HomeView { camera, up: session.up(), target, radius }
 }
 
-/// Field of view of models that bring no camera, radians.
+/// Horizontal field of view of models that bring no camera, radians.
 const MODEL_FOV: f64 = 1.0;
 
 /// The run where its dataset still is, else its scene to look at.
@@ -244,15 +245,15 @@ fn view(
     notices: Vec<(NoticeKind, String)>,
     serial: u64,
 ) -> OpenedSubject {
-    let framing = framing(&splats).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+    let framing = framing(splats.iter()).unwrap_or(Framing { centre: DVec3::ZERO, radius: 1.0 });
+    let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let orbit = Orbit {
         target: framing.centre,
         up,
         azimuth: 0.6,
         elevation: 0.4,
-        distance: framing.distance(MODEL_FOV),
+        distance: framing.distance(intrinsics.fov_y()),
     };
-    let intrinsics = Intrinsics::from_horizontal_fov(800, 600, MODEL_FOV);
     let camera = Camera { intrinsics, pose: orbit.pose() };
     let name = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
     let opened = Opened {

@@ -1,10 +1,13 @@
 //! Dialogs that ask for one path: a text field, and a native dialog where there is one.
 //!
 //! The field always works, since native dialogs need a desktop portal. Native dialogs ask by
-//! themselves before a file is replaced; the field asks here.
+//! themselves before a file is replaced; the field asks here. What lies where a file is to go is looked
+//! for beside the window: a drive that does not answer must not hold it up.
 
 use super::background_job::BackgroundJob;
 use super::file_proposal::FileProposal;
+use super::panels::explained::named;
+use super::path_look::{Occupant, PathLook};
 use super::worker::Waker;
 use crate::export::endings::{READ_ENDINGS, WRITTEN_ENDINGS, listed};
 use eframe::egui::{Align2, Button, Id, Key, Modal, RichText, TextEdit, Ui, Window};
@@ -98,8 +101,9 @@ pub struct PathDialog {
     no_native: bool,
     /// A path that the user has let a native dialog replace.
     approved: Option<PathBuf>,
-    /// An older file that the user is asked about.
-    replacing: Option<PathBuf>,
+    looking: Option<PathLook>,
+    /// Something older that the user is asked about.
+    replacing: Option<(PathBuf, Occupant)>,
     /// Why the path cannot be taken.
     problem: Option<String>,
     /// Whether the field is to have the keys, since the dialog was just opened.
@@ -141,6 +145,7 @@ impl PathDialog {
             native: None,
             no_native: false,
             approved: None,
+            looking: None,
             replacing: None,
             problem: None,
             takes_focus: false,
@@ -197,16 +202,23 @@ impl PathDialog {
             .show(ui.ctx(), |ui| {
                 confirmed = self.content(ui, waker, choices);
                 told(ui);
+                // Below all else, since it comes later: buttons must not move from under the pointer.
+                if let Some(look) = &self.looking {
+                    look.tell(ui);
+                }
             });
+        if let Some(answer) = self.take_look() {
+            return Some(answer);
+        }
         // The question comes first: its Escape must not close the dialog below it as well.
         if self.replacing.is_some() {
             return self.ask_to_replace(ui);
         }
         if confirmed {
-            return self.confirm();
+            return self.confirm(waker);
         }
         if !stays || ui.input(|i| i.key_pressed(Key::Escape)) {
-            self.is_open = false;
+            (self.is_open, self.looking) = (false, None);
             return Some(PathAnswer::Cancelled);
         }
         None
@@ -218,38 +230,62 @@ impl PathDialog {
         absolute(&path).unwrap_or(path)
     }
 
-    /// Takes the path, or asks about the file that is there.
-    fn confirm(&mut self) -> Option<PathAnswer> {
+    /// Takes the path, once it is known what is there where a file is to be written.
+    fn confirm(&mut self, waker: &Waker) -> Option<PathAnswer> {
         let path = self.entered();
-        if self.purpose.writes() {
-            if path.is_dir() && self.purpose != Purpose::Film {
+        if !self.purpose.writes() {
+            return Some(self.answer(path));
+        }
+        match PathLook::start(path.clone(), waker.clone()) {
+            Ok(look) => self.looking = Some(look),
+            Err(error) => {
                 let path = path.display();
-                self.problem = Some(format!("{path} is a folder: add the name of a file"));
-                return None;
-            }
-            // A link that leads nowhere is a file too: it would be replaced.
-            if path.symlink_metadata().is_ok() && self.approved.as_ref() != Some(&path) {
-                self.replacing = Some(path);
-                return None;
+                self.problem = Some(format!("{path}: no thread to look there: {error}; try again"));
             }
         }
-        Some(self.answer(path))
+        None
+    }
+
+    /// Takes a path that was looked at, or asks about what is there.
+    fn take_look(&mut self) -> Option<PathAnswer> {
+        let looked = self.looking.as_ref()?.take()?;
+        let path = self.looking.take()?.path;
+        // Something else was entered meanwhile.
+        if path != self.entered() {
+            return None;
+        }
+        match looked {
+            Err(panic) => {
+                self.problem =
+                    Some(format!("{}: {}", path.display(), panic.ended("looking there")));
+            }
+            Ok(Occupant::Folder) if self.purpose != Purpose::Film => {
+                let path = path.display();
+                self.problem = Some(format!("{path} is a folder: add the name of a file"));
+            }
+            Ok(Occupant::File | Occupant::Folder) if self.approved.as_ref() != Some(&path) => {
+                self.replacing = looked.ok().map(|occupant| (path, occupant));
+            }
+            Ok(_) => return Some(self.answer(path)),
+        }
+        None
     }
 
     fn answer(&mut self, path: PathBuf) -> PathAnswer {
         self.is_open = false;
         // Asked again the next time, when there is a file in any case.
         (self.approved, self.replacing, self.problem) = (None, None, None);
+        self.looking = None;
         PathAnswer::Path(path)
     }
 
     fn ask_to_replace(&mut self, ui: &Ui) -> Option<PathAnswer> {
-        let path = self.replacing.clone()?;
+        let (path, occupant) = self.replacing.clone()?;
         let (mut replace, mut keep) = (false, false);
         let response = Modal::new(Id::unique("replace")).show(ui.ctx(), |ui| {
-            ui.heading(match path.is_dir() {
-                true => "Replace pictures of this folder?",
-                false => "Replace the older file?",
+            ui.heading(match occupant {
+                Occupant::Folder => "Replace pictures of this folder?",
+                Occupant::File | Occupant::Nothing => "Replace the older file?",
             });
             ui.label(format!("{} exists already.", path.display()));
             ui.add_space(8.0);
@@ -269,8 +305,8 @@ impl PathDialog {
 
     fn content(&mut self, ui: &mut Ui, waker: &Waker, choices: impl FnOnce(&mut Ui)) -> bool {
         ui.label(self.purpose.hint());
-        let field =
-            ui.add(TextEdit::singleline(&mut self.path).desired_width(420.0).hint_text("path"));
+        let field = TextEdit::singleline(&mut self.path).desired_width(420.0).hint_text("path");
+        let field = named(ui.add(field), "Path");
         if std::mem::take(&mut self.takes_focus) {
             field.request_focus();
         }

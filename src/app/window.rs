@@ -9,7 +9,7 @@ use super::studio::Studio;
 use super::unattended::Unattended;
 use super::window_error::WindowError;
 use super::worker::{Waker, Worker, WorkerOrder};
-use super::{adapter_memory, persistence, termination, viewport};
+use super::{adapter_memory, persistence, settings_guard, termination, viewport};
 use crate::render::gpu::adapters::AdapterChoice;
 use eframe::egui::{Context, Vec2, ViewportBuilder};
 use std::cell::RefCell;
@@ -92,6 +92,10 @@ pub fn run(
     let no_thread = |e: std::io::Error| WindowError::Window(e.to_string());
     let host = Host::new(started).map_err(no_thread)?;
     termination::watch(is_ended, &host.worker).map_err(no_thread)?;
+    let settings = settings_guard::file_of_user();
+    if let Some(text) = settings.as_deref().and_then(settings_guard::mend) {
+        host.worker.send(WorkerOrder::Report(NoticeKind::Warning, text));
+    }
     let mut first: Vec<WorkerOrder> = vec![WorkerOrder::Open(subject)];
     first.extend(calibration.map(WorkerOrder::Calibrate));
     let open = |adapter: &AdapterChoice| {
@@ -100,7 +104,15 @@ pub fn run(
         Ok((leave, opened.elapsed()))
     };
     let tell = |kind, text| host.worker.send(WorkerOrder::Report(kind, text));
-    match keep_open(adapter, open, tell) {
+    let ended = keep_open(adapter, open, tell);
+    // The last window has written them; nobody else would say that they are lost.
+    if let Some(text) = settings.as_deref().and_then(settings_guard::mend) {
+        tracing::error!("{text}");
+    }
+    if let Some(file) = &settings {
+        settings_guard::keep(file);
+    }
+    match ended {
         // Training that crashed left its window open; the user has closed it by now.
         Ok(()) => match host.worker.crash() {
             None => Ok(()),

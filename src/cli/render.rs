@@ -19,7 +19,7 @@ use vbgs_studio::math::camera::{Camera, Intrinsics};
 use vbgs_studio::math::image::RgbImage;
 use vbgs_studio::math::orbit::Orbit;
 use vbgs_studio::model::splat::appearance::SplatView;
-use vbgs_studio::model::splat::splats::{Framing, framing};
+use vbgs_studio::model::splat::framing::{Framing, framing};
 use vbgs_studio::render::cpu::CpuRenderer;
 use vbgs_studio::render::{EVALUATION_NEAR, Lens, Paint, RenderMethod, RenderOptions, SplatStyle};
 use vbgs_studio::train::setting::Preset;
@@ -43,7 +43,7 @@ pub fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
     let model = model::load(&args.model)?;
     let mut painter = Painter {
-        framing: framing(&model.splats),
+        framing: framing(model.splats.iter()),
         splats: model.splats.view(),
         paint: args.paint,
         methods,

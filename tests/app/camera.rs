@@ -1,11 +1,20 @@
 //! Steering the camera.
 
-use super::harness::{Window, click, dataset, drag, settled, train, turn_wheel, wait, window};
+use super::harness::{
+    Window, click, dataset, drag, drop_on, is, settled, train, turn_wheel, wait, window, write_to,
+};
 use super::inspect::MIDDLE;
+use super::viewer::press;
 use crate::common::adapter::turn;
-use eframe::egui::{Key, PointerButton};
+use crate::common::shared;
+use eframe::egui::{Key, PointerButton, Vec2};
 use vbgs_studio::app::Painting;
-use vbgs_studio::app::state::Subject;
+use vbgs_studio::app::state::{RunState, Source, Subject};
+use vbgs_studio::export;
+use vbgs_studio::math::camera::{Camera, Intrinsics};
+use vbgs_studio::model::splat::appearance::SplatView;
+use vbgs_studio::render::cpu::CpuRenderer;
+use vbgs_studio::render::{RenderMethod, RenderOptions};
 
 #[test]
 fn the_camera_follows_the_pointer_and_keys() {
@@ -43,4 +52,55 @@ fn the_camera_follows_the_pointer_and_keys() {
     window.key_press(Key::H);
     window.step();
     assert_eq!(home, settled(&mut window), "home");
+}
+
+/// Height and width of what is seen of a scene from where a window's camera stands, as shares of the picture,
+/// none of which may touch its border.
+fn seen_whole(window: &Window, splats: SplatView) -> [f64; 2] {
+    let view = window.state().view();
+    let [width, height] = view.size_px();
+    let stood = view.keyframe().unwrap();
+    let intrinsics = Intrinsics::from_vertical_fov(width, height, stood.fov_y);
+    let camera = Camera { intrinsics, pose: stood.pose };
+    let distance = stood.pose.centre().distance(view.target().unwrap());
+    let options = RenderOptions::viewport(RenderMethod::PROJECTED, [0.0; 3], distance);
+    let picture = CpuRenderer::default().render(splats, &camera, &options);
+    let seen = picture.coverage.data.iter().enumerate().filter(|(_, share)| **share > 0.02);
+    let seen: Vec<[usize; 2]> =
+        seen.map(|(i, _)| [i % width as usize, i / width as usize]).collect();
+    [0, 1].map(|axis| {
+        let size = [width, height][axis] as usize;
+        let at = seen.iter().map(|pixel| pixel[axis]);
+        let (first, last) = (at.clone().min().unwrap(), at.max().unwrap());
+        assert!(first > 0 && last + 1 < size, "{first} to {last} of {size} along {axis}");
+        (last - first) as f64 / size as f64
+    })
+}
+
+#[test]
+fn f_shows_the_whole_scene_and_fills_the_smaller_side() {
+    let _turn = turn();
+    let Some(lego) = shared("data/lego400") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("lego.ply");
+    let Some(mut window) = window(Some(Subject::Path(lego)), Painting::Auto) else { return };
+    train(&mut window);
+    write_to(&mut window, Key::E, "Export", &file);
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let lego = export::read(&file).unwrap().splats;
+    for source in [Source::Dataset, Source::Model] {
+        for size in [[1000.0, 640.0], [1700.0, 500.0], [700.0, 1300.0]] {
+            window.set_size(Vec2::from(size));
+            window.run_steps(3);
+            drag(&mut window, PointerButton::Primary);
+            drag(&mut window, PointerButton::Secondary);
+            press(&mut window, Key::F);
+            let filled = seen_whole(&window, lego.view());
+            let most = filled[0].max(filled[1]);
+            assert!(most > 0.55, "{source:?}, {size:?}: {filled:?}");
+        }
+        drop_on(&mut window, &file);
+        wait(&mut window, "the model", |s| s.snapshot().source == Source::Model);
+        wait(&mut window, "shown", is(RunState::Finished));
+    }
 }

@@ -219,6 +219,38 @@ const PROMISES: &[(&str, &[&str])] = &[
         ],
     ),
     (
+        "F frames the scene by the smaller field of view, models opened included",
+        &[
+            "camera.rs: f_shows_the_whole_scene_and_fills_the_smaller_side",
+            "src/app/camera.rs: framing_fits_the_smaller_side_of_the_viewport",
+        ],
+    ),
+    (
+        "The picture of the view becomes a file",
+        &["tools.rs: the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file"],
+    ),
+    (
+        "A full disk is said, the scene stays and can be written elsewhere",
+        &[
+            "full_disk.rs: a_full_disk_is_said_and_the_scene_is_written_elsewhere",
+            "full_disk.rs: what_waits_for_a_file_is_given_up_on_a_full_disk_and_nothing_is_discarded",
+            "src/app/settings_guard.rs: half_a_file_gives_way_to_the_last_good_one_and_is_kept",
+        ],
+    ),
+    (
+        "A network folder that hangs is said and given up, and the app goes on",
+        &[
+            "silent_drive.rs: a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost",
+            "silent_drive.rs: something_else_is_opened_while_a_drive_does_not_answer",
+            "silent_drive.rs: a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive",
+            "silent_drive.rs: a_frame_that_is_never_read_is_named_and_holds_up_neither_window_nor_end",
+        ],
+    ),
+    (
+        "One run in a real window by mouse and keys: open, train, orbit, compare, measure, export, quit",
+        &["journey.rs: a_hand_opens_trains_orbits_compares_measures_exports_and_quits"],
+    ),
+    (
         "A scene can be walked back: view after frame k (from births and kept snapshots)",
         &[
             "editing.rs: a_walk_back_shows_the_scene_as_it_was_and_training_goes_on_behind_it",

@@ -112,9 +112,15 @@ pub fn draw_film(window: &mut Window, output: &Path) {
     window.event(Event::Text(output.display().to_string()));
     window.run_steps(2);
     window.get_by_role_and_label(Role::Button, "Draw film").click();
-    window.run_steps(2);
-    if window.query_by_label("Replace").is_some() {
-        click(window, "Replace");
+    window.step();
+    // What is there already is looked for beside the window.
+    let started = Instant::now();
+    while window.query_by_role_and_label(Role::Button, "Draw film").is_some() {
+        assert!(started.elapsed() < PATIENCE, "the dialog stays");
+        if window.query_by_label("Replace").is_some() {
+            click(window, "Replace");
+        }
+        window.step();
     }
 }
 

@@ -209,7 +209,9 @@ fn training_goes_on_beside_edits_and_what_it_bears_is_shown() {
         window.key_press_modifiers(Modifiers::COMMAND, key);
         wait(&mut window, "the deleted, back and away", move |s| s.n_drawn() == n);
     }
-    // Walking back, the first frame's alone are left; files are as they were.
+    // Walking back, the first frame's alone are left; files are as they were. Without the strip the panel has
+    // room for the slider.
+    press(&mut window, Key::T);
     click(&mut window, "Edit");
     wait(&mut window, "births", |s| s.view().known().iter().any(|k| k.birth.is_some()));
     let at = slider(&mut window, 1);

@@ -1,10 +1,10 @@
 //! Everything by the keyboard: actions found by their names, and controls reached one after another.
 
-use super::harness::{Window, dataset, is, train, wait, window};
+use super::harness::{Window, click, dataset, drop_on, is, train, wait, window};
 use crate::common::adapter::turn;
 use eframe::egui::accesskit::Role;
-use eframe::egui::{Event, Key, Modifiers, Theme};
-use egui_kittest::kittest::Queryable;
+use eframe::egui::{Event, Key, Modifiers, Theme, Vec2};
+use egui_kittest::kittest::{NodeT, Queryable};
 use vbgs_studio::app::Painting;
 use vbgs_studio::app::state::{RunState, Subject};
 use vbgs_studio::render::Renderer;
@@ -127,4 +127,55 @@ fn a_text_field_keeps_the_keys() {
     window.key_press(Key::M);
     window.run_steps(2);
     assert!(window.state().view().is_measuring());
+}
+
+/// Controls that screen readers would announce without a name: their kind and place.
+fn nameless(window: &Window) -> Vec<String> {
+    use Role::{Button, CheckBox, ComboBox, Link, Slider, SpinButton, TextInput};
+    let sliders: Vec<f32> =
+        window.query_all_by_role(Slider).map(|slider| slider.rect().center().y).collect();
+    let controls = [Button, CheckBox, ComboBox, Link, Slider, SpinButton, TextInput];
+    let controls = controls
+        .into_iter()
+        .flat_map(|role| window.query_all_by_role(role).map(move |node| (role, node)));
+    let nameless = controls.filter(|(role, node)| {
+        // The number beside a slider is the slider's.
+        let y = node.rect().center().y;
+        let is_of_slider = *role == SpinButton && sliders.iter().any(|at| (at - y).abs() < 6.0);
+        let name = node.accesskit_node().label().unwrap_or_default();
+        name.trim().is_empty() && !is_of_slider
+    });
+    nameless.map(|(role, node)| format!("{role:?} at {:?}", node.rect())).collect()
+}
+
+#[test]
+fn every_control_has_a_name() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    window.set_size(Vec2::new(1600.0, 1000.0));
+    window.run_steps(3);
+    assert_eq!(nameless(&window), [""; 0], "at the start");
+    drop_on(&mut window, &dataset(folder.path(), 3));
+    wait(&mut window, "ready", is(RunState::Ready));
+    window.run_steps(3);
+    assert_eq!(nameless(&window), [""; 0], "before training");
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    window.run_steps(3);
+    assert_eq!(nameless(&window), [""; 0], "after the end");
+    for tab in ["Latency", "Quality", "Scene", "Inspector", "Edit", "Path", "Settings"] {
+        click(&mut window, tab);
+        assert_eq!(nameless(&window), [""; 0], "{tab}");
+    }
+    window.key_press(Key::G);
+    window.run_steps(3);
+    assert_eq!(nameless(&window), [""; 0], "beside a photograph");
+    for key in [Key::O, Key::S, Key::E, Key::P] {
+        window.key_press_modifiers(Modifiers::COMMAND, key);
+        window.run_steps(3);
+        assert_eq!(nameless(&window), [""; 0], "{key:?}");
+        window.key_press(Key::Escape);
+        window.run_steps(3);
+    }
 }

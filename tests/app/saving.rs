@@ -1,7 +1,8 @@
 //! Names that are proposed for files, files that exist already, and what waits for a file.
 
 use super::harness::{
-    PATIENCE, Window, click, dataset, drop_on, enter_path, is, train, wait, window, write_to,
+    PATIENCE, Window, click, dataset, drop_on, enter_path, is, train, wait, wait_for_label, window,
+    write_to,
 };
 use super::viewer::press;
 use crate::common::adapter::turn;
@@ -117,25 +118,24 @@ fn an_older_file_is_replaced_only_when_the_user_says_so() {
         let file = folder.path().join(file);
         std::fs::write(&file, "older").unwrap();
         write_to(&mut window, key, button, &file);
-        window.run_steps(3);
-        window.get_by_label("Replace the older file?");
+        wait_for_label(&mut window, "Replace the older file?");
         click(&mut window, "Choose another name");
         assert!(window.query_by_label("Replace the older file?").is_none());
         window.get_by_role_and_label(Role::Button, button).click();
-        window.run_steps(3);
+        wait_for_label(&mut window, "Replace the older file?");
         press(&mut window, Key::Escape);
         assert!(window.query_by_label("Replace the older file?").is_none());
         window.get_by_role(Role::TextInput); // the dialog itself has stayed
         assert_eq!(std::fs::read(&file).unwrap(), b"older");
         window.get_by_role_and_label(Role::Button, button).click();
-        window.run_steps(3);
+        wait_for_label(&mut window, "Replace the older file?");
         click(&mut window, "Replace");
         wait(&mut window, "the file", |_| std::fs::read(&file).unwrap() != b"older");
     }
     // A folder is no file to replace.
     write_to(&mut window, Key::E, "Export", folder.path());
-    window.run_steps(3);
-    window.get_by_label_contains("is a folder: add the name of a file");
+    let problem = format!("{} is a folder: add the name of a file", folder.path().display());
+    wait_for_label(&mut window, &problem);
     assert!(window.query_by_label("Replace the older file?").is_none());
 }
 

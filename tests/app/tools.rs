@@ -133,6 +133,29 @@ fn timings_are_written_beside_the_dataset_and_never_over_a_file() {
 }
 
 #[test]
+fn the_picture_of_the_view_is_written_beside_the_dataset_and_never_over_a_file() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(mut window) = trained(folder.path()) else { return };
+    let mut pictures = Vec::new();
+    for name in ["room.view.png", "room.view-2.png"] {
+        click(&mut window, "File");
+        click(&mut window, "Save picture");
+        let file = folder.path().join(name);
+        wait(&mut window, "the picture", |s| {
+            let words = format!("Wrote {}", file.display());
+            s.snapshot().notices.iter().any(|n| n.kind == NoticeKind::Info && n.text == words)
+        });
+        pictures.push(image::open(&file).unwrap().into_rgb8());
+    }
+    let [width, height] = window.state().view().size_px();
+    assert_eq!(pictures[0].dimensions(), (width, height));
+    assert!(pictures[0] == pictures[1], "nobody has moved");
+    let colors: std::collections::BTreeSet<[u8; 3]> = pictures[0].pixels().map(|p| p.0).collect();
+    assert!(colors.len() > 1000, "{} colours", colors.len());
+}
+
+#[test]
 fn cameras_and_grid_are_drawn_over_the_scene() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();

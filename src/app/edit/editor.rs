@@ -12,7 +12,8 @@ use crate::app::evidence_histogram::EvidenceHistogram;
 use crate::app::palette::Palette;
 use crate::app::splat_updates::SplatChange;
 use crate::model::splat::appearance::SplatSet;
-use crate::model::splat::splats::{Framing, Splat, bounds, framing};
+use crate::model::splat::framing::{Framing, framing};
+use crate::model::splat::splats::{Splat, bounds};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -151,11 +152,8 @@ impl Editor {
     /// Where a camera should look to see what is shown.
     pub fn framing(&self, palette: &Palette) -> Option<Framing> {
         match self.visible.splats() {
-            None => framing(palette.splats()),
-            Some(shown) => {
-                let shown = shown.iter().filter(|splat| splat.is_drawable());
-                framing(&shown.copied().collect::<Vec<Splat>>())
-            }
+            None => framing(palette.splats().iter()),
+            Some(shown) => framing(shown.iter().filter(|splat| splat.is_drawable())),
         }
     }
 

@@ -1,6 +1,6 @@
 //! What is selected, hidden, deleted and cropped; and the walk back to earlier frames.
 
-use super::explained::{SLIDER, weak};
+use super::explained::{SLIDER, named, weak};
 use super::legend::number;
 use super::walk_back;
 use crate::app::command::UiCommand;
@@ -107,7 +107,8 @@ fn threshold(editor: &mut Editor, palette: &Palette, ui: &mut Ui) {
         .logarithmic(true)
         .custom_formatter(|value, _| number(value))
         .suffix(format!(" {}", doubt.attribute().unit()));
-    let slider = ui.add(slider).on_hover_text("What it means is selected while it moves");
+    let slider = named(ui.add(slider), "Select by what is known")
+        .on_hover_text("What it means is selected while it moves");
     if slider.changed() {
         editor.select_doubtful(value, palette);
     }

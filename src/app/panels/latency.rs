@@ -1,5 +1,6 @@
 //! Where the milliseconds go: a stacked area over the latest frames, and a table.
 
+use super::explained::named;
 use super::plot_axes::numbered;
 use super::timings::{stage_ms, stages, timings};
 use crate::app::drawing::{DrawHistory, DrawStage, Drawer};
@@ -139,7 +140,8 @@ fn budget(frames: &[FrameReport], budget_ms: &mut f64, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         ui.label("Budget");
         let value = DragValue::new(budget_ms).range(BUDGETS_MS).speed(0.5).max_decimals(1);
-        ui.add(value.suffix(" ms")).on_hover_text("The red line: what a frame may take");
+        let value = named(ui.add(value.suffix(" ms")), "Budget of a frame");
+        value.on_hover_text("The red line: what a frame may take");
         let share = share_inside(frames, *budget_ms);
         ui.label(format!("{:.0} % of frames inside it", 100.0 * share));
     });

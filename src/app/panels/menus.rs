@@ -33,7 +33,8 @@ impl Menu {
 fn place(command: UiCommand) -> (Menu, u8) {
     match command {
         UiCommand::Open | UiCommand::OpenDemo => (Menu::File, 0),
-        UiCommand::Save | UiCommand::Export => (Menu::File, 1),
+        UiCommand::Save | UiCommand::Export | UiCommand::SavePicture => (Menu::File, 1),
+        UiCommand::Quit => (Menu::File, 2),
         UiCommand::Undo | UiCommand::Redo => (Menu::Selection, 0),
         UiCommand::BoxSelect | UiCommand::Deselect => (Menu::Selection, 1),
         UiCommand::HideSelected

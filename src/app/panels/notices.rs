@@ -3,7 +3,7 @@
 
 use super::signal_color::SignalColor;
 use crate::app::state::{Notice, NoticeKind, Snapshot};
-use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, Ui, Vec2};
+use eframe::egui::{Align2, Area, Color32, Frame, Id, Label, RichText, ScrollArea, Ui, Vec2};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
@@ -11,6 +11,12 @@ use std::time::{Duration, Instant};
 const SHOWN: usize = 3;
 /// Widest text, points.
 const WIDTH: f32 = 620.0;
+/// Distance from the top of the viewport, points.
+const MARGIN: f32 = 10.0;
+/// Share of the viewport's height beyond which notices scroll, and the height that they may take in any
+/// case, points: what lies below them, cards and the picture, needs room in a small window.
+const MAX_SHARE: f32 = 0.35;
+const MIN_HEIGHT: f32 = 60.0;
 /// How long something that is good to know stays.
 const FADES_AFTER: Duration = Duration::from_secs(20);
 
@@ -22,37 +28,44 @@ pub struct NoticeBoard {
 }
 
 impl NoticeBoard {
-    /// Draws the newest notices that nobody has closed.
-    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) {
+    /// Draws the newest notices that nobody has closed; the height that they take from the top of the
+    /// viewport, points.
+    pub fn ui(&mut self, snapshot: &Snapshot, ui: &Ui) -> f32 {
         self.forget(&snapshot.notices);
         let open: Vec<&Notice> =
             snapshot.notices.iter().rev().filter(|n| self.is_open(n)).take(SHOWN).collect();
         if open.is_empty() {
-            return;
+            return 0.0;
         }
         // Beside the viewport they would cover the panels, whose controls they would take.
         let room = ui.max_rect().width() - 40.0;
-        let top = ui.max_rect().center_top() + Vec2::new(0.0, 10.0);
+        let top = ui.max_rect().center_top() + Vec2::new(0.0, MARGIN);
+        let most = (MAX_SHARE * ui.max_rect().height()).max(MIN_HEIGHT);
         let area = Area::new(Id::unique("notices")).fixed_pos(top).pivot(Align2::CENTER_TOP);
-        area.show(ui.ctx(), |ui| {
+        let shown = area.show(ui.ctx(), |ui| {
             Frame::popup(ui.style()).show(ui, |ui| {
                 ui.set_max_width(WIDTH.min(room));
-                for notice in open {
-                    ui.horizontal(|ui| {
-                        if ui.small_button("×").on_hover_text("Close this notice").clicked() {
-                            self.closed.insert(notice.serial);
-                        }
-                        let (word, color) = heading(notice.kind, ui.visuals().dark_mode);
-                        ui.label(RichText::new(word).strong().color(color));
-                        ui.add(Label::new(&notice.text).wrap());
-                    });
-                    self.shown_since.entry(notice.serial).or_insert_with(Instant::now);
-                    if notice.kind == NoticeKind::Info {
-                        ui.ctx().request_repaint_after(FADES_AFTER);
-                    }
-                }
+                ScrollArea::vertical().max_height(most).show(ui, |ui| {
+                    open.into_iter().for_each(|notice| self.row(notice, ui));
+                });
             });
         });
+        shown.response.rect.bottom() - ui.max_rect().top()
+    }
+
+    fn row(&mut self, notice: &Notice, ui: &mut Ui) {
+        ui.horizontal(|ui| {
+            if ui.small_button("×").on_hover_text("Close this notice").clicked() {
+                self.closed.insert(notice.serial);
+            }
+            let (word, color) = heading(notice.kind, ui.visuals().dark_mode);
+            ui.label(RichText::new(word).strong().color(color));
+            ui.add(Label::new(&notice.text).wrap());
+        });
+        self.shown_since.entry(notice.serial).or_insert_with(Instant::now);
+        if notice.kind == NoticeKind::Info {
+            ui.ctx().request_repaint_after(FADES_AFTER);
+        }
     }
 
     fn is_open(&self, notice: &Notice) -> bool {

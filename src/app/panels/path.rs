@@ -1,5 +1,6 @@
 //! The camera path: its keyframes, a preview, and the file that `render --path` draws.
 
+use super::explained::named;
 use crate::app::path_editor::PathEditor;
 use crate::math::camera_path::Keyframe;
 use eframe::egui::{
@@ -112,7 +113,7 @@ fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         // Formatted, not `fixed_decimals`: that rounds the moment itself, and playing would stand still.
         let slider = Slider::new(&mut editor.moment, 0.0..=end).suffix(" s");
         let slider = slider.custom_formatter(|seconds, _| format!("{seconds:.1}"));
-        if ui.add(slider).on_hover_text("The moment that is shown").changed() {
+        if named(ui.add(slider), "Moment").on_hover_text("The moment that is shown").changed() {
             editor.is_playing = false;
             asked = Some(PathRequest::Show(path.path.at(editor.moment)));
         }
@@ -121,10 +122,11 @@ fn preview(editor: &mut PathEditor, ui: &mut Ui) -> Option<PathRequest> {
         ui.checkbox(&mut editor.is_loop, "Loop").on_hover_text("Back to the first keyframe");
         if editor.is_loop {
             let back = DragValue::new(&mut editor.way_back).range(0.05..=600.0).speed(0.05);
-            ui.add(back.suffix(" s")).on_hover_text("Seconds that the way back takes");
+            named(ui.add(back.suffix(" s")), "Way back")
+                .on_hover_text("Seconds that the way back takes");
         }
         let fps = DragValue::new(&mut editor.fps).range(1.0..=120.0).suffix(" pictures a second");
-        ui.add(fps);
+        named(ui.add(fps), "Pictures a second");
     });
     ui.label(RichText::new(format!("{} pictures", path.pictures().len())).weak());
     asked
@@ -155,8 +157,10 @@ fn film(editor: &PathEditor, drawn: Option<f32>, ui: &mut Ui) -> Option<PathRequ
 /// Choices of the dialog that asks where a film goes.
 pub fn film_choices(editor: &mut PathEditor, ui: &mut Ui) {
     ui.horizontal(|ui| {
-        for (side, suffix) in editor.size.iter_mut().zip([" wide", " high"]) {
-            ui.add(DragValue::new(side).range(FILM_SIDES).suffix(suffix));
+        for (side, (suffix, name)) in
+            editor.size.iter_mut().zip([(" wide", "Width"), (" high", "Height")])
+        {
+            named(ui.add(DragValue::new(side).range(FILM_SIDES).suffix(suffix)), name);
         }
         ui.weak("pixels");
     });
@@ -179,7 +183,7 @@ fn files(editor: &mut PathEditor, file: &Path, ui: &mut Ui) -> Option<PathReques
         let open = Button::new("Open path");
         let is_asked = ui.add_enabled(!editor.file.trim().is_empty(), open).clicked();
         let field = TextEdit::singleline(&mut editor.file).hint_text("way.json");
-        ui.add(field.desired_width(f32::INFINITY));
+        named(ui.add(field.desired_width(f32::INFINITY)), "File of a path");
         if is_asked {
             asked = Some(PathRequest::Open(PathBuf::from(editor.file.trim())));
         }

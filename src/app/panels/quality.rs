@@ -1,5 +1,6 @@
 //! How good the scene is: held-out views against frames and seconds, and view by view.
 
+use super::explained::named;
 use super::legend::number;
 use super::plot_axes::numbered;
 use super::signal_color::SignalColor;
@@ -198,7 +199,7 @@ fn rate(every: &mut Option<usize>, ui: &mut Ui) {
         }
         let mut shown = every.unwrap_or(DEFAULT_EVERY);
         let value = DragValue::new(&mut shown).range(EVERY).suffix(" frames");
-        if ui.add_enabled(is_on, value).changed() {
+        if named(ui.add_enabled(is_on, value), "Measure every").changed() {
             *every = Some(shown);
         }
     });

@@ -18,8 +18,8 @@ const TEXT_HEIGHT: f32 = 210.0;
 /// A smaller photograph shows nothing.
 const MIN_PHOTO_HEIGHT: f32 = 40.0;
 
-/// Draws the card with its lower left corner at `at`, `room` points below the top of the viewport; whether
-/// training is asked for.
+/// Draws the card with its lower left corner at `at` and `room` points above that; whether training is
+/// asked for.
 pub fn ui(
     snapshot: &Snapshot,
     opened: &Opened,

@@ -1,6 +1,7 @@
 //! How scenes are trained and how the viewport draws them, all in one place.
 
 use super::adapter::{self, AdapterRequest, Adapters};
+use super::explained::named;
 use super::{badge, draw_share, training};
 use crate::app::command::UiCommand;
 use crate::app::training::TrainSettings;
@@ -182,13 +183,13 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
             Lens::Pinhole => {
                 // Rounded as the slider rounds, which else would count as a change.
                 let mut fov = settings.pinhole_fov_deg.unwrap_or(own_fov_deg).round();
-                if ui.add(degrees(&mut fov, PINHOLE_FOV_DEG)).changed() {
+                if named(ui.add(degrees(&mut fov, PINHOLE_FOV_DEG)), FOV).changed() {
                     settings.pinhole_fov_deg = Some(fov);
                 }
                 settings.pinhole_fov_deg.is_some()
             }
             Lens::Fisheye => {
-                ui.add(degrees(&mut settings.fisheye_fov_deg, FISHEYE_FOV_DEG));
+                named(ui.add(degrees(&mut settings.fisheye_fov_deg, FISHEYE_FOV_DEG)), FOV);
                 false
             }
         };
@@ -197,8 +198,11 @@ pub fn lens(settings: &mut ViewSettings, own_fov_deg: f32, ui: &mut Ui) {
             settings.pinhole_fov_deg = None;
         }
     });
-    ui.label(RichText::new("Field of view from top to bottom").weak());
+    ui.label(RichText::new(FOV).weak());
 }
+
+/// What the slider of the lens sets.
+const FOV: &str = "Field of view from top to bottom";
 
 fn degrees(fov: &mut f32, range: std::ops::RangeInclusive<f32>) -> Slider<'_> {
     Slider::new(fov, range).suffix("°").max_decimals(0)
@@ -208,13 +212,14 @@ fn splats(settings: &mut ViewSettings, ui: &mut Ui) {
     let start = ViewSettings::default();
     Grid::new("splats").num_columns(3).show(ui, |ui| {
         ui.label("Scale").on_hover_text("Factor on the size of every splat");
-        ui.add(Slider::new(&mut settings.scale, SCALES).max_decimals(2));
+        named(ui.add(Slider::new(&mut settings.scale, SCALES).max_decimals(2)), "Scale");
         if ui.add_enabled(settings.scale != start.scale, reset()).clicked() {
             settings.scale = start.scale;
         }
         ui.end_row();
         ui.label("Opacity from").on_hover_text("Splats with a smaller opacity are left out");
-        ui.add(Slider::new(&mut settings.opacity_cut, 0.0..=1.0).max_decimals(2));
+        let cut = Slider::new(&mut settings.opacity_cut, 0.0..=1.0).max_decimals(2);
+        named(ui.add(cut), "Opacity from");
         if ui.add_enabled(settings.opacity_cut != start.opacity_cut, reset()).clicked() {
             settings.opacity_cut = start.opacity_cut;
         }

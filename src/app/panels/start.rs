@@ -1,7 +1,7 @@
 //! The window before anything is open: what happens here, and the ways to begin.
 
 use crate::app::command::UiCommand;
-use crate::app::state::Snapshot;
+use crate::app::state::{RunState, Snapshot};
 use crate::export::endings::{READ_ENDINGS, listed};
 use eframe::egui::{Button, Color32, Frame, RichText, Stroke, Ui, Vec2};
 
@@ -9,15 +9,19 @@ use eframe::egui::{Button, Color32, Frame, RichText, Stroke, Ui, Vec2};
 pub const WHAT_HAPPENS: &str = "Photographs with depth become a scene of splats while you watch, \
                                 each frame learnt once";
 
-/// Draws the page; what the user asks for.
-pub fn ui(snapshot: &Snapshot, ui: &mut Ui) -> Option<UiCommand> {
+/// Draws the page below what notices take from its top, points; what the user asks for.
+pub fn ui(snapshot: &Snapshot, noticed: f32, ui: &mut Ui) -> Option<UiCommand> {
     let mut asked = None;
     ui.vertical_centered(|ui| {
-        ui.add_space((ui.available_height() * 0.22).max(10.0));
+        ui.add_space((ui.available_height() * 0.22).max(noticed + 10.0));
         if let Some(followed) = &snapshot.followed {
             let path = followed.path.display();
             ui.label(RichText::new(format!("Waiting for the first frame of {path}")).size(22.0));
             ui.label(followed.problem.as_deref().unwrap_or_default());
+            return;
+        }
+        if snapshot.state == RunState::Loading {
+            ui.label(RichText::new("Opening…").size(22.0));
             return;
         }
         ui.label(RichText::new("VBGS Studio").size(28.0).strong());

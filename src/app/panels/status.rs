@@ -2,10 +2,12 @@
 
 use super::signal_color::SignalColor;
 use crate::app::state::{Followed, RunState, Snapshot};
+use crate::app::viewer::frame_refs::FrameRef;
 use crate::eval::machine;
 use crate::eval::report::quantile;
 use crate::pipeline::any_preset::ComponentLimit;
 use eframe::egui::{Color32, Label, ProgressBar, RichText, Ui};
+use std::time::Duration;
 
 /// What the line says beside the snapshot.
 pub struct StatusContext<'a> {
@@ -15,14 +17,35 @@ pub struct StatusContext<'a> {
     pub n_drawn: usize,
     /// The share of the file being exported that is written.
     pub file_progress: Option<f32>,
+    /// For how long the trainer has been at one frame, where that is long.
+    pub slow_frame: Option<Duration>,
 }
 
-/// Draws the line; whether the user wants the file being exported no more.
-pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> bool {
+/// What the user wants no more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unwanted {
+    /// The file being exported.
+    File,
+    /// What is being opened.
+    Opening,
+}
+
+/// Draws the line; what the user wants no more, if anything.
+pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> Option<Unwanted> {
     let line = ui.horizontal(|ui| {
         let color = color(snapshot.state, ui.visuals().dark_mode);
         ui.label(RichText::new(snapshot.state.label()).strong().color(color));
         let is_cancelled = surroundings.file_progress.is_some_and(|share| file(share, ui));
+        let is_given_up = snapshot.state == RunState::Loading && opening(ui);
+        let unwanted = match (is_cancelled, is_given_up) {
+            (true, _) => Some(Unwanted::File),
+            (false, true) => Some(Unwanted::Opening),
+            (false, false) => None,
+        };
+        if let Some(time) = surroundings.slow_frame {
+            ui.separator();
+            slow_frame(snapshot, time, ui);
+        }
         if let Some(followed) = &snapshot.followed {
             ui.separator();
             let said = ui.label(following(snapshot.frames_done, followed));
@@ -45,15 +68,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> boo
             ui.separator();
             ui.label(format!("{} splats drawn", surroundings.n_drawn));
         }
-        if !snapshot.skipped.is_empty() {
-            ui.separator();
-            let first = &snapshot.skipped[0].message;
-            ui.label(
-                RichText::new(format!("{} frames skipped", snapshot.skipped.len()))
-                    .color(SignalColor::Yellow.on(ui.visuals().dark_mode)),
-            )
-            .on_hover_text(format!("The first: {first}"));
-        }
+        skipped(snapshot, ui);
         ui.separator();
         if let Some(bytes) = machine::rss_bytes() {
             let model = snapshot.model_bytes as f64 / 1048576.0;
@@ -65,7 +80,7 @@ pub fn ui(snapshot: &Snapshot, surroundings: &StatusContext, ui: &mut Ui) -> boo
         // The one text of unknown length must not make the line, and with it the viewport, jump.
         let adapter = Label::new(RichText::new(surroundings.adapter).weak()).truncate();
         ui.add(adapter).on_hover_text(surroundings.adapter);
-        is_cancelled
+        unwanted
     });
     line.inner
 }
@@ -76,6 +91,32 @@ fn file(share: f32, ui: &mut Ui) -> bool {
     let text = format!("Exporting: {:.0} %", 100.0 * share);
     ui.add(ProgressBar::new(share).desired_width(120.0).text(text));
     ui.button("Cancel export").on_hover_text("An older file of this name stays").clicked()
+}
+
+/// Whether the user no longer waits for what is being opened.
+fn opening(ui: &mut Ui) -> bool {
+    ui.button("Cancel opening").on_hover_text("What was open before stays").clicked()
+}
+
+/// How many frames could not be used, and why the first could not.
+fn skipped(snapshot: &Snapshot, ui: &mut Ui) {
+    let Some(first) = snapshot.skipped.first() else { return };
+    ui.separator();
+    let text = format!("{} frames skipped", snapshot.skipped.len());
+    let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+    let said = ui.label(RichText::new(text).color(color));
+    said.on_hover_text(format!("The first: {}", first.message));
+}
+
+/// What the trainer has been waiting for.
+fn slow_frame(snapshot: &Snapshot, time: Duration, ui: &mut Ui) {
+    let next = snapshot.opened.as_ref().and_then(|o| FrameRef::trained(o, snapshot.n_seen()));
+    let name = next.map_or_else(|| "a frame".to_owned(), |frame| frame.entry().name.clone());
+    let text = format!("{name}: not read after {} s", time.as_secs());
+    let color = SignalColor::Yellow.on(ui.visuals().dark_mode);
+    ui.label(RichText::new(text).color(color)).on_hover_text(
+        "Its drive may be slow or gone: check it. Training goes on once it answers, and only then pauses, saves and exports; the window can be closed",
+    );
 }
 
 /// How a recording is followed, in words.

@@ -1,5 +1,6 @@
 //! How what is opened or reset next is trained.
 
+use super::explained::named;
 use super::setting_rows::{self, OwnRow, SettingRows};
 use crate::app::training::{AUTOSAVE_S, TrainSettings};
 use crate::pipeline::settings::scene::SceneOverrides;
@@ -64,7 +65,7 @@ fn autosave(seconds: &mut Option<u32>, ui: &mut Ui) {
         }
         let mut shown = seconds.unwrap_or(AUTOSAVE_S);
         let value = DragValue::new(&mut shown).range(AUTOSAVES_S).suffix(" s");
-        if ui.add_enabled(is_on, value).changed() {
+        if named(ui.add_enabled(is_on, value), "Autosave every").changed() {
             *seconds = Some(shown);
         }
     });
@@ -88,7 +89,7 @@ fn budget(scene: &mut SceneOverrides, ui: &mut Ui) {
             let mut components = budget.components();
             let value =
                 DragValue::new(&mut components).range(1..=DEFAULT_MAX_COMPONENTS).speed(100.0);
-            if ui.add(value.suffix(" components")).changed() {
+            if named(ui.add(value.suffix(" components")), "At most").changed() {
                 scene.budget = Some(Budget::Components(components));
             }
         }

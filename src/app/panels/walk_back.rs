@@ -1,6 +1,6 @@
 //! The walk back: the scene as it was after earlier frames, as far as it is kept, or what was born by then.
 
-use super::explained::{SLIDER, weak};
+use super::explained::{SLIDER, named, weak};
 use crate::app::edit::editor::{Editor, WalkBack};
 use crate::app::state::Snapshot;
 use crate::app::viewer::SceneView;
@@ -50,7 +50,7 @@ fn slider(editor: &mut Editor, last: usize, ui: &mut Ui) {
     let mut frames = editor.walked_to.map_or(last, |frames| frames.min(last));
     ui.horizontal_wrapped(|ui| {
         ui.label("After frame");
-        if ui.add(Slider::new(&mut frames, 1..=last)).changed() {
+        if named(ui.add(Slider::new(&mut frames, 1..=last)), "After frame").changed() {
             editor.walked_to = (frames < last).then_some(frames);
         }
         let is_away = editor.walked_to.is_some();
@@ -88,7 +88,8 @@ fn budget(view: &mut SceneView, ui: &mut Ui) {
     ui.horizontal_wrapped(|ui| {
         ui.label(format!("Kept: {n} moments, {taken:.1} of at most"));
         let value = DragValue::new(&mut budget).range(0..=MAX_PAST_MB).suffix(" MB");
-        ui.add(value).on_hover_text("Where they would take more, every other one is dropped");
+        let value = named(ui.add(value), "Memory of earlier moments");
+        value.on_hover_text("Where they would take more, every other one is dropped");
     });
     if budget != view.settings.past_mb {
         view.settings.past_mb = budget;

@@ -17,12 +17,13 @@ use eframe::egui::{Pos2, Ui, Vec2};
 const MARGIN: Vec2 = Vec2::new(12.0, -12.0);
 
 impl Studio {
-    /// The card that goes with the state, if one does.
-    pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot) {
+    /// The card that goes with the state, if one does, below what notices take from the top.
+    pub(super) fn cards(&mut self, ui: &Ui, snapshot: &Snapshot, noticed: f32) {
         let Some(opened) = &snapshot.opened else { return };
         let corner = ui.max_rect().left_bottom() + MARGIN;
         if snapshot.state == RunState::Ready && snapshot.frames_done == 0 {
-            self.ready_card(opened, corner, ui, snapshot);
+            let room = corner.y - ui.max_rect().top() - noticed;
+            self.ready_card(opened, (corner, room), ui, snapshot);
         }
         let is_read = self.summary_closed == opened.serial;
         let is_plain = self.view.mode() == ViewMode::Single
@@ -33,13 +34,12 @@ impl Studio {
         }
     }
 
-    fn ready_card(&mut self, opened: &Opened, corner: Pos2, ui: &Ui, snapshot: &Snapshot) {
+    fn ready_card(&mut self, opened: &Opened, place: (Pos2, f32), ui: &Ui, snapshot: &Snapshot) {
         let first = FrameRef::trained(opened, 0);
         let photo = match (self.view.thumbnails(opened), &first) {
             (Some(thumbnails), Some(first)) => thumbnails.get(ui.ctx(), first, true),
             _ => None,
         };
-        let place = (corner, corner.y - ui.max_rect().top());
         if let Some(command) = ready::ui(snapshot, opened, photo, place, ui) {
             self.apply_command(command, snapshot);
         }

@@ -17,6 +17,7 @@ impl Studio {
         if !command.is_legal(snapshot.state, snapshot.source) {
             return;
         }
+        tracing::debug!("command: {command:?}");
         match command {
             UiCommand::Open => self.open_dialog.show(),
             UiCommand::OpenDemo => self.discard_then(WorkerOrder::Open(Subject::Demo), snapshot),
@@ -33,6 +34,7 @@ impl Studio {
             UiCommand::Reset => self.discard_then(WorkerOrder::Reset, snapshot),
             UiCommand::Save => self.save_dialog.show(),
             UiCommand::Export => self.export_dialog.show(),
+            UiCommand::SavePicture => self.save_picture(snapshot),
             UiCommand::FrameStrip => self.layout.shows_frames = !self.layout.shows_frames,
             UiCommand::ResetLayout => self.reset_layout(),
             UiCommand::CompareModel => self.compare_dialog.show(),
@@ -48,6 +50,8 @@ impl Studio {
                 None => memory.move_focus(FocusDirection::Next),
             }),
             UiCommand::Help => self.help_is_open = !self.help_is_open,
+            // Comes back as a request to close, about which the user may be asked.
+            UiCommand::Quit => self.egui.send_viewport_cmd(ViewportCommand::Close),
             of_view => {
                 debug_assert!(of_view.is_of_view(), "{of_view:?} does nothing");
                 self.apply_to_view(of_view, snapshot);

@@ -201,8 +201,8 @@ impl Studio {
         }
         // The last panel: egui gives it the room that those before have left.
         CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
-            self.central_view(ui, snapshot);
-            self.notices.ui(snapshot, ui);
+            let noticed = self.notices.ui(snapshot, ui);
+            self.central_view(ui, snapshot, noticed);
         });
     }
 

@@ -74,6 +74,9 @@ impl Studio {
         }
         self.ask_export(ui, snapshot);
         self.ask_film(ui, snapshot);
+        if let Some((kind, text)) = self.still.take() {
+            self.worker.send(WorkerOrder::Report(kind, text));
+        }
         dialogs::help(ui, &mut self.help_is_open);
         let mut finder = std::mem::take(&mut self.finder);
         let chosen = finder.ui(ui, |action| self.why_not(action, snapshot).is_none());
@@ -113,6 +116,16 @@ impl Studio {
                 let left_out = self.view.editor().left_out();
                 self.worker.send(WorkerOrder::Export(number, path, self.mapping, left_out));
             }
+        }
+    }
+
+    /// Draws the picture of now into a file beside what is open.
+    pub(super) fn save_picture(&mut self, snapshot: &Snapshot) {
+        let (Some(opened), Some(still)) = (&snapshot.opened, self.view.still()) else { return };
+        let path = opened.files.path("view.png");
+        if let Err(error) = self.still.start(still, path, self.waker.clone()) {
+            let text = format!("no thread to draw the picture on could be started: {error}");
+            self.worker.send(WorkerOrder::Report(NoticeKind::Error, text));
         }
     }
 

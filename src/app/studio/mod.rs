@@ -6,12 +6,12 @@ mod dock;
 mod editing;
 mod files;
 mod frames;
+mod setup;
 mod side_panel;
 mod strip_memory;
 
 use super::action_finder::ActionFinder;
 use super::device::WindowDevice;
-use super::drawing::Drawer;
 use super::drop_target;
 use super::exit::{Exit, Handover, Leave};
 use super::film::FilmThread;
@@ -20,9 +20,9 @@ use super::painting::Painting;
 use super::panels::menus::{MenuAnswer, MenuContext};
 use super::panels::notices::NoticeBoard;
 use super::panels::quality::QualityPlot;
-use super::panels::signal_color::SignalColor;
 use super::panels::transport::TransportAnswer;
 use super::panels::{abandoned, start, status, transport};
+use super::pass_times::PassTimes;
 use super::path_dialog::PathDialog;
 use super::path_editor::PathEditor;
 use super::pending::Pending;
@@ -30,29 +30,24 @@ use super::persistence::{self, StoredSettings};
 use super::quality::QualityMonitor;
 use super::recent::RecentPaths;
 use super::state::{NoticeKind, Opened, RunState, Snapshot, Subject};
+use super::still::StillJob;
 use super::tab::SideTab;
 use super::training::TrainSettings;
 use super::viewer::SceneView;
 use super::viewer::painter::ViewPainter;
-use super::viewer::settings::ViewSettings;
 use super::viewport;
-use super::window_painter::WindowPainter;
 use super::worker::{Waker, Worker, WorkerOrder};
 use crate::export::mapping::Mapping;
 use crate::render::Lens;
 use crate::render::attributes::Attribute;
-use eframe::egui::{
-    CentralPanel, Color32, Context, Frame, Panel, Theme, Ui, ViewportCommand, Visuals,
-};
+use eframe::egui::{CentralPanel, Color32, Context, Frame, Panel, Ui, ViewportCommand, Visuals};
 use glam::DVec3;
+use setup::{give_first_orders, go_on, scene_view, strengthen_weak_text, waker_of};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use strip_memory::StripMemory;
-
-/// Share of its strength that text has which stands back.
-const WEAK_TEXT: f32 = 0.8;
 
 /// The application's state; the trainer's is on its own thread.
 pub struct Studio {
@@ -83,6 +78,7 @@ pub struct Studio {
     export_dialog: PathDialog,
     film_dialog: PathDialog,
     film: FilmThread,
+    still: StillJob,
     mapping: Mapping,
     help_is_open: bool,
     /// What waits for the user or a file.
@@ -96,6 +92,7 @@ pub struct Studio {
     put_off: Option<PathBuf>,
     started: Instant,
     first_splats_logged: bool,
+    passes: PassTimes,
 }
 
 impl Studio {
@@ -124,11 +121,7 @@ impl Studio {
         // The trainer begins while the GPU is made ready.
         let StoredSettings { view, training, recent, layout, problems } =
             StoredSettings::read(context.storage);
-        // Settings go first, since they hold for what is opened after them.
-        worker.send(WorkerOrder::TrainBy(Box::new(training.clone())));
-        first.into_iter().for_each(|order| worker.send(order));
-        let warn = |problem| worker.send(WorkerOrder::Report(NoticeKind::Warning, problem));
-        problems.into_iter().for_each(warn);
+        give_first_orders(&worker, &training, first, problems);
         strengthen_weak_text(&context.egui_ctx);
         let waker = waker_of(&context.egui_ctx);
         let device = context.wgpu_render_state.as_ref().map(WindowDevice::new);
@@ -161,6 +154,7 @@ impl Studio {
             export_dialog: PathDialog::export(),
             film_dialog: PathDialog::film(),
             film: FilmThread::default(),
+            still: StillJob::default(),
             mapping: Mapping::default(),
             help_is_open: false,
             pending: None,
@@ -171,6 +165,7 @@ impl Studio {
             put_off: None,
             started,
             first_splats_logged: false,
+            passes: PassTimes::default(),
         })
     }
 
@@ -245,16 +240,23 @@ impl Studio {
             let answer = Panel::top("abandoned").frame(frame).show(ui, |ui| abandoned::ui(run, ui));
             self.answer_abandoned(run, answer.inner, snapshot);
         }
+        if snapshot.state == RunState::Training {
+            // A trainer that waits for a drive wakes no window.
+            ui.ctx().request_repaint_after(Duration::from_secs(1));
+        }
         let surroundings = status::StatusContext {
             adapter: &self.drawn_by(),
             n_drawn: self.view.n_drawn(),
             file_progress: self.worker.file_progress(),
+            slow_frame: self.worker.slow_frame(),
         };
-        let cancelled = Panel::bottom("status")
+        let unwanted = Panel::bottom("status")
             .frame(frame)
             .show(ui, |ui| status::ui(snapshot, &surroundings, ui));
-        if cancelled.inner {
-            self.worker.cancel_file();
+        match unwanted.inner {
+            Some(status::Unwanted::File) => self.worker.cancel_file(),
+            Some(status::Unwanted::Opening) => self.worker.cancel_opening(),
+            None => {}
         }
         self.frame_strip(ui, frame, snapshot);
         // The last panel: egui gives it the room that those before have left.
@@ -299,15 +301,16 @@ impl Studio {
         self.film_dialog.propose(opened.serial, &opened.files);
     }
 
-    fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot) {
+    /// The scene, or the page before there is one; notices take `noticed` points from its top.
+    fn central_view(&mut self, ui: &mut Ui, snapshot: &Snapshot, noticed: f32) {
         // Taken even if nothing is drawn of it: the worker makes the next update
         // when this one is gone.
         for update in self.worker.splat_updates().take() {
             self.quality.change(&update.change);
             self.view.change(update);
         }
-        if snapshot.opened.is_none() && snapshot.state != RunState::Loading {
-            if let Some(command) = start::ui(snapshot, ui) {
+        if snapshot.opened.is_none() {
+            if let Some(command) = start::ui(snapshot, noticed, ui) {
                 self.apply_command(command, snapshot);
             }
             return;
@@ -324,7 +327,7 @@ impl Studio {
         let method = settings.method(settings.renderer, Lens::Pinhole);
         let (every, splats) = (settings.quality_every, self.view.learned());
         self.quality.update(ui.ctx(), snapshot, method, every, splats);
-        self.cards(ui, snapshot);
+        self.cards(ui, snapshot, noticed);
         self.watch_components();
         if let Some(picked) = self.view.take_picked() {
             self.worker.send(WorkerOrder::Inspect(picked));
@@ -339,46 +342,6 @@ impl Studio {
             tracing::info!("first splats visible after {} ms", self.started.elapsed().as_millis());
         }
     }
-}
-
-/// The central view, which knows whether a real GPU is there that does not draw it. Where none is, the cores
-/// draw the window too.
-fn scene_view(
-    painter: ViewPainter,
-    settings: ViewSettings,
-    window: &Context,
-    device: Option<&WindowDevice>,
-) -> SceneView {
-    let on_cpu = painter.drawer() == Drawer::Cpu;
-    let mut view = SceneView::new(painter, settings, waker_of(window));
-    if let Some(WindowDevice { state, .. }) = device.filter(|_| on_cpu) {
-        if viewport::capabilities(state).is_software() {
-            WindowPainter::install(window, state);
-        } else {
-            view.note_gpu_failure();
-        }
-    }
-    view
-}
-
-/// Gives the view what the window before has left, if one did; returns the camera path that was being made.
-fn go_on(view: &mut SceneView, exit: &Exit) -> PathEditor {
-    let Some(Handover { view: kept, path }) = exit.taken_over() else { return Default::default() };
-    view.go_on_with(kept);
-    path
-}
-
-/// As egui has them, text that stands back and links are hard to read, on white above all.
-fn strengthen_weak_text(context: &Context) {
-    context.all_styles_mut(|style| style.visuals.weak_text_alpha = WEAK_TEXT);
-    let link = SignalColor::Blue.on(false);
-    context.style_mut_of(Theme::Light, |style| style.visuals.hyperlink_color = link);
-}
-
-/// Draws the window again when something has come that it does not wait for.
-fn waker_of(context: &Context) -> Waker {
-    let context = context.clone();
-    Arc::new(move || context.request_repaint())
 }
 
 impl Drop for Studio {
@@ -419,6 +382,7 @@ impl eframe::App for Studio {
         // Here, since eframe closes a hidden window without a pass of `ui`.
         let snapshot = self.worker.snapshot();
         std::thread::sleep(self.view.begin_pass(snapshot.state));
+        self.passes.begin(snapshot.state);
         self.worker.set_interval(self.view.snapshot_interval());
         self.take_close_request(ctx, &snapshot);
     }
@@ -443,5 +407,6 @@ impl eframe::App for Studio {
         self.panels(ui, &snapshot);
         self.dialogs(ui, &snapshot);
         drop_target::show(ui.ctx());
+        self.passes.end(self.started);
     }
 }

@@ -2,7 +2,9 @@
 
 use super::SceneView;
 use super::world_painter::WorldPainter;
-use eframe::egui::{Align2, Color32, FontId, Id, Pos2, Rect, Sense, Stroke, Ui, Vec2};
+use eframe::egui::{
+    Align2, Color32, FontId, Id, Pos2, Rect, Role, Sense, Stroke, Ui, Vec2, WidgetInfo,
+};
 use glam::DVec3;
 use std::time::Instant;
 
@@ -46,9 +48,10 @@ impl SceneView {
             let sign = if name.is_empty() { "-" } else { "" };
             let letter = AXES.iter().find(|(a, ..)| a.abs() == axis.abs()).map_or("", |a| a.1);
             let note = if axis.dot(up) > 0.9 { ", which is up" } else { "" };
-            let response = response.on_hover_text(format!(
-                "Look from {sign}{letter}{note}; the other button makes it up"
-            ));
+            let name = format!("Look from {sign}{letter}");
+            response.widget_info(|| WidgetInfo::labeled(Role::Button, true, &name));
+            let response =
+                response.on_hover_text(format!("{name}{note}; the other button makes it up"));
             if response.clicked() {
                 asked = Some((axis, false));
             } else if response.secondary_clicked() {

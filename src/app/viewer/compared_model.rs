@@ -5,7 +5,7 @@ use crate::app::opening::{BareSplats, OpenError, splats_of};
 use crate::app::state::NoticeKind;
 use crate::app::worker::Waker;
 use crate::model::splat::appearance::SplatSet;
-use crate::model::splat::splats::framing;
+use crate::model::splat::framing::framing;
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -101,7 +101,7 @@ impl ModelSlot {
 fn read(path: &Path) -> Result<(ComparedModel, Vec<Told>), String> {
     let read = splats_of(path).map_err(|error: OpenError| error.to_string())?;
     let BareSplats { splats, local_origin, told } = read;
-    let Some(framing) = framing(&splats) else {
+    let Some(framing) = framing(splats.iter()) else {
         return Err(format!(
             "{}: expected at least one splat, found none; compare with another file",
             path.display()

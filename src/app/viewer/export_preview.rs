@@ -17,7 +17,7 @@ use crate::export::mapping::Mapping;
 use crate::export::{Fault, ModelFormat, WriteOptions, WriteProgress, read_back};
 use crate::math::camera::Camera;
 use crate::model::splat::appearance::SplatSet;
-use crate::model::splat::splats::framing;
+use crate::model::splat::framing::framing;
 use crate::render::cpu::CpuRenderer;
 use crate::render::{Paint, RenderOptions, SplatStyle};
 use glam::DVec3;
@@ -268,7 +268,7 @@ fn convert(
     let model = ComparedModel {
         name: format!("As .{} file", choice.format.extension()),
         path: PathBuf::new(),
-        radius: framing(&file.splats).map_or(1.0, |framing| framing.radius),
+        radius: framing(file.splats.iter()).map_or(1.0, |framing| framing.radius),
         splats: file.splats,
         local_origin,
     };

@@ -10,7 +10,7 @@ use super::frame_refs::FrameRef;
 use super::stand::{GuideStage, Place};
 use crate::app::camera::ViewCamera;
 use crate::app::state::{Opened, RunState, Snapshot, Source};
-use crate::model::splat::splats::{Framing, framing};
+use crate::model::splat::framing::{Framing, framing};
 use glam::DVec3;
 use std::time::Instant;
 
@@ -66,7 +66,7 @@ impl SceneView {
     /// The whole scene where it was taken from outside; a room from inside, where its first camera
     /// stood: from outside nothing but the backs of its walls is seen.
     fn look_at_the_end(&mut self, opened: &Opened, source: Source) {
-        let splats = framing(self.palette.splats());
+        let splats = framing(self.palette.splats().iter());
         let is_inside = match (&splats, source) {
             (Some(scene), Source::Dataset) => are_inside(&camera_centres(opened), scene),
             _ => false,

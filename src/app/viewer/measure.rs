@@ -72,6 +72,8 @@ impl MeasureTool {
             Inspected::Splat { .. } => None,
         };
         self.ends.push(MeasuredPoint { point, covariance });
+        // The tests with a real hand read this line and the one of the photograph (`tests/app/journey.rs`).
+        tracing::debug!("measured from {point:.3}: {:?}", self.length());
     }
 
     /// Places that are known.

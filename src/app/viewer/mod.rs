@@ -228,6 +228,11 @@ impl SceneView {
         self.divider
     }
 
+    /// Size of the picture in the last pass, pixels.
+    pub fn size_px(&self) -> [u32; 2] {
+        self.viewport
+    }
+
     /// Where the steered camera stands, world units; `None` while nothing is open.
     pub fn eye(&self) -> Option<DVec3> {
         self.camera.map(|camera| camera.camera(self.viewport).pose.centre())

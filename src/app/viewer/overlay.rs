@@ -1,11 +1,14 @@
 //! What lies over the picture: the divider of a wipe, captions, figures, hints.
 
 use eframe::egui::{
-    Align2, Color32, CursorIcon, FontId, Id, Label, Pos2, Rect, RichText, Sense, Stroke, Ui, Vec2,
+    Align2, Color32, CursorIcon, EventFilter, FontId, Id, Key, Label, Pos2, Rect, RichText, Sense,
+    Stroke, Ui, Vec2, WidgetInfo,
 };
 
 /// Width in which the divider can be grabbed, points.
 const GRIP: f32 = 14.0;
+/// How far an arrow key moves the divider, as a share of the viewport's width.
+const STEP: f32 = 0.02;
 /// Distance of captions from the edge of the viewport, points.
 pub const MARGIN: f32 = 10.0;
 
@@ -29,13 +32,22 @@ pub fn divider(ui: &Ui, viewport: Rect, compared: Rect, divider: &mut f32) -> bo
         let at = pointer.x.clamp(compared.left(), compared.right());
         *divider = (at - viewport.left()) / viewport.width();
     }
+    response.widget_info(|| WidgetInfo::slider(true, (*divider).into(), "Divider"));
+    if response.has_focus() {
+        // Without these the focus would go to the left or right instead.
+        let kept = EventFilter { horizontal_arrows: true, ..EventFilter::default() };
+        ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, kept));
+        let pressed = |key| ui.input(|i| i.num_presses(key)) as f32;
+        let steps = pressed(Key::ArrowRight) - pressed(Key::ArrowLeft);
+        *divider = (*divider + STEP * steps).clamp(0.0, 1.0);
+    }
     // Again after the drag, or the line would follow the pointer a pass behind.
     let x = x_of(*divider).clamp(compared.left(), compared.right());
     let painter = ui.painter();
     painter.vline(x, compared.y_range(), Stroke::new(3.0, Color32::from_black_alpha(140)));
     painter.vline(x, compared.y_range(), Stroke::new(1.0, Color32::WHITE));
     let knob = Pos2::new(x, compared.center().y);
-    let is_hot = response.hovered() || response.dragged();
+    let is_hot = response.hovered() || response.dragged() || response.has_focus();
     let fill = if is_hot { Color32::WHITE } else { Color32::from_gray(210) };
     painter.circle(knob, 7.0, fill, Stroke::new(1.0, Color32::from_black_alpha(160)));
     response.dragged()

@@ -156,6 +156,9 @@ impl PhotoRequests {
         let (Some(answer), Some(query)) = (self.thread.take(), &self.query) else { return };
         // The user may have stepped on while it was made.
         if answer.query.is_same_measurement(query) {
+            if let Ok(PhotoResult { psnr: Some(psnr), .. }) = &answer.result {
+                tracing::debug!("photograph met with {psnr:.2} dB");
+            }
             self.result = Some(answer.result);
         }
     }

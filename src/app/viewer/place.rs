@@ -5,13 +5,16 @@ use super::frame_points::FramePoints;
 use super::frame_refs::{Direction, FrameRef};
 use super::measure::{MeasureTool, MeasuredLength, surface_point};
 use super::mode::ViewMode;
+use super::picture_request::PictureRequest;
 use super::stand::{GuideStage, Place};
 use crate::app::camera::ViewCamera;
 use crate::app::command::UiCommand;
 use crate::app::selection::{PickPurpose, SplatSelection};
 use crate::app::state::Opened;
+use crate::app::still::Still;
 use crate::math::camera::Camera;
 use crate::math::camera_path::{CameraPath, Keyframe};
+use crate::render::compare::Area;
 use crate::render::{Lens, Renderer};
 use glam::DVec3;
 use std::time::Instant;
@@ -195,6 +198,13 @@ impl SceneView {
     pub fn keyframe(&self) -> Option<Keyframe> {
         let Camera { intrinsics, pose } = self.latest_camera?;
         Some(Keyframe { time: 0.0, pose, fov_y: intrinsics.fov_y() })
+    }
+
+    /// The picture of now for a file: the scene alone, without what it is compared with and what lies over it.
+    pub fn still(&self) -> Option<Still> {
+        let camera = self.latest_camera?;
+        let PictureRequest { options, .. } = self.picture_request(camera, Area::FULL, None);
+        Some(Still { splats: self.editor.shown(&self.palette).clone(), camera, options })
     }
 
     /// Once around what the camera turns about, from where it stands.

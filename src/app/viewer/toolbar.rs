@@ -5,6 +5,7 @@ use super::mode::ViewMode;
 use super::settings::GAINS;
 use crate::app::color_mode::ColorMode;
 use crate::app::command::UiCommand;
+use crate::app::panels::explained::named;
 use crate::app::panels::settings::lens;
 use crate::app::state::{Opened, Snapshot};
 use crate::render::{Lens, Renderer};
@@ -31,7 +32,8 @@ pub fn ui(
                 .speed(0.2)
                 .max_decimals(0)
                 .prefix("× ");
-            ui.add(gain).on_hover_text("How much differences are amplified: drag or click");
+            named(ui.add(gain), "Difference gain")
+                .on_hover_text("How much differences are amplified: drag or click");
         }
         ui.separator();
         colors(view, opened, ui);

@@ -152,16 +152,21 @@ impl WorkerThread {
         };
         self.snapshot.state = RunState::Loading;
         self.publish(true);
-        match opening::open_run(&run.file, self.next_serial) {
+        let (file, serial) = (run.file.clone(), self.next_serial);
+        // Its dataset may be on a drive that is gone meanwhile.
+        let read = self.read(Some(&run.dataset), move || {
+            opening::open_run(&file, serial).map_err(|error| error.to_string())
+        });
+        match read.and_then(|opened| Ok(opened?)) {
             Ok(opened) => {
                 self.next_serial += 1;
                 self.subject = Some(Subject::Path(run.dataset.clone()));
                 self.begin(opened);
                 self.take_over(slot);
             }
-            Err(error) => {
+            Err(refusal) => {
                 self.restore_state(before);
-                self.keep_offer(&run, &error.to_string());
+                self.keep_offer(&run, &refusal.text);
             }
         }
     }

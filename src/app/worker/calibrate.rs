@@ -1,7 +1,7 @@
 //! Starting over with corrected cameras.
 
 use super::thread::WorkerThread;
-use crate::app::state::{GivenCalibration, NoticeKind, Subject};
+use crate::app::state::{GivenCalibration, Subject};
 use crate::dataset::calibration::Calibration;
 use crate::train::setting::Preset;
 use std::path::Path;
@@ -10,17 +10,20 @@ use std::sync::Arc;
 impl WorkerThread {
     pub(super) fn calibrate(&mut self, path: &Path) {
         let read = match self.calibratable() {
-            Ok(subject) => Calibration::read(path)
-                .map(|calibration| (subject, calibration))
-                .map_err(|error| error.to_string()),
-            Err(why) => Err(format!("{}: {why}", path.display())),
+            Ok(subject) => {
+                let file = path.to_owned();
+                let read = self.read(Some(path), move || Calibration::read(&file));
+                read.and_then(|read| read.map_err(|error| error.to_string().into()))
+                    .map(|calibration| (subject, calibration))
+            }
+            Err(why) => Err(format!("{}: {why}", path.display()).into()),
         };
         match read {
             Ok((subject, calibration)) => {
                 let given = GivenCalibration { calibration, file: Some(path.to_owned()) };
                 self.open_with(Some(Arc::new(given)), subject);
             }
-            Err(text) => self.notify(NoticeKind::Error, text),
+            Err(refusal) => self.notify(refusal.kind, refusal.text),
         }
     }
 

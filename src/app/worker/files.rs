@@ -4,6 +4,7 @@ use super::thread::WorkerThread;
 use crate::app::edit::left_out::LeftOut;
 use crate::app::opening::Content;
 use crate::app::state::{NoticeKind, WriteOutcome};
+use crate::app::unused_path::unused;
 use crate::export::atomic::write_atomic;
 use crate::export::local_origin::warning;
 use crate::export::mapping::Mapping;
@@ -13,7 +14,7 @@ use crate::export::{
 use crate::pipeline::provenance::file_comments;
 use crate::pipeline::session::Session;
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 impl WorkerThread {
     pub(super) fn save(&mut self, number: u64, path: &Path) {
@@ -156,32 +157,7 @@ impl WorkerThread {
     }
 }
 
-/// The path, or the first with a number before its ending that no file has.
-pub fn unused(path: &Path) -> PathBuf {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = path.extension().unwrap_or_default().to_string_lossy();
-    let numbered = (2..).map(|n| path.with_file_name(format!("{stem}-{n}.{ending}")));
-    let mut paths = std::iter::once(path.to_owned()).chain(numbered);
-    paths.find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
-}
-
 /// Whether the dataset's world is in metres.
 fn is_metric(session: &Session) -> bool {
     session.dataset().is_metric()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn older_files_keep_their_names() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("room.latency.csv");
-        for name in ["room.latency.csv", "room.latency-2.csv", "room.latency-3.csv"] {
-            let free = unused(&path);
-            assert_eq!(free, folder.path().join(name));
-            std::fs::write(free, "").unwrap();
-        }
-    }
 }

@@ -72,32 +72,25 @@ impl WorkerThread {
     /// Opens a folder when it holds a frame, which may be much later; nothing else is open until then.
     pub(super) fn await_recording(
         &mut self,
-        path: &Path,
+        follow: Follow,
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
-    ) -> Result<(), String> {
-        let selection = Selection { follow: true, ..Selection::everything() };
-        match Follow::new(path, &LoadOptions::default(), &selection) {
-            Ok(follow) => {
-                self.awaited = Some(follow);
-                (self.subject, self.calibration) = (Some(subject), calibration);
-                (self.content, self.dirty) = (None, Dirty::default());
-                self.forget_autosave();
-                self.first_look = None;
-                self.shared.updates.push(SplatChange::All(SplatSet::default()).into());
-                self.snapshot = Snapshot {
-                    state: RunState::Waiting,
-                    notices: self.snapshot.notices.clone(),
-                    latest_write: self.snapshot.latest_write,
-                    abandoned: self.snapshot.abandoned.take(),
-                    follows: true,
-                    ..Snapshot::default()
-                };
-                self.tell_of_recording();
-                Ok(())
-            }
-            Err(error) => Err(error.to_string()),
-        }
+    ) {
+        self.awaited = Some(follow);
+        (self.subject, self.calibration) = (Some(subject), calibration);
+        (self.content, self.dirty) = (None, Dirty::default());
+        self.forget_autosave();
+        self.first_look = None;
+        self.shared.updates.push(SplatChange::All(SplatSet::default()).into());
+        self.snapshot = Snapshot {
+            state: RunState::Waiting,
+            notices: self.snapshot.notices.clone(),
+            latest_write: self.snapshot.latest_write,
+            abandoned: self.snapshot.abandoned.take(),
+            follows: true,
+            ..Snapshot::default()
+        };
+        self.tell_of_recording();
     }
 
     /// Begins a session on the first frames of what is awaited, if they are there.
@@ -200,6 +193,12 @@ impl WorkerThread {
             Some(_) | None => {}
         }
     }
+}
+
+/// What a folder is followed by.
+pub(super) fn follow_of(path: &Path) -> Result<Follow, String> {
+    let selection = Selection { follow: true, ..Selection::everything() };
+    Follow::new(path, &LoadOptions::default(), &selection).map_err(|error| error.to_string())
 }
 
 /// Whether a subject is a folder, there already or not, and no file that is opened as it is.

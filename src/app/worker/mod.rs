@@ -9,10 +9,13 @@ mod file_progress;
 mod files;
 mod first_look;
 mod following;
+mod opening_wish;
 mod order;
 mod publishing;
+mod reading;
 mod run_autosave;
 mod shared;
+mod step_clock;
 mod subject;
 mod thread;
 mod training;
@@ -24,17 +27,24 @@ pub use shared::Waker;
 use super::panic_report::PanicReport;
 use super::rescue::{Crash, Rescue, fallback_folders};
 use super::splat_updates::SplatUpdates;
-use super::state::Snapshot;
+use super::state::{RunState, Snapshot};
 use shared::Shared;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use thread::WorkerThread;
 
 /// Least time between two snapshots where a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);
+
+/// A frame that takes so long is spoken of, and one that takes so much longer is not waited for where the
+/// program ends: the largest take some seconds.
+const SLOW_FRAME: Duration = Duration::from_secs(5);
+const STUCK_FRAME: Duration = Duration::from_secs(15);
+/// How often it is looked for the end of the thread.
+const LOOK: Duration = Duration::from_millis(5);
 
 /// Orders that wait at most. Nobody gives so many while a dataset is opened; a window that did would
 /// wait for the trainer rather than fill the memory.
@@ -74,6 +84,11 @@ impl Worker {
 
     /// Hands an order over; returns at once.
     pub fn send(&self, order: WorkerOrder) {
+        let opens = matches!(order, WorkerOrder::Open(_) | WorkerOrder::OpenFirst(_));
+        if opens && self.snapshot().state == RunState::Loading {
+            // The newest wish counts, and what is being opened may never be.
+            self.cancel_opening();
+        }
         if let Some(orders) = &self.orders {
             // A thread that a second panic has ended takes none, which [`Self::is_alive`] tells.
             let _ = orders.send(order);
@@ -111,6 +126,11 @@ impl Worker {
         self.shared.file.cancel();
     }
 
+    /// Gives up what is being opened; what was open before stays.
+    pub fn cancel_opening(&self) {
+        self.shared.opening.cancel();
+    }
+
     /// The thread's latest panic and what became of the scene.
     pub fn crash(&self) -> Option<Crash> {
         self.shared.crash()
@@ -128,18 +148,42 @@ impl Worker {
     }
 
     fn saved_by(&self, order: impl FnOnce(SyncSender<Rescue>) -> WorkerOrder) -> Rescue {
+        // What is being opened is no more wanted, and may be on a drive that never answers.
+        self.shared.opening.end();
         let (sender, receiver) = sync_channel(1);
         self.send(order(sender));
-        // Without a limit of time: the program ends afterwards, and with it what is not
-        // saved. If the thread has ended, the sender has too, and the panic that ended
-        // it tells what was saved.
-        receiver.recv().unwrap_or_else(|_| match self.crash() {
-            Some(crash) => crash.rescue,
-            None => Rescue::Lost {
-                frames: self.snapshot().unsaved_frames,
-                problems: vec!["the training thread has ended".to_owned()],
-            },
-        })
+        // Without a limit of time but at a frame that is never read: the program ends
+        // afterwards, and with it what is not saved. If the thread has ended, the sender
+        // has too, and the panic that ended it tells what was saved.
+        let lost = |problem: &str| Rescue::Lost {
+            frames: self.snapshot().unsaved_frames,
+            problems: vec![problem.to_owned()],
+        };
+        loop {
+            match (receiver.recv_timeout(LOOK), self.crash()) {
+                (Ok(rescue), _) => return rescue,
+                (Err(RecvTimeoutError::Disconnected), Some(crash)) => return crash.rescue,
+                (Err(RecvTimeoutError::Disconnected), None) => {
+                    return lost("the training thread has ended");
+                }
+                (Err(RecvTimeoutError::Timeout), _) if self.is_stuck() => {
+                    return lost(
+                        "the training thread waits for a frame whose drive does not answer",
+                    );
+                }
+                (Err(RecvTimeoutError::Timeout), _) => {}
+            }
+        }
+    }
+
+    /// For how long the trainer has been at one frame, where that is long: its drive may not answer.
+    pub fn slow_frame(&self) -> Option<Duration> {
+        self.shared.step.at_frame().filter(|time| *time >= SLOW_FRAME)
+    }
+
+    /// Whether the thread is at a frame that nobody need wait for.
+    fn is_stuck(&self) -> bool {
+        self.shared.step.at_frame().is_some_and(|time| time >= STUCK_FRAME)
     }
 }
 
@@ -147,7 +191,15 @@ impl Drop for Worker {
     fn drop(&mut self) {
         // Hanging up is what ends the loop of the thread, so it comes before the join.
         self.orders = None;
+        self.shared.opening.end();
         if let Some(thread) = self.thread.take() {
+            while !thread.is_finished() {
+                if self.is_stuck() {
+                    // Left behind with what it waits for; the program ends without it.
+                    return;
+                }
+                std::thread::sleep(LOOK);
+            }
             // A panic of the thread was reported when it happened.
             let _ = thread.join();
         }

@@ -1,6 +1,8 @@
 //! What the training thread and the window share.
 
 use super::file_progress::FileProgress;
+use super::opening_wish::OpeningWish;
+use super::step_clock::StepClock;
 use crate::app::rescue::Crash;
 use crate::app::splat_updates::SplatUpdates;
 use crate::app::state::Snapshot;
@@ -23,6 +25,10 @@ pub struct Shared {
     crash: Mutex<Option<Crash>>,
     /// How far the file being exported is.
     pub file: FileProgress,
+    /// Whether what is being opened is still wanted.
+    pub opening: OpeningWish,
+    /// How long the trainer is at one frame.
+    pub step: StepClock,
     /// Files that were given a number.
     n_numbered: AtomicU64,
 }

@@ -1,16 +1,26 @@
 //! Opening what is trained or looked at.
 
 use super::dirty::Dirty;
-use super::following::is_folder;
+use super::following::{follow_of, is_folder};
+use super::reading::Refusal;
 use super::thread::WorkerThread;
-use crate::app::opening::{self, Content};
+use crate::app::opening::{self, Content, OpenedSubject};
 use crate::app::splat_updates::SplatChange;
 use crate::app::state::{
     GivenCalibration, HISTORY, NoticeKind, NoticeTopic, RunState, Snapshot, Source, Subject,
 };
 use crate::eval::report::FrameReport;
+use crate::pipeline::follow::Follow;
 use std::path::PathBuf;
 use std::sync::Arc;
+
+/// What a subject turned out to be.
+enum Found {
+    /// Something whole.
+    Whole(Box<OpenedSubject>),
+    /// A folder that is still being written, or will be.
+    Recording(Box<Follow>),
+}
 
 impl WorkerThread {
     pub(super) fn open_with(
@@ -18,8 +28,8 @@ impl WorkerThread {
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
     ) {
-        if let Err(error) = self.try_open(calibration, subject) {
-            self.notify(NoticeKind::Error, error);
+        if let Err(refusal) = self.try_open(calibration, subject) {
+            self.notify(refusal.kind, refusal.text);
         }
     }
 
@@ -30,7 +40,11 @@ impl WorkerThread {
         let mut problem = None;
         for (i, path) in paths.iter().enumerate() {
             match self.try_open(None, Subject::Path(path.clone())) {
-                Err(error) => problem = problem.or(Some(error)),
+                // Given up, and the others with it.
+                Err(refusal) if refusal.kind == NoticeKind::Info => {
+                    return self.notify(refusal.kind, refusal.text);
+                }
+                Err(refusal) => problem = problem.or(Some(refusal.text)),
                 Ok(()) if paths.len() == 1 => return,
                 Ok(()) => {
                     let others = paths.iter().enumerate().filter(|(j, _)| *j != i);
@@ -58,25 +72,20 @@ impl WorkerThread {
         &mut self,
         calibration: Option<Arc<GivenCalibration>>,
         subject: Subject,
-    ) -> Result<(), String> {
-        if self.snapshot.follows
-            && let Subject::Path(path) = subject.clone()
-            && is_folder(&subject)
-        {
-            return self.await_recording(&path, calibration, subject);
-        }
-        let mut training = self.training.clone();
-        // Into the copy: settings outlive the dataset that the calibration belongs to.
-        training.scene.calibration = calibration.as_ref().map(|c| c.calibration.clone());
+    ) -> Result<(), Refusal> {
         let before = self.snapshot.state;
         self.snapshot.state = RunState::Loading;
         // Told at once: while something is opened this thread tells nothing more.
         self.publish(true);
-        match opening::open(&subject, &training, self.next_serial) {
-            Ok(opened) => {
+        match self.find(calibration.as_ref(), &subject) {
+            Ok(Found::Recording(follow)) => {
+                self.await_recording(*follow, calibration, subject);
+                Ok(())
+            }
+            Ok(Found::Whole(opened)) => {
                 self.next_serial += 1;
                 (self.subject, self.calibration) = (Some(subject), calibration);
-                self.begin(opened);
+                self.begin(*opened);
                 let dataset = self.snapshot.opened.as_ref().and_then(|o| o.dataset.clone());
                 if let Some(path) = dataset.as_ref().and_then(|dataset| dataset.path.as_deref()) {
                     self.look_for_abandoned(Some(path));
@@ -86,11 +95,36 @@ impl WorkerThread {
                 }
                 Ok(())
             }
-            Err(error) => {
+            Err(refusal) => {
                 self.restore_state(before);
-                Err(error.to_string())
+                Err(refusal)
             }
         }
+    }
+
+    /// Reads a subject, as long as the user waits for it.
+    fn find(
+        &mut self,
+        calibration: Option<&Arc<GivenCalibration>>,
+        subject: &Subject,
+    ) -> Result<Found, Refusal> {
+        let mut training = self.training.clone();
+        // Into the copy: settings outlive the dataset that the calibration belongs to.
+        training.scene.calibration = calibration.map(|c| c.calibration.clone());
+        let (follows, serial, read) = (self.snapshot.follows, self.next_serial, subject.clone());
+        let path = match subject {
+            Subject::Path(path) => Some(path.as_path()),
+            Subject::Demo => None,
+        };
+        let found = self.read(path, move || match &read {
+            Subject::Path(path) if follows && is_folder(&read) => {
+                follow_of(path).map(|follow| Found::Recording(Box::new(follow)))
+            }
+            _ => opening::open(&read, &training, serial)
+                .map(|opened| Found::Whole(Box::new(opened)))
+                .map_err(|error| error.to_string()),
+        });
+        Ok(found??)
     }
 
     /// After something could not be opened: what was open stays open, at rest.

@@ -21,7 +21,9 @@ impl WorkerThread {
         // What the frame before told of them is over, whether or not the next one touches them.
         self.dirty.mark(session.learner().component_elbo().components());
         let started = Instant::now();
+        let at_frame = self.shared.step.begin();
         let step = session.step();
+        drop(at_frame);
         self.changed |= !matches!(step, Ok(Step::Waiting));
         match step {
             Ok(Step::Trained(frame)) => {

@@ -3,6 +3,7 @@
 
 pub mod appearance;
 pub mod exposure;
+pub mod framing;
 pub mod plain;
 pub mod pose_log;
 pub mod splats;

@@ -193,43 +193,6 @@ pub fn bounds(splats: &[Splat]) -> Option<(DVec3, DVec3)> {
     Some(centres.fold((first, first), |(lo, hi), c| (lo.min(c), hi.max(c))))
 }
 
-/// Where a camera should look to see a scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Framing {
-    /// Median of the centres, per axis.
-    pub centre: DVec3,
-    /// Distance from there within which nine tenths of the centres lie, world units.
-    pub radius: f64,
-}
-
-/// Share of the centres that the framing radius holds: a few strays must not shrink the view.
-const FRAMED_SHARE: f64 = 0.9;
-
-impl Framing {
-    /// Distance from which the framed ball fills a field of view (radians).
-    pub fn distance(&self, fov: f64) -> f64 {
-        (self.radius / (0.5 * fov).sin()).max(1e-6)
-    }
-}
-
-/// Framing of the finite splats, or `None` if there is none.
-pub fn framing(splats: &[Splat]) -> Option<Framing> {
-    let centres: Vec<DVec3> = splats
-        .iter()
-        .filter(|s| s.is_finite())
-        .map(|s| DVec3::from_array(s.mean.map(f64::from)))
-        .collect();
-    let quantile = |mut values: Vec<f64>, share: f64| {
-        let n = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
-        Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
-    };
-    // Medians and quantiles: a few strays far out must not move or shrink the view.
-    let axis = |i: usize| quantile(centres.iter().map(|c| c[i]).collect(), 0.5);
-    let centre = DVec3::new(axis(0)?, axis(1)?, axis(2)?);
-    let radius = quantile(centres.iter().map(|c| c.distance(centre)).collect(), FRAMED_SHARE)?;
-    Some(Framing { centre, radius: radius.max(1e-6) })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

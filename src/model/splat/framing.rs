@@ -1,0 +1,179 @@
+//! Where a camera should look to see a scene, and how much of it counts.
+//!
+//! Nothing of what one came to see may be cut off, and a few strays far out must not make it tiny. Nine
+//! tenths of the splats are the scene for sure; from there it is followed outwards, shell by shell, as
+//! far as there are splats. A share alone cuts what sticks out (Lego's shovel), and all of them
+//! follow every stray.
+
+use super::splats::Splat;
+use glam::{DMat3, DQuat, DVec3};
+
+/// A ball around what is to be seen of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Framing {
+    /// Its middle, world units.
+    pub centre: DVec3,
+    /// Its radius, world units.
+    pub radius: f64,
+}
+
+/// Share of the splats that surely belongs to the scene.
+const CORE_SHARE: f64 = 0.9;
+/// Thickness of the shells by which the scene is followed outwards, in radii of its core.
+const SHELL: f64 = 0.25;
+/// How many of them: what is farther out surrounds the scene, as sky and hills do, and does not belong to
+/// it.
+const N_SHELLS: usize = 6;
+/// A shell with fewer than this share of all splats holds strays.
+const STRAY_SHARE: f64 = 1.0 / 5000.0;
+/// Standard deviations at which a splat is taken to end.
+const VISIBLE_SIGMAS: f64 = 2.5;
+/// Air left around what is visible, as a factor of the radius.
+const AIR: f64 = 1.03;
+
+impl Framing {
+    /// Distance from which the ball fills a field of view (radians).
+    pub fn distance(&self, fov: f64) -> f64 {
+        (self.radius / (0.5 * fov).sin()).max(1e-6)
+    }
+}
+
+/// Framing of the finite splats, or `None` if there is none.
+pub fn framing<'a>(splats: impl IntoIterator<Item = &'a Splat>) -> Option<Framing> {
+    let blobs: Vec<Blob> = splats.into_iter().filter(|s| s.is_finite()).map(Blob::new).collect();
+    let middle = median(&blobs)?;
+    let reaches: Vec<f64> = blobs.iter().map(|blob| blob.reach(middle)).collect();
+    let end = end_of_scene(&reaches, quantile(reaches.clone(), CORE_SHARE)?);
+    let scene = || blobs.iter().zip(&reaches).filter(|(_, reach)| **reach <= end).map(|(b, _)| b);
+    // The median lies where most splats are, which may be far from the middle of what they fill.
+    let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    let (lo, hi) = scene().fold(none, |(lo, hi), blob| {
+        let half = blob.half_extent();
+        (lo.min(blob.centre - half), hi.max(blob.centre + half))
+    });
+    let centre = 0.5 * (lo + hi);
+    let radius = AIR * scene().map(|blob| blob.reach(centre)).fold(0.0, f64::max);
+    Some(Framing { centre, radius: radius.max(1e-6) })
+}
+
+/// Ball about the median of the finite splats that holds nine tenths of the centres: the bulk of a
+/// scene, without what sticks out of it. Times of drawing are compared from there.
+pub fn bulk(splats: &[Splat]) -> Option<Framing> {
+    let blobs: Vec<Blob> = splats.iter().filter(|s| s.is_finite()).map(Blob::new).collect();
+    let centre = median(&blobs)?;
+    let away = blobs.iter().map(|blob| blob.centre.distance(centre)).collect();
+    Some(Framing { centre, radius: quantile(away, CORE_SHARE)?.max(1e-6) })
+}
+
+/// Median of the centres, per axis: strays far out do not move it.
+fn median(blobs: &[Blob]) -> Option<DVec3> {
+    let axis = |i: usize| quantile(blobs.iter().map(|blob| blob.centre[i]).collect(), 0.5);
+    Some(DVec3::new(axis(0)?, axis(1)?, axis(2)?))
+}
+
+/// How far from its middle the scene is followed, by how far its splats reach and nine tenths of them.
+fn end_of_scene(reaches: &[f64], core: f64) -> f64 {
+    let mut counts = [0usize; N_SHELLS];
+    for reach in reaches.iter().filter(|reach| **reach > core) {
+        let shell = ((reach / core.max(f64::MIN_POSITIVE) - 1.0) / SHELL) as usize;
+        if let Some(count) = counts.get_mut(shell) {
+            *count += 1;
+        }
+    }
+    let most_strays = reaches.len() as f64 * STRAY_SHARE;
+    let n_shells = counts.iter().take_while(|count| **count as f64 > most_strays).count();
+    core * (1.0 + SHELL * n_shells as f64)
+}
+
+fn quantile(mut values: Vec<f64>, share: f64) -> Option<f64> {
+    let n = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
+    Some(*values.select_nth_unstable_by(n, f64::total_cmp).1)
+}
+
+/// A splat as far as it is seen.
+struct Blob {
+    centre: DVec3,
+    /// Columns: its axes, as long as they are seen.
+    axes: DMat3,
+}
+
+impl Blob {
+    fn new(splat: &Splat) -> Self {
+        let [w, x, y, z] = splat.rotation.map(f64::from);
+        let q = DQuat::from_xyzw(x, y, z, w);
+        // Files may hold none.
+        let q = if q.length_squared() > 0.0 { q.normalize() } else { DQuat::IDENTITY };
+        let rotation = DMat3::from_quat(q);
+        let scale = VISIBLE_SIGMAS * DVec3::from_array(splat.scale.map(f64::from));
+        Self {
+            centre: DVec3::from_array(splat.mean.map(f64::from)),
+            axes: rotation * DMat3::from_diagonal(scale),
+        }
+    }
+
+    /// Distance of its far side from a point.
+    fn reach(&self, from: DVec3) -> f64 {
+        let away = self.centre - from;
+        // All around a splat in the very middle, the longest axis counts.
+        let Some(direction) = away.try_normalize() else {
+            let [x, y, z] = [self.axes.x_axis, self.axes.y_axis, self.axes.z_axis];
+            return x.length().max(y.length()).max(z.length());
+        };
+        away.length() + (self.axes.transpose() * direction).length()
+    }
+
+    /// Half its size along the axes of the world.
+    fn half_extent(&self) -> DVec3 {
+        let rows = self.axes.transpose();
+        DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x: f32, y: f32, z: f32) -> Splat {
+        Splat { mean: [x, y, z], opacity: 0.9, scale: [0.01; 3], ..Splat::default() }
+    }
+
+    /// A cube of ten splats a side, 2 wide.
+    fn cube() -> Vec<Splat> {
+        let side = |i: usize| -1.0 + 2.0 * i as f32 / 9.0;
+        (0..1000).map(|i| at(side(i / 100), side(i / 10 % 10), side(i % 10))).collect()
+    }
+
+    #[test]
+    fn all_of_a_scene_lies_inside_with_what_sticks_out_of_it() {
+        let mut splats = cube();
+        // A mast of a fiftieth of the splats, upon one side.
+        splats.extend((0..20).map(|i| at(0.0, 0.0, 1.0 + 0.05 * i as f32)));
+        let found = framing(&splats).unwrap();
+        for splat in &splats {
+            let away = DVec3::from_array(splat.mean.map(f64::from)).distance(found.centre);
+            assert!(away + 0.02 < found.radius, "{:?} of {found:?}", splat.mean);
+        }
+        assert!(found.radius < 2.2, "not much larger than half the diagonal: {found:?}");
+        assert!(bulk(&splats).unwrap().radius < found.radius);
+    }
+
+    #[test]
+    fn strays_and_a_giant_do_not_make_it_tiny() {
+        let alone = framing(&cube()).unwrap();
+        let mut splats = cube();
+        splats.extend([at(90.0, 0.0, 0.0), at(0.0, -50.0, 3.0), at(5.0, 5.0, 5.0)]);
+        splats.push(Splat { scale: [40.0; 3], ..at(0.1, 0.0, 0.0) });
+        let found = framing(&splats).unwrap();
+        assert!(found.radius < 1.05 * alone.radius, "{found:?} of {alone:?}");
+        assert!(found.centre.distance(alone.centre) < 0.05 * alone.radius, "{found:?}");
+    }
+
+    #[test]
+    fn one_splat_is_framed_by_its_size_and_none_by_nothing() {
+        let one = Splat { scale: [0.2; 3], rotation: [0.0; 4], ..at(1.0, 2.0, 3.0) };
+        let found = framing([&one]).unwrap();
+        assert!(found.centre.distance(DVec3::new(1.0, 2.0, 3.0)) < 1e-6, "{found:?}");
+        assert!((0.4..0.8).contains(&found.radius), "{found:?}");
+        assert!(framing([]).is_none() && framing([&Splat::default()]).is_none());
+    }
+}

@@ -1,0 +1,192 @@
+//! Folders on a drive that does not answer: whoever opens a file there waits, by the system's own
+//! (`silent_file.c`).
+#![cfg(target_os = "linux")]
+
+use super::harness::{
+    PATIENCE, Window, click, dataset, drag, drop_on, is, settled, train, wait, wait_for_label,
+    wait_for_picture, window, write_to,
+};
+use super::viewer::press;
+use crate::common::adapter::turn;
+use crate::common::skip::skip;
+use eframe::egui::{Key, PointerButton};
+use egui_kittest::kittest::Queryable;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use vbgs_studio::app::state::{NoticeKind, RunState, Subject};
+use vbgs_studio::app::worker::{Worker, WorkerOrder};
+use vbgs_studio::app::{Painting, Studio};
+
+/// Longest that one pass of the window may take here: far less than anybody waits for a drive.
+const PASS: Duration = Duration::from_secs(2);
+
+/// A dataset, one file of which does not answer until the end of the test.
+struct Silent {
+    folder: PathBuf,
+    holder: Child,
+}
+
+impl Silent {
+    /// One that cannot be opened; `None` where files cannot be held and need not be.
+    fn new(scratch: &Path) -> Option<Self> {
+        let network = scratch.join("network");
+        std::fs::create_dir(&network).unwrap();
+        Self::of(scratch, dataset(&network, 2), "transforms_train.json")
+    }
+
+    /// A dataset whose file of this name does not answer from now on.
+    fn of(scratch: &Path, folder: PathBuf, file: &str) -> Option<Self> {
+        let program = scratch.join("silent_file");
+        let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/app/silent_file.c");
+        let compiled = Command::new("cc").arg(source).arg("-o").arg(&program).status();
+        assert!(compiled.unwrap().success());
+        let mut holder = Command::new(program)
+            .arg(folder.join(file))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = String::new();
+        BufReader::new(holder.stdout.as_mut().unwrap()).read_line(&mut said).unwrap();
+        let silent = Self { folder, holder };
+        match said.trim() {
+            "held" => Some(silent),
+            _ => skip("this file system knows no leases", "use another folder for temporary files"),
+        }
+    }
+}
+
+impl Drop for Silent {
+    /// It answers, so that no thread is left behind.
+    fn drop(&mut self) {
+        drop(self.holder.stdin.take());
+        let _ = self.holder.wait();
+    }
+}
+
+fn told(studio: &Studio, kind: NoticeKind, parts: &[&str]) -> bool {
+    let snapshot = studio.snapshot();
+    let has = |text: &str| parts.iter().all(|part| text.contains(part));
+    snapshot.notices.iter().any(|notice| notice.kind == kind && has(&notice.text))
+}
+
+/// Drops the folder on a window that has a trained scene, which may be discarded.
+fn waits_for(window: &mut Window, silent: &Silent) {
+    drop_on(window, &silent.folder);
+    window.run_steps(3);
+    if window.query_by_label("Discard").is_some() {
+        click(window, "Discard");
+    }
+    wait(window, "the start of opening", is(RunState::Loading));
+}
+
+#[test]
+fn a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 3);
+    let Some(silent) = Silent::new(folder.path()) else { return };
+    let Some(mut window) = window(Some(Subject::Path(path)), Painting::Auto) else { return };
+    train(&mut window);
+    wait(&mut window, "splats", |s| s.n_drawn() > 100);
+    wait_for_picture(&mut window);
+    press(&mut window, Key::H);
+    let before = settled(&mut window);
+    waits_for(&mut window, &silent);
+
+    let name = silent.folder.display().to_string();
+    let is_said = |s: &Studio| told(s, NoticeKind::Warning, &[&name, "expected", "found", "check"]);
+    let started = Instant::now();
+    while !is_said(window.state()) {
+        assert!(started.elapsed() < PATIENCE, "nothing is said");
+        let pass = Instant::now();
+        drag(&mut window, PointerButton::Primary);
+        assert!(pass.elapsed() < 10 * PASS, "the window waits: {:?}", pass.elapsed());
+    }
+    assert!(window.state().n_drawn() > 100, "the picture stays");
+
+    click(&mut window, "Cancel opening");
+    wait(&mut window, "the scene again", is(RunState::Finished));
+    assert!(told(window.state(), NoticeKind::Info, &[&name, "given up"]));
+    let snapshot = window.state().snapshot();
+    assert_eq!((snapshot.frames_done, snapshot.unsaved_frames), (3, 3), "nothing is lost");
+    press(&mut window, Key::H);
+    let after = settled(&mut window);
+    let n_other = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+    assert!(n_other < before.len() / 2, "{n_other} of {} bytes: another picture", before.len());
+    let file = folder.path().join("scene.ply");
+    write_to(&mut window, Key::E, "Export", &file);
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+}
+
+#[test]
+fn something_else_is_opened_while_a_drive_does_not_answer() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let Some(silent) = Silent::new(folder.path()) else { return };
+    let Some(mut window) = window(None, Painting::Auto) else { return };
+    waits_for(&mut window, &silent);
+    wait_for_label(&mut window, "Opening…");
+    drop_on(&mut window, &path);
+    wait(&mut window, "the dataset", is(RunState::Ready));
+    train(&mut window);
+    assert_eq!(window.state().snapshot().frames_done, 2);
+    waits_for(&mut window, &silent);
+    let started = Instant::now();
+    drop(window);
+    assert!(started.elapsed() < PASS, "closing waits for the drive: {:?}", started.elapsed());
+}
+
+#[test]
+fn a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(silent) = Silent::new(folder.path()) else { return };
+    let worker = Worker::start_with(Arc::new(|| {}), vec![folder.path().to_owned()]).unwrap();
+    worker.send(WorkerOrder::Open(Subject::Path(dataset(folder.path(), 2))));
+    worker.send(WorkerOrder::Step);
+    let wait = |what: &str, condition: &dyn Fn() -> bool| {
+        let started = Instant::now();
+        while !condition() {
+            assert!(started.elapsed() < PATIENCE, "waited for {what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    };
+    wait("a frame", &|| worker.snapshot().frames_done == 1);
+    worker.send(WorkerOrder::Open(Subject::Path(silent.folder.clone())));
+    wait("the start of opening", &|| worker.snapshot().state == RunState::Loading);
+    let started = Instant::now();
+    let kept = worker.leave_behind();
+    assert!(started.elapsed() < PASS, "{:?}", started.elapsed());
+    assert!(format!("{kept}").contains("1"), "{kept}");
+    assert!(worker.snapshot().is_left_behind);
+}
+
+#[test]
+fn a_frame_that_is_never_read_is_named_and_holds_up_neither_window_nor_end() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 30);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    wait(&mut window, "ready", is(RunState::Ready));
+    wait(&mut window, "the look at frames", |s| s.snapshot().sample.is_some());
+    // Far behind those that are decoded ahead, and with no thumbnail on screen.
+    let file = "train/r_28_depth_0001.png";
+    let Some(_silent) = Silent::of(folder.path(), path, file) else { return };
+    window.key_press(Key::Space);
+    let started = Instant::now();
+    while window.query_by_label_contains("not read after").is_none() {
+        assert!(started.elapsed() < PATIENCE, "nothing is said");
+        let pass = Instant::now();
+        window.step();
+        assert!(pass.elapsed() < PASS, "the window waits: {:?}", pass.elapsed());
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let ended = Instant::now();
+    drop(window);
+    assert!(ended.elapsed() < Duration::from_secs(20), "{:?}", ended.elapsed());
+}
