@@ -188,5 +188,5 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_neither_window_nor_end() {
     }
     let ended = Instant::now();
     drop(window);
-    assert!(ended.elapsed() < Duration::from_secs(20), "{:?}", ended.elapsed());
+    assert!(ended.elapsed() < Duration::from_secs(35), "{:?}", ended.elapsed());
 }

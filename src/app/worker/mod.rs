@@ -40,9 +40,9 @@ use thread::WorkerThread;
 const INTERVAL: Duration = Duration::from_millis(33);
 
 /// A frame that takes so long is spoken of, and one that takes so much longer is not waited for where the
-/// program ends: the largest take some seconds.
+/// program ends, as what was not saved ends with it: the largest take some seconds.
 const SLOW_FRAME: Duration = Duration::from_secs(5);
-const STUCK_FRAME: Duration = Duration::from_secs(15);
+const STUCK_FRAME: Duration = Duration::from_secs(30);
 /// How often it is looked for the end of the thread.
 const LOOK: Duration = Duration::from_millis(5);
 
