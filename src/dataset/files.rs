@@ -19,6 +19,15 @@ pub(super) fn open_file(path: &Path) -> IoResult<File> {
     }
 }
 
+/// Whether a file is there. What a disk does not tell is an error, and no file that is missing.
+pub(super) fn is_file(path: &Path) -> IoResult<bool> {
+    match std::fs::metadata(path) {
+        Ok(metadata) => Ok(metadata.is_file()),
+        Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(false),
+        Err(e) => Err(e),
+    }
+}
+
 /// A file whose reads are asked again where a signal interrupts them, as disks of a network let happen: not
 /// every decoder does so.
 #[derive(Debug)]

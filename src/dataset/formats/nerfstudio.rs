@@ -13,6 +13,7 @@ use crate::dataset::decode::{self, CodeKind, DepthEncoding};
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::files::is_file;
 use crate::dataset::folder::Folder;
 use crate::dataset::matrix::{describe, from_json};
 use crate::dataset::options::LoadOptions;
@@ -23,7 +24,7 @@ use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
     looks_for: "nerfstudio: a JSON file whose `frames` have a `depth_file_path`, or cameras of their own",
@@ -263,10 +264,9 @@ fn file_of(
     folder: &Folder,
     names: impl Iterator<Item = String>,
 ) -> Result<Option<ByteSource>, FrameProblem> {
-    let is_file = |path: &PathBuf| path.is_file();
     for name in names {
         match folder.named(&name) {
-            Ok(path) if is_file(&path) => return Ok(Some(path.into())),
+            Ok(path) if is_file(&path)? => return Ok(Some(path.into())),
             Ok(_) => {}
             Err(FrameProblem::Read(e)) if e.kind() == std::io::ErrorKind::NotFound => {}
             Err(problem) => return Err(problem),

@@ -11,6 +11,7 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::files::is_file;
 use crate::dataset::folder::{Folder, read_text};
 use crate::dataset::matrix::{self, describe};
 use crate::dataset::options::LoadOptions;
@@ -118,7 +119,12 @@ fn camera(
     let beside = folder.path.join(CAMERA);
     // Above is outside of the folder, but no dataset says so: the name is ours.
     let above = folder.path.canonicalize().ok().and_then(|p| Some(p.parent()?.join(CAMERA)));
-    let file = [Some(beside.clone()), above].into_iter().flatten().find(|file| file.is_file());
+    let file = std::iter::once(beside.clone()).chain(above).find_map(|path| match is_file(&path) {
+        Ok(true) => Some(Ok(path)),
+        Ok(false) => None,
+        Err(source) => Some(Err(DatasetError::Read { path, source })),
+    });
+    let file = file.transpose()?;
     let Some(file) = file else {
         if size != (PUBLISHED.width, PUBLISHED.height) && recording.options.intrinsics.is_none() {
             let expected = format!("the camera of images of {}x{}", size.0, size.1);

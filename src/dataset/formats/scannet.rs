@@ -13,6 +13,7 @@ use crate::dataset::decode::CodeKind;
 use crate::dataset::distortion::Distortion;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::{DatasetError, FrameProblem};
+use crate::dataset::files::is_file;
 use crate::dataset::folder::{Folder, read_small_text};
 use crate::dataset::matrix;
 use crate::dataset::options::LoadOptions;
@@ -153,7 +154,8 @@ fn intrinsics(
     size: (u32, u32),
 ) -> Result<Option<(PathBuf, Intrinsics)>, DatasetError> {
     let relative = format!("{INTRINSICS}/{name}");
-    if !folder.path.join(&relative).is_file() {
+    let path = folder.path.join(&relative);
+    if !is_file(&path).map_err(|source| DatasetError::Read { path, source })? {
         return Ok(None);
     }
     let (file, text) = folder.text(&relative)?;
