@@ -10,8 +10,7 @@ use crate::app::viewer::settings::{
 };
 use crate::render::Exposing;
 use crate::render::{Antialias, Lens, Renderer};
-use eframe::egui::accesskit::Role;
-use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui, WidgetInfo};
+use eframe::egui::{Grid, Label, RichText, ScrollArea, Slider, ThemePreference, Ui};
 
 /// What the panel says beside the settings.
 pub struct SettingsContext<'a> {
@@ -258,9 +257,7 @@ fn background(settings: &mut ViewSettings, ui: &mut Ui) {
         }
         let mut rgb = settings.background.rgb8();
         let name = "Any other colour";
-        let picked = ui.color_edit_button_srgb(&mut rgb).on_hover_text(name);
-        picked.widget_info(|| WidgetInfo::labeled(Role::ColorWell, ui.is_enabled(), name));
-        if picked.changed() {
+        if named(ui.color_edit_button_srgb(&mut rgb), name).on_hover_text(name).changed() {
             settings.background = Background::Custom(rgb);
         }
     });

@@ -1,6 +1,7 @@
 //! What is known of a recording's images before any of them is looked at.
 
 use crate::dataset::entry::DepthSource;
+use crate::dataset::error::FrameProblem;
 use crate::dataset::source::ByteSource;
 use crate::math::camera::Intrinsics;
 
@@ -9,6 +10,17 @@ pub(in super::super) struct Shot {
     pub name: String,
     pub depth: (f64, DepthSource),
     pub color: (f64, ByteSource),
+}
+
+impl Shot {
+    /// What one of its files holds. Twice, as all that settings are chosen by: what a disk refuses once is
+    /// learnt from later.
+    pub fn read<T>(&self, read: impl Fn() -> Result<T, FrameProblem>) -> Option<T> {
+        let told = |problem| {
+            tracing::warn!("frame {}: {problem}; delays are told by others", self.name);
+        };
+        read().or_else(|_| read()).map_err(told).ok()
+    }
 }
 
 /// How the camera moved, and how it reads images.

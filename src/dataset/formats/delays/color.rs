@@ -60,14 +60,7 @@ impl Pair {
 
 /// Means of the squares of a photograph, in `[0, 1]`.
 fn load(shot: &Shot, k: &Intrinsics) -> Option<Image<f32>> {
-    let read = || decode::color(&shot.color.1, (k.width, k.height));
-    let color = match read().or_else(|_| read()) {
-        Ok(color) => color,
-        Err(problem) => {
-            tracing::warn!("frame {}: {problem}; delays are told by others", shot.name);
-            return None;
-        }
-    };
+    let color = shot.read(|| decode::color(&shot.color.1, (k.width, k.height)))?;
     let (columns, rows) = (color.width / SQUARE, color.height / SQUARE);
     let mut means = Image::filled(columns, rows, 0.0);
     for (row, line) in means.data.chunks_mut(columns.max(1)).enumerate() {

@@ -72,15 +72,9 @@ impl<'a> Pair<'a> {
 
 fn load(shot: &Shot, k: &Intrinsics) -> Option<Depth> {
     let (_, source) = &shot.depth;
-    // Twice, as all that settings are chosen by: what a disk refuses once is learnt from later.
-    let read = || decode::depth(&source.file, &source.encoding, (k.width, k.height));
-    match read().or_else(|_| read()) {
-        Ok(depth) => (depth.kind == DepthKind::Z).then_some(depth),
-        Err(problem) => {
-            tracing::warn!("frame {}: {problem}; delays are told by others", shot.name);
-            None
-        }
-    }
+    let size = (k.width, k.height);
+    let depth = shot.read(|| decode::depth(&source.file, &source.encoding, size))?;
+    (depth.kind == DepthKind::Z).then_some(depth)
 }
 
 fn trusted(depth: &Depth, column: usize, row: usize) -> Option<f64> {
