@@ -69,13 +69,16 @@ fn a_kinects_rows_are_put_where_it_looked() {
 }
 
 #[test]
-fn a_camera_that_is_described_reads_all_at_once() {
+fn a_camera_with_another_focal_length_reads_all_at_once() {
     let folder = tempfile::tempdir().unwrap();
     record(folder.path());
-    let k = "525 0 319.5\n0 525 239.5\n0 0 1\n";
-    fs::write(folder.path().join("camera-intrinsics.txt"), k).unwrap();
-    let frame = open_plain(folder.path()).unwrap().load(0, 1).unwrap();
-    for row in [20, 460] {
-        assert_eq!(columns(&frame, row), (f64::from(LINE), f64::from(LINE)));
+    for (focal, reads_at_once) in [(560, true), (530, false)] {
+        let k = format!("{focal} 0 319.5\n0 {focal} 239.5\n0 0 1\n");
+        fs::write(folder.path().join("camera-intrinsics.txt"), k).unwrap();
+        let frame = open_plain(folder.path()).unwrap().load(0, 1).unwrap();
+        for row in [20, 460] {
+            let is_untouched = columns(&frame, row) == (f64::from(LINE), f64::from(LINE));
+            assert_eq!(is_untouched, reads_at_once, "row {row} at {focal} px");
+        }
     }
 }

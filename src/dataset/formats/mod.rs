@@ -5,7 +5,6 @@
 mod arkit;
 mod blender;
 mod color_depth;
-mod delays;
 mod format;
 mod lens;
 mod listed;
@@ -19,6 +18,7 @@ mod record3d_archive;
 mod record3d_folder;
 mod recording;
 mod replica;
+mod rig;
 mod rtabmap;
 mod scannet;
 mod seven_scenes;

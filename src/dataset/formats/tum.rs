@@ -8,16 +8,16 @@
 //! nearest one. Between depth image and photograph, 18 ms apart, it turns by two degrees, or 18 pixels: the
 //! photograph was taken by a camera that stood where the trajectory was at its own time.
 //!
-//! Nor was an image taken at one time: the makers' cameras, which recordings without intrinsics are taken
-//! for, read it row by row, and the trajectory says how they turned meanwhile. What they show tells by how much
-//! their times are wrong (`delays/mod.rs`).
+//! Nor was an image taken at one time: the makers' cameras, told by their focal length,
+//! read it row by row, and the trajectory says how they turned meanwhile. What they show tells by how much
+//! their times are wrong, and how the camera sits on what the trajectory follows (`rig/mod.rs`).
 //!
 //! The recordings do not hold their intrinsics. The default of the makers projects their depth better
 //! than the calibration that is published for each colour camera.
 
-use super::delays::{self, Clock, Delays, Shot};
 use super::format::{DatasetFormat, ParsedFolder};
 use super::recording::{Cameras, RecordedFrame, Recording, wrong};
+use super::rig::{self, Clock, Mount, Rig, Shot};
 use super::stated::{self, PRIMESENSE};
 use super::trajectory::{TOLERANCE, TimedPose, Trajectory};
 use crate::dataset::calibration::ColorCamera;
@@ -49,6 +49,8 @@ const DEPTH_LIST: &str = "depth.txt";
 const POSES: &str = "groundtruth.txt";
 /// Seconds between a depth image and a photograph that were taken at one time.
 const SIMULTANEOUS: f64 = 1e-3;
+/// By what share of its focal length one of the makers' cameras may differ as calibrated: those of TUM do by 2 %.
+const CALIBRATED: f64 = 0.03;
 /// Metres per code.
 const DEPTH_UNIT: f64 = 1.0 / 5000.0;
 /// Metres; as of 7-Scenes, whose sensor it is.
@@ -87,9 +89,6 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
     let Some((cameras, is_kinect)) = cameras(&mut recording, &colors, &depths)? else {
         return Ok(recording.finish());
     };
-    if is_kinect && trajectory.is_some() {
-        recording.note("a Kinect reads an image in 26 ms and depth in 31 ms: their rows are put where the trajectory says");
-    }
     let unit = CodeKind::Linear16(DEPTH_UNIT);
     let encoding = recording.encoding(unit, Sensor::Kinect, TRUSTED_DEPTH);
     let is_growing = folder.is_growing();
@@ -97,7 +96,7 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         trajectory,
         convention: options.poses,
         is_kinect,
-        delays: Delays::default(),
+        rig: Rig::EXPECTED,
     });
     let taken: Vec<&TimedImage> = depths
         .iter()
@@ -109,10 +108,13 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
         Some(poses) if is_kinect && !is_growing && cameras.color.is_none() => {
             let shots = taken.iter().filter_map(|depth| shot(depth, &colors, encoding));
             let shots: Vec<Shot> = shots.collect();
-            Some(poses.delayed(&mut recording, &shots, cameras.depth))
+            Some(poses.rigged(&mut recording, &shots, cameras.depth))
         }
         poses => poses,
     };
+    if poses.is_some_and(|poses| poses.is_kinect) {
+        recording.note("a Kinect reads an image in 26 ms and depth in 31 ms: their rows are put where the trajectory says");
+    }
     for depth in taken {
         match frame(depth, &colors, poses, cameras, encoding) {
             Ok(frame) => recording.push(frame),
@@ -218,8 +220,8 @@ fn trajectory(recording: &mut Recording) -> Result<Trajectory, DatasetError> {
     Ok(trajectory)
 }
 
-/// Intrinsics from an option, a file or the known cameras, and whether these are the makers' own; `None`
-/// if no image can be read.
+/// Intrinsics from an option, a file or the known cameras, and whether it is one of these that took the
+/// images; `None` if none can be read.
 fn cameras(
     recording: &mut Recording,
     colors: &[TimedImage],
@@ -229,14 +231,12 @@ fn cameras(
     let sizes = recording.sizes(colors.iter().map(source), depths.iter().map(source));
     let Some((size, depth_size)) = sizes else { return Ok(None) };
     let file = recording.folder.path.join("camera-intrinsics.txt");
-    let mut is_kinect = false;
     let (file, k) = match stated::in_text_file(recording.folder, size)? {
         Some(stated) => stated,
         None if recording.options.intrinsics.is_some() => (file, PRIMESENSE),
         None if size == (PRIMESENSE.width, PRIMESENSE.height) => {
             recording
                 .note("no intrinsics in the folder: the makers' 525, 525, 319.5, 239.5 are used");
-            is_kinect = true;
             (file, PRIMESENSE)
         }
         None => {
@@ -245,7 +245,16 @@ fn cameras(
             return Err(wrong(&file, &expected, found, "write them, or give the intrinsics"));
         }
     };
-    recording.one_lens(&k, size, depth_size, &file).map(|cameras| Some((cameras, is_kinect)))
+    let cameras = recording.one_lens(&k, size, depth_size, &file)?;
+    Ok(Some((cameras, is_kinect(&cameras.depth))))
+}
+
+/// Whether a camera is one of the makers', as each was calibrated.
+fn is_kinect(k: &Intrinsics) -> bool {
+    let is_near = |focal: f64, makers: f64| (focal / makers - 1.0).abs() < CALIBRATED;
+    (k.width, k.height) == (PRIMESENSE.width, PRIMESENSE.height)
+        && is_near(k.fx, PRIMESENSE.fx)
+        && is_near(k.fy, PRIMESENSE.fy)
 }
 
 /// Where the camera was, and what the numbers mean.
@@ -256,28 +265,29 @@ struct Poses<'a> {
     convention: Option<PoseConvention>,
     /// Whether images are read row by row, as the makers' cameras do.
     is_kinect: bool,
-    /// By how much images were taken after their times.
-    delays: Delays,
+    /// What all frames share.
+    rig: Rig,
 }
 
 impl Poses<'_> {
-    /// The world pose at a time, where the trajectory says it.
+    /// The camera's world pose at a time, where the trajectory says it.
     fn at(&self, time: f64) -> Option<Pose> {
         let convention = self.convention.unwrap_or(FORMAT.poses);
-        self.trajectory.at(time).ok().and_then(|matrix| convention.pose(matrix).ok())
+        let followed =
+            self.trajectory.at(time).ok().and_then(|matrix| convention.pose(matrix).ok());
+        followed.map(|followed| self.rig.mount.of(&followed))
     }
 
-    /// With the delays that the images themselves tell.
-    fn delayed(
-        self,
-        recording: &mut Recording<'_>,
-        shots: &[Shot],
-        intrinsics: Intrinsics,
-    ) -> Self {
+    /// With what the images themselves tell of the rig.
+    fn rigged(self, recording: &mut Recording<'_>, shots: &[Shot], intrinsics: Intrinsics) -> Self {
         let at = |time| self.at(time);
         let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
-        let delays = delays::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
-        for (what, delay) in [("depth was", delays.depth), ("photographs were", delays.color)] {
+        let found = rig::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
+        // The axes of a frame's pose are told later on, by the matrix as it is recorded.
+        let mount = if self.convention.is_none() { found.mount } else { Mount::default() };
+        let rig = Rig { mount, ..found };
+        for (what, delay) in [("depth was", rig.depth_delay), ("photographs were", rig.color_delay)]
+        {
             if delay != 0.0 {
                 recording.note(format!(
                     "{what} taken {:.0} ms {} the times say, as one agrees with the other along the trajectory: each is placed where the camera was then",
@@ -286,7 +296,14 @@ impl Poses<'_> {
                 ));
             }
         }
-        Self { delays, ..self }
+        if rig.mount != Mount::default() {
+            recording.note(format!(
+                "the camera sits {:.1} cm beside what the trajectory follows and is turned by {:.1} degrees against it, as depth agrees along it: each is placed where the camera was",
+                100.0 * rig.mount.shift.length(),
+                rig.mount.turn.length().to_degrees()
+            ));
+        }
+        Self { is_kinect: rig.reads_rows, rig, ..self }
     }
 
     /// How the camera turned while it read an image, the middle row at `time`, in `seconds`.
@@ -332,15 +349,15 @@ fn frame(
     cameras: Cameras,
     encoding: DepthEncoding,
 ) -> Result<RecordedFrame, FrameProblem> {
-    let delays = poses.map_or(Delays::default(), |poses| poses.delays);
-    let measured = depth.time + delays.depth;
+    let rig = poses.map_or(Rig::EXPECTED, |poses| poses.rig);
+    let measured = depth.time + rig.depth_delay;
     let pose = match poses {
-        Some(poses) => Pose::from_opencv(poses.trajectory.at(measured)?)?,
+        Some(poses) => rig.mount.of(&Pose::from_opencv(poses.trajectory.at(measured)?)?),
         None => Pose::IDENTITY,
     };
     let color = nearest(colors, depth.time)?;
     let size = [cameras.depth.width, cameras.depth.height];
-    let times = [measured, color.time + delays.color];
+    let times = [measured, color.time + rig.color_delay];
     let lens = poses.map_or(Distortion::default(), |poses| poses.lens(times));
     let cameras = poses.map_or(cameras, |poses| poses.apart(cameras, size, times));
     let file = ByteSource::File(depth.path.clone());

@@ -1,9 +1,11 @@
 //! What is known of a recording's images before any of them is looked at.
 
+use super::mount::Mount;
 use crate::dataset::entry::DepthSource;
 use crate::dataset::error::FrameProblem;
 use crate::dataset::source::ByteSource;
 use crate::math::camera::Intrinsics;
+use crate::math::pose::Pose;
 
 /// A depth image and the photograph beside it, of one lens, with the times that they are stamped with.
 pub(in super::super) struct Shot {
@@ -33,4 +35,23 @@ pub(in super::super) struct Clock<At> {
     pub depth_reading: f64,
     /// The same of a photograph.
     pub color_reading: f64,
+}
+
+impl<At> Clock<At>
+where
+    At: Fn(f64) -> Option<Pose>,
+{
+    /// One whose poses are of a camera that sits so on what the trajectory follows.
+    pub fn mounted(&self, mount: Mount) -> Clock<impl Fn(f64) -> Option<Pose>> {
+        let at = move |time| (self.at)(time).map(|pose| mount.of(&pose));
+        let Self { intrinsics, depth_reading, color_reading, .. } = *self;
+        Clock { at, intrinsics, depth_reading, color_reading }
+    }
+
+    /// One whose images take so many times as long to be read.
+    pub fn slowed(&self, times: f64) -> Clock<&At> {
+        let Self { at, intrinsics, depth_reading, color_reading } = self;
+        let [depth_reading, color_reading] = [times * depth_reading, times * color_reading];
+        Clock { at, intrinsics: *intrinsics, depth_reading, color_reading }
+    }
 }

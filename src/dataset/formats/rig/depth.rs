@@ -30,11 +30,20 @@ impl<'a> Pair<'a> {
         At: Fn(f64) -> Option<Pose>,
     {
         let (mut sum, mut n) = (0.0, 0.0);
-        for (_, share) in self.measured(clock, delay) {
-            sum += share.min(FARTHEST);
+        for share in self.apart(clock, delay).into_iter().flatten() {
+            sum += share.abs().min(FARTHEST);
             n += 1.0;
         }
         if n > 0.0 { sum / n } else { FARTHEST }
+    }
+
+    /// How far behind what the first one measured the second one's depth is, as a share of the depth: of the same
+    /// samples for whatever moves them.
+    pub fn apart<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<Option<f64>>
+    where
+        At: Fn(f64) -> Option<Pose>,
+    {
+        self.measured(clock, delay, |_, share| share)
     }
 
     /// World points that both measured.
@@ -42,12 +51,18 @@ impl<'a> Pair<'a> {
     where
         At: Fn(f64) -> Option<Pose>,
     {
-        let measured = self.measured(clock, delay).into_iter();
-        measured.filter(|(_, share)| *share < FARTHEST).map(|(world, _)| world).collect()
+        let near = |world, share: f64| (share.abs() < FARTHEST).then_some(world);
+        self.measured(clock, delay, near).into_iter().flatten().flatten().collect()
     }
 
-    /// World points of the first one, and how far, as a share of their depth, the second one's are.
-    fn measured<At>(&self, clock: &Clock<At>, delay: f64) -> Vec<(DVec3, f64)>
+    /// By sample of the first one what is made of its world point and of how far behind it, as a share of its
+    /// depth, the second one's depth is; `None` where one measured nothing.
+    fn measured<At, T>(
+        &self,
+        clock: &Clock<At>,
+        delay: f64,
+        make: impl Fn(DVec3, f64) -> T,
+    ) -> Vec<Option<T>>
     where
         At: Fn(f64) -> Option<Pose>,
     {
@@ -56,17 +71,16 @@ impl<'a> Pair<'a> {
             .shots
             .map(|shot| Strips::new(*k, &clock.at, shot.depth.0 + delay, clock.depth_reading));
         let [a, b] = &self.depths;
-        let mut measured = Vec::new();
-        for (row, pose) in from.rows() {
-            for column in (EVERY / 2..k.width as usize).step_by(EVERY) {
-                let Some(z) = trusted(a, column, row) else { continue };
-                let world = pose.transform_point(k.ray(column, row) * z);
-                let Some([u, v, expected]) = to.seen(world) else { continue };
-                let Some(found) = trusted(b, u as usize, v as usize) else { continue };
-                measured.push((world, (found - expected).abs() / expected));
-            }
-        }
-        measured
+        let sample = |column: usize, row: usize, pose: &Pose| {
+            let world = pose.transform_point(k.ray(column, row) * trusted(a, column, row)?);
+            let [u, v, expected] = to.seen(world)?;
+            Some(make(world, (trusted(b, u as usize, v as usize)? - expected) / expected))
+        };
+        let columns = || (EVERY / 2..k.width as usize).step_by(EVERY);
+        let rows = from.rows();
+        rows.flat_map(|(row, pose)| columns().map(move |column| (column, row, pose)))
+            .map(|(column, row, pose)| sample(column, row, pose))
+            .collect()
     }
 }
 

@@ -1,22 +1,10 @@
 //! When images were taken, told by what they show: a clock that stamps them late shows where the camera
 //! turns.
 //!
-//! Depth of one image, moved by the trajectory into another, lies on what that one measured if both were
-//! taken when their times say; and what it measured has one colour in the photographs beside both if these
-//! were. A camera that turns evenly says nothing, since a delay moves both alike: pairs are chosen between
-//! which it turns otherwise (`pairs.rs`). Of delays in steps the one of the least mean distance is taken, and
-//! refined by a parabola, if two halves of the pairs agree about it.
+//! A camera that turns evenly says nothing, since a delay moves both images of a pair alike: pairs are chosen
+//! between which it turns otherwise (`pairs.rs`). Of delays in steps the one of the least mean distance is
+//! taken, and refined by a parabola, if two halves of the pairs agree about it.
 
-mod clock;
-mod color;
-mod depth;
-mod pairs;
-mod strips;
-#[cfg(test)]
-mod tests;
-
-use crate::math::pose::Pose;
-pub(super) use clock::{Clock, Shot};
 use rayon::prelude::*;
 
 /// The fewest pairs of images that say anything.
@@ -30,33 +18,12 @@ const FALL: f64 = 0.05;
 const AGREED: f64 = 0.008;
 const LEAST: f64 = 0.004;
 
-/// Seconds by which images were taken after their times, negative before them; 0 where the recording does not
-/// determine it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Delays {
-    pub depth: f64,
-    pub color: f64,
-}
-
-/// Those of a recording.
-pub(super) fn find<At>(shots: &[Shot], clock: &Clock<At>) -> Delays
-where
-    At: Fn(f64) -> Option<Pose> + Sync,
-{
-    let pairs: Vec<depth::Pair> = pairs::chosen(shots, clock)
-        .into_par_iter()
-        .filter_map(|pair| depth::Pair::load(pair, clock))
-        .collect();
-    let depth = lowest_of(&pairs, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
-    let pairs: Vec<color::Pair> =
-        pairs.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, depth)).collect();
-    let color = lowest_of(&pairs, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
-    Delays { depth, color }
-}
-
 /// The delay at which what pairs say, given one, is least on average; `None` where they do not determine it, or
 /// determine that there is none.
-fn lowest_of<P: Sync>(pairs: &[P], distance: impl Fn(&P, f64) -> f64 + Sync) -> Option<f64> {
+pub(super) fn lowest_of<P: Sync>(
+    pairs: &[P],
+    distance: impl Fn(&P, f64) -> f64 + Sync,
+) -> Option<f64> {
     if pairs.len() < FEWEST {
         return None;
     }

@@ -1,0 +1,187 @@
+//! The search for how a camera sits on what its trajectory follows.
+//!
+//! A shift and a turn that no pose knows of move two images that are turned against each other differently. The
+//! most probable ones under what both measured (Gauss-Newton with Cauchy weights, slopes by differences, since
+//! depth images are looked up pixel by pixel) are taken if they serve images that they were not found by.
+
+use super::clock::Clock;
+use super::depth::Pair;
+use super::mount::Mount;
+use crate::math::cholesky::Cholesky;
+use crate::math::pose::Pose;
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// The fewest pairs of images that say anything.
+const FEWEST: usize = 6;
+/// By what share the distance within pairs must fall that the mount was not found by.
+const FALL: f64 = 0.05;
+/// Steps of Gauss-Newton.
+const ROUNDS: usize = 12;
+/// How often a step is doubled at most.
+const DOUBLINGS: u32 = 5;
+/// Share of the distance by which a round must lower it for another.
+const SETTLED: f64 = 0.002;
+/// Radians and metres by which a pose is moved for a slope, to either side: some ten pixels, over which noise
+/// of depth counts for little.
+const EPS: [f64; N] = [0.016, 0.016, 0.016, 0.04, 0.04, 0.04];
+/// Deviations that are expected before anything is measured, radians and metres.
+const EXPECTED: [f64; N] = [0.03, 0.03, 0.03, 0.05, 0.05, 0.05];
+/// Distance, as a share of the depth, that weighs a half.
+const ROBUST: f64 = 0.01;
+/// Neighbouring samples err together: so many count as one.
+const ALIKE: f64 = 20.0;
+
+/// Turn about the axes of the camera, and shift along them.
+const N: usize = 6;
+type Vector = [f64; N];
+
+fn mount_of([a, b, c, x, y, z]: Vector) -> Mount {
+    Mount { shift: DVec3::new(x, y, z), turn: DVec3::new(a, b, c) }
+}
+
+/// What pairs of images say; none where they do not determine it.
+pub(super) fn find<At>(pairs: &[Pair<'_>], clock: &Clock<At>, delay: f64) -> Mount
+where
+    At: Fn(f64) -> Option<Pose> + Sync,
+{
+    if pairs.len() < FEWEST {
+        return Mount::default();
+    }
+    let search = Search { clock, delay };
+    let (every, other): (Vec<_>, Vec<_>) = pairs.iter().enumerate().partition(|(i, _)| i % 2 == 0);
+    let [every, other] =
+        [every, other].map(|half| half.into_iter().map(|(_, pair)| pair).collect());
+    let serves = |found_by: &Vec<&Pair<'_>>, others: &Vec<&Pair<'_>>| {
+        let least = (1.0 - FALL) * search.distance(others, Mount::default());
+        search.distance(others, search.fitted(found_by)) < least
+    };
+    match serves(&every, &other) && serves(&other, &every) {
+        true => search.fitted(&pairs.iter().collect::<Vec<_>>()),
+        false => Mount::default(),
+    }
+}
+
+struct Search<'a, At> {
+    clock: &'a Clock<At>,
+    /// Of depth, seconds.
+    delay: f64,
+}
+
+impl<At> Search<'_, At>
+where
+    At: Fn(f64) -> Option<Pose> + Sync,
+{
+    /// Mean distance within pairs, as a share of the depth.
+    fn distance(&self, pairs: &[&Pair<'_>], mount: Mount) -> f64 {
+        let clock = self.clock.mounted(mount);
+        let each = pairs.par_iter().map(|pair| pair.distance(&clock, self.delay));
+        each.collect::<Vec<f64>>().iter().sum::<f64>() / pairs.len() as f64
+    }
+
+    /// The most probable mount by these pairs.
+    fn fitted(&self, pairs: &[&Pair<'_>]) -> Mount {
+        let mut best = [0.0; N];
+        let mut least = self.distance(pairs, mount_of(best));
+        for _ in 0..ROUNDS {
+            let parts: Vec<Equations> =
+                pairs.par_iter().map(|pair| self.equations(pair, best)).collect();
+            let mut equations = Equations::prior(&best);
+            parts.iter().for_each(|part| equations.join(part));
+            let Some(step) = equations.solution() else { break };
+            let reached = self.lowest_along(pairs, best, &step);
+            if reached.1 > (1.0 - SETTLED) * least {
+                break;
+            }
+            (best, least) = reached;
+        }
+        mount_of(best)
+    }
+
+    /// Where along a step the distance is least, and that distance. Slopes are larger than what they stand for,
+    /// for noise makes depth steep, so that steps are too short: they are doubled as long as that serves.
+    fn lowest_along(&self, pairs: &[&Pair<'_>], from: Vector, step: &Vector) -> (Vector, f64) {
+        let at = |times: f64| {
+            let mut place = from;
+            place.iter_mut().zip(step).for_each(|(x, step)| *x += times * step);
+            (place, self.distance(pairs, mount_of(place)))
+        };
+        let mut best = at(1.0);
+        for times in (1..DOUBLINGS).map(|i| f64::from(1 << i)) {
+            let next = at(times);
+            if next.1.is_nan() || next.1 >= best.1 {
+                break;
+            }
+            best = next;
+        }
+        best
+    }
+
+    /// What one pair says of a step from a mount.
+    fn equations(&self, pair: &Pair<'_>, from: Vector) -> Equations {
+        let apart = |mount: Vector| pair.apart(&self.clock.mounted(mount_of(mount)), self.delay);
+        let here = apart(from);
+        let beside = |axis: usize, by: f64| {
+            let mut mount = from;
+            mount.iter_mut().skip(axis).take(1).for_each(|x| *x += by);
+            apart(mount)
+        };
+        let axes = EPS.iter().enumerate();
+        let sides: Vec<[Vec<Option<f64>>; 2]> =
+            axes.map(|(axis, eps)| [beside(axis, *eps), beside(axis, -eps)]).collect();
+        let mut equations = Equations::NONE;
+        for (sample, here) in here.iter().enumerate() {
+            let mut slope = [0.0; N];
+            let slopes = slope.iter_mut().zip(&sides).zip(EPS).map(|((slope, sides), eps)| {
+                let [more, less] = sides.each_ref().map(|side| *side.get(sample)?);
+                *slope = (more? - less?) / (2.0 * eps);
+                Some(())
+            });
+            if let (Some(()), Some(here)) = (slopes.collect(), here) {
+                equations.add(*here, &slope);
+            }
+        }
+        equations
+    }
+}
+
+/// Normal equations of a step.
+struct Equations {
+    matrix: [Vector; N],
+    right: Vector,
+}
+
+impl Equations {
+    const NONE: Self = Self { matrix: [[0.0; N]; N], right: [0.0; N] };
+
+    /// What is expected, from a mount.
+    fn prior(from: &Vector) -> Self {
+        let mut prior = Self::NONE;
+        let expected = from.iter().zip(EXPECTED).zip(&mut prior.matrix).zip(&mut prior.right);
+        for (i, (((value, deviation), row), right)) in expected.enumerate() {
+            row.iter_mut().skip(i).take(1).for_each(|x| *x = deviation.powi(-2));
+            *right = -value * deviation.powi(-2);
+        }
+        prior
+    }
+
+    fn add(&mut self, residual: f64, slope: &Vector) {
+        let weight = 1.0 / (1.0 + (residual / ROBUST).powi(2)) / (ALIKE * ROBUST * ROBUST);
+        for ((row, right), a) in self.matrix.iter_mut().zip(&mut self.right).zip(slope) {
+            *right -= weight * a * residual;
+            row.iter_mut().zip(slope).for_each(|(x, b)| *x += weight * a * b);
+        }
+    }
+
+    fn join(&mut self, other: &Self) {
+        let rows = self.matrix.as_flattened_mut().iter_mut().zip(other.matrix.as_flattened());
+        rows.for_each(|(a, b)| *a += b);
+        self.right.iter_mut().zip(other.right).for_each(|(a, b)| *a += b);
+    }
+
+    fn solution(&self) -> Option<Vector> {
+        let step: Vector =
+            Cholesky::new(N, self.matrix.as_flattened())?.solve(&self.right).try_into().ok()?;
+        step.iter().all(|x| x.is_finite()).then_some(step)
+    }
+}
