@@ -1,7 +1,7 @@
 //! Moving unused components onto badly explained points (`train.md`, Reassignment).
 //!
-//! The worst points are found by a histogram over the leading bits of their scores and one
-//! selection within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
+//! The worst points are found by histograms over the leading bits of their scores and one selection
+//! within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
 //! the reference does, has the law of an exponential race: every point gets a time from its own
 //! random number, and the first ones win. The race has no rounds, runs on all threads and gives
 //! equal points for any number of them.
@@ -16,10 +16,12 @@ const PART: usize = 1 << 10;
 /// Parts of a frame that are looked through at once.
 // A fixed number, not one a thread: joined, they are the same list for any number of threads.
 const PARTS: usize = 8;
-/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of
-/// the mantissa tell bins apart.
-const BIN_SHIFT: u32 = 50;
-const N_BINS: usize = 1 << (64 - BIN_SHIFT);
+/// Bits of a score's order that tell bins of a histogram apart.
+const BIN_BITS: u32 = 14;
+const N_BINS: usize = 1 << BIN_BITS;
+/// Low bits that a bin spans, of the first histogram and of the second, which looks into one bin of the
+/// first: sign, exponent and two bits of the mantissa are often the same for half of a frame.
+const BIN_SHIFTS: [u32; 2] = [50, 36];
 
 /// How many components may move and among how many points destinations are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,24 +110,16 @@ impl DestinationChooser {
     fn find_lowest(&mut self, q: &[f64], n: usize) {
         let Self { parts, lowest, .. } = self;
         let size = q.len().div_ceil(PARTS).max(1);
-        let mut last_bin = N_BINS - 1;
-        // Where all points may be chosen no bin has to be found.
-        if n < q.len() {
-            parts.par_iter_mut().enumerate().for_each(|(i, part)| part.count(part_of(q, i, size)));
-            let mut found = 0;
-            let reached = (0..N_BINS).find(|&bin| {
-                found += parts.iter().map(|part| part.histogram[bin] as usize).sum::<usize>();
-                found >= n
-            });
-            last_bin = reached.unwrap_or(last_bin);
-        }
+        // Where all points may be chosen no bound has to be found.
+        let bound = if n < q.len() { last_order(parts, q, n) } else { None };
+        let bound = bound.unwrap_or(u64::MAX);
         parts.par_iter_mut().enumerate().for_each(|(i, part)| {
-            part.collect(part_of(q, i, size), (i * size) as u32, last_bin);
+            part.collect(part_of(q, i, size), (i * size) as u32, bound);
         });
         lowest.clear();
         parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
         if n < lowest.len() {
-            // The last bin brings more than asked for: only its points have to be told apart, here.
+            // The last bin may bring more than asked for.
             lowest.select_nth_unstable(n);
             lowest.truncate(n);
         }
@@ -156,27 +150,52 @@ impl DestinationChooser {
     }
 }
 
+/// An order that `n` points do not exceed, and few more; `None` if there are not so many.
+fn last_order(parts: &mut [Part; PARTS], q: &[f64], n: usize) -> Option<u64> {
+    let size = q.len().div_ceil(PARTS).max(1);
+    let (mut above, mut missing) = (0, n);
+    for shift in BIN_SHIFTS {
+        parts.par_iter_mut().enumerate().for_each(|(i, part)| {
+            part.count(part_of(q, i, size), shift, above);
+        });
+        let (mut found, mut before) = (0, 0);
+        let bin = (0..N_BINS).find(|&bin| {
+            before = found;
+            found += parts.iter().map(|part| part.histogram[bin] as usize).sum::<usize>();
+            found >= missing
+        })?;
+        (above, missing) = (above << BIN_BITS | bin as u64, missing - before);
+    }
+    let shift = BIN_SHIFTS[1];
+    Some(above << shift | ((1 << shift) - 1))
+}
+
 fn part_of(q: &[f64], part: usize, size: usize) -> &[f64] {
     let start = (part * size).min(q.len());
     &q[start..(start + size).min(q.len())]
 }
 
 impl Part {
-    fn count(&mut self, q: &[f64]) {
+    /// Counts points by the bits of their order from `shift` on, of those whose bits over these are
+    /// `above`.
+    fn count(&mut self, q: &[f64], shift: u32, above: u64) {
         self.histogram.clear();
         self.histogram.resize(N_BINS, 0);
         for &q in q.iter().filter(|q| !q.is_nan()) {
             // Reversed, so that the largest distances come first.
-            self.histogram[(!ordered(q) >> BIN_SHIFT) as usize] += 1;
+            let order = !ordered(q);
+            if order.checked_shr(shift + BIN_BITS).unwrap_or(0) == above {
+                self.histogram[(order >> shift) as usize % N_BINS] += 1;
+            }
         }
     }
 
-    /// Takes the points, counted from `first`, down to a bin.
-    fn collect(&mut self, q: &[f64], first: u32, last_bin: usize) {
+    /// Takes the points, counted from `first`, up to an order.
+    fn collect(&mut self, q: &[f64], first: u32, bound: u64) {
         self.lowest.clear();
         for (&q, point) in q.iter().zip(first..) {
             let order = !ordered(q);
-            if (order >> BIN_SHIFT) as usize <= last_bin && !q.is_nan() {
+            if order <= bound && !q.is_nan() {
                 self.lowest.push((order, point));
             }
         }
