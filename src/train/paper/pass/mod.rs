@@ -117,6 +117,8 @@ impl Pass {
         q: &mut Vec<f64>,
         mut owners: Option<&mut Vec<u32>>,
     ) {
+        // Here, and not by whichever task comes first.
+        inputs.index.sorted(inputs.model);
         q.resize(points.len(), 0.0);
         if let Some(owners) = &mut owners {
             owners.resize(points.len(), NOBODY);
@@ -340,11 +342,13 @@ pub(super) fn fused_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
 ) -> Option<FusedInputs<'a>> {
+    let rank = fused_rank(inputs)?;
+    let sorted = inputs.index.sorted(inputs.model);
     Some(FusedInputs {
-        rank: fused_rank(inputs)?,
+        rank,
         points: R::narrow_points(points)?,
-        grid: inputs.index.grid(),
-        appearance: inputs.index.appearance(),
+        grid: &sorted.grid,
+        appearance: &sorted.appearance,
         max_weight: R::narrow_model(inputs.model)?.max_weight,
         scoring: inputs.scoring,
         shard_bits: inputs.statistics.shard_bits(),
@@ -352,7 +356,7 @@ pub(super) fn fused_inputs<'a, R: PaperScalar>(
 }
 
 /// Candidates per point if the fused kernels do what is asked for.
-fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
+pub(super) fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
     let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
     let is_fused = inputs.config.statistics == StatisticsForm::Fused;
