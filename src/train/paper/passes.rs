@@ -159,7 +159,7 @@ impl Passes {
         let Self { processor, device, .. } = self;
         let device = device.as_mut()?;
         q.resize(points.len(), 0.0);
-        processor.begin(inputs.statistics);
+        processor.begin_answer(inputs.statistics);
         let mut clock = StageClock::default();
         clock.begin_tile(true);
         let is_fit = output == Output::ElboAndSums;

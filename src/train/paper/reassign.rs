@@ -15,13 +15,14 @@ const PART: usize = 1 << 10;
 
 /// Parts of a frame that are looked through at once.
 // A fixed number, not one a thread: joined, they are the same list for any number of threads.
-const PARTS: usize = 8;
+const PARTS: usize = 16;
 /// Bits of a score's order that tell bins of a histogram apart.
-const BIN_BITS: u32 = 14;
+// Few: the parts' histograms are read by one thread.
+const BIN_BITS: u32 = 12;
 const N_BINS: usize = 1 << BIN_BITS;
 /// Low bits that a bin spans, of the first histogram and of the second, which looks into one bin of the
-/// first: sign, exponent and two bits of the mantissa are often the same for half of a frame.
-const BIN_SHIFTS: [u32; 2] = [50, 36];
+/// first: sign and exponent are often the same for half of a frame.
+const BIN_SHIFTS: [u32; 2] = [52, 40];
 
 /// How many components may move and among how many points destinations are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +55,8 @@ impl Quota {
 #[derive(Default)]
 pub struct DestinationChooser {
     parts: [Part; PARTS],
+    /// Points by bin, of all parts.
+    bins: Vec<u32>,
     /// Order of the score, reversed so that the lowest ELBO comes first, and the point.
     lowest: Vec<(u64, u32)>,
     /// Order of the draw, and the point.
@@ -77,6 +80,7 @@ impl DestinationChooser {
         let part = || Part { histogram: vec![0; N_BINS], lowest: Vec::with_capacity(2 * low_elbo) };
         Self {
             parts: std::array::from_fn(|_| part()),
+            bins: vec![0; N_BINS],
             lowest: Vec::with_capacity(2 * low_elbo),
             draws: Vec::with_capacity(low_elbo),
             points: Vec::with_capacity(moves),
@@ -92,7 +96,7 @@ impl DestinationChooser {
         if self.lowest.len() <= quota.moves {
             self.points.extend(self.lowest.iter().map(|&(_, point)| point));
         } else {
-            self.draw(q, quota.moves, stream);
+            self.draw(quota.moves, stream);
             self.points.extend(self.draws.iter().map(|&(_, point)| point));
         }
         // In the order of points: neighbours then get neighbouring components, which lie close in
@@ -108,10 +112,10 @@ impl DestinationChooser {
     }
 
     fn find_lowest(&mut self, q: &[f64], n: usize) {
-        let Self { parts, lowest, .. } = self;
+        let Self { parts, bins, lowest, .. } = self;
         let size = q.len().div_ceil(PARTS).max(1);
         // Where all points may be chosen no bound has to be found.
-        let bound = if n < q.len() { last_order(parts, q, n) } else { None };
+        let bound = if n < q.len() { last_order(parts, bins, q, n) } else { None };
         let bound = bound.unwrap_or(u64::MAX);
         parts.par_iter_mut().enumerate().for_each(|(i, part)| {
             part.collect(part_of(q, i, size), (i * size) as u32, bound);
@@ -128,16 +132,15 @@ impl DestinationChooser {
     /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
     /// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
     /// Sampling without replacement). Those of probability zero come last, in uniform order.
-    fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
+    fn draw(&mut self, n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
-        let of = |point: u32| q[point as usize];
-        let best = lowest.iter().map(|&(_, p)| of(p)).fold(f64::INFINITY, f64::min);
+        let best = lowest.iter().map(|&(order, _)| distance(order)).fold(f64::INFINITY, f64::min);
         draws.resize(lowest.len(), (0, 0));
         let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
-        pairs.for_each(|(draw, &(_, point))| {
+        pairs.for_each(|(draw, &(order, point))| {
             let uniform = stream.uniform_at(point.into());
             // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
-            let gap = of(point) - best;
+            let gap = distance(order) - best;
             // The logarithm of `libm` has equal bits on every machine; the platform's need not.
             let time = -libm::log(uniform) / gap;
             let last = 1 << 63;
@@ -151,17 +154,22 @@ impl DestinationChooser {
 }
 
 /// An order that `n` points do not exceed, and few more; `None` if there are not so many.
-fn last_order(parts: &mut [Part; PARTS], q: &[f64], n: usize) -> Option<u64> {
+fn last_order(parts: &mut [Part; PARTS], bins: &mut Vec<u32>, q: &[f64], n: usize) -> Option<u64> {
     let size = q.len().div_ceil(PARTS).max(1);
     let (mut above, mut missing) = (0, n);
     for shift in BIN_SHIFTS {
         parts.par_iter_mut().enumerate().for_each(|(i, part)| {
             part.count(part_of(q, i, size), shift, above);
         });
+        bins.clear();
+        bins.resize(N_BINS, 0);
+        for part in &*parts {
+            bins.iter_mut().zip(&part.histogram).for_each(|(sum, n)| *sum += n);
+        }
         let (mut found, mut before) = (0, 0);
-        let bin = (0..N_BINS).find(|&bin| {
+        let bin = bins.iter().position(|&n| {
             before = found;
-            found += parts.iter().map(|part| part.histogram[bin] as usize).sum::<usize>();
+            found += n as usize;
             found >= missing
         })?;
         (above, missing) = (above << BIN_BITS | bin as u64, missing - before);
@@ -182,8 +190,7 @@ impl Part {
         self.histogram.clear();
         self.histogram.resize(N_BINS, 0);
         for &q in q.iter().filter(|q| !q.is_nan()) {
-            // Reversed, so that the largest distances come first.
-            let order = !ordered(q);
+            let order = largest_first(q);
             if order.checked_shr(shift + BIN_BITS).unwrap_or(0) == above {
                 self.histogram[(order >> shift) as usize % N_BINS] += 1;
             }
@@ -194,7 +201,7 @@ impl Part {
     fn collect(&mut self, q: &[f64], first: u32, bound: u64) {
         self.lowest.clear();
         for (&q, point) in q.iter().zip(first..) {
-            let order = !ordered(q);
+            let order = largest_first(q);
             if order <= bound && !q.is_nan() {
                 self.lowest.push((order, point));
             }
@@ -202,10 +209,15 @@ impl Part {
     }
 }
 
-/// Bits in the order of the numbers.
-fn ordered(value: f64) -> u64 {
-    let bits = value.to_bits();
-    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
+/// Bits in the order of distances, the largest first.
+fn largest_first(distance: f64) -> u64 {
+    let bits = distance.to_bits();
+    if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
+}
+
+/// The distance of [`largest_first`] bits.
+fn distance(order: u64) -> f64 {
+    f64::from_bits(if order >> 63 == 1 { order } else { !(order | 1 << 63) })
 }
 
 #[cfg(test)]
