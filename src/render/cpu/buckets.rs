@@ -19,25 +19,30 @@ impl Buckets {
         touched: impl Fn(u32) -> Range<usize>,
     ) {
         // Cleared and not made anew: the lists of the next image need about as much room.
-        self.ends.clear();
-        self.ends.resize(n_buckets, 0);
-        for record in records.clone() {
-            for bucket in touched(record) {
-                self.ends[bucket] += 1;
-            }
-        }
+        let Self { ends, records: listed } = self;
+        ends.clear();
+        // One more: what begins and what ends at a bucket is counted, which takes no loop a record.
+        ends.resize(n_buckets + 1, 0);
+        // Not `for`: what yields the records may be runs of them, which a closure goes through faster.
+        records.clone().for_each(|record| {
+            let Range { start, end } = touched(record);
+            ends[start] = ends[start].wrapping_add(1);
+            ends[end] = ends[end].wrapping_sub(1);
+        });
         // Each entry first holds where its bucket starts; filling moves it to the end.
-        let mut total = 0;
-        for end in &mut self.ends {
-            total += std::mem::replace(end, total);
+        let (mut touching, mut total) = (0usize, 0);
+        for end in ends.iter_mut() {
+            touching = touching.wrapping_add(std::mem::replace(end, total));
+            total += touching;
         }
-        self.records.resize(total, 0);
-        for record in records {
+        ends.truncate(n_buckets);
+        listed.resize(total, 0);
+        records.for_each(|record| {
             for bucket in touched(record) {
-                self.records[self.ends[bucket]] = record;
-                self.ends[bucket] += 1;
+                listed[ends[bucket]] = record;
+                ends[bucket] += 1;
             }
-        }
+        });
     }
 
     /// Where each bucket's list ends, among the lists laid end to end, and these.
