@@ -60,8 +60,8 @@ struct PassDevice {
 }
 
 impl Passes {
-    /// Runs passes on a device too from now on, over the means of `model`, which is kept in f32 or not
-    /// for a device.
+    /// Runs passes on a device too from now on, over the means of a model; not if that is kept in f64,
+    /// which no device computes in.
     ///
     /// # Errors
     /// [`DeviceError`] if it has no room for the means; then it is not used.
