@@ -2,7 +2,7 @@
 //!
 //! Listed first and sorted by depth then, row by row: what is listed is read in the order in which it
 //! lies in memory, lists of a row fit the caches, and all threads sort. Sorted first, the two steps
-//! took 1.4 to 1.6 times as long for 10⁶ splats on two cores.
+//! took twice as long for 10⁶ splats on two cores.
 
 use super::buckets::Buckets;
 use super::record::DepthEntry;
