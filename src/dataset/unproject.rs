@@ -3,7 +3,7 @@
 //!
 //! Two passes over the image. The first gives every pixel a status, row by row in vector code: a
 //! hole, kept, or why it is dropped. The second makes points of the kept ones, tile by tile
-//! ([`tile_points`](super::tile_points)).
+//! (`tile_points`).
 //!
 //! Two rules of the published loader are options, not corrected in silence, because its figures
 //! depend on them: rays through pixel corners with a small-angle formula
