@@ -109,8 +109,7 @@ fn is_number(v: vec3<f32>) -> bool {
 }
 
 fn cell_of(position: vec3<f32>) -> vec3<i32> {
-    let last = vec3<f32>(frame.dims - vec3<i32>(1));
-    return vec3<i32>(clamp((position - frame.lo) * frame.per_unit, vec3<f32>(0.0), last));
+    return cell_in(position, frame.lo, frame.per_unit, frame.dims);
 }
 
 fn insert(near: ptr<function, Near>, distance2: f32, id: u32, entry: u32) {

@@ -55,6 +55,7 @@ impl<T: Copy> Padded<T> {
 }
 
 /// Writes 1 where a pixel of the row is mixed, else 0.
+#[inline(always)]
 pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
     opposite_pairs(image, row, mixed, |a, d, b| {
         let (low, high) = (a.min(b), a.max(b));
@@ -67,6 +68,7 @@ pub(super) fn mixed_levels(image: &Padded<u8>, row: usize, mixed: &mut [u8]) {
 
 /// Writes 1 where a pixel of a row of lengths (world units, `metre` of them a metre, 0 at holes) is
 /// mixed, else 0; `focal` in pixels.
+#[inline(always)]
 pub(super) fn mixed_lengths(
     image: &Padded<f32>,
     row: usize,

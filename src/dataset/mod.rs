@@ -62,6 +62,8 @@ mod rolling_shutter;
 #[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
 mod sharpness;
 mod source;
+#[expect(clippy::indexing_slicing, reason = "pixels of images whose size was checked")]
+mod tile_points;
 mod video;
 mod whole;
 

@@ -2,9 +2,8 @@
 //! tile order (`dataset.md`, Tile order).
 //!
 //! Two passes over the image. The first gives every pixel a status, row by row in vector code: a
-//! hole, kept, or why it is dropped. The second visits the kept ones in tiles of 8×8 pixels, made
-//! of quads of 4×4, and makes points: sums of the mixture are formed tile by tile, whatever thread
-//! takes a tile, so their bits depend on the tiles alone.
+//! hole, kept, or why it is dropped. The second makes points of the kept ones, tile by tile
+//! (`tile_points`).
 //!
 //! Two rules of the published loader are options, not corrected in silence, because its figures
 //! depend on them: rays through pixel corners with a small-angle formula
@@ -15,9 +14,11 @@ use super::depth::{Depth, DepthCodes, DepthKind, decode_inverse8, decode_length,
 use super::edges::{Padded, mixed_lengths, mixed_levels};
 use super::error::FrameError;
 use super::frame::Frame;
+use super::tile_points::{Emission, Placement, Slope, Slopes, Status, TILE, local_points};
 use crate::math::camera::Intrinsics;
 use crate::math::image::Image;
 use crate::math::normalization::Normalization;
+use crate::math::simd::{Isa, Kernel, Vector};
 use crate::observation::points::Points;
 use glam::{DMat3, DVec3};
 
@@ -103,15 +104,9 @@ pub fn camera_point(
     value: f64,
 ) -> DVec3 {
     let rule = RayRule::new(k, convention);
-    local_point(rule.column(column), rule.row(row), kind, value)
-}
-
-/// Slope of a ray against the optical axis in one image direction, and what it adds to the squared
-/// ray length per unit of depth.
-#[derive(Clone, Copy, Debug)]
-struct Slope {
-    tangent: f64,
-    stretch: f64,
+    let Slope { tangent, stretch } = rule.column(column);
+    let [[x], [y], [z]] = local_points([[tangent], [stretch]], rule.row(row), kind, [value]);
+    DVec3::new(x, y, z)
 }
 
 struct RayRule<'a> {
@@ -151,15 +146,6 @@ impl<'a> RayRule<'a> {
     }
 }
 
-#[inline(always)]
-fn local_point(x: Slope, y: Slope, kind: DepthKind, value: f64) -> DVec3 {
-    let z = match kind {
-        DepthKind::RayDistance => value / (1.0 + x.stretch + y.stretch).sqrt(),
-        DepthKind::Z => value,
-    };
-    DVec3::new(x.tangent * z, y.tangent * z, z)
-}
-
 /// Turns frames into points; keeps its scratch memory between frames.
 ///
 /// ```
@@ -187,24 +173,9 @@ pub struct Unprojector {
     mixed: Vec<u8>,
     /// One [`Status`] per pixel, rows and columns padded to whole tiles with holes.
     statuses: Vec<u8>,
-    columns: Vec<Slope>,
+    columns: Slopes,
+    rows: Vec<Slope>,
 }
-
-/// Whether a pixel becomes a point, or why it does not.
-#[derive(Clone, Copy)]
-#[repr(u8)]
-enum Status {
-    Hole,
-    Kept,
-    Alpha,
-    Edge,
-    Range,
-}
-
-/// Pixels on a side of a tile.
-const TILE: usize = 8;
-/// Pixels on a side of a quad.
-const QUAD: usize = 4;
 
 impl Unprojector {
     /// No memory yet.
@@ -231,17 +202,20 @@ impl Unprojector {
                 // Holes get 0, which is never read: they are not kept.
                 let lengths: [f64; 256] =
                     std::array::from_fn(|d| decode_inverse8(d as u8).unwrap_or(0.0));
-                self.emit(frame, depth.kind, settings, out, |i| lengths[codes.data[i] as usize]);
+                let length = |code: u8| lengths[code as usize];
+                self.emit(frame, depth.kind, settings, out, &codes.data, length);
             }
             DepthCodes::Linear16 { codes, unit } => {
-                let length = |code: u16| decode_linear16(code, *unit);
+                let length = |code: u16| decode_linear16(code, *unit).unwrap_or(f64::NAN);
                 self.judge_lengths(frame, depth, codes, length, settings.filter, &mut tally);
-                self.emit(frame, depth.kind, settings, out, |i| f64::from(codes.data[i]) * unit);
+                let length = |code: u16| f64::from(code) * unit;
+                self.emit(frame, depth.kind, settings, out, &codes.data, length);
             }
             DepthCodes::Lengths(lengths) => {
                 let filter = settings.filter;
-                self.judge_lengths(frame, depth, lengths, decode_length, filter, &mut tally);
-                self.emit(frame, depth.kind, settings, out, |i| f64::from(lengths.data[i]));
+                let length = |stored: f32| decode_length(stored).unwrap_or(f64::NAN);
+                self.judge_lengths(frame, depth, lengths, length, filter, &mut tally);
+                self.emit(frame, depth.kind, settings, out, &lengths.data, f64::from);
             }
         }
         // Only the point itself tells that it is too far, after its status was decided.
@@ -264,160 +238,152 @@ impl Unprojector {
         filter: EdgeFilter,
         tally: &mut [usize; 5],
     ) {
-        let plain: [Status; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
-            (0, _) => Status::Hole,
-            (_, Some(length)) if depth.trusts(length) => Status::Kept,
+        let plain: [u8; 256] = std::array::from_fn(|d| match (d, decode_inverse8(d as u8)) {
+            (0, _) => Status::Hole as u8,
+            (_, Some(length)) if depth.trusts(length) => Status::Kept as u8,
             // Code 255 among them: the camera's own centre, which no sensor can have measured.
-            _ => Status::Range,
+            _ => Status::Range as u8,
         });
         let Self { levels, mixed, statuses, .. } = self;
         if filter == EdgeFilter::DropMixed {
             levels.fill(codes.width, &codes.data, |d| d);
         }
-        judge_rows(
+        Isa::best().run(Judging {
             frame,
             filter,
             statuses,
             mixed,
             tally,
-            |row, mixed| {
-                mixed_levels(levels, row, mixed);
-            },
-            |i| plain[codes.data[i] as usize],
-        );
+            codes: &codes.data,
+            plain: |code: u8| plain[code as usize],
+            find_mixed: |row, mixed: &mut [u8]| mixed_levels(levels, row, mixed),
+        });
     }
 
-    /// `length` is that of a code, `None` at holes.
+    /// `length` is that of a code, NaN at holes.
     fn judge_lengths<C: Copy>(
         &mut self,
         frame: &Frame,
         depth: &Depth,
         codes: &Image<C>,
-        length: impl Fn(C) -> Option<f64>,
+        length: impl Fn(C) -> f64,
         filter: EdgeFilter,
         tally: &mut [usize; 5],
     ) {
         let focal = frame.camera.intrinsics.fx as f32;
         let Self { lengths, mixed, statuses, .. } = self;
         if filter == EdgeFilter::DropMixed {
-            lengths.fill(codes.width, &codes.data, |code| length(code).unwrap_or(0.0) as f32);
+            lengths.fill(codes.width, &codes.data, |code| length(code).max(0.0) as f32);
         }
-        let plain = |i: usize| match length(codes.data[i]) {
-            None => Status::Hole,
-            Some(length) if depth.trusts(length) => Status::Kept,
-            Some(_) => Status::Range,
-        };
-        judge_rows(
+        Isa::best().run(Judging {
             frame,
             filter,
             statuses,
             mixed,
             tally,
-            |row, mixed| {
+            codes: &codes.data,
+            plain: |code| {
+                // NaN is trusted by no interval: without branches a row is vector code.
+                let length = length(code);
+                let [near, far] = depth.trusted;
+                let is_kept = (length > near) & (length < far);
+                let measured = if is_kept { Status::Kept as u8 } else { Status::Range as u8 };
+                if length.is_nan() { Status::Hole as u8 } else { measured }
+            },
+            find_mixed: |row, mixed: &mut [u8]| {
                 mixed_lengths(lengths, row, focal, depth.metre as f32, mixed);
             },
-            plain,
-        );
+        });
     }
 
-    fn emit(
+    fn emit<C: Copy + Default>(
         &mut self,
         frame: &Frame,
         kind: DepthKind,
         settings: &UnprojectSettings,
         out: &mut Points<f32>,
-        length: impl Fn(usize) -> f64,
+        codes: &[C],
+        length: impl Fn(C) -> f64,
     ) {
         let k = &frame.camera.intrinsics;
         let rule = RayRule::new(k, settings.convention);
         let (width, height) = (frame.color.width, frame.color.height);
-        self.columns.clear();
-        self.columns.extend((0..width).map(|column| rule.column(column)));
+        self.columns.fill(width.next_multiple_of(TILE), |column| rule.column(column));
+        self.rows.clear();
+        self.rows.extend((0..height.next_multiple_of(TILE)).map(|row| rule.row(row)));
         let normalization = &settings.normalization;
         // The scale of every axis is taken into the rotation: world to model in one product.
         let per_unit = DVec3::ONE / DVec3::from_array(normalization.scale);
         let rotation = DMat3::from_diagonal(per_unit) * frame.camera.pose.rotation();
-        let origin = normalization.normalize(frame.camera.pose.centre());
-        let channel: [f32; 256] = std::array::from_fn(|byte| {
-            Normalization::normalize_channel(byte as f64 / 255.0) as f32
+        let origin = normalization.normalize(frame.camera.pose.centre()).to_array();
+        Isa::best().run(Emission {
+            statuses: &self.statuses,
+            columns: &self.columns,
+            rows: &self.rows,
+            width,
+            codes,
+            length,
+            kind,
+            colors: &frame.color.data,
+            channel: &std::array::from_fn(|byte| {
+                Normalization::normalize_channel(byte as f64 / 255.0) as f32
+            }),
+            placement: Placement { axes: rotation.to_cols_array_2d(), origin },
+            farthest: MAX_COORDINATE,
+            out,
         });
+    }
+}
+
+/// The first pass over an image: decides the status of every pixel, row by row.
+struct Judging<'a, C, P, M> {
+    frame: &'a Frame,
+    filter: EdgeFilter,
+    statuses: &'a mut Vec<u8>,
+    mixed: &'a mut Vec<u8>,
+    tally: &'a mut [usize; 5],
+    codes: &'a [C],
+    /// Status of a code by itself.
+    plain: P,
+    /// Writes 1 where a pixel of a row is mixed, else 0.
+    find_mixed: M,
+}
+
+impl<C: Copy, P: Fn(C) -> u8, M: Fn(usize, &mut [u8])> Kernel for Judging<'_, C, P, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Vector>(self) {
+        let Self { frame, statuses, mixed, .. } = self;
+        let (width, height) = (frame.color.width, frame.color.height);
         let stride = width.next_multiple_of(TILE);
-        for tile_row in (0..height).step_by(TILE) {
-            for tile_column in (0..stride).step_by(TILE) {
-                for [dx, dy] in TILE_ROWS {
-                    let (column, row) = (tile_column + dx, tile_row + dy);
-                    let at = row * stride + column;
-                    let four = &self.statuses[at..at + QUAD];
-                    // Rows of four without a point are passed over before a ray is formed.
-                    if !four.contains(&(Status::Kept as u8)) {
-                        continue;
-                    }
-                    let slope_y = rule.row(row);
-                    for (column, status) in (column..).zip(four) {
-                        if *status != Status::Kept as u8 {
-                            continue;
-                        }
-                        let i = row * width + column;
-                        let local = local_point(self.columns[column], slope_y, kind, length(i));
-                        let p = (rotation * local + origin).as_vec3();
-                        let [r, g, b, _] = frame.color.data[i].map(|c| channel[c as usize]);
-                        // What the largest element beside a NaN is depends on the machine.
-                        if p.abs().max_element() <= MAX_COORDINATE && !p.is_nan() {
-                            out.push([p.x, p.y, p.z, r, g, b]);
-                        }
-                    }
-                }
-                out.close_tile();
+        statuses.clear();
+        statuses.resize(stride * height.next_multiple_of(TILE), Status::Hole as u8);
+        mixed.clear();
+        mixed.resize(width, 0);
+        for row in 0..height {
+            let pixels = row * width..(row + 1) * width;
+            let line = &mut statuses[row * stride..row * stride + width];
+            for (status, code) in line.iter_mut().zip(&self.codes[pixels.clone()]) {
+                *status = (self.plain)(*code);
+            }
+            if self.filter == EdgeFilter::DropMixed {
+                (self.find_mixed)(row, mixed);
+                drop_mixed(line, &frame.color.data[pixels], mixed);
+            }
+            for (status, n) in self.tally.iter_mut().enumerate() {
+                *n += line.iter().filter(|judged| usize::from(**judged) == status).count();
             }
         }
     }
 }
 
-/// Offsets of the rows of four in a tile, in order.
-const TILE_ROWS: [[usize; 2]; 16] = {
-    let mut rows = [[0; 2]; 16];
-    let mut i = 0;
-    while i < 16 {
-        let (quad, line) = (i / QUAD, i % QUAD);
-        rows[i] = [quad % 2 * QUAD, quad / 2 * QUAD + line];
-        i += 1;
-    }
-    rows
-};
-
-/// Decides the status of every pixel, row by row.
-fn judge_rows(
-    frame: &Frame,
-    filter: EdgeFilter,
-    statuses: &mut Vec<u8>,
-    mixed: &mut Vec<u8>,
-    tally: &mut [usize; 5],
-    find_mixed: impl Fn(usize, &mut [u8]),
-    plain: impl Fn(usize) -> Status,
-) {
-    let (width, height) = (frame.color.width, frame.color.height);
-    let stride = width.next_multiple_of(TILE);
-    statuses.clear();
-    statuses.resize(stride * height.next_multiple_of(TILE), Status::Hole as u8);
-    mixed.clear();
-    mixed.resize(width, 0);
-    for row in 0..height {
-        if filter == EdgeFilter::DropMixed {
-            find_mixed(row, mixed);
-        }
-        let colors = &frame.color.data[row * width..(row + 1) * width];
-        let line = &mut statuses[row * stride..row * stride + width];
-        for (column, status) in line.iter_mut().enumerate() {
-            // One status a pixel: transparency is asked before edges, since it often makes them.
-            let judged = match (plain(row * width + column), filter) {
-                (Status::Hole, _) => Status::Hole,
-                (other, EdgeFilter::Off) => other,
-                (_, EdgeFilter::DropMixed) if colors[column][3] != 255 => Status::Alpha,
-                (_, EdgeFilter::DropMixed) if mixed[column] != 0 => Status::Edge,
-                (other, EdgeFilter::DropMixed) => other,
-            };
-            *status = judged as u8;
-            tally[judged as usize] += 1;
-        }
+/// One status a pixel: transparency is asked before edges, since it often makes them.
+#[inline(always)]
+fn drop_mixed(line: &mut [u8], colors: &[[u8; 4]], mixed: &[u8]) {
+    for ((status, color), mixed) in line.iter_mut().zip(colors).zip(mixed) {
+        let edge = if *mixed != 0 { Status::Edge as u8 } else { *status };
+        let measured = if color[3] != u8::MAX { Status::Alpha as u8 } else { edge };
+        *status = if *status == Status::Hole as u8 { *status } else { measured };
     }
 }

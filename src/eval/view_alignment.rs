@@ -65,12 +65,14 @@ pub fn aligned(
 ) -> Result<AlignedCamera, MetricError> {
     let mut least = aligned_error(&rendered.color, &rendered.coverage, truth)?;
     let mut best = AlignedCamera { pose: camera.pose, rendered };
+    let mut memory = SeenPoints::default();
     for scale in SCALES {
         let k = camera.intrinsics.scaled(scale);
         let size = [k.width as usize, k.height as usize];
         let points = shown(&best, &camera.intrinsics, &k, renderer);
         let photograph = area_averaged(truth, size);
-        let Some(pose) = moved(&points, &photograph, &k, &camera.pose, best.pose) else { continue };
+        let moved = moved(&points, &photograph, &k, [&camera.pose, &best.pose], &mut memory);
+        let Some(pose) = moved else { continue };
         let rendered = draw(&Camera { pose, ..*camera });
         let error = aligned_error(&rendered.color, &rendered.coverage, truth)?;
         if error < least {
@@ -136,6 +138,7 @@ fn shown(
 
 /// A point as the photograph shows it: its colour there, and how the render's changes with the camera's
 /// turn and shift, channel by channel.
+#[derive(Clone)]
 struct PhotographedPoint {
     shown: [f64; 3],
     seen: [f64; 3],
@@ -143,25 +146,53 @@ struct PhotographedPoint {
     z: f64,
 }
 
-/// The pose that brings points to their colours in a photograph; `None` where too few are in it.
+/// Points that are in a photograph, in their order. Kept from round to round: fresh memory for some
+/// 60 MB a round was a third of the time.
+#[derive(Default)]
+struct SeenPoints {
+    parts: Vec<Vec<PhotographedPoint>>,
+    all: Vec<PhotographedPoint>,
+}
+
+impl SeenPoints {
+    /// Replaces them by what `look_up` finds of points.
+    fn fill(
+        &mut self,
+        points: &[ShownPoint],
+        look_up: impl Fn(&ShownPoint) -> Option<PhotographedPoint> + Sync,
+    ) {
+        let Self { parts, all } = self;
+        parts.resize_with(points.len().div_ceil(CHUNK), Vec::new);
+        parts.par_iter_mut().zip(points.par_chunks(CHUNK)).for_each(|(part, points)| {
+            part.clear();
+            part.extend(points.iter().filter_map(&look_up));
+        });
+        all.clear();
+        parts.iter().for_each(|part| all.extend_from_slice(part));
+    }
+}
+
+/// The pose, from the second of two on, that brings points to their colours in a photograph; the first
+/// is the recorded one. `None` where too few are in it.
 fn moved(
     points: &[ShownPoint],
     photograph: &RgbImage,
     k: &Intrinsics,
-    recorded: &Pose,
-    mut pose: Pose,
+    [recorded, first]: [&Pose; 2],
+    memory: &mut SeenPoints,
 ) -> Option<Pose> {
+    let mut pose = *first;
     for _ in 0..ROUNDS {
         let (rotation, translation) = pose.inverse();
-        let seen: Vec<PhotographedPoint> = points
-            .par_iter()
-            .filter_map(|point| look_up(photograph, k, rotation * point.place + translation, point))
-            .collect();
+        memory.fill(points, |point| {
+            look_up(photograph, k, rotation * point.place + translation, point)
+        });
+        let seen = &memory.all;
         if seen.len() < MIN_PIXELS {
             return None;
         }
         let depth = seen.iter().map(|point| point.z).sum::<f64>() / seen.len() as f64;
-        let [turn, shift] = step(&seen, recorded, &pose, SHIFT_DEVIATION * depth)?;
+        let [turn, shift] = step(seen, recorded, &pose, SHIFT_DEVIATION * depth)?;
         pose = pose.attached(shift, DQuat::from_scaled_axis(turn));
         let pixels = k.fx.max(k.fy) * (turn.length() + shift.length() / depth);
         if pixels < MIN_STEP {

@@ -98,6 +98,16 @@ impl<R: Real> Points<R> {
         self.b.push(row[5]);
     }
 
+    /// Appends a tile of `[x, y, z, r, g, b]` in columns of one length, none of it open.
+    #[inline]
+    pub fn push_tile(&mut self, columns: [&[R]; 6]) {
+        let own = [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b];
+        for (own, column) in own.into_iter().zip(columns) {
+            own.extend_from_slice(column);
+        }
+        self.close_tile();
+    }
+
     /// Ends the open tile; an empty one is not kept.
     pub fn close_tile(&mut self) {
         let end = self.len() as u32;

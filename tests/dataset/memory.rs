@@ -1,12 +1,12 @@
 //! Frames that a program hands over from memory.
 
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 use vbgs_studio::dataset::error::FrameProblem;
 use vbgs_studio::dataset::frame::{ColorBuffer, DepthBuffer, DepthKind, Frame};
 use vbgs_studio::dataset::surface::{Preparer, Sensor, SurfaceSettings};
 use vbgs_studio::dataset::synthetic::demo;
 use vbgs_studio::dataset::unproject::{
-    CameraConvention, EdgeFilter, UnprojectSettings, Unprojector,
+    CameraConvention, EdgeFilter, UnprojectSettings, Unprojector, camera_point,
 };
 use vbgs_studio::math::camera::Intrinsics;
 use vbgs_studio::math::normalization::Normalization;
@@ -131,4 +131,64 @@ fn what_is_no_frame_is_refused_with_its_reason() {
     }
     let empty = DepthBuffer { lengths: &[f32::NAN; 12], ..depth };
     assert!(matches!(refuse(k, pose, &rgb, empty), FrameProblem::NoDepthValues));
+}
+
+/// Pixels are taken four at a time; whatever is missing among them, the points are those of one pixel
+/// after another, in tiles of 8×8 made of quads of 4×4.
+#[test]
+fn holes_borders_and_far_points_leave_the_bits_of_their_neighbours() {
+    const SIZE: [usize; 2] = [13, 11];
+    let k = Intrinsics::from_horizontal_fov(13, 11, 1.1);
+    let bytes: Vec<u8> = (0..13 * 11 * 3).map(|i| (i * 37 % 256) as u8).collect();
+    let lengths: Vec<f32> = (0..13 * 11)
+        .map(|i| match i % 7 {
+            0 => 0.0,
+            3 if i % 2 == 0 => 1e9, // farther than any point may be
+            _ => 1.0 + 0.01 * i as f32,
+        })
+        .collect();
+    let pose = DMat4::from_rotation_translation(
+        glam::DQuat::from_scaled_axis(DVec3::new(0.3, -0.2, 0.5)),
+        DVec3::new(0.1, 0.2, 0.3),
+    );
+    for kind in [DepthKind::Z, DepthKind::RayDistance] {
+        let depth = DepthBuffer { lengths: &lengths, kind, trusted: TRUST_ALL };
+        let color = ColorBuffer::Rgb8(&bytes);
+        let frame = Frame::from_memory("odd", k, pose, color, Some(depth)).unwrap();
+        let settings = UnprojectSettings {
+            convention: CameraConvention::Exact,
+            filter: EdgeFilter::Off,
+            normalization: Normalization::from_range(DVec3::NEG_ONE, DVec3::ONE),
+        };
+        let mut found = Points::new();
+        let counts = Unprojector::new().unproject(&frame, &settings, &mut found).unwrap();
+        let normalization = settings.normalization;
+        let per_unit = DMat3::from_diagonal(DVec3::ONE / DVec3::from_array(normalization.scale));
+        let rotation = per_unit * frame.camera.pose.rotation();
+        let mut expected = Points::new();
+        for tile in 0..4 {
+            for place in 0..64 {
+                let (quad, line, x) = (place / 16, place / 4 % 4, place % 4);
+                let column = tile % 2 * 8 + quad % 2 * 4 + x;
+                let row = tile / 2 * 8 + quad / 2 * 4 + line;
+                let at = row * SIZE[0] + column;
+                if column >= SIZE[0] || row >= SIZE[1] || lengths[at] == 0.0 || lengths[at] > 1e8 {
+                    continue;
+                }
+                let convention = settings.convention;
+                let local = camera_point(&k, convention, kind, [column, row], lengths[at].into());
+                let centre = normalization.normalize(frame.camera.pose.centre());
+                let p = (rotation * local + centre).as_vec3();
+                let [r, g, b] = [0, 1, 2].map(|channel| {
+                    let value = f64::from(bytes[3 * at + channel]) / 255.0;
+                    Normalization::normalize_channel(value) as f32
+                });
+                expected.push([p.x, p.y, p.z, r, g, b]);
+            }
+            expected.close_tile();
+        }
+        assert_eq!(found, expected, "{kind:?}");
+        assert_eq!((counts.kept, counts.holes), (found.len(), 21));
+        assert_eq!(counts.dropped_far, 13 * 11 - 21 - found.len());
+    }
 }

@@ -184,7 +184,8 @@ fn what_the_device_has_no_room_for_is_said() {
     assert!(why.contains("means of components need a buffer of 1 MiB"), "{why}");
     assert_eq!(learner.pass_use().unwrap().device, None);
     // Few components, but a frame that is too large: the processor learns it.
-    let used = compared(&gpu, &PaperOverrides::default(), &frames, |_| ());
+    let few = PaperOverrides { components: Some(2000), ..PaperOverrides::default() };
+    let used = compared(&gpu, &few, &frames, |_| ());
     assert_eq!(counts(&used), [0, FRAMES as u64]);
     assert!(used.given_up.is_some_and(|why| why.contains("points of a frame")));
 }

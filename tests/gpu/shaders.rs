@@ -261,10 +261,17 @@ fn every_file_of_the_comparison_is_valid_and_used() {
 }
 
 #[test]
-fn the_file_of_a_pass_is_valid() {
+fn the_files_of_a_pass_are_valid() {
     let module = validated("mixture", mixture::PASS);
     assert_eq!(module.entry_points.len(), 1);
-    assert_eq!(mixture::PASS, read("mixture/pass.wgsl"));
+    let cells = read("mixture/cells.wgsl");
+    assert_eq!(mixture::PASS, cells.clone() + &read("mixture/pass.wgsl"));
+    let index = validated("index", mixture::INDEX);
+    assert_eq!(index.entry_points.len(), 5);
+    assert_eq!(mixture::INDEX, cells + &read("mixture/index.wgsl"));
     // What `mixture/layout.rs` holds.
     assert_eq!(stride(&module, "Frame"), 96);
+    for (name, size) in [("Index", 48), ("Mean", 32)] {
+        assert_eq!(stride(&index, name), size, "{name}");
+    }
 }

@@ -16,7 +16,7 @@ pub trait MixtureDevice: Send + Sync {
     /// What it runs on, for reports.
     fn name(&self) -> String;
 
-    /// Takes over initial means for the passes to come.
+    /// Takes over initial means, or what has moved of them, for the passes to come.
     ///
     /// # Errors
     /// [`DeviceError`] if the device is lost or has no room for so many.
@@ -36,9 +36,9 @@ pub trait MixtureDevice: Send + Sync {
     fn pass(&mut self, rule: &PassRule, with_sums: bool) -> Result<DevicePass<'_>, DeviceError>;
 }
 
-/// Initial means in the order of a grid's cells, normalised. A column has an entry for each.
-#[derive(Clone, Copy, Debug)]
-pub struct MeanCells<'a> {
+/// Where the cells of a grid of means are, normalised.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GridShape {
     /// Lower corner of the first cell; cells at the border extend to infinity.
     pub lo: [f32; 3],
     /// Edge of a cell.
@@ -47,14 +47,28 @@ pub struct MeanCells<'a> {
     pub per_unit: f32,
     /// Cells along each axis; the first changes fastest.
     pub dims: [usize; 3],
-    /// Cell `c` holds the entries `starts[c]..starts[c + 1]`.
-    pub starts: &'a [u32],
-    /// Positions, axis by axis.
-    pub positions: [&'a [f32]; 3],
-    /// Components by entry.
-    pub ids: &'a [u32],
-    /// Mean colour and weight by entry.
-    pub appearance: &'a [[f32; 4]],
+}
+
+impl GridShape {
+    /// Number of cells.
+    pub fn n_cells(&self) -> usize {
+        self.dims.iter().product()
+    }
+}
+
+/// Initial means by component, normalised, and the cells that they are to be sorted into.
+#[derive(Clone, Copy, Debug)]
+pub struct MeanCells<'a> {
+    /// The cells: means are finite, and no search depends on their order within one.
+    pub shape: GridShape,
+    /// Positions.
+    pub space: &'a [[f32; 3]],
+    /// Colours.
+    pub color: &'a [[f32; 3]],
+    /// Weights.
+    pub weight: &'a [f32],
+    /// Components of which anything is not as it was handed over last, in any order; `None` if all may.
+    pub moved: Option<&'a [u32]>,
 }
 
 /// Points of a frame, normalised.

@@ -19,31 +19,46 @@ impl Buckets {
         touched: impl Fn(u32) -> Range<usize>,
     ) {
         // Cleared and not made anew: the lists of the next image need about as much room.
-        self.ends.clear();
-        self.ends.resize(n_buckets, 0);
-        for record in records.clone() {
-            for bucket in touched(record) {
-                self.ends[bucket] += 1;
-            }
-        }
+        let Self { ends, records: listed } = self;
+        ends.clear();
+        // One more: what begins and what ends at a bucket is counted, which takes no loop a record.
+        ends.resize(n_buckets + 1, 0);
+        // Not `for`: what yields the records may be runs of them, which a closure goes through faster.
+        records.clone().for_each(|record| {
+            let Range { start, end } = touched(record);
+            ends[start] = ends[start].wrapping_add(1);
+            ends[end] = ends[end].wrapping_sub(1);
+        });
         // Each entry first holds where its bucket starts; filling moves it to the end.
-        let mut total = 0;
-        for end in &mut self.ends {
-            total += std::mem::replace(end, total);
+        let (mut touching, mut total) = (0usize, 0);
+        for end in ends.iter_mut() {
+            touching = touching.wrapping_add(std::mem::replace(end, total));
+            total += touching;
         }
-        self.records.resize(total, 0);
-        for record in records {
+        ends.truncate(n_buckets);
+        listed.resize(total, 0);
+        records.for_each(|record| {
             for bucket in touched(record) {
-                self.records[self.ends[bucket]] = record;
-                self.ends[bucket] += 1;
+                listed[ends[bucket]] = record;
+                ends[bucket] += 1;
             }
-        }
+        });
     }
 
     /// Where each bucket's list ends, among the lists laid end to end, and these.
     #[cfg(feature = "gui")]
     pub(super) fn lists(&self) -> (&[usize], &[u32]) {
         (&self.ends, &self.records)
+    }
+
+    /// The list of every bucket, to be put in another order.
+    pub(super) fn lists_mut(&mut self) -> impl Iterator<Item = &mut [u32]> {
+        let (mut rest, mut start) = (&mut self.records[..], 0);
+        self.ends.iter().map(move |&end| {
+            let (own, later) = std::mem::take(&mut rest).split_at_mut(end - start);
+            (rest, start) = (later, end);
+            own
+        })
     }
 
     /// Records of one bucket.
@@ -65,6 +80,8 @@ mod tests {
             buckets.fill(5, [3, 2, 1, 0].into_iter(), touched);
             let lists: Vec<&[u32]> = (0..5).map(|bucket| buckets.get(bucket)).collect();
             assert_eq!(lists, [&[1][..], &[], &[0], &[2, 0], &[]]);
+            let lengths: Vec<usize> = buckets.lists_mut().map(|list| list.len()).collect();
+            assert_eq!(lengths, [1, 0, 1, 2, 0]);
         }
         buckets.fill(1, std::iter::empty(), touched);
         assert!(buckets.get(0).is_empty());

@@ -3,7 +3,6 @@
 use super::prepare::{self, ChunkCount};
 use super::record::{DepthEntry, Records};
 use super::rows::RowLists;
-use super::sort::{DepthSorter, Keyed};
 use super::view::CpuView;
 use crate::model::splat::appearance::SplatView;
 use crate::render::constants::TILE;
@@ -16,8 +15,6 @@ pub(super) struct ViewLists {
     pub records: Records,
     listings: Vec<DepthEntry>,
     counts: Vec<ChunkCount>,
-    visible: Vec<Keyed>,
-    sorter: DepthSorter,
     /// Visible records by row of tiles, nearest first. Rows rather than tiles: the lists stay short
     /// even when every splat covers the image, and each row bins its own tiles in parallel.
     pub rows: RowLists,
@@ -27,25 +24,23 @@ impl ViewLists {
     /// Fills the records; the number of broken splats.
     pub(super) fn prepare(&mut self, splats: SplatView<'_>, view: &CpuView) -> usize {
         prepare::prepare(splats, view, &mut self.records, &mut self.listings, &mut self.counts);
-        let Self { listings, counts, visible, .. } = self;
-        visible.clear();
-        visible.extend(in_order(counts).map(|i| listings[i as usize].keyed(i)));
         self.counts.iter().map(|count| count.n_invalid).sum()
     }
 
-    /// Orders the visible records by depth.
-    pub(super) fn sort(&mut self) {
-        self.sorter.sort(&mut self.visible);
+    /// Lists the visible records by row of tiles, of an image so many pixels high.
+    pub(super) fn bin(&mut self, height: usize) {
+        let Self { rows, listings, counts, .. } = self;
+        rows.fill(height.div_ceil(TILE), || in_order(counts), listings);
     }
 
-    /// Lists them by row of tiles, of an image so many pixels high.
-    pub(super) fn bin(&mut self, height: usize) {
-        self.rows.fill(height.div_ceil(TILE), &self.visible, &self.listings);
+    /// Orders the list of every row by depth.
+    pub(super) fn sort(&mut self) {
+        self.rows.sort(&self.listings);
     }
 
     /// Number of visible records.
     pub(super) fn n_visible(&self) -> usize {
-        self.visible.len()
+        self.counts.iter().map(|count| count.n_visible).sum()
     }
 
     /// The visible records in the order of their splats.
@@ -61,7 +56,7 @@ impl ViewLists {
     }
 }
 
-fn in_order(counts: &[ChunkCount]) -> impl Iterator<Item = u32> {
+fn in_order(counts: &[ChunkCount]) -> impl Iterator<Item = u32> + Clone {
     let firsts = (0..).step_by(prepare::CHUNK);
     counts.iter().zip(firsts).flat_map(|(count, first)| first..first + count.n_visible as u32)
 }

@@ -15,7 +15,6 @@
 //! renderer is the case `l = w = 0`. Every sum is one of squares: nothing cancels, and the error of
 //! the numerator grows with `p`, where the expanded form's grows with `(p_x·δx)²`.
 
-use super::sort::Keyed;
 use crate::render::constants::TILE;
 use std::ops::Range;
 
@@ -97,11 +96,6 @@ pub(super) struct DepthEntry {
 impl DepthEntry {
     pub(super) fn new(key: f32, rect: &Rect) -> Self {
         Self { key, y0: rect.y0, y1: rect.y1 }
-    }
-
-    /// As sorting takes it, with the number of its record.
-    pub(super) fn keyed(&self, record: u32) -> Keyed {
-        Keyed { key: self.key.to_bits(), record }
     }
 
     /// Rows of tiles that the record touches.

@@ -31,21 +31,21 @@ pub struct Rendered {
     pub n_invalid: usize,
 }
 
-/// A step of an image, in order.
+/// A step of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CpuStage {
     /// Splats become records.
     Prepare,
-    /// Visible records by depth.
+    /// Every list by depth.
     Sort,
-    /// Lists per row of tiles.
+    /// Lists of visible records per row of tiles, before they are sorted.
     Bin,
     /// Blending and writing pixels; binning to tiles is part of it.
     Raster,
 }
 
 impl CpuStage {
-    /// Every stage, in order.
+    /// Every stage.
     pub const ALL: [Self; 4] = [Self::Prepare, Self::Sort, Self::Bin, Self::Raster];
 }
 
@@ -125,10 +125,10 @@ impl CpuRenderer {
         }
         image.n_invalid = self.lists.prepare(splats, &view);
         observer(CpuStage::Prepare);
-        self.lists.sort();
-        observer(CpuStage::Sort);
         self.lists.bin(height);
         observer(CpuStage::Bin);
+        self.lists.sort();
+        observer(CpuStage::Sort);
         let finish = Finish::new(splats.finishing(), camera, options);
         self.rasterise(camera, options, finish, &mut image);
         observer(CpuStage::Raster);

@@ -40,6 +40,8 @@ pub const COMPARE_DIFFERENCE: u32 = 2;
 pub(super) const GROUP: u32 = 256;
 /// Lanes of a workgroup of sparse uploads.
 pub(super) const SCATTER_GROUP: u32 = 64;
+/// Cells of means that a workgroup counts up; the lanes of one share them.
+pub(super) const STRIP_CELLS: u32 = 16 * GROUP;
 /// Workgroups of the passes of the radix sort over all keys.
 pub(super) const N_STRIPS: u32 = 1024;
 
@@ -59,7 +61,7 @@ pub(super) mod slot {
 }
 
 /// Whole numbers by their names in WGSL.
-const WORDS: [(&str, u32); 26] = [
+const WORDS: [(&str, u32); 27] = [
     ("FLAG_LIVE", FLAG_LIVE),
     ("RENDERER_PROJECTED", RENDERER_PROJECTED),
     ("RENDERER_EXACT", RENDERER_EXACT),
@@ -76,6 +78,7 @@ const WORDS: [(&str, u32); 26] = [
     ("COMPARE_DIFFERENCE", COMPARE_DIFFERENCE),
     ("GROUP", GROUP),
     ("SCATTER_GROUP", SCATTER_GROUP),
+    ("STRIP_CELLS", STRIP_CELLS),
     ("N_STRIPS", N_STRIPS),
     ("TILE", TILE as u32),
     ("N_SPLATS", slot::N_SPLATS),

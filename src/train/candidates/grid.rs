@@ -9,7 +9,7 @@
 
 use super::columns::Columns;
 use super::error::IndexError;
-use crate::model::paper::mixture_device::MeanCells;
+use crate::model::paper::mixture_device::GridShape;
 use rayon::prelude::*;
 
 /// Most cells of a grid.
@@ -27,7 +27,7 @@ const PART: usize = 1 << 14;
 /// Means in the order of the cells they lie in. Cells at the border extend to infinity.
 #[derive(Debug, Default)]
 pub struct MeanGrid {
-    shape: Shape,
+    shape: GridShape,
     /// Cell `c` holds the entries `start[c]..start[c + 1]`.
     start: Vec<u32>,
     means: Columns,
@@ -35,15 +35,6 @@ pub struct MeanGrid {
     cell_of_id: Vec<u32>,
     /// Coordinates the bounds are taken from, needed while the grid is built.
     sample: Vec<f32>,
-}
-
-/// Where the cells are.
-#[derive(Clone, Copy, Debug, Default)]
-struct Shape {
-    lo: [f32; 3],
-    cell: f32,
-    per_unit: f32,
-    dims: [usize; 3],
 }
 
 impl MeanGrid {
@@ -56,26 +47,22 @@ impl MeanGrid {
 
     /// Sorts finite means into cells, reusing memory. On error the grid is as it was.
     pub fn rebuild(&mut self, means: &[[f32; 3]]) -> Result<(), IndexError> {
-        let refuse =
-            |reason: &str| Err(IndexError { components: means.len(), reason: reason.to_owned() });
-        if means.len() >= u32::MAX as usize {
-            return refuse("too many components");
-        }
-        // Without a short circuit, so that the loop becomes vector code.
-        if !means.iter().flatten().fold(true, |all, v| all & v.is_finite()) {
-            return refuse("an initial mean is not finite");
-        }
-        self.shape = Shape::new(means, &mut self.sample);
-        let shape = self.shape;
+        let shape = grid_shape(means, &mut self.sample)?;
+        self.fill(shape, means);
+        Ok(())
+    }
+
+    /// Sorts means into the cells that [`grid_shape`] found for them, reusing memory.
+    pub(in crate::train) fn fill(&mut self, shape: GridShape, means: &[[f32; 3]]) {
+        self.shape = shape;
         self.cell_of_id.resize(means.len(), 0);
         let cells = self.cell_of_id.par_chunks_mut(PART).zip(means.par_chunks(PART));
         cells.for_each(|(cells, means)| {
             for (cell, &mean) in cells.iter_mut().zip(means) {
-                *cell = shape.cell_of(mean) as u32;
+                *cell = cell_of(&shape, mean) as u32;
             }
         });
         self.sort(means);
-        Ok(())
     }
 
     /// Counting sort by cell, stable by id.
@@ -135,15 +122,6 @@ impl MeanGrid {
         self.means.position(entry as usize)
     }
 
-    /// The grid as a device reads it, with what belongs to its entries.
-    pub(in crate::train) fn cells<'a>(&'a self, appearance: &'a [[f32; 4]]) -> MeanCells<'a> {
-        let Shape { lo, cell, per_unit, dims } = self.shape;
-        let Columns { x, y, z, len, .. } = &self.means;
-        let positions = [x, y, z].map(|axis| &axis[..*len]);
-        let (starts, ids) = (&self.start[..=self.shape.n_cells()], self.ids());
-        MeanCells { lo, cell, per_unit, dims, starts, positions, ids, appearance }
-    }
-
     /// Edge of a cell.
     pub(super) fn cell(&self) -> f32 {
         self.shape.cell
@@ -151,7 +129,7 @@ impl MeanGrid {
 
     /// Largest distance along an axis from a box to the box of the grid; 0 where they meet.
     pub(super) fn gap(&self, lo: [f32; 3], hi: [f32; 3]) -> f32 {
-        let Shape { lo: first, cell, dims, .. } = self.shape;
+        let GridShape { lo: first, cell, dims, .. } = self.shape;
         (0..3).fold(0f32, |gap, axis| {
             let last = first[axis] + cell * dims[axis] as f32;
             gap.max(first[axis] - hi[axis]).max(lo[axis] - last)
@@ -163,8 +141,8 @@ impl MeanGrid {
     pub(super) fn gather(&self, lo: [f32; 3], hi: [f32; 3], radius: f32, list: &mut Columns) {
         let shape = &self.shape;
         list.len = 0;
-        let first: [usize; 3] = std::array::from_fn(|i| shape.coordinate(lo[i] - radius, i));
-        let last: [usize; 3] = std::array::from_fn(|i| shape.coordinate(hi[i] + radius, i));
+        let first: [usize; 3] = std::array::from_fn(|i| coordinate(shape, lo[i] - radius, i));
+        let last: [usize; 3] = std::array::from_fn(|i| coordinate(shape, hi[i] + radius, i));
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {
                 let row = (z * shape.dims[1] + y) * shape.dims[0];
@@ -183,55 +161,65 @@ impl MeanGrid {
     }
 }
 
-impl Shape {
-    /// One mean per cell of the trimmed bounding box; axes shorter than a cell get one layer.
-    fn new(means: &[[f32; 3]], sample: &mut Vec<f32>) -> Self {
-        let (lo, extent) = bounds(means, sample);
-        let mut longest_first = extent;
-        longest_first.sort_by(|a, b| b.total_cmp(a));
-        let n = means.len().clamp(1, MAX_CELLS) as f64;
-        let [a, b, c] = longest_first;
-        let mut cell = (a * b * c / n).cbrt();
-        // A cloud thinner than a cell has no volume to share out: cells are squares of its face, or
-        // pieces of its length.
-        if !(c >= cell && cell > 0.0) {
-            cell = (a * b / n).sqrt();
-        }
-        if !(b >= cell && cell > 0.0) {
-            cell = a / n;
-        }
-        // All means in one place: any cell will do.
-        if cell == 0.0 {
-            cell = 1.0;
-        }
-        let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);
-        // Short axes are rounded up to a layer each, which may exceed one cell per mean by far.
-        while dims(cell).iter().fold(1usize, |all, &d| all.saturating_mul(d)) > MAX_CELLS {
-            cell *= 1.1;
-        }
-        // The inverse of a denormal cell is beyond f32.
-        let per_unit = (1.0 / cell).min(f64::from(f32::MAX)) as f32;
-        Self { lo: lo.map(|v| v as f32), cell: cell as f32, per_unit, dims: dims(cell) }
+/// Cells for means: one mean each of the trimmed bounding box; axes shorter than a cell get one layer.
+///
+/// # Errors
+/// [`IndexError`] for means that are not finite, or more than a grid can number.
+pub(in crate::train) fn grid_shape(
+    means: &[[f32; 3]],
+    sample: &mut Vec<f32>,
+) -> Result<GridShape, IndexError> {
+    let refuse =
+        |reason: &str| Err(IndexError { components: means.len(), reason: reason.to_owned() });
+    if means.len() >= u32::MAX as usize {
+        return refuse("too many components");
     }
+    // Without a short circuit, so that the loop becomes vector code.
+    if !means.as_flattened().iter().fold(true, |all, v| all & v.is_finite()) {
+        return refuse("an initial mean is not finite");
+    }
+    let (lo, extent) = bounds(means, sample);
+    let mut longest_first = extent;
+    longest_first.sort_by(|a, b| b.total_cmp(a));
+    let n = means.len().clamp(1, MAX_CELLS) as f64;
+    let [a, b, c] = longest_first;
+    let mut cell = (a * b * c / n).cbrt();
+    // A cloud thinner than a cell has no volume to share out: cells are squares of its face, or
+    // pieces of its length.
+    if !(c >= cell && cell > 0.0) {
+        cell = (a * b / n).sqrt();
+    }
+    if !(b >= cell && cell > 0.0) {
+        cell = a / n;
+    }
+    // All means in one place: any cell will do.
+    if cell == 0.0 {
+        cell = 1.0;
+    }
+    let dims = |cell: f64| extent.map(|e| (e / cell) as usize + 1);
+    // Short axes are rounded up to a layer each, which may exceed one cell per mean by far.
+    while dims(cell).iter().fold(1usize, |all, &d| all.saturating_mul(d)) > MAX_CELLS {
+        cell *= 1.1;
+    }
+    // The inverse of a denormal cell is beyond f32.
+    let per_unit = (1.0 / cell).min(f64::from(f32::MAX)) as f32;
+    let lo = lo.map(|v| v as f32);
+    Ok(GridShape { lo, cell: cell as f32, per_unit, dims: dims(cell) })
+}
 
-    fn n_cells(&self) -> usize {
-        self.dims.iter().product()
-    }
+/// Cell along one axis. Monotone in `value`, whatever is rounded, so a range of cells holds
+/// every mean in the range of values.
+#[inline(always)]
+fn coordinate(shape: &GridShape, value: f32, axis: usize) -> usize {
+    // The cast saturates: any value has a cell, and `clamp` takes infinite ones to the border.
+    let cell = ((value - shape.lo[axis]) * shape.per_unit) as i32;
+    cell.clamp(0, shape.dims[axis] as i32 - 1) as usize
+}
 
-    /// Cell along one axis. Monotone in `value`, whatever is rounded, so a range of cells holds
-    /// every mean in the range of values.
-    #[inline(always)]
-    fn coordinate(&self, value: f32, axis: usize) -> usize {
-        // The cast saturates: any value has a cell, and `clamp` takes infinite ones to the border.
-        let cell = ((value - self.lo[axis]) * self.per_unit) as i32;
-        cell.clamp(0, self.dims[axis] as i32 - 1) as usize
-    }
-
-    #[inline(always)]
-    fn cell_of(&self, mean: [f32; 3]) -> usize {
-        let [x, y, z] = std::array::from_fn(|axis| self.coordinate(mean[axis], axis));
-        (z * self.dims[1] + y) * self.dims[0] + x
-    }
+#[inline(always)]
+fn cell_of(shape: &GridShape, mean: [f32; 3]) -> usize {
+    let [x, y, z] = std::array::from_fn(|axis| coordinate(shape, mean[axis], axis));
+    (z * shape.dims[1] + y) * shape.dims[0] + x
 }
 
 /// Lower corner and edges of the box that holds all but the outliers of a sample.

@@ -24,6 +24,7 @@ mod search;
 pub(in crate::train) use columns::Columns;
 pub use error::IndexError;
 pub use grid::MeanGrid;
+pub(in crate::train) use grid::grid_shape;
 pub use kd_tree::KdTree;
 pub(in crate::train) use lists::{Among, CHUNK, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};

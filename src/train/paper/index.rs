@@ -1,27 +1,45 @@
 //! The index over the initial spatial means, in the form a configuration asks for.
+//!
+//! The grid is made when it is first asked for after means have moved: where a device makes its own, the
+//! processor may never want it. What can fail fails before, when means move.
 
 use super::config::IndexKind;
 use super::scalar::PaperScalar;
 use crate::math::real::Real;
 use crate::model::paper::mixture::InitialModel;
-use crate::model::paper::mixture_device::MeanCells;
-use crate::train::candidates::{IndexError, KdTree, MeanGrid};
+use crate::model::paper::mixture_device::{GridShape, MeanCells};
+use crate::train::candidates::{IndexError, KdTree, MeanGrid, grid_shape};
 use rayon::prelude::*;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Entries one task takes.
 const PART: usize = 1 << 14;
 
 /// A grid, always, and beside it a KD-tree where the plain path is asked for.
 pub struct Index {
-    grid: MeanGrid,
     tree: Option<KdTree>,
-    /// Means rounded to f32, where they are not f32 already.
-    narrowed: Vec<[f32; 3]>,
+    shape: GridShape,
+    /// Coordinates that the shape is taken from.
+    sample: Vec<f32>,
+    sorted: OnceLock<SortedMeans>,
+    /// Memory of the last.
+    spare: Mutex<SortedMeans>,
+    /// Components that moved at last.
+    moved: Vec<u32>,
+    /// Times that means have moved.
+    revision: u64,
+}
+
+/// Means in the order of their cells.
+#[derive(Default)]
+pub struct SortedMeans {
+    /// The grid, over the means rounded to f32.
+    pub grid: MeanGrid,
     /// By entry of the grid the mean colour and the weight, for a model kept in f32: what the fused
     /// kernels read, side by side where their components lie side by side.
-    appearance: Vec<[f32; 4]>,
-    /// Times it was built.
-    revision: u64,
+    pub appearance: Vec<[f32; 4]>,
+    /// Means rounded to f32, where they are not f32 already.
+    narrowed: Vec<[f32; 3]>,
 }
 
 impl Index {
@@ -30,64 +48,73 @@ impl Index {
         model: &InitialModel<R>,
         kind: IndexKind,
     ) -> Result<Self, IndexError> {
+        let tree = (kind == IndexKind::KdTree).then(|| tree(&model.space)).transpose()?;
         let mut index = Self {
-            grid: MeanGrid::default(),
-            tree: None,
-            narrowed: Vec::new(),
-            appearance: Vec::new(),
+            tree,
+            shape: GridShape::default(),
+            sample: Vec::new(),
+            sorted: OnceLock::new(),
+            spare: Mutex::default(),
+            moved: Vec::new(),
             revision: 0,
         };
-        if kind == IndexKind::KdTree {
-            index.tree = Some(tree(&model.space)?);
-        }
-        index.rebuild_grid(model)?;
+        index.shape = index.shape_of(model)?;
+        index.sorted(model);
         Ok(index)
     }
 
-    /// Builds the index again after means have moved. On error it is as it was.
-    pub fn rebuild<R: PaperScalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
-        // Either may fail: nothing is replaced before both are built.
-        let tree = self.tree.as_ref().map(|_| tree(&model.space)).transpose()?;
-        self.rebuild_grid(model)?;
-        self.tree = tree;
-        Ok(())
-    }
-
-    fn rebuild_grid<R: PaperScalar>(&mut self, model: &InitialModel<R>) -> Result<(), IndexError> {
-        let Self { grid, narrowed, appearance, .. } = self;
-        grid.rebuild(R::narrow_rows(&model.space, narrowed))?;
-        if let Some(model) = R::narrow_model(model) {
-            appearance.resize(model.len(), [0.0; 4]);
-            let parts = appearance.par_chunks_mut(PART).zip(grid.ids().par_chunks(PART));
-            parts.for_each(|(appearance, ids)| {
-                for (of_entry, &id) in appearance.iter_mut().zip(ids) {
-                    let ([r, g, b], w) = (model.color[id as usize], model.weight[id as usize]);
-                    *of_entry = [r, g, b, w];
-                }
-            });
+    /// Takes over that components of a model have moved. On error it is as it was.
+    pub fn renew<R: PaperScalar>(
+        &mut self,
+        model: &InitialModel<R>,
+        moved: impl Iterator<Item = u32>,
+    ) -> Result<(), IndexError> {
+        // Either may fail: nothing is replaced before both are known.
+        let shape = self.shape_of(model)?;
+        if self.tree.is_some() {
+            self.tree = Some(tree(&model.space)?);
         }
+        self.shape = shape;
+        if let Some(sorted) = self.sorted.take() {
+            *self.spare.get_mut().unwrap_or_else(PoisonError::into_inner) = sorted;
+        }
+        self.moved.clear();
+        self.moved.extend(moved);
         self.revision += 1;
         Ok(())
     }
 
-    /// The grid with what the fused kernels read beside it, for a device.
-    pub fn cells(&self) -> MeanCells<'_> {
-        self.grid.cells(&self.appearance)
+    fn shape_of<R: PaperScalar>(
+        &mut self,
+        model: &InitialModel<R>,
+    ) -> Result<GridShape, IndexError> {
+        let Self { sample, spare, .. } = self;
+        let spare = spare.get_mut().unwrap_or_else(PoisonError::into_inner);
+        grid_shape(R::narrow_rows(&model.space, &mut spare.narrowed), sample)
     }
 
-    /// A number that changes whenever the index does.
+    /// Means in the order of their cells, of the model that was handed over last. Whoever asks for the
+    /// first time sorts them on all threads, and must not be one of several that ask at once.
+    pub fn sorted<R: PaperScalar>(&self, model: &InitialModel<R>) -> &SortedMeans {
+        self.sorted.get_or_init(|| {
+            let mut sorted =
+                std::mem::take(&mut *self.spare.lock().unwrap_or_else(PoisonError::into_inner));
+            sorted.fill(self.shape, model);
+            sorted
+        })
+    }
+
+    /// The means of a model for a device that has those of a revision.
+    pub fn cells<'a>(&'a self, model: &'a InitialModel<f32>, known: Option<u64>) -> MeanCells<'a> {
+        let InitialModel { space, color, weight, .. } = model;
+        let is_last = known.is_some_and(|known| known + 1 == self.revision);
+        let moved = is_last.then_some(&self.moved[..]);
+        MeanCells { shape: self.shape, space, color, weight, moved }
+    }
+
+    /// A number that changes whenever means have moved.
     pub fn revision(&self) -> u64 {
         self.revision
-    }
-
-    /// By entry of the grid the mean colour and the weight; empty for a model kept in f64.
-    pub fn appearance(&self) -> &[[f32; 4]] {
-        &self.appearance
-    }
-
-    /// The grid, over the means rounded to f32.
-    pub fn grid(&self) -> &MeanGrid {
-        &self.grid
     }
 
     /// The KD-tree of the plain path.
@@ -96,7 +123,54 @@ impl Index {
     }
 }
 
+impl SortedMeans {
+    fn fill<R: PaperScalar>(&mut self, shape: GridShape, model: &InitialModel<R>) {
+        let Self { grid, appearance, narrowed } = self;
+        grid.fill(shape, R::narrow_rows(&model.space, narrowed));
+        let Some(model) = R::narrow_model(model) else { return };
+        appearance.resize(model.len(), [0.0; 4]);
+        let parts = appearance.par_chunks_mut(PART).zip(grid.ids().par_chunks(PART));
+        parts.for_each(|(appearance, ids)| {
+            for (of_entry, &id) in appearance.iter_mut().zip(ids) {
+                let ([r, g, b], w) = (model.color[id as usize], model.weight[id as usize]);
+                *of_entry = [r, g, b, w];
+            }
+        });
+    }
+}
+
 fn tree<R: Real>(means: &[[R; 3]]) -> Result<KdTree, IndexError> {
     let widened: Vec<[f64; 3]> = means.iter().map(|m| m.map(R::to_f64)).collect();
     KdTree::new(&widened)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::paper::config::{PaperConfig, PaperOverrides};
+    use crate::train::paper::init::InitialDraw;
+
+    #[test]
+    fn whoever_heard_last_is_told_what_moved_and_others_of_all() {
+        let overrides = PaperOverrides { components: Some(50), ..PaperOverrides::default() };
+        let config = PaperConfig::paper().with(&overrides).unwrap();
+        let draw = InitialDraw::random(config.components, 0);
+        let mut model = InitialModel::<f32>::new(config.hyper(), &draw.means, &draw.alpha);
+        let mut index = Index::new(&model, config.index).unwrap();
+        let begun = index.revision();
+        model.replace_mean(7, ([0.5; 3], [0.1; 3]));
+        index.renew(&model, [7].into_iter()).unwrap();
+        assert_eq!(index.cells(&model, Some(begun)).moved, Some(&[7][..]));
+        assert_eq!(index.cells(&model, None).moved, None);
+        model.replace_mean(9, ([-0.5; 3], [0.1; 3]));
+        index.renew(&model, [9].into_iter()).unwrap();
+        assert_eq!(index.cells(&model, Some(begun)).moved, None);
+        let sorted = index.sorted(&model);
+        let place = sorted.grid.ids().iter().position(|&id| id == 9).unwrap();
+        assert_eq!(sorted.grid.mean(place as u32), [-0.5; 3]);
+        assert_eq!(sorted.appearance[place][..3], [0.1; 3]);
+        model.replace_mean(3, ([f32::NAN; 3], [0.0; 3]));
+        assert!(index.renew(&model, [3].into_iter()).is_err());
+        assert_eq!(index.cells(&model, Some(begun + 1)).moved, Some(&[9][..]));
+    }
 }

@@ -7,10 +7,10 @@
 //! by both and compared.
 
 use super::config::UpdateWidth;
-use super::fused::FusedInputs;
 use super::index::Index;
-use super::pass::{Output, Pass, PassInputs, fused_inputs};
+use super::pass::{Output, Pass, PassInputs, fused_inputs, fused_rank};
 use super::scalar::PaperScalar;
+use crate::model::paper::mixture::InitialModel;
 use crate::model::paper::mixture_device::{
     DeviceError, MAX_DEVICE_CANDIDATES, MixtureDevice, PassRule, PointColumns,
 };
@@ -23,6 +23,14 @@ use crate::train::timing::{Lap, StageClock, Stopwatch};
 /// By how many gaps of the hard assignment a component must lose for the device to decide: what it would
 /// receive then, 10⁻³⁵ of a point, alters no bit of any sum.
 const OPEN_GAPS: f64 = 2.0;
+
+/// What a device reads.
+#[derive(Clone, Copy)]
+struct DeviceInputs<'a> {
+    model: &'a InitialModel<f32>,
+    points: &'a Points<f32>,
+    candidates: usize,
+}
 
 /// Runs passes on whoever's turn it is.
 #[derive(Default)]
@@ -43,6 +51,8 @@ struct PassDevice {
     is_proved: bool,
     /// Whether the last fit was its own.
     is_chosen: bool,
+    /// Whether its last pass left tiles to the processor: a frame is much like the next one.
+    left_open: bool,
     /// State of the index whose means it has.
     revision: Option<u64>,
     /// Whether it has the points of the frame.
@@ -50,17 +60,20 @@ struct PassDevice {
 }
 
 impl Passes {
-    /// Runs passes on a device too from now on, over the means of `index`.
+    /// Runs passes on a device too from now on, over the means of a model; not if that is kept in f64,
+    /// which no device computes in.
     ///
     /// # Errors
     /// [`DeviceError`] if it has no room for the means; then it is not used.
-    pub fn add_device(
+    pub fn add_device<R: PaperScalar>(
         &mut self,
         mut device: Box<dyn MixtureDevice>,
         policy: DevicePolicy,
         index: &Index,
+        model: &InitialModel<R>,
     ) -> Result<(), DeviceError> {
-        device.set_means(&index.cells())?;
+        let Some(model) = R::narrow_model(model) else { return Ok(()) };
+        device.set_means(&index.cells(model, None))?;
         self.used = PassUse { device: Some(device.name()), ..PassUse::default() };
         (self.tiles, self.open_tiles) = (0, 0);
         self.device = Some(PassDevice {
@@ -68,6 +81,7 @@ impl Passes {
             trial: DeviceTrial::new(policy),
             is_proved: false,
             is_chosen: false,
+            left_open: false,
             revision: Some(index.revision()),
             has_points: false,
         });
@@ -78,6 +92,11 @@ impl Passes {
     pub fn used<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> Option<PassUse> {
         let open_share = self.open_tiles as f64 / self.tiles.max(1) as f64;
         device_inputs(inputs, &Points::new()).map(|_| PassUse { open_share, ..self.used.clone() })
+    }
+
+    /// Whether the next pass is likely to be the device's, which sorts means by itself.
+    pub fn is_devices(&self) -> bool {
+        self.device.as_ref().is_some_and(|device| device.is_proved && device.is_chosen)
     }
 
     /// Says that the passes to come are over other points than those before.
@@ -97,14 +116,14 @@ impl Passes {
         owners: Option<&mut Vec<u32>>,
     ) {
         // Owners are the processor's: whoever asks for them looks on, and is in no hurry.
-        let fused = device_inputs(inputs, points).filter(|_| owners.is_none());
-        let turn = match (&mut self.device, fused) {
+        let asked = device_inputs(inputs, points).filter(|_| owners.is_none());
+        let turn = match (&mut self.device, asked) {
             (Some(device), Some(_)) => device.turn(output, points.len()),
             _ => Turn::Processor,
         };
-        let device_ms = fused
+        let device_ms = asked
             .filter(|_| turn != Turn::Processor)
-            .and_then(|fused| self.run_on_device(inputs, &fused, output, q));
+            .and_then(|asked| self.run_on_device(inputs, points, asked, output, q));
         let is_devices = turn == Turn::Device && device_ms.is_some();
         if output == Output::ElboAndSums {
             let PassUse { device_frames, processor_frames, .. } = &mut self.used;
@@ -131,30 +150,40 @@ impl Passes {
     fn run_on_device<R: PaperScalar>(
         &mut self,
         inputs: &PassInputs<'_, R>,
-        fused: &FusedInputs<'_>,
+        points: &Points<R>,
+        asked: DeviceInputs<'_>,
         output: Output,
         q: &mut Vec<f64>,
     ) -> Option<f64> {
         let mut watch = Stopwatch::start();
         let Self { processor, device, .. } = self;
         let device = device.as_mut()?;
-        q.resize(fused.points.len(), 0.0);
-        processor.begin(inputs.statistics);
+        q.resize(points.len(), 0.0);
+        processor.begin_answer(inputs.statistics);
         let mut clock = StageClock::default();
         clock.begin_tile(true);
         let is_fit = output == Output::ElboAndSums;
-        let rule = rule(fused.scoring, fused.rank);
-        let answer = device
-            .hand_over(fused.points, inputs.index)
-            .and_then(|()| device.device.pass(&rule, is_fit));
+        let rule = rule(inputs.scoring, asked.candidates);
+        let handed_over = device.hand_over(&asked, inputs.index);
+        let PassDevice { device, left_open, .. } = device;
+        let answer = || handed_over.and_then(|()| device.pass(&rule, is_fit));
+        let answer = match *left_open {
+            false => answer(),
+            // The processor's index is wanted too, for tiles left open: made while the device works.
+            true => rayon::join(answer, || inputs.index.sorted(inputs.model)).0,
+        };
         match answer {
             Ok(found) => {
-                processor.take_over(fused, &found, q);
+                processor.take_over(inputs.statistics.shard_bits(), &found, q);
                 // Its three stages are one step, whose time is the search's by far.
                 clock.lap(Lap::Candidates);
-                processor.run_open(fused, found.open, output, q);
+                *left_open = !found.open.is_empty();
+                let fused = if *left_open { fused_inputs(inputs, points) } else { None };
+                if let Some(fused) = fused {
+                    processor.run_open(&fused, found.open, output, q);
+                }
                 processor.book(clock);
-                self.tiles += fused.points.n_tiles() as u64;
+                self.tiles += points.n_tiles() as u64;
                 self.open_tiles += found.open.len() as u64;
                 Some(watch.lap_ms())
             }
@@ -200,10 +229,14 @@ impl PassDevice {
     }
 
     /// Hands over what has changed since the last pass.
-    fn hand_over(&mut self, points: &Points<f32>, index: &Index) -> Result<(), DeviceError> {
+    fn hand_over(
+        &mut self,
+        &DeviceInputs { model, points, .. }: &DeviceInputs<'_>,
+        index: &Index,
+    ) -> Result<(), DeviceError> {
         if self.revision != Some(index.revision()) {
-            self.revision = None;
-            self.device.set_means(&index.cells())?;
+            let known = self.revision.take();
+            self.device.set_means(&index.cells(model, known))?;
             self.revision = Some(index.revision());
         }
         if !self.has_points {
@@ -220,10 +253,12 @@ impl PassDevice {
 fn device_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
-) -> Option<FusedInputs<'a>> {
+) -> Option<DeviceInputs<'a>> {
     // A share that is too small for fixed point is none; other totals would keep it.
     let is_fixed = inputs.config.operations.update == UpdateWidth::Fixed64;
-    fused_inputs(inputs, points).filter(|fused| is_fixed && fused.rank <= MAX_DEVICE_CANDIDATES)
+    let candidates = fused_rank(inputs).filter(|&n| is_fixed && n <= MAX_DEVICE_CANDIDATES)?;
+    let (model, points) = (R::narrow_model(inputs.model)?, R::narrow_points(points)?);
+    Some(DeviceInputs { model, points, candidates })
 }
 
 fn rule(scoring: &Scoring, candidates: usize) -> PassRule {

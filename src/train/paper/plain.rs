@@ -71,7 +71,7 @@ impl<R: PaperScalar> PlainInputs<'_, R> {
         if let Some(tree) = index.tree() {
             return range.for_each(|i| tree.nearest(points.position(i).map(R::to_f64), n, ids));
         }
-        let (grid, search) = (index.grid(), &mut memory.search);
+        let (grid, search) = (&index.sorted(self.model).grid, &mut memory.search);
         match R::narrow_points(points) {
             // Only points and means that are stored in f32 can be compared in f32 as they are.
             Some(points) if self.operations.distance == Width::F32 => {

@@ -1,7 +1,7 @@
 //! Moving unused components onto badly explained points (`train.md`, Reassignment).
 //!
-//! The worst points are found by a histogram over the leading bits of their scores and one
-//! selection within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
+//! The worst points are found by histograms over the leading bits of their scores and one selection
+//! within the last bin, not by sorting a frame. Drawing without replacement in rounds, as
 //! the reference does, has the law of an exponential race: every point gets a time from its own
 //! random number, and the first ones win. The race has no rounds, runs on all threads and gives
 //! equal points for any number of them.
@@ -15,11 +15,14 @@ const PART: usize = 1 << 10;
 
 /// Parts of a frame that are looked through at once.
 // A fixed number, not one a thread: joined, they are the same list for any number of threads.
-const PARTS: usize = 8;
-/// Low bits of a score's order that a bin of the histogram spans: sign, exponent and two bits of
-/// the mantissa tell bins apart.
-const BIN_SHIFT: u32 = 50;
-const N_BINS: usize = 1 << (64 - BIN_SHIFT);
+const PARTS: usize = 16;
+/// Bits of a score's order that tell bins of a histogram apart.
+// Few: the parts' histograms are read by one thread.
+const BIN_BITS: u32 = 12;
+const N_BINS: usize = 1 << BIN_BITS;
+/// Low bits that a bin spans, of the first histogram and of the second, which looks into one bin of the
+/// first: sign and exponent are often the same for half of a frame.
+const BIN_SHIFTS: [u32; 2] = [52, 40];
 
 /// How many components may move and among how many points destinations are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +55,8 @@ impl Quota {
 #[derive(Default)]
 pub struct DestinationChooser {
     parts: [Part; PARTS],
+    /// Points by bin, of all parts.
+    bins: Vec<u32>,
     /// Order of the score, reversed so that the lowest ELBO comes first, and the point.
     lowest: Vec<(u64, u32)>,
     /// Order of the draw, and the point.
@@ -75,6 +80,7 @@ impl DestinationChooser {
         let part = || Part { histogram: vec![0; N_BINS], lowest: Vec::with_capacity(2 * low_elbo) };
         Self {
             parts: std::array::from_fn(|_| part()),
+            bins: vec![0; N_BINS],
             lowest: Vec::with_capacity(2 * low_elbo),
             draws: Vec::with_capacity(low_elbo),
             points: Vec::with_capacity(moves),
@@ -90,7 +96,7 @@ impl DestinationChooser {
         if self.lowest.len() <= quota.moves {
             self.points.extend(self.lowest.iter().map(|&(_, point)| point));
         } else {
-            self.draw(q, quota.moves, stream);
+            self.draw(quota.moves, stream);
             self.points.extend(self.draws.iter().map(|&(_, point)| point));
         }
         // In the order of points: neighbours then get neighbouring components, which lie close in
@@ -106,26 +112,18 @@ impl DestinationChooser {
     }
 
     fn find_lowest(&mut self, q: &[f64], n: usize) {
-        let Self { parts, lowest, .. } = self;
+        let Self { parts, bins, lowest, .. } = self;
         let size = q.len().div_ceil(PARTS).max(1);
-        let mut last_bin = N_BINS - 1;
-        // Where all points may be chosen no bin has to be found.
-        if n < q.len() {
-            parts.par_iter_mut().enumerate().for_each(|(i, part)| part.count(part_of(q, i, size)));
-            let mut found = 0;
-            let reached = (0..N_BINS).find(|&bin| {
-                found += parts.iter().map(|part| part.histogram[bin] as usize).sum::<usize>();
-                found >= n
-            });
-            last_bin = reached.unwrap_or(last_bin);
-        }
+        // Where all points may be chosen no bound has to be found.
+        let bound = if n < q.len() { last_order(parts, bins, q, n) } else { None };
+        let bound = bound.unwrap_or(u64::MAX);
         parts.par_iter_mut().enumerate().for_each(|(i, part)| {
-            part.collect(part_of(q, i, size), (i * size) as u32, last_bin);
+            part.collect(part_of(q, i, size), (i * size) as u32, bound);
         });
         lowest.clear();
         parts.iter().for_each(|part| lowest.extend_from_slice(&part.lowest));
         if n < lowest.len() {
-            // The last bin brings more than asked for: only its points have to be told apart, here.
+            // The last bin may bring more than asked for.
             lowest.select_nth_unstable(n);
             lowest.truncate(n);
         }
@@ -134,16 +132,15 @@ impl DestinationChooser {
     /// Keeps `n` candidates by the exponential race: the smallest of `−ln u_i / p_i` have the law
     /// of drawing one after the other with probabilities `p_i` of what is left (`train.md`,
     /// Sampling without replacement). Those of probability zero come last, in uniform order.
-    fn draw(&mut self, q: &[f64], n: usize, stream: &Rng) {
+    fn draw(&mut self, n: usize, stream: &Rng) {
         let Self { lowest, draws, .. } = self;
-        let of = |point: u32| q[point as usize];
-        let best = lowest.iter().map(|&(_, p)| of(p)).fold(f64::INFINITY, f64::min);
+        let best = lowest.iter().map(|&(order, _)| distance(order)).fold(f64::INFINITY, f64::min);
         draws.resize(lowest.len(), (0, 0));
         let pairs = draws.par_iter_mut().zip(&*lowest).with_min_len(PART);
-        pairs.for_each(|(draw, &(_, point))| {
+        pairs.for_each(|(draw, &(order, point))| {
             let uniform = stream.uniform_at(point.into());
             // Differences of `q` for those of the ELBO: a common factor leaves the race as it is.
-            let gap = of(point) - best;
+            let gap = distance(order) - best;
             // The logarithm of `libm` has equal bits on every machine; the platform's need not.
             let time = -libm::log(uniform) / gap;
             let last = 1 << 63;
@@ -156,37 +153,71 @@ impl DestinationChooser {
     }
 }
 
+/// An order that `n` points do not exceed, and few more; `None` if there are not so many.
+fn last_order(parts: &mut [Part; PARTS], bins: &mut Vec<u32>, q: &[f64], n: usize) -> Option<u64> {
+    let size = q.len().div_ceil(PARTS).max(1);
+    let (mut above, mut missing) = (0, n);
+    for shift in BIN_SHIFTS {
+        parts.par_iter_mut().enumerate().for_each(|(i, part)| {
+            part.count(part_of(q, i, size), shift, above);
+        });
+        bins.clear();
+        bins.resize(N_BINS, 0);
+        for part in &*parts {
+            bins.iter_mut().zip(&part.histogram).for_each(|(sum, n)| *sum += n);
+        }
+        let (mut found, mut before) = (0, 0);
+        let bin = bins.iter().position(|&n| {
+            before = found;
+            found += n as usize;
+            found >= missing
+        })?;
+        (above, missing) = (above << BIN_BITS | bin as u64, missing - before);
+    }
+    let shift = BIN_SHIFTS[1];
+    Some(above << shift | ((1 << shift) - 1))
+}
+
 fn part_of(q: &[f64], part: usize, size: usize) -> &[f64] {
     let start = (part * size).min(q.len());
     &q[start..(start + size).min(q.len())]
 }
 
 impl Part {
-    fn count(&mut self, q: &[f64]) {
+    /// Counts points by the bits of their order from `shift` on, of those whose bits over these are
+    /// `above`.
+    fn count(&mut self, q: &[f64], shift: u32, above: u64) {
         self.histogram.clear();
         self.histogram.resize(N_BINS, 0);
         for &q in q.iter().filter(|q| !q.is_nan()) {
-            // Reversed, so that the largest distances come first.
-            self.histogram[(!ordered(q) >> BIN_SHIFT) as usize] += 1;
+            let order = largest_first(q);
+            if order.checked_shr(shift + BIN_BITS).unwrap_or(0) == above {
+                self.histogram[(order >> shift) as usize % N_BINS] += 1;
+            }
         }
     }
 
-    /// Takes the points, counted from `first`, down to a bin.
-    fn collect(&mut self, q: &[f64], first: u32, last_bin: usize) {
+    /// Takes the points, counted from `first`, up to an order.
+    fn collect(&mut self, q: &[f64], first: u32, bound: u64) {
         self.lowest.clear();
         for (&q, point) in q.iter().zip(first..) {
-            let order = !ordered(q);
-            if (order >> BIN_SHIFT) as usize <= last_bin && !q.is_nan() {
+            let order = largest_first(q);
+            if order <= bound && !q.is_nan() {
                 self.lowest.push((order, point));
             }
         }
     }
 }
 
-/// Bits in the order of the numbers.
-fn ordered(value: f64) -> u64 {
-    let bits = value.to_bits();
-    if bits >> 63 == 1 { !bits } else { bits | 1 << 63 }
+/// Bits in the order of distances, the largest first.
+fn largest_first(distance: f64) -> u64 {
+    let bits = distance.to_bits();
+    if bits >> 63 == 1 { bits } else { !(bits | 1 << 63) }
+}
+
+/// The distance of [`largest_first`] bits.
+fn distance(order: u64) -> f64 {
+    f64::from_bits(if order >> 63 == 1 { order } else { !(order | 1 << 63) })
 }
 
 #[cfg(test)]

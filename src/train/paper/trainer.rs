@@ -29,6 +29,12 @@ use crate::train::pass_use::PassUse;
 use crate::train::stages::{PAPER_STAGES, PaperStage};
 use crate::train::timing::{StageMs, Stopwatch};
 use glam::DVec3;
+use rayon::prelude::*;
+
+/// Effective distances that are summed by themselves before their sums are.
+const SUMMED: usize = 64;
+/// Sums that a task forms at least.
+const SUMS: usize = 128;
 
 /// Model and buffers in precision `R`.
 pub struct PaperTrainer<R: PaperScalar> {
@@ -42,6 +48,8 @@ pub struct PaperTrainer<R: PaperScalar> {
     passes: Passes,
     /// Effective distance of every point of the last frame.
     q: Vec<f64>,
+    /// Sums of these, and of how many.
+    q_sums: Vec<(f64, usize)>,
     component_elbo: ComponentElbo,
     chooser: DestinationChooser,
     moves: Vec<(u32, u32)>,
@@ -78,6 +86,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             statistics: Statistics::new(model.len(), config.operations.update),
             passes: Passes::default(),
             q: Vec::new(),
+            q_sums: Vec::new(),
             component_elbo: ComponentElbo::new(scoring),
             moves: Vec::new(),
             displaced: Vec::new(),
@@ -172,19 +181,16 @@ impl<R: PaperScalar> PaperTrainer<R> {
     }
 
     /// Points that were learnt from and the mean of their ELBO; 0 without points.
-    fn mean_elbo(&self) -> (usize, f64) {
-        let mut sum = 0.0;
-        let mut n = 0;
-        for chunk in self.q.chunks(64) {
-            let (mut chunk_sum, mut chunk_n) = (0.0, 0);
-            for &q in chunk {
-                let counts = !q.is_nan();
-                chunk_sum += if counts { q } else { 0.0 };
-                chunk_n += usize::from(counts);
-            }
-            (sum, n) = (sum + chunk_sum, n + chunk_n);
-        }
-        (n, if n == 0 { 0.0 } else { self.scoring.elbo(sum / n as f64) })
+    fn mean_elbo(&mut self) -> (usize, f64) {
+        let Self { q, q_sums, scoring, .. } = self;
+        q_sums.resize(q.len().div_ceil(SUMMED), (0.0, 0));
+        let sums = q_sums.par_iter_mut().zip(q.par_chunks(SUMMED)).with_min_len(SUMS);
+        sums.for_each(|(sums, q)| {
+            *sums = q.iter().filter(|q| !q.is_nan()).fold((0.0, 0), |(sum, n), q| (sum + q, n + 1));
+        });
+        // In their order, for any number of threads.
+        let (sum, n) = q_sums.iter().fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1));
+        (n, if n == 0 { 0.0 } else { scoring.elbo(sum / n as f64) })
     }
 
     /// Before the first fit nothing is unused: the posterior is still the initial model, whose
@@ -219,7 +225,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         moved.map(|()| n)
     }
 
-    /// Sets the initial means of components to points, `(component, point)`, and rebuilds the
+    /// Sets the initial means of components to points, `(component, point)`, and renews the
     /// index. The components must be unused, or their statistics would lose their centre. On error
     /// nothing has moved.
     pub fn move_components(
@@ -227,17 +233,23 @@ impl<R: PaperScalar> PaperTrainer<R> {
         points: &Points<R>,
         moves: &[(u32, u32)],
     ) -> Result<(), IndexError> {
+        if moves.is_empty() {
+            return Ok(());
+        }
         self.displaced.clear();
         for &(component, point) in moves {
             let mean = (points.position(point as usize), points.color(point as usize));
             self.displaced.push(self.model.replace_mean(component as usize, mean));
         }
-        let rebuilt = self.index.rebuild(&self.model);
+        let rebuilt = self.index.renew(&self.model, moves.iter().map(|&(component, _)| component));
         if rebuilt.is_err() {
             // Backwards, should a component move twice.
             for (&(component, _), &mean) in moves.iter().zip(&self.displaced).rev() {
                 self.model.replace_mean(component as usize, mean);
             }
+        } else if !self.passes.is_devices() {
+            // Now, and not in the midst of the pass that wants it: it belongs to the reassignment.
+            self.index.sorted(&self.model);
         }
         rebuilt
     }
@@ -272,7 +284,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
         device: Box<dyn MixtureDevice>,
         policy: DevicePolicy,
     ) -> Result<(), DeviceError> {
-        self.passes.add_device(device, policy, &self.index)
+        self.passes.add_device(device, policy, &self.index, &self.model)
     }
 
     /// What passes ran on; `None` where the settings ask for what no device does.

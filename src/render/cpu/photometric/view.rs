@@ -40,8 +40,8 @@ impl ViewBuffers {
         let view = CpuView::new(camera, &RenderOptions { near: self.near, ..plain });
         let lists = &mut self.lists;
         lists.prepare(splats, &view);
-        lists.sort();
         lists.bin(height);
+        lists.sort();
         PreparedView { view, lists }
     }
 }

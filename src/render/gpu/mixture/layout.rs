@@ -1,15 +1,44 @@
 //! What the CPU and `mixture/pass.wgsl` share byte for byte.
 
-use crate::model::paper::mixture_device::{MAX_DEVICE_CANDIDATES, PassRule};
+use crate::model::paper::mixture_device::{GridShape, MAX_DEVICE_CANDIDATES, PassRule};
 use bytemuck::{Pod, Zeroable};
 
-/// Where the cells of the means are.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct MeanShape {
-    pub(super) lo: [f32; 3],
-    pub(super) cell: f32,
-    pub(super) per_unit: f32,
-    pub(super) dims: [usize; 3],
+/// `Index` of `index.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Index {
+    lo: [f32; 3],
+    per_unit: f32,
+    dims: [i32; 3],
+    n_means: u32,
+    n_moved: u32,
+    n_starts: u32,
+    /// Uniforms are as long as their alignment asks for.
+    rest: [u32; 2],
+}
+
+impl Index {
+    pub(super) fn new(shape: &GridShape, [n_means, n_moved]: [u64; 2]) -> Self {
+        Self {
+            lo: shape.lo,
+            per_unit: shape.per_unit,
+            dims: shape.dims.map(|n| n as i32),
+            n_means: n_means as u32,
+            n_moved: n_moved as u32,
+            n_starts: shape.n_cells() as u32 + 1,
+            rest: [0; 2],
+        }
+    }
+}
+
+/// `Mean` of `index.wgsl`.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Mean {
+    pub(super) position: [f32; 3],
+    pub(super) weight: f32,
+    pub(super) color: [f32; 3],
+    pub(super) id: u32,
 }
 
 /// `Frame` of `pass.wgsl`.
@@ -34,7 +63,7 @@ pub(super) struct Frame {
 
 impl Frame {
     pub(super) fn new(
-        means: &MeanShape,
+        means: &GridShape,
         rule: &PassRule,
         [n_points, n_tiles, room]: [usize; 3],
         with_sums: bool,

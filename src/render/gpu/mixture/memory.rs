@@ -1,7 +1,8 @@
 //! Buffers of a pass, which grow with frames and models.
 
-use super::layout::Frame;
+use super::layout::{Frame, Index, Mean};
 use crate::model::conjugate::statistics::RECORD_WORDS;
+use crate::render::gpu::constants::STRIP_CELLS;
 use crate::render::gpu::error::GpuError;
 use crate::render::gpu::growing::{GrowingBuffers, GrowthError, IN, OUT, WAY_IN, WAY_OUT};
 use wgpu::BufferUsages as Usage;
@@ -9,7 +10,7 @@ use wgpu::BufferUsages as Usage;
 const WORD: u64 = size_of::<u32>() as u64;
 /// Bytes of a point: six coordinates.
 const POINT_BYTES: u64 = 24;
-/// Bytes of a mean and of its colour and weight.
+/// Bytes of a mean in its cell, and of its colour and weight.
 const MEAN_BYTES: u64 = 16;
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: u64 = RECORD_WORDS as u64 * WORD;
@@ -28,25 +29,35 @@ pub(super) enum Part {
     Distances,
     Records,
     Outcome,
+    Index,
+    Moved,
+    Components,
+    Places,
+    Strips,
     /// Points and tiles on their way.
     Upload,
-    /// Cells, means and colours on their way.
+    /// Means that have moved, on their way.
     MeanUpload,
     /// What comes back.
     Readback,
 }
 
 /// Every part with what it holds, for messages, and its use, in their order.
-const PARTS: [(Part, &str, Usage); 12] = [
+const PARTS: [(Part, &str, Usage); 17] = [
     (Part::Frame, "settings of a pass", Usage::UNIFORM.union(Usage::COPY_DST)),
     (Part::Points, "points of a frame", IN),
     (Part::Tiles, "tiles of a frame", IN),
     (Part::Starts, "cells of means", IN),
-    (Part::Means, "means of components", IN),
-    (Part::Appearance, "colours of components", IN),
+    (Part::Means, "means of components", Usage::STORAGE),
+    (Part::Appearance, "colours of components", Usage::STORAGE),
     (Part::Distances, "scores of points", OUT),
     (Part::Records, "sums of tiles", OUT),
     (Part::Outcome, "tiles left out", OUT.union(Usage::COPY_DST)),
+    (Part::Index, "settings of an index", Usage::UNIFORM.union(Usage::COPY_DST)),
+    (Part::Moved, "means that have moved", IN),
+    (Part::Components, "components", Usage::STORAGE),
+    (Part::Places, "places of components", Usage::STORAGE),
+    (Part::Strips, "strips of cells", Usage::STORAGE),
     (Part::Upload, "points on their way", WAY_IN),
     (Part::MeanUpload, "means on their way", WAY_IN),
     (Part::Readback, "sums on their way", WAY_OUT),
@@ -58,6 +69,8 @@ pub(super) struct Load {
     pub(super) points: u64,
     pub(super) tiles: u64,
     pub(super) means: u64,
+    /// Of those, to go up with the next pass.
+    pub(super) moved: u64,
     pub(super) cells: u64,
     /// Records that there is room for.
     pub(super) records: u64,
@@ -66,7 +79,8 @@ pub(super) struct Load {
 impl Load {
     /// Bytes of a part.
     pub(super) fn bytes(&self, part: Part) -> u64 {
-        let Self { points, tiles, means, cells, records } = *self;
+        let Self { points, tiles, means, moved, cells, records } = *self;
+        let mean = size_of::<Mean>() as u64;
         match part {
             Part::Frame => size_of::<Frame>() as u64,
             Part::Points => points * POINT_BYTES,
@@ -78,6 +92,11 @@ impl Load {
             Part::Outcome => (HEAD_WORDS + tiles) * WORD,
             Part::Upload => self.all(&OF_FRAME),
             Part::MeanUpload => self.all(&OF_MEANS),
+            Part::Index => size_of::<Index>() as u64,
+            Part::Moved => moved * mean,
+            Part::Components => means * mean,
+            Part::Places => means * WORD,
+            Part::Strips => (cells + 1).div_ceil(STRIP_CELLS.into()) * WORD,
             Part::Readback => self.all(&READ),
         }
     }
@@ -90,7 +109,10 @@ impl Load {
 /// Parts that go up with a frame, in the order in which they lie in [`Part::Upload`].
 pub(super) const OF_FRAME: [Part; 2] = [Part::Points, Part::Tiles];
 /// Parts that go up when means have moved, in the order in which they lie in [`Part::MeanUpload`].
-pub(super) const OF_MEANS: [Part; 3] = [Part::Starts, Part::Means, Part::Appearance];
+pub(super) const OF_MEANS: [Part; 1] = [Part::Moved];
+/// Parts that an index is made of, and made with.
+pub(super) const OF_INDEX: [Part; 6] =
+    [Part::Starts, Part::Means, Part::Appearance, Part::Components, Part::Places, Part::Strips];
 /// Parts that come back, in the order in which they lie in [`Part::Readback`].
 pub(super) const READ: [Part; 3] = [Part::Outcome, Part::Distances, Part::Records];
 

@@ -1,10 +1,12 @@
 //! Passes of the published algorithm over frames, on a GPU (`train.md`, On a device).
 //!
-//! A frame goes up once, in mapped memory that all threads fill; means go up when they have moved. One
-//! kernel searches, scores and sums, a workgroup a tile, and one readback brings what the learner needs:
+//! A frame goes up once, in mapped memory that all threads fill; of the means what has moved, and the
+//! device sorts them into cells by itself. One kernel searches, scores and sums, a workgroup a tile, and
+//! one readback brings what the learner needs:
 //! scores, sums of tiles, and the tiles that are left to the processor. Room for sums is a guess by the
 //! last pass; where it does not suffice the pass is run again.
 
+mod index;
 mod layout;
 mod memory;
 pub mod shader;
@@ -18,10 +20,12 @@ use super::kernel::{Bound, ComputeKernel, Grid};
 use super::parallel_copy::copy;
 use crate::model::conjugate::statistics::RECORD_WORDS;
 use crate::model::paper::mixture_device::{
-    DeviceError, DevicePass, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule, PointColumns,
+    DeviceError, DevicePass, GridShape, MAX_TILE_POINTS, MeanCells, MixtureDevice, PassRule,
+    PointColumns,
 };
-use layout::{Frame, MeanShape};
-use memory::{HEAD_WORDS, Load, Memory, OF_FRAME, OF_MEANS, Part, READ, RECORD_BYTES};
+use index::IndexKernels;
+use layout::{Frame, Mean};
+use memory::{HEAD_WORDS, Load, Memory, OF_FRAME, OF_INDEX, OF_MEANS, Part, READ, RECORD_BYTES};
 use rayon::prelude::*;
 
 /// Records that there is room for at least.
@@ -36,12 +40,13 @@ pub struct GpuMixture {
     faults: GpuFaults,
     name: String,
     kernel: ComputeKernel,
+    index: IndexKernels,
     memory: Memory,
     load: Load,
     /// Records to make room for in the next pass that sums.
     room: u64,
-    means: MeanShape,
-    packed: Vec<[u32; 4]>,
+    cells: GridShape,
+    packed: Vec<Mean>,
     /// What lies in mapped memory and is to go up with the next pass.
     due: Vec<Upload>,
     /// What came back last, mapped while it is read.
@@ -71,6 +76,7 @@ impl GpuMixture {
         let shader = module(&device, "pass over a frame", shader::PASS);
         Self {
             kernel: ComputeKernel::new(&device, &shader, "run"),
+            index: IndexKernels::new(&device),
             memory: Memory::new(&device),
             device,
             queue,
@@ -78,7 +84,7 @@ impl GpuMixture {
             name: caps.to_string(),
             load: Load::default(),
             room: MIN_RECORDS,
-            means: MeanShape::default(),
+            cells: GridShape::default(),
             packed: Vec::new(),
             due: Vec::new(),
             answer: None,
@@ -86,22 +92,26 @@ impl GpuMixture {
     }
 
     fn upload_means(&mut self, means: &MeanCells<'_>) -> Result<(), GpuError> {
-        let &MeanCells { lo, cell, per_unit, dims, starts, positions, ids, appearance } = means;
-        self.means = MeanShape { lo, cell, per_unit, dims };
-        self.load.means = ids.len() as u64;
-        self.load.cells = dims.iter().product::<usize>() as u64;
+        let &MeanCells { shape, space, color, weight, moved } = means;
+        // What was to go up and did not is known to nobody any more.
+        let moved = moved.filter(|_| !self.due.contains(&MEAN_UPLOAD));
+        self.cells = shape;
+        self.load.means = space.len() as u64;
+        self.load.moved = moved.map_or(space.len(), <[u32]>::len) as u64;
+        self.load.cells = shape.n_cells() as u64;
+        self.memory.make_room(&self.device, &self.load, &OF_INDEX)?;
         self.memory.make_room(&self.device, &self.load, &OF_MEANS)?;
-        self.packed.resize(ids.len(), [0; 4]);
-        self.packed.par_chunks_mut(PACKED).enumerate().for_each(|(task, packed)| {
+        let mut packed = std::mem::take(&mut self.packed);
+        packed.resize(self.load.moved as usize, Mean::default());
+        packed.par_chunks_mut(PACKED).enumerate().for_each(|(task, packed)| {
             for (i, packed) in (task * PACKED..).zip(packed) {
-                let [x, y, z] = positions.map(|axis| axis[i].to_bits());
-                *packed = [x, y, z, ids[i]];
+                let id = moved.map_or(i as u32, |moved| moved[i]);
+                let at = id as usize;
+                let (position, weight, color) = (space[at], weight[at], color[at]);
+                *packed = Mean { position, weight, color, id };
             }
         });
-        let packed = std::mem::take(&mut self.packed);
-        let parts = [bytemuck::cast_slice(starts), bytemuck::cast_slice(&packed)];
-        let appearance = bytemuck::cast_slice(appearance);
-        let written = self.write(MEAN_UPLOAD, parts.into_iter().chain([appearance]));
+        let written = self.write(MEAN_UPLOAD, [bytemuck::cast_slice(&packed)].into_iter());
         self.packed = packed;
         written
     }
@@ -147,7 +157,7 @@ impl GpuMixture {
         let Self { device, queue, memory, load, .. } = self;
         memory.make_room(device, load, &[Part::Records, Part::Readback])?;
         let sizes = [load.points, load.tiles, load.records].map(|n| n as usize);
-        let frame = Frame::new(&self.means, rule, sizes, with_sums);
+        let frame = Frame::new(&self.cells, rule, sizes, with_sums);
         queue.write_buffer(memory.buffer(Part::Frame), 0, bytemuck::bytes_of(&frame));
         let mut encoder = device.create_command_encoder(&Default::default());
         self.record(&mut encoder, &self.bind());
@@ -188,6 +198,9 @@ impl GpuMixture {
                 copy(encoder, (upload.from, at), (part, 0), load.bytes(part));
                 at += load.bytes(part);
             }
+        }
+        if self.due.contains(&MEAN_UPLOAD) {
+            self.index.record(&self.device, &self.queue, encoder, memory, load, &self.cells);
         }
         let head = HEAD_WORDS * size_of::<u32>() as u64;
         encoder.clear_buffer(memory.buffer(Part::Outcome), 0, Some(head));

@@ -7,9 +7,8 @@ use crate::model::paper::mixture_device::DevicePass;
 use crate::train::paper::fused::{FusedInputs, FusedTiles};
 use crate::train::timing::StageClock;
 use rayon::prelude::*;
+use std::sync::PoisonError;
 
-/// Records that a task sorts into shards.
-const SORTED: usize = 1 << 10;
 /// Counts below round to nothing in the totals, so that no record of one is kept.
 const MIN_COUNT: f32 = 1e-11;
 
@@ -20,18 +19,22 @@ impl Pass {
     /// Takes over scores and records; scores of open tiles are still to come.
     pub(in crate::train::paper) fn take_over(
         &self,
-        inputs: &FusedInputs<'_>,
+        shard_bits: u32,
         found: &DevicePass<'_>,
         q: &mut [f64],
     ) {
         q.par_iter_mut().zip(found.q).for_each(|(q, &found)| *q = found.into());
-        found.records.par_chunks(SORTED).for_each(|records| {
-            let mut worker = self.worker();
-            for words in records {
-                let record = TileRecord::from_words(words);
-                worker.narrow[record.id as usize >> inputs.shard_bits].push(record);
-            }
-        });
+        // As many to each worker, whoever sorts them: memory that is warm then holds all.
+        let each = found.records.len().div_ceil(self.workers.len()).max(1);
+        self.workers.par_iter().zip(found.records.par_chunks(each)).for_each(
+            |(worker, records)| {
+                let mut worker = worker.write().unwrap_or_else(PoisonError::into_inner);
+                for words in records {
+                    let record = TileRecord::from_words(words);
+                    worker.narrow[record.id as usize >> shard_bits].push(record);
+                }
+            },
+        );
     }
 
     /// Runs some tiles, each once and in any order.

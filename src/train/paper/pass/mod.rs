@@ -117,6 +117,8 @@ impl Pass {
         q: &mut Vec<f64>,
         mut owners: Option<&mut Vec<u32>>,
     ) {
+        // Here, and not by whichever task comes first.
+        inputs.index.sorted(inputs.model);
         q.resize(points.len(), 0.0);
         if let Some(owners) = &mut owners {
             owners.resize(points.len(), NOBODY);
@@ -283,18 +285,33 @@ impl Pass {
     /// Clears the records. Every thread gets room for all of the last pass, and more: which of them
     /// takes which tiles changes from frame to frame.
     pub(super) fn begin(&mut self, statistics: &Statistics) {
+        self.make_workers(statistics);
+        for shard in 0..statistics.shards() {
+            let seen = self.read_workers().map(|w| w.records_of(shard)).fold([0; 2], add);
+            self.clear_records(shard, seen);
+        }
+    }
+
+    /// Clears the records for those that a device finds. Each worker takes an equal part of these, so
+    /// room for all would be fresh memory that nobody uses.
+    pub(super) fn begin_answer(&mut self, statistics: &Statistics) {
+        self.make_workers(statistics);
+        (0..statistics.shards()).for_each(|shard| self.clear_records(shard, [0; 2]));
+    }
+
+    fn make_workers(&mut self, statistics: &Statistics) {
         // Never fewer than before: a smaller pool for a while must not throw memory away.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
             let fused = FusedMemory::new(statistics.len());
             RwLock::new(Worker { fused, ..Worker::default() })
         });
-        for shard in 0..statistics.shards() {
-            let seen = self.read_workers().map(|w| w.records_of(shard)).fold([0; 2], add);
-            for worker in &mut self.workers {
-                let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
-                worker.clear_records(shard, seen);
-            }
+    }
+
+    fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
+        for worker in &mut self.workers {
+            let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+            worker.clear_records(shard, seen);
         }
     }
 
@@ -340,11 +357,13 @@ pub(super) fn fused_inputs<'a, R: PaperScalar>(
     inputs: &PassInputs<'a, R>,
     points: &'a Points<R>,
 ) -> Option<FusedInputs<'a>> {
+    let rank = fused_rank(inputs)?;
+    let sorted = inputs.index.sorted(inputs.model);
     Some(FusedInputs {
-        rank: fused_rank(inputs)?,
+        rank,
         points: R::narrow_points(points)?,
-        grid: inputs.index.grid(),
-        appearance: inputs.index.appearance(),
+        grid: &sorted.grid,
+        appearance: &sorted.appearance,
         max_weight: R::narrow_model(inputs.model)?.max_weight,
         scoring: inputs.scoring,
         shard_bits: inputs.statistics.shard_bits(),
@@ -352,7 +371,7 @@ pub(super) fn fused_inputs<'a, R: PaperScalar>(
 }
 
 /// Candidates per point if the fused kernels do what is asked for.
-fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
+pub(super) fn fused_rank<R: PaperScalar>(inputs: &PassInputs<R>) -> Option<usize> {
     let Operations { distance, log_score, normaliser, moments, .. } = inputs.config.operations;
     let is_narrow = [distance, log_score, normaliser, moments].iter().all(|&w| w == Width::F32);
     let is_fused = inputs.config.statistics == StatisticsForm::Fused;
