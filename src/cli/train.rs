@@ -14,6 +14,7 @@ use super::settings::{asked, method, selection};
 use super::{crash, devices, output, pose_check, progress, quality, tracked, wording};
 use indicatif::ProgressBar;
 use std::sync::Arc;
+use std::time::Duration;
 use vbgs_studio::dataset::pose_check::ENOUGH_FRAMES;
 use vbgs_studio::dataset::wild_poses::wild_poses;
 use vbgs_studio::dataset::{self, Dataset, LoadOptions};
@@ -245,7 +246,9 @@ pub fn train(
             bar.abandon();
             return Ok(false);
         }
-        match session.step()? {
+        // Asked for an end, nobody waits for a drive that does not answer.
+        let Some(step) = session.step_within(LOOK)? else { continue };
+        match step {
             Step::Trained(frame) => {
                 bar.set_length(session.plan().frames.len() as u64);
                 bar.set_position(frame.index as u64 + 1);
@@ -271,6 +274,9 @@ pub fn train(
     bar.finish_and_clear();
     Ok(true)
 }
+
+/// How long a frame that is not read yet is waited for before an interrupt is looked for.
+const LOOK: Duration = Duration::from_millis(100);
 
 /// Names of the files in the output folder; the trajectory is of tracked poses.
 const TRAJECTORY: &str = "trajectory.txt";

@@ -73,10 +73,12 @@ impl Folder {
             }
             Err(e) => return Err(read(e)),
         };
-        if canonical.is_file() && Archive::is_one(&canonical) {
+        // Asked once and out loud: a disk that does not tell is no answer that it is no folder.
+        let kind = std::fs::metadata(&canonical).map_err(read)?;
+        if kind.is_file() && Archive::is_one(&canonical) {
             return Self::of_file(path, &canonical);
         }
-        if !canonical.is_dir() {
+        if !kind.is_dir() {
             return Err(DatasetError::NotAFolder { path: path.to_owned() });
         }
         let listing = FolderListing::read(&canonical).map_err(read)?;

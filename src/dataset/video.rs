@@ -5,6 +5,7 @@
 //! disappears with the dataset.
 
 use super::error::FrameProblem;
+use super::files::is_file;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
@@ -38,7 +39,7 @@ impl Video {
         let unpacked = self.frames.get_or_init(|| unpack(&self.path));
         let folder = unpacked.as_ref().map_err(|found| FrameProblem::Video(found.clone()))?;
         let file = folder.path().join(format!("{index:06}.jpg"));
-        match file.is_file() {
+        match is_file(&file)? {
             true => Ok(file),
             false => Err(FrameProblem::Video(format!("no frame {index} in it"))),
         }

@@ -1,16 +1,17 @@
 //! The heart of the training loop: prepared frames in, a learner that has learnt them out.
 
-use super::prefetch::{PlannedFrame, Prefetch, Prepared, PreparedFrame};
+use super::prefetch::{NextFrame, PlannedFrame, Prefetch, Prepared, PreparedFrame};
 use super::prepare::Prepare;
 use crate::train::candidates::IndexError;
 use crate::train::learner::{Learner, Learns};
 use crate::train::outcome::{FrameOutcome, FrameTracking};
 use crate::train::scene::track::TrackingLoss;
+use std::time::Duration;
 
 /// Frames and the learner they are for, whichever preset ties them together.
 pub(super) trait FrameLoop: Send {
-    /// Learns from the next frame, waiting for it to be decoded; `None` after the last.
-    fn step(&mut self) -> Option<SteppedFrame>;
+    /// Learns from the next frame, waiting no longer than that for it to be decoded.
+    fn step(&mut self, patience: Duration) -> Stepped;
 
     /// Frames that come behind all others.
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>);
@@ -20,6 +21,15 @@ pub(super) trait FrameLoop: Send {
 
     /// The learner, to ask it for more.
     fn learner_mut(&mut self) -> &mut dyn Learner;
+}
+
+/// What a step came to.
+pub(super) enum Stepped {
+    Frame(SteppedFrame),
+    /// The next frame is not read yet.
+    Unread,
+    /// There are no more frames.
+    Finished,
 }
 
 /// A frame that was gone through.
@@ -57,8 +67,13 @@ pub(super) struct PresetLoop<P: Prepare> {
 }
 
 impl<P: Prepare> FrameLoop for PresetLoop<P> {
-    fn step(&mut self) -> Option<SteppedFrame> {
-        let Prepared { position, is_repeat, name, result } = self.prefetch.next_frame()?;
+    fn step(&mut self, patience: Duration) -> Stepped {
+        let Prepared { position, is_repeat, name, result } =
+            match self.prefetch.next_within(patience) {
+                NextFrame::Ready(frame) => frame,
+                NextFrame::Unread => return Stepped::Unread,
+                NextFrame::None => return Stepped::Finished,
+            };
         let status = match result {
             Err(message) => FrameStatus::Skipped(message),
             Ok(PreparedFrame { observation, dropped, load_ms, prepare_ms }) => {
@@ -79,7 +94,7 @@ impl<P: Prepare> FrameLoop for PresetLoop<P> {
                 }
             }
         };
-        Some(SteppedFrame { position, name, status })
+        Stepped::Frame(SteppedFrame { position, name, status })
     }
 
     fn append(&mut self, frames: &mut dyn Iterator<Item = PlannedFrame>) {

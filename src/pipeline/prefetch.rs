@@ -1,7 +1,10 @@
-//! Decoding and unprojection of the frames to come: on threads of their own, in order and boundedly far
-//! ahead, where cores are left for them, else some frames at once between trainings. On a machine whose
+//! Decoding and unprojection of the frames to come, on threads of their own and in order: boundedly far
+//! ahead where cores are left for them, else some frames at once between trainings. On a machine whose
 //! cores all train, a decoding thread doubles the time of the trainings it runs beside (`pipeline.md`,
 //! Prefetch).
+//!
+//! A drive that does not answer holds up the thread that asks it and nobody else: who wants the next frame
+//! waits for it only as long as they say.
 
 use super::panic_text::{NO_WORDS, panic_text};
 use super::plan::Plan;
@@ -9,12 +12,12 @@ use super::prepare::Prepare;
 use crate::dataset::error::FrameError;
 use crate::dataset::{Dataset, FrameEntry};
 use crate::train::timing::Stopwatch;
-use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
+use std::time::{Duration, Instant};
 
 /// Frames prepared at once, at most: ahead of training or between two trainings.
 const MAX_AT_ONCE: usize = 4;
@@ -92,24 +95,34 @@ impl PlannedFrame {
     }
 }
 
-/// The frames to come. Dropping it ends its threads, if it has any.
+/// The frames to come. Dropping it ends its threads, as soon as these are through with their frames.
 pub struct Prefetch<P: Prepare> {
     upcoming: VecDeque<PlannedFrame>,
-    source: Source<P>,
+    pace: Pace,
+    asked: Sender<Task<P>>,
+    /// Where the frames asked for will be, in their order.
+    coming: VecDeque<Receiver<Prepared<P::Observation>>>,
+    /// Frames that came while the trainer waited for all of them.
+    ready: VecDeque<Prepared<P::Observation>>,
+    recycle: SyncSender<P::Observation>,
 }
 
-enum Source<P: Prepare> {
-    /// Threads that run ahead.
-    Ahead {
-        asked: Sender<Task<P>>,
-        /// Where the frames asked for will be, in their order.
-        coming: VecDeque<Receiver<Prepared<P::Observation>>>,
-        /// Most of them.
-        most: usize,
-        recycle: SyncSender<P::Observation>,
-    },
-    /// Threads of the trainer, while it waits.
-    Between { preparation: P, workers: Vec<Worker<P>>, ready: VecDeque<Prepared<P::Observation>> },
+/// When frames are prepared.
+enum Pace {
+    /// All the time, so many ahead.
+    Ahead(usize),
+    /// While the trainer waits, so many at once.
+    Between(usize),
+}
+
+/// What is had of the next frame.
+pub enum NextFrame<O> {
+    /// It is there.
+    Ready(Prepared<O>),
+    /// It is not read yet.
+    Unread,
+    /// There is none.
+    None,
 }
 
 /// A frame to prepare, and where to.
@@ -149,88 +162,103 @@ impl<P: Prepare> Prefetch<P> {
         first: usize,
         preparation: P,
     ) -> Result<Self, SpawnError> {
-        let source = match decoders() {
-            0 => Source::between(preparation, rayon::current_num_threads()),
-            decoders => Source::ahead(preparation, decoders)?,
-        };
         let upcoming = PlannedFrame::of(&dataset, plan, first).collect();
-        let mut prefetch = Self { upcoming, source };
-        prefetch.ask();
+        match decoders() {
+            0 => {
+                let at_once = rayon::current_num_threads().clamp(1, MAX_AT_ONCE);
+                Self::with_threads(upcoming, preparation, at_once, Pace::Between(at_once))
+            }
+            // One frame ready beside those in the making.
+            n => Self::with_threads(upcoming, preparation, n, Pace::Ahead(n + 1)),
+        }
+    }
+
+    fn with_threads(
+        upcoming: VecDeque<PlannedFrame>,
+        preparation: P,
+        n_threads: usize,
+        pace: Pace,
+    ) -> Result<Self, SpawnError> {
+        let (asked, tasks) = channel();
+        let (recycle, recycled) = sync_channel(n_threads + 1);
+        let (tasks, recycled) = (Mutex::new(tasks), Mutex::new(recycled));
+        let shared = Arc::new(Shared { preparation, tasks, recycled });
+        for _ in 0..n_threads {
+            let shared = shared.clone();
+            thread::Builder::new().name("prefetch".into()).spawn(move || shared.run())?;
+        }
+        let (coming, ready) = (VecDeque::new(), VecDeque::new());
+        let mut prefetch = Self { upcoming, pace, asked, coming, ready, recycle };
+        prefetch.run_ahead();
         Ok(prefetch)
     }
 
     /// Frames that come behind all others.
     pub fn append(&mut self, frames: impl Iterator<Item = PlannedFrame>) {
         self.upcoming.extend(frames);
-        self.ask();
+        self.run_ahead();
     }
 
-    /// Keeps the threads busy.
-    fn ask(&mut self) {
-        let Source::Ahead { asked, coming, most, .. } = &mut self.source else { return };
-        while coming.len() < *most
+    /// Keeps the threads busy, where they work all the time.
+    fn run_ahead(&mut self) {
+        if let Pace::Ahead(most) = self.pace {
+            self.ask(most);
+        }
+    }
+
+    /// Asks for frames until so many are asked for.
+    fn ask(&mut self, most: usize) {
+        while self.coming.len() < most
             && let Some(frame) = self.upcoming.pop_front()
         {
             let (slot, prepared) = sync_channel(1);
             // The threads end with the handle alone.
-            drop(asked.send((frame, slot)));
-            coming.push_back(prepared);
+            drop(self.asked.send((frame, slot)));
+            self.coming.push_back(prepared);
         }
     }
 
     /// The next frame, waiting for it; `None` after the last.
     pub fn next_frame(&mut self) -> Option<Prepared<P::Observation>> {
-        self.ask();
-        match &mut self.source {
-            Source::Ahead { coming, .. } => coming.pop_front()?.recv().ok(),
-            Source::Between { preparation, workers, ready } => {
-                if ready.is_empty() {
-                    let n = self.upcoming.len().min(workers.len());
-                    let frames: Vec<PlannedFrame> = self.upcoming.drain(..n).collect();
-                    let prepared = frames
-                        .into_par_iter()
-                        .zip(&mut *workers)
-                        .map(|(frame, worker)| worker.prepare(preparation, &frame));
-                    ready.extend(prepared.collect::<Vec<_>>());
-                }
-                ready.pop_front()
+        match self.next_within(Duration::MAX) {
+            NextFrame::Ready(frame) => Some(frame),
+            NextFrame::Unread | NextFrame::None => None,
+        }
+    }
+
+    /// The next frame, waiting no longer for it than that.
+    pub fn next_within(&mut self, patience: Duration) -> NextFrame<P::Observation> {
+        self.run_ahead();
+        if let Pace::Between(at_once) = self.pace
+            && self.ready.is_empty()
+            && self.coming.is_empty()
+        {
+            self.ask(at_once);
+        }
+        let begun = Instant::now();
+        while let Some(first) = self.coming.front() {
+            match first.recv_timeout(patience.saturating_sub(begun.elapsed())) {
+                Ok(frame) => self.ready.push_back(frame),
+                Err(RecvTimeoutError::Timeout) => break,
+                // Its thread is gone, and nothing more comes of it.
+                Err(RecvTimeoutError::Disconnected) => {}
             }
+            self.coming.pop_front();
+            if matches!(self.pace, Pace::Ahead(_)) {
+                break;
+            }
+        }
+        match self.ready.pop_front() {
+            Some(frame) => NextFrame::Ready(frame),
+            None if self.coming.is_empty() => NextFrame::None,
+            None => NextFrame::Unread,
         }
     }
 
     /// Gives a frame's memory back for another frame.
     pub fn recycle(&mut self, observation: P::Observation) {
-        match &mut self.source {
-            // The threads may have ended, or have memory enough: then this one is simply freed.
-            Source::Ahead { recycle, .. } => drop(recycle.try_send(observation)),
-            Source::Between { workers, .. } => {
-                if let Some(worker) = workers.iter_mut().find(|worker| worker.recycled.is_none()) {
-                    worker.recycled = Some(observation);
-                }
-            }
-        }
-    }
-}
-
-impl<P: Prepare> Source<P> {
-    fn ahead(preparation: P, decoders: usize) -> Result<Self, SpawnError> {
-        // One frame ready beside those in the making.
-        let most = decoders + 1;
-        let (asked, tasks) = channel();
-        let (recycle, recycled) = sync_channel(most);
-        let (tasks, recycled) = (Mutex::new(tasks), Mutex::new(recycled));
-        let shared = Arc::new(Shared { preparation, tasks, recycled });
-        for _ in 0..decoders {
-            let shared = shared.clone();
-            thread::Builder::new().name("prefetch".into()).spawn(move || shared.run())?;
-        }
-        Ok(Self::Ahead { asked, coming: VecDeque::new(), most, recycle })
-    }
-
-    fn between(preparation: P, threads: usize) -> Self {
-        let mut workers = Vec::new();
-        workers.resize_with(threads.clamp(1, MAX_AT_ONCE), Worker::default);
-        Self::Between { preparation, workers, ready: VecDeque::new() }
+        // The threads may have memory enough: then this one is simply freed.
+        drop(self.recycle.try_send(observation));
     }
 }
 
@@ -361,8 +389,9 @@ mod tests {
         let (room, plan) = room();
         for decoders in [1, 4] {
             let upcoming = PlannedFrame::of(&room, &plan, 0).collect();
-            let source = Source::ahead(Slow { defect: None }, decoders).unwrap();
-            let mut prefetch = Prefetch { upcoming, source };
+            let slow = Slow { defect: None };
+            let pace = Pace::Ahead(decoders + 1);
+            let mut prefetch = Prefetch::with_threads(upcoming, slow, decoders, pace).unwrap();
             let mut calls = 0;
             for position in 0..plan.frames.len() {
                 let prepared = prefetch.next_frame().unwrap();
@@ -382,7 +411,7 @@ mod tests {
         let (room, plan) = room();
         let names = || plan.frames.iter().map(|&i| room.splits[plan.split].frames[i].name.clone());
         let defect: String = names().nth(2).unwrap();
-        // Threads of their own where there is a core for one, and the trainer's threads.
+        // Ahead where there is a core for it, and between trainings.
         for n_threads in [1, 64] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
             let results = pool.install(|| {

@@ -2,7 +2,7 @@
 
 use super::error::SessionError;
 use super::follow::{Follow, Found};
-use super::frame_loop::{FrameLoop, FrameStatus, SteppedFrame};
+use super::frame_loop::{FrameLoop, FrameStatus, Stepped, SteppedFrame};
 use super::memory;
 use super::past::Past;
 use super::plan::{Plan, Selection};
@@ -24,7 +24,7 @@ use crate::train::memory::MemoryEstimate;
 use crate::train::outcome::{FrameOutcome, FrameTracking};
 use glam::DVec3;
 use std::sync::Arc;
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// What one step did.
 #[derive(Clone, Debug)]
@@ -197,11 +197,19 @@ impl Session {
     /// [`SessionError::Index`] as [`Learns::learn`](crate::train::learner::Learns::learn) says, and
     /// [`SessionError::NoUsableFrame`] at the end.
     pub fn step(&mut self) -> Result<Step, SessionError> {
+        self.step_within(Duration::MAX).map(|step| step.unwrap_or(Step::Waiting))
+    }
+
+    /// [`Self::step`], waiting no longer than that for the frame; `None` if it is not read yet. So a drive that
+    /// does not answer keeps nobody from saving what was learnt.
+    pub fn step_within(&mut self, patience: Duration) -> Result<Option<Step>, SessionError> {
         if !self.catch_up()? {
-            return Ok(Step::Waiting);
+            return Ok(Some(Step::Waiting));
         }
-        let Some(SteppedFrame { position, name, status }) = self.frames.step() else {
-            return self.finish();
+        let SteppedFrame { position, name, status } = match self.frames.step(patience) {
+            Stepped::Frame(frame) => frame,
+            Stepped::Unread => return Ok(None),
+            Stepped::Finished => return self.finish().map(Some),
         };
         // Whatever becomes of it, no run that goes on from here may learn this frame again.
         self.past.visited = position + 1;
@@ -225,7 +233,7 @@ impl Session {
             FrameStatus::Failed(error) => return Err(error.into()),
         };
         self.past.wall_s = self.wall_before_s + self.started.elapsed().as_secs_f64();
-        Ok(step)
+        Ok(Some(step))
     }
 
     fn skipped_frame(&mut self, frame: String, message: String) -> Step {

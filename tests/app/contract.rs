@@ -243,7 +243,7 @@ const PROMISES: &[(&str, &[&str])] = &[
             "silent_drive.rs: a_drive_that_does_not_answer_is_named_and_given_up_and_nothing_is_lost",
             "silent_drive.rs: something_else_is_opened_while_a_drive_does_not_answer",
             "silent_drive.rs: a_program_that_is_ended_keeps_its_training_and_waits_for_no_drive",
-            "silent_drive.rs: a_frame_that_is_never_read_is_named_and_holds_up_neither_window_nor_end",
+            "silent_drive.rs: a_frame_that_is_never_read_is_named_and_holds_up_nothing",
         ],
     ),
     (

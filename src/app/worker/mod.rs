@@ -39,8 +39,8 @@ use thread::WorkerThread;
 /// Least time between two snapshots where a GPU draws them.
 const INTERVAL: Duration = Duration::from_millis(33);
 
-/// A frame that takes so long is spoken of, and one that takes so much longer is not waited for where the
-/// program ends, as what was not saved ends with it: the largest take some seconds.
+/// A frame that takes so long is spoken of. A step that takes so much longer (frames are not waited for in it, but
+/// the folder of a recording is read) is not waited for where the program ends, as what was not saved ends with it.
 const SLOW_FRAME: Duration = Duration::from_secs(5);
 const STUCK_FRAME: Duration = Duration::from_secs(30);
 /// How often it is looked for the end of the thread.
@@ -152,7 +152,7 @@ impl Worker {
         self.shared.opening.end();
         let (sender, receiver) = sync_channel(1);
         self.send(order(sender));
-        // Without a limit of time but at a frame that is never read: the program ends
+        // Without a limit of time but at a drive that never answers: the program ends
         // afterwards, and with it what is not saved. If the thread has ended, the sender
         // has too, and the panic that ended it tells what was saved.
         let lost = |problem: &str| Rescue::Lost {
@@ -167,9 +167,7 @@ impl Worker {
                     return lost("the training thread has ended");
                 }
                 (Err(RecvTimeoutError::Timeout), _) if self.is_stuck() => {
-                    return lost(
-                        "the training thread waits for a frame whose drive does not answer",
-                    );
+                    return lost("the training thread waits for a drive that does not answer");
                 }
                 (Err(RecvTimeoutError::Timeout), _) => {}
             }
@@ -178,10 +176,12 @@ impl Worker {
 
     /// For how long the trainer has been at one frame, where that is long: its drive may not answer.
     pub fn slow_frame(&self) -> Option<Duration> {
-        self.shared.step.at_frame().filter(|time| *time >= SLOW_FRAME)
+        let clocks = [&self.shared.step, &self.shared.unread];
+        let longest = clocks.into_iter().filter_map(|clock| clock.at_frame()).max();
+        longest.filter(|time| *time >= SLOW_FRAME)
     }
 
-    /// Whether the thread is at a frame that nobody need wait for.
+    /// Whether the thread is at something that nobody need wait for.
     fn is_stuck(&self) -> bool {
         self.shared.step.at_frame().is_some_and(|time| time >= STUCK_FRAME)
     }

@@ -29,6 +29,8 @@ pub struct Shared {
     pub opening: OpeningWish,
     /// How long the trainer is at one frame.
     pub step: StepClock,
+    /// For how long the trainer waits for a frame that is not read yet.
+    pub unread: StepClock,
     /// Files that were given a number.
     n_numbered: AtomicU64,
 }

@@ -1,5 +1,5 @@
-//! How long the trainer is at one frame. Reading it hangs with its drive, which nothing can end: the window
-//! says so, and closing waits for it only so long.
+//! How long the trainer is at one frame, or waits for it: reading hangs with its drive, which nothing can end,
+//! and the window says so.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
@@ -31,6 +31,17 @@ impl StepClock {
         AtFrame(self)
     }
 
+    /// The trainer waits, since now unless it did before.
+    pub fn wait(&self) {
+        let now = self.origin.elapsed().as_millis() as u64;
+        let _ = self.begun_ms.compare_exchange(NONE, now, Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// Its waiting is over.
+    pub fn end(&self) {
+        self.begun_ms.store(NONE, Ordering::Relaxed);
+    }
+
     /// For how long the trainer has been at one frame; `None` while it is at none.
     pub fn at_frame(&self) -> Option<Duration> {
         let begun = self.begun_ms.load(Ordering::Relaxed);
@@ -41,7 +52,7 @@ impl StepClock {
 
 impl Drop for AtFrame<'_> {
     fn drop(&mut self) {
-        self.0.begun_ms.store(NONE, Ordering::Relaxed);
+        self.0.end();
     }
 }
 
@@ -57,6 +68,17 @@ mod tests {
         std::thread::sleep(Duration::from_millis(20));
         assert!(clock.at_frame().is_some_and(|time| time >= Duration::from_millis(15)));
         drop(at_frame);
+        assert_eq!(clock.at_frame(), None);
+    }
+
+    #[test]
+    fn waiting_goes_on_until_it_ends() {
+        let clock = StepClock::default();
+        clock.wait();
+        std::thread::sleep(Duration::from_millis(20));
+        clock.wait();
+        assert!(clock.at_frame().is_some_and(|time| time >= Duration::from_millis(15)));
+        clock.end();
         assert_eq!(clock.at_frame(), None);
     }
 }

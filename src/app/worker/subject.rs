@@ -184,6 +184,7 @@ impl WorkerThread {
                 self.snapshot.used = splats.len();
             }
         }
+        self.owes_step = false;
         self.content = Some(opened.content);
         self.look_at_frames();
         // The splats above went without what is known of them; it follows if

@@ -71,6 +71,8 @@ pub struct WorkerThread {
     pub(super) awaited: Option<Follow>,
     /// When the trainer ran out of frames of a recording, until it is at rest.
     pub(super) waiting_since: Option<Instant>,
+    /// Whether one frame is wanted that is not read yet.
+    pub(super) owes_step: bool,
     /// When the window was told last of the cameras of a recording that grows.
     pub(super) cameras_told: Instant,
 }
@@ -113,6 +115,7 @@ impl WorkerThread {
             saver: RunAutosave::Off,
             awaited: None,
             waiting_since: None,
+            owes_step: false,
             cameras_told: Instant::now(),
         }
     }
@@ -137,7 +140,7 @@ impl WorkerThread {
     /// The next order; waits for it unless there is something to train.
     fn next_order(&self) -> Result<Option<WorkerOrder>, Dismissed> {
         let rest = self.rest_between_looks();
-        if self.snapshot.state == RunState::Training && rest.is_none() {
+        if self.owes_step || self.snapshot.state == RunState::Training && rest.is_none() {
             return match self.inbox.try_recv() {
                 Ok(order) => Ok(Some(order)),
                 Err(TryRecvError::Empty) => Ok(None),
@@ -158,9 +161,13 @@ impl WorkerThread {
         self.changed |= acted;
         match order {
             Some(order) => self.apply(order),
-            None if self.snapshot.state == RunState::Training => self.step(),
+            None if self.owes_step => self.step_once(),
+            None if self.snapshot.state == RunState::Training => drop(self.step()),
             None if self.snapshot.state == RunState::Waiting => self.look_for_the_first(),
             None => {}
+        }
+        if !(self.owes_step || self.snapshot.state == RunState::Training) {
+            self.shared.unread.end();
         }
         self.autosave();
         self.take_first_look();
@@ -184,8 +191,7 @@ impl WorkerThread {
             WorkerOrder::Step if self.may_train() => {
                 // Before the frame, which may finish or fail the run: that state has to stay.
                 self.set_state(RunState::Paused);
-                self.step();
-                self.mark_visibility();
+                self.step_once();
             }
             WorkerOrder::Step => {}
             WorkerOrder::Follow(follows) => self.set_follows(follows),
@@ -223,6 +229,14 @@ impl WorkerThread {
         }
     }
 
+    /// One frame, as soon as it is read.
+    fn step_once(&mut self) {
+        self.owes_step = !self.step();
+        if !self.owes_step {
+            self.mark_visibility();
+        }
+    }
+
     /// With its own calibration, but with the settings of now: this is how they come to hold.
     fn reset(&mut self) {
         if let Some(subject) = self.subject.clone() {
@@ -231,6 +245,7 @@ impl WorkerThread {
     }
 
     pub(super) fn set_state(&mut self, state: RunState) {
+        self.owes_step = false;
         // An order that crossed with the end of training must not revive it.
         if self.may_train() {
             self.snapshot.state = state;

@@ -10,20 +10,28 @@ use crate::pipeline::error::SessionError;
 use crate::pipeline::session::Step;
 use crate::train::learner::Changed;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Frames over which the frame rate is taken.
 const RATE_FRAMES: usize = 30;
+/// For how long a frame that is not read yet is waited for before orders are looked for again.
+const PATIENCE: Duration = Duration::from_millis(50);
 
 impl WorkerThread {
-    pub(super) fn step(&mut self) {
-        let Some(Content::Session(session)) = &mut self.content else { return };
-        // What the frame before told of them is over, whether or not the next one touches them.
-        self.dirty.mark(session.learner().component_elbo().components());
+    /// Trains on the next frame; `false` if it is not read yet.
+    pub(super) fn step(&mut self) -> bool {
+        let Some(Content::Session(session)) = &mut self.content else { return true };
         let started = Instant::now();
         let at_frame = self.shared.step.begin();
-        let step = session.step();
+        let step = session.step_within(PATIENCE);
         drop(at_frame);
+        let Some(step) = step.transpose() else {
+            self.shared.unread.wait();
+            return false;
+        };
+        self.shared.unread.end();
+        // What the frame before told of them is over, whether or not this one touches them.
+        self.dirty.mark(session.learner().component_elbo().components());
         self.changed |= !matches!(step, Ok(Step::Waiting));
         match step {
             Ok(Step::Trained(frame)) => {
@@ -48,6 +56,7 @@ impl WorkerThread {
             Err(error) => self.fail(format!("{error}; the scene up to here can be exported")),
         }
         self.tell_of_recording();
+        true
     }
 
     fn learned(&mut self, frame: FrameReport) {
