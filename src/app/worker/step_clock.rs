@@ -27,7 +27,8 @@ impl Default for StepClock {
 impl StepClock {
     /// A frame is begun.
     pub fn begin(&self) -> AtFrame<'_> {
-        self.begun_ms.store(self.origin.elapsed().as_millis() as u64, Ordering::Relaxed);
+        self.end();
+        self.wait();
         AtFrame(self)
     }
 

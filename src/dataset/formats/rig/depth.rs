@@ -7,6 +7,7 @@ use crate::dataset::depth::{Depth, DepthKind};
 use crate::math::camera::Intrinsics;
 use crate::math::pose::Pose;
 use glam::DVec3;
+use rayon::prelude::*;
 
 /// Distances count as shares of the depth, at most this: edges hide and show.
 const FARTHEST: f64 = 0.05;
@@ -82,6 +83,16 @@ impl<'a> Pair<'a> {
             .map(|(column, row, pose)| sample(column, row, pose))
             .collect()
     }
+}
+
+/// Sum of the distances within pairs.
+pub(super) fn total<At>(pairs: &[&Pair<'_>], clock: &Clock<At>, delay: f64) -> f64
+where
+    At: Fn(f64) -> Option<Pose> + Sync,
+{
+    let each: Vec<f64> = pairs.par_iter().map(|pair| pair.distance(clock, delay)).collect();
+    // In their order, so that sums round alike on any number of threads.
+    each.iter().sum()
 }
 
 fn load(shot: &Shot, k: &Intrinsics) -> Option<Depth> {

@@ -59,7 +59,8 @@ where
     let shaken = loaded(pairs::shaken(shots, clock));
     let delay = lowest_of(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     let [one_by_one, at_once] = [1.0, 0.0].map(|times| clock.slowed(times));
-    let reads_rows = total(&shaken, &one_by_one, delay) <= total(&shaken, &at_once, delay);
+    let all: Vec<&depth::Pair<'_>> = shaken.iter().collect();
+    let reads_rows = depth::total(&all, &one_by_one, delay) <= depth::total(&all, &at_once, delay);
     let clock = if reads_rows { one_by_one } else { at_once };
     let mount = mount_search::find(&loaded(pairs::turned(shots, &clock)), &clock, delay);
     let clock = &clock.mounted(mount);
@@ -67,12 +68,4 @@ where
         shaken.into_par_iter().filter_map(|pair| color::Pair::load(&pair, clock, delay)).collect();
     let color = lowest_of(&shaken, |pair, delay| pair.distance(clock, delay)).unwrap_or(0.0);
     Rig { reads_rows, depth_delay: delay, color_delay: color, mount }
-}
-
-/// Distance within all pairs.
-fn total<At>(pairs: &[depth::Pair<'_>], clock: &Clock<At>, delay: f64) -> f64
-where
-    At: Fn(f64) -> Option<Pose>,
-{
-    pairs.iter().map(|pair| pair.distance(clock, delay)).sum()
 }

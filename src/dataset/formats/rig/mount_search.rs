@@ -5,7 +5,7 @@
 //! depth images are looked up pixel by pixel) are taken if they serve images that they were not found by.
 
 use super::clock::Clock;
-use super::depth::Pair;
+use super::depth::{Pair, total};
 use super::mount::Mount;
 use crate::math::cholesky::Cholesky;
 use crate::math::pose::Pose;
@@ -72,11 +72,9 @@ impl<At> Search<'_, At>
 where
     At: Fn(f64) -> Option<Pose> + Sync,
 {
-    /// Mean distance within pairs, as a share of the depth.
+    /// Sum of the distances within pairs.
     fn distance(&self, pairs: &[&Pair<'_>], mount: Mount) -> f64 {
-        let clock = self.clock.mounted(mount);
-        let each = pairs.par_iter().map(|pair| pair.distance(&clock, self.delay));
-        each.collect::<Vec<f64>>().iter().sum::<f64>() / pairs.len() as f64
+        total(pairs, &self.clock.mounted(mount), self.delay)
     }
 
     /// The most probable mount by these pairs.
