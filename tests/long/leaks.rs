@@ -29,18 +29,33 @@ fn once(dataset: &Arc<Dataset>, asked: &MethodRequest, n_frames: usize, file: &P
     resumed.step().unwrap();
 }
 
-/// Blocks that a run leaves, once its threads are gone; those that `expected` still waits for.
-fn left_by(expected: isize, run: impl FnOnce()) -> isize {
+/// How often a run that left something is run again.
+const ROUNDS: usize = 4;
+
+/// Blocks that a run leaves, once its threads are gone.
+fn left_by_one(run: impl Fn()) -> isize {
     let before = blocks();
     run();
     let started = Instant::now();
     loop {
         let left = blocks() - before;
-        if left <= expected || started.elapsed() > PATIENCE {
+        if left <= 0 || started.elapsed() > PATIENCE {
             return left;
         }
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+/// The fewest blocks that a run leaves: a leak is left by each of them, what a thread of the pool makes once
+/// in its life only by the run in which that thread is first given such work.
+fn left_by(run: impl Fn()) -> isize {
+    let mut least = left_by_one(&run);
+    for _ in 1..ROUNDS {
+        if least > 0 {
+            least = least.min(left_by_one(&run));
+        }
+    }
+    least
 }
 
 /// Both presets, with frames that are prepared by a thread of their own and by the trainer's threads.
@@ -59,7 +74,7 @@ pub fn nothing_is_left(dataset: Dataset) {
             let run = |n_frames| pool.install(|| once(&dataset, &asked, n_frames, &file));
             // What is made once in the life of a process, or of a thread of the pool.
             run(all);
-            let [few, many] = [all / 8, all].map(|n_frames| left_by(0, || run(n_frames)));
+            let [few, many] = [all / 8, all].map(|n_frames| left_by(|| run(n_frames)));
             eprintln!(
                 "{n_threads} threads: {few} blocks left by {} frames, {many} by {all}",
                 all / 8
