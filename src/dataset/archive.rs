@@ -8,6 +8,7 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use zip::ZipArchive;
+use zip::result::ZipError;
 
 /// First bytes of a zip archive.
 const MAGIC: [u8; 4] = *b"PK\x03\x04";
@@ -24,10 +25,15 @@ pub(super) struct Archive {
 }
 
 impl Archive {
-    /// Whether a file begins as a zip archive does.
-    pub fn is_one(path: &Path) -> bool {
+    /// Whether a file begins as a zip archive does. What a disk does not tell is an error.
+    pub fn is_one(path: &Path) -> std::io::Result<bool> {
         let mut magic = [0; 4];
-        open_file(path).and_then(|mut file| file.read_exact(&mut magic)).is_ok() && magic == MAGIC
+        match open_file(path).and_then(|mut file| file.read_exact(&mut magic)) {
+            Ok(()) => Ok(magic == MAGIC),
+            Err(e) if e.raw_os_error().is_some() => Err(e),
+            // Too short, or no file.
+            Err(_) => Ok(false),
+        }
     }
 
     /// Reads the directory.
@@ -75,6 +81,10 @@ impl std::fmt::Debug for Archive {
     }
 }
 
-fn damaged(error: zip::result::ZipError) -> FrameProblem {
-    FrameProblem::Archive(error.to_string())
+fn damaged(error: ZipError) -> FrameProblem {
+    match error {
+        // The disk's fault, and no reason to share the recording again.
+        ZipError::Io(e) if e.raw_os_error().is_some() => FrameProblem::Read(e),
+        other => FrameProblem::Archive(other.to_string()),
+    }
 }

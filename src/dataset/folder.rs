@@ -12,7 +12,7 @@ use super::error::{DatasetError, FrameProblem};
 use super::files::{bytes_of, open_file};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
@@ -68,14 +68,14 @@ impl Folder {
         // Resolved once: where links lead is compared with where the folder really is.
         let canonical = match path.canonicalize() {
             Ok(canonical) => canonical,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            Err(e) if e.kind() == ErrorKind::NotFound => {
                 return Err(DatasetError::NotFound { path: path.to_owned() });
             }
             Err(e) => return Err(read(e)),
         };
         // Asked once and out loud: a disk that does not tell is no answer that it is no folder.
         let kind = std::fs::metadata(&canonical).map_err(read)?;
-        if kind.is_file() && Archive::is_one(&canonical) {
+        if kind.is_file() && Archive::is_one(&canonical).map_err(read)? {
             return Self::of_file(path, &canonical);
         }
         if !kind.is_dir() {
@@ -187,22 +187,34 @@ impl Folder {
     }
 
     fn peek_by(&self, name: &str, read: fn(&Path) -> std::io::Result<String>) -> String {
-        let Ok(path) = self.file(Path::new(""), &self.listing, name) else { return String::new() };
-        read(&path).unwrap_or_else(|source| {
-            let is_there = match self.listing.entries.get(name) {
-                Some(EntryKind::File) => source.kind() != std::io::ErrorKind::NotFound,
-                // A link that leads nowhere is no file that anything could be told by.
-                _ => path.canonicalize().is_ok(),
-            };
-            // Errors that the system has no number for are of what is no text or far too long.
-            if is_there && source.raw_os_error().is_some() {
-                self.unread.borrow_mut().get_or_insert(DatasetError::Read { path, source });
-            }
+        let path = self.file(Path::new(""), &self.listing, name);
+        let text = path.and_then(|path| Ok(read(&path)?));
+        text.unwrap_or_else(|problem| {
+            self.not_read(name, problem);
             String::new()
         })
     }
 
-    /// What kept the first text from being read that a layout might have been told by. Whatever was
+    /// Keeps why a file of the root was not read that a layout might have been told by. One that is not
+    /// there, or a link that leads nowhere, is no file that anything could be told by, and neither is what
+    /// is no text.
+    pub fn not_read(&self, name: &str, problem: FrameProblem) {
+        let is_told = match &problem {
+            FrameProblem::Read(e) => match e.kind() {
+                ErrorKind::NotFound | ErrorKind::NotADirectory => false,
+                // Errors that the system has no number for are of what is no text or far too long.
+                _ => e.raw_os_error().is_some(),
+            },
+            FrameProblem::Escapes(_) => true,
+            _ => false,
+        };
+        if is_told {
+            let error = refused(self.path.join(name), problem);
+            self.unread.borrow_mut().get_or_insert(error);
+        }
+    }
+
+    /// What kept the first file from being read that a layout might have been told by. Whatever was
     /// recognised without it may be another recording: of images without their poses, say.
     pub fn unread(&self) -> Option<DatasetError> {
         self.unread.take()
@@ -212,15 +224,8 @@ impl Folder {
     pub fn text(&self, name: &str) -> Result<(PathBuf, String), DatasetError> {
         let file = self.path.join(name);
         self.texts.borrow_mut().insert(file.clone());
-        let checked = self.inside(Path::new(name)).map_err(|problem| match problem {
-            FrameProblem::Read(source) => DatasetError::Read { path: file.clone(), source },
-            other => DatasetError::Metadata {
-                file: file.clone(),
-                expected: "a file inside the dataset folder".to_owned(),
-                found: other.to_string(),
-                hint: "copy the file into the folder".to_owned(),
-            },
-        })?;
+        let checked =
+            self.inside(Path::new(name)).map_err(|problem| refused(file.clone(), problem))?;
         match read_text(&checked) {
             Ok(text) => Ok((file, text)),
             Err(source) => Err(DatasetError::Read { path: file, source }),
@@ -311,6 +316,21 @@ impl FolderListing {
         }
         let n_files = self.entries.len() - n_folders;
         format!("{n_files} files and {n_folders} folders ({})", names.join(", "))
+    }
+}
+
+/// What is wrong with a file of metadata that is not read.
+fn refused(file: PathBuf, problem: FrameProblem) -> DatasetError {
+    let found = match problem {
+        FrameProblem::Read(source) => return DatasetError::Read { path: file, source },
+        FrameProblem::Escapes(_) => "a link that leads outside".to_owned(),
+        other => other.to_string(),
+    };
+    DatasetError::Metadata {
+        file,
+        expected: "a file inside the dataset folder".to_owned(),
+        found,
+        hint: "copy the file into the folder".to_owned(),
     }
 }
 

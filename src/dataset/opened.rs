@@ -154,7 +154,8 @@ fn check_used(options: &LoadOptions, splits: &[DatasetSplit]) -> Result<(), Data
 
 /// Whether a file is an archive that [`open`] takes in place of a folder, told by its content.
 pub fn is_archive(path: &Path) -> bool {
-    Archive::is_one(path)
+    // What a disk does not tell, whoever reads the file next is told.
+    Archive::is_one(path).unwrap_or(false)
 }
 
 /// Reads poses anew, as if their matrices meant something else than the layout says.

@@ -377,6 +377,27 @@ fn links_that_escape_the_folder() {
     assert_says(&dataset.warnings[0].to_string(), &parts);
 }
 
+/// A list that is not read may be all that tells a recording from images without poses.
+#[cfg(unix)]
+#[test]
+fn lists_that_a_link_keeps_outside() {
+    use std::os::unix::fs::symlink;
+    let (outside, folder) = (tiny_blender(), tiny_blender());
+    let list = folder.path().join(LIST);
+    fs::remove_file(&list).unwrap();
+    symlink(outside.path().join(LIST), &list).unwrap();
+    let parts = [LIST, "expected a file inside the dataset folder", "a link that leads outside"];
+    refuses(folder.path(), &parts);
+    refuses(folder.path(), &["copy the file into the folder"]);
+
+    let folder = tempfile::tempdir().unwrap();
+    symlink("/etc/hostname", folder.path().join("recording.r3d")).unwrap();
+    refuses(folder.path(), &["recording.r3d", "a link that leads outside", "copy the file"]);
+    fs::remove_file(folder.path().join("recording.r3d")).unwrap();
+    symlink("nowhere", folder.path().join("recording.r3d")).unwrap();
+    refuses(folder.path(), &["expected a dataset", "1 files"]);
+}
+
 #[test]
 fn depth_all_zero() {
     let folder = tiny_blender();

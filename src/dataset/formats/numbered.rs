@@ -68,6 +68,12 @@ impl NumberedFiles {
         Some(name.rsplit_once('.').map_or(name.as_str(), |(stem, _)| stem))
     }
 
+    /// Whether the name of a number's file ends with an extension.
+    pub fn is(&self, number: u64, extension: &str) -> bool {
+        let own = self.by_number.get(&number).and_then(|name| name.rsplit_once('.'));
+        own.is_some_and(|(_, own)| own.eq_ignore_ascii_case(extension))
+    }
+
     /// Every file that can be had, by number.
     pub fn sources(&self, folder: &Folder) -> impl Iterator<Item = ByteSource> {
         self.numbers().filter_map(|n| self.file(folder, n)?.ok()).map(Into::into)

@@ -14,6 +14,7 @@ use crate::dataset::options::LoadOptions;
 use crate::dataset::pose_convention::PoseConvention;
 use crate::dataset::source::ByteSource;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -35,16 +36,13 @@ fn recognise(folder: &Folder) -> Option<String> {
 /// The archive that was opened, whatever is wrong with it, or the only one of the root.
 fn archive_name(folder: &Folder) -> Option<&str> {
     if let Some(name) = folder.only_file() {
-        return Archive::is_one(&folder.path.join(name)).then_some(name);
+        return Some(name);
     }
     let is_ours = |name: &&str| {
-        let path = folder.path.join(name);
-        let archive = Archive::is_one(&path).then(|| Archive::open(&path).ok()).flatten();
-        let holds = |archive: Archive| {
-            let mut texts = METADATA.iter().filter_map(|name| archive.read(name).ok());
-            texts.any(|text| Metadata::is_one(&text))
-        };
-        archive.is_some_and(holds)
+        is_recording(folder, name).unwrap_or_else(|problem| {
+            folder.not_read(name, problem);
+            false
+        })
     };
     let mut ours = folder.listing.files().filter(|name| name.ends_with(".r3d")).filter(is_ours);
     let first = ours.next();
@@ -52,12 +50,30 @@ fn archive_name(folder: &Folder) -> Option<&str> {
     first.filter(|_| ours.next().is_none())
 }
 
+/// Whether a file of the root is an archive with this app's metadata.
+fn is_recording(folder: &Folder, name: &str) -> Result<bool, FrameProblem> {
+    let path = folder.file(Path::new(""), &folder.listing, name)?;
+    if !Archive::is_one(&path)? {
+        return Ok(false);
+    }
+    let archive = Archive::open(&path)?;
+    for name in METADATA.into_iter().filter(|name| archive.names().iter().any(|n| n == name)) {
+        if Metadata::is_one(&archive.read(name)?) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
 fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, DatasetError> {
     let mut recording = Recording::new(folder, options);
     let path = folder.path.join(archive_name(folder).unwrap_or_default());
-    let damaged = |problem: FrameProblem| {
-        let expected = "a recording shared by Record3D";
-        wrong(&path, expected, problem.to_string(), "share the recording again")
+    let damaged = |problem: FrameProblem| match problem {
+        FrameProblem::Read(source) => DatasetError::Read { path: path.clone(), source },
+        other => {
+            let expected = "a recording shared by Record3D";
+            wrong(&path, expected, other.to_string(), "share the recording again")
+        }
     };
     let archive = Archive::open(&path).map_err(damaged)?;
     let archive = Arc::new(archive);

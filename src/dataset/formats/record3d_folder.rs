@@ -74,8 +74,9 @@ fn parse(folder: &Folder, options: &LoadOptions) -> Result<ParsedFolder, Dataset
             }
         }
     }
-    let is_codes = depths.as_ref().and_then(|d| d.file(folder, d.numbers().next()?)?.ok());
-    let is_codes = is_codes.is_some_and(|path| path.extension() == Some("png".as_ref()));
+    // By its name: a file that a disk or a link keeps back has its unit all the same.
+    let is_codes =
+        depths.as_ref().is_some_and(|d| d.numbers().next().is_some_and(|n| d.is(n, "png")));
     let unit = CodeKind::ByContent(if is_codes { CODE_UNIT } else { FLOAT_UNIT });
     metadata.record(&mut recording, &frames, unit)?;
     Ok(recording.finish())
