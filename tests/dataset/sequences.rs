@@ -270,6 +270,33 @@ fn recordings_of_others_open_without_an_option() {
     }
 }
 
+/// Said or known, axes lead to the same cameras: what the images tell of the rig is found in both cases.
+#[test]
+fn the_rig_is_found_whoever_says_what_poses_mean() {
+    let Some(path) = shared("data/tum_rpy") else { return };
+    let known = open_plain(&path).unwrap();
+    let poses = Some(PoseConvention::Opencv);
+    let said = open(&path, &LoadOptions { poses, ..LoadOptions::default() }).unwrap();
+    let mount = |dataset: &Dataset| {
+        dataset
+            .notes
+            .iter()
+            .find(|note| note.contains("beside what the trajectory follows"))
+            .cloned()
+    };
+    assert!(mount(&known).is_some() && mount(&known) == mount(&said), "{:?}", said.notes);
+    let cameras =
+        |dataset: &Dataset| dataset.splits[0].frames.iter().map(|f| f.camera.pose).collect();
+    let [known, said]: [Vec<Pose>; 2] = [cameras(&known), cameras(&said)];
+    for (known, said) in known.iter().zip(&said) {
+        let (shift, turn) = known.offset_to(said);
+        assert!(
+            shift.length() < 1e-9 && turn.to_scaled_axis().length() < 1e-7,
+            "{known:?} {said:?}"
+        );
+    }
+}
+
 /// Every layout says which poses it means, and they are the right ones.
 #[test]
 fn conventions_are_stated() {

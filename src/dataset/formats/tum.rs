@@ -32,8 +32,8 @@ use crate::dataset::rolling_shutter::{KINECT_COLOR, KINECT_DEPTH, RollingShutter
 use crate::dataset::source::ByteSource;
 use crate::dataset::surface::sensor::Sensor;
 use crate::math::camera::Intrinsics;
-use crate::math::pose::Pose;
-use glam::DVec3;
+use crate::math::pose::{Pose, PoseError};
+use glam::{DMat4, DVec3};
 use std::path::PathBuf;
 
 pub(super) const FORMAT: DatasetFormat = DatasetFormat {
@@ -272,20 +272,31 @@ struct Poses<'a> {
 impl Poses<'_> {
     /// The camera's world pose at a time, where the trajectory says it.
     fn at(&self, time: f64) -> Option<Pose> {
-        let convention = self.convention.unwrap_or(FORMAT.poses);
-        let followed =
-            self.trajectory.at(time).ok().and_then(|matrix| convention.pose(matrix).ok());
-        followed.map(|followed| self.rig.mount.of(&followed))
+        let matrix = self.trajectory.at(time).ok()?;
+        self.mounted(matrix, self.convention.unwrap_or(FORMAT.poses)).ok()
+    }
+
+    /// The same as this layout tells poses. What the user says that its matrices mean is applied later on, to
+    /// poses read as the layout has them.
+    fn stated_at(&self, time: f64) -> Result<Pose, FrameProblem> {
+        let matrix = self.trajectory.at(time)?;
+        let pose = self.mounted(matrix, self.convention.unwrap_or(FORMAT.poses))?;
+        match self.convention {
+            None => Ok(pose),
+            Some(asked) => Ok(FORMAT.poses.pose(asked.matrix(&pose))?),
+        }
+    }
+
+    /// The camera on what a matrix of the trajectory tells the pose of.
+    fn mounted(&self, matrix: DMat4, convention: PoseConvention) -> Result<Pose, PoseError> {
+        Ok(self.rig.mount.of(&convention.pose(matrix)?))
     }
 
     /// With what the images themselves tell of the rig.
     fn rigged(self, recording: &mut Recording<'_>, shots: &[Shot], intrinsics: Intrinsics) -> Self {
         let at = |time| self.at(time);
         let [depth_reading, color_reading] = [KINECT_DEPTH, KINECT_COLOR];
-        let found = rig::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
-        // The axes of a frame's pose are told later on, by the matrix as it is recorded.
-        let mount = if self.convention.is_none() { found.mount } else { Mount::default() };
-        let rig = Rig { mount, ..found };
+        let rig = rig::find(shots, &Clock { at, intrinsics, depth_reading, color_reading });
         for (what, delay) in [("depth was", rig.depth_delay), ("photographs were", rig.color_delay)]
         {
             if delay != 0.0 {
@@ -352,7 +363,7 @@ fn frame(
     let rig = poses.map_or(Rig::EXPECTED, |poses| poses.rig);
     let measured = depth.time + rig.depth_delay;
     let pose = match poses {
-        Some(poses) => rig.mount.of(&Pose::from_opencv(poses.trajectory.at(measured)?)?),
+        Some(poses) => poses.stated_at(measured)?,
         None => Pose::IDENTITY,
     };
     let color = nearest(colors, depth.time)?;
