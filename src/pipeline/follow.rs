@@ -1,8 +1,10 @@
 //! When to look for the frames of a recording that is under way, and what to do about what is found.
 //!
-//! Looks are made between frames, by whoever trains: so there is no thread that watches.
+//! Looks are asked for between frames, by whoever trains, who waits a moment for them: so nothing watches
+//! that nobody asks.
 
 use super::error::SessionError;
+use super::looks::{Found, Looks};
 use super::plan::{Order, Plan, Selection};
 use super::settings::scene::SceneError;
 use crate::dataset::error::DatasetError;
@@ -10,30 +12,29 @@ use crate::dataset::growing::GrowingRecording;
 use crate::dataset::pace::LookPace;
 use crate::dataset::splits::HELD_OUT;
 use crate::dataset::{Dataset, FrameEntry, LoadOptions};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+/// Longest that whoever trains waits for a look: most take less, and nobody feels it.
+const MOMENT: Duration = Duration::from_millis(50);
+
+/// A drive that takes so long does not answer.
+const SILENT: Duration = Duration::from_secs(3);
+
 /// A recording that is followed while it grows.
 pub struct Follow {
-    recording: GrowingRecording,
+    path: PathBuf,
+    looks: Looks,
     selection: Selection,
     /// Found before a session has begun.
     dataset: Option<Arc<Dataset>>,
     started: Instant,
     pace: LookPace,
     problem: Option<String>,
+    /// What is said while a look takes too long.
+    silence: Option<String>,
     is_over: bool,
-}
-
-/// What a look found.
-pub(super) enum Found {
-    /// No frame that is whole.
-    Nothing,
-    /// Frames.
-    Frames(Dataset),
-    /// The end of the recording, and what was there before it.
-    End(Option<Dataset>),
 }
 
 impl Follow {
@@ -68,12 +69,14 @@ impl Follow {
 
     fn with(recording: GrowingRecording, selection: &Selection) -> Self {
         Self {
-            recording,
+            path: recording.path().to_owned(),
+            looks: Looks::new(recording),
             selection: Selection { follow: true, ..selection.clone() },
             dataset: None,
             started: Instant::now(),
             pace: LookPace::default(),
             problem: None,
+            silence: None,
             is_over: false,
         }
     }
@@ -87,15 +90,17 @@ impl Follow {
         let (Found::Frames(found) | Found::End(Some(found))) = self.look()? else {
             return Ok(None);
         };
+        let Some(recording) = self.looks.recording() else { return Ok(None) };
         let dataset = match self.dataset.take() {
-            None if found.splits.is_empty() => return Err(self.recording.why_empty(found)),
+            None if found.splits.is_empty() => return Err(recording.why_empty(found)),
             None => Arc::new(found),
             Some(mut known) => {
-                let split = self.recording.split_of(&known)?;
+                let split = recording.split_of(&known)?;
                 Arc::make_mut(&mut known).grow(split, found);
                 known
             }
         };
+        drop(recording);
         let dataset = self.dataset.insert(dataset);
         let has_frames = !Plan::new(dataset, &self.selection, 0)?.frames.is_empty();
         Ok((has_frames || self.is_over).then(|| dataset.clone()))
@@ -118,17 +123,20 @@ impl Follow {
 
     /// Time until a look may find something.
     pub fn rest(&self) -> Duration {
-        self.pace.rest(self.started.elapsed())
+        match self.looks.under_way() {
+            Some(_) => Duration::ZERO,
+            None => self.pace.rest(self.started.elapsed()),
+        }
     }
 
     /// Why the last look found nothing, where that is not for lack of new files.
     pub fn problem(&self) -> Option<&str> {
-        self.problem.as_deref()
+        self.silence.as_deref().or(self.problem.as_deref())
     }
 
     /// The folder.
     pub fn path(&self) -> &Path {
-        self.recording.path()
+        &self.path
     }
 
     /// From here on a session holds the frames.
@@ -145,40 +153,50 @@ impl Follow {
             return Ok(Found::End(None));
         }
         let now = self.started.elapsed();
-        if !self.pace.rest(now).is_zero() {
-            return Ok(Found::Nothing);
+        if self.looks.under_way().is_none() {
+            if !self.pace.rest(now).is_zero() {
+                return Ok(Found::Nothing);
+            }
+            self.pace.ask(now);
+            if let Err(source) = self.looks.begin(self.pace.retries(now), now.as_secs_f64()) {
+                self.problem =
+                    Some(format!("{}: no thread to look at it: {source}", self.path.display()));
+            }
         }
-        self.pace.ask(now);
-        let recording = &mut self.recording;
-        // Asked first: what is there when the recorder has ended is all.
-        let has_ended = recording.has_ended();
-        let retries = recording.is_unresolved() && self.pace.retries(now);
-        if !(has_ended || retries || recording.has_changed()) {
+        let Some(looked) = self.looks.wait(MOMENT) else {
+            if self.looks.under_way().is_some_and(|since| since > SILENT) {
+                self.silence = Some(silence(&self.path));
+            }
             return Ok(Found::Nothing);
-        }
-        let found = recording.look(!has_ended, now.as_secs_f64());
-        if has_ended {
+        };
+        self.silence = None;
+        if looked.has_ended {
             self.is_over = true;
-            return found.map(|found| Found::End(Some(found)));
+            return looked.found;
         }
-        let found = found.and_then(|found| match recording.take(&found) {
-            0 if !recording.has_begun() => Err(recording.why_empty(found)),
-            0 => Ok(Found::Nothing),
-            _ => Ok(Found::Frames(found)),
-        });
-        self.problem = found.as_ref().err().map(ToString::to_string);
-        let found = found.unwrap_or(Found::Nothing);
-        let has_grown = matches!(found, Found::Frames(_));
-        self.pace.looked(now, self.started.elapsed(), has_grown);
+        let Some(took) = looked.took else {
+            return Ok(Found::Nothing);
+        };
+        self.problem = looked.found.as_ref().err().map(ToString::to_string);
+        let found = looked.found.unwrap_or(Found::Nothing);
+        let (now, has_grown) = (self.started.elapsed(), matches!(found, Found::Frames(_)));
+        self.pace.looked(now.saturating_sub(took), now, has_grown);
         Ok(found)
     }
 
     /// Lets a frame that could not be read be found again when its files change.
     pub(super) fn give_back(&mut self, frame: &FrameEntry) {
-        self.recording.give_back(frame);
+        self.looks.give_back(frame);
     }
 }
 
 fn not_followed(setting: &'static str, expected: &'static str, found: &str) -> DatasetError {
     DatasetError::Option { setting, expected, found: found.to_owned() }
+}
+
+fn silence(path: &Path) -> String {
+    let (path, s) = (path.display(), SILENT.as_secs());
+    format!(
+        "{path}: expected its drive to answer, found it silent for {s} seconds; check the connection: what was learnt can be saved meanwhile"
+    )
 }

@@ -11,6 +11,7 @@ pub mod error;
 pub mod follow;
 mod frame_loop;
 mod inspection;
+mod looks;
 pub mod memory;
 pub mod mismatch;
 pub mod panic_text;

@@ -1,8 +1,9 @@
 //! A training session: a dataset, a configuration and a model that grows frame by frame.
 
 use super::error::SessionError;
-use super::follow::{Follow, Found};
+use super::follow::Follow;
 use super::frame_loop::{FrameLoop, FrameStatus, Stepped, SteppedFrame};
+use super::looks::Found;
 use super::memory;
 use super::past::Past;
 use super::plan::{Plan, Selection};

@@ -200,3 +200,33 @@ fn a_frame_that_is_never_read_is_named_and_holds_up_nothing() {
     drop(window);
     assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
 }
+
+#[test]
+fn a_recording_that_falls_silent_is_named_and_what_was_learnt_is_saved() {
+    let _turn = turn();
+    let folder = tempfile::tempdir().unwrap();
+    let path = dataset(folder.path(), 2);
+    let subject = Some(Subject::Path(path.clone()));
+    let Some(mut window) = window(subject, Painting::Auto) else { return };
+    train(&mut window);
+    click(&mut window, "Follow");
+    wait_for_label(&mut window, "following, 2 frames, waiting");
+    let file = "transforms_train.json";
+    let Some(_silent) = Silent::of(folder.path(), path.clone(), file) else { return };
+    std::fs::write(path.join("more"), "").unwrap();
+    let is_silent = |s: &Studio| {
+        let snapshot = s.snapshot();
+        let problem = snapshot.followed.as_ref().and_then(|followed| followed.problem.as_deref());
+        problem.is_some_and(|problem| problem.contains("silent for 3 seconds; check"))
+    };
+    wait(&mut window, "the silence", is_silent);
+    wait_for_label(&mut window, "Live: nothing can be read");
+    window.key_press(Key::Space);
+    wait(&mut window, "the pause", is(RunState::Paused));
+    let file = folder.path().join("scene.ply");
+    write_to(&mut window, Key::E, "Export", &file);
+    wait(&mut window, "the file", |s| s.snapshot().unsaved_frames == 0);
+    let ended = Instant::now();
+    drop(window);
+    assert!(ended.elapsed() < PASS, "{:?}", ended.elapsed());
+}
