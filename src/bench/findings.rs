@@ -4,6 +4,7 @@
 //! no two forms of one run can differ. The machine stands in each of them: a time means nothing
 //! without it.
 
+use crate::bench::peers::PeerError;
 use crate::bench::plot::draw::PlotError;
 use crate::dataset::synthetic::ParamsError;
 use crate::eval::machine;
@@ -65,6 +66,9 @@ pub enum BenchError {
     /// The result cannot be written as JSON.
     #[error("writing the result as JSON failed: {0}")]
     Json(#[from] serde_json::Error),
+    /// A program to compare with does not work.
+    #[error("{0}")]
+    Peer(#[from] PeerError),
     /// A pool of so many threads does not start.
     #[error("starting {threads} threads failed: {reason}; close other programs and try again")]
     Threads {

@@ -1,6 +1,8 @@
 //! `bench`: tables, files and plots of speed against error and size.
 
-use super::args::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, RenderBenchArgs};
+use super::args::{
+    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, DepthArgs, PeersBenchArgs, RenderBenchArgs,
+};
 use super::failure::Failure;
 use super::train::announce;
 use super::{model, output, progress};
@@ -16,6 +18,7 @@ use vbgs_studio::bench::paper::pareto::ParetoPlan;
 use vbgs_studio::bench::paper::scaling;
 use vbgs_studio::bench::paper::scaling::ScalingPlan;
 use vbgs_studio::bench::paper::stability;
+use vbgs_studio::bench::peers::{self, PeersPlan};
 use vbgs_studio::bench::protocol::{self, ProtocolPlan};
 use vbgs_studio::bench::render;
 #[cfg(feature = "gui")]
@@ -55,6 +58,7 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             }
             measure(&args.common, |progress| protocol::run(&plan, progress))
         }
+        BenchName::Peers(args) => peers(args),
         BenchName::Real(args) => {
             let plan = RecordingsPlan {
                 data: args.data.clone(),
@@ -82,6 +86,22 @@ pub fn run(args: &BenchArgs) -> Result<(), Failure> {
             measure(&args.common, |progress| render::run(&plan, &scene, progress))
         }
     }
+}
+
+fn peers(args: &PeersBenchArgs) -> Result<(), Failure> {
+    let (peers, on) = (args.peers(), &args.on);
+    if peers.is_empty() {
+        return Err(Failure::Usage(
+            "bench peers: expected --published, --open3d or --peer, found nothing to compare with"
+                .to_owned(),
+        ));
+    }
+    if on.common.repeats.is_some() {
+        return Err(once("peers"));
+    }
+    let options = on.common.options(on.max_frames);
+    let plan = PeersPlan { peers, components: args.components, options };
+    on_dataset(on, |dataset, progress| peers::run(&plan, &dataset, progress))
 }
 
 fn once(bench: &str) -> Failure {

@@ -63,11 +63,14 @@ impl Task {
 
 #[cfg(feature = "gui")]
 fn attach_gpu(session: &mut Session, task: Task, asked: DeviceName) -> Result<(), Failure> {
-    use vbgs_studio::render::gpu::adapters::AdapterChoice;
+    use vbgs_studio::render::gpu::adapters::{AdapterChoice, may_be_there};
     use vbgs_studio::render::gpu::headless::{HeadlessError, HeadlessGpu};
     use vbgs_studio::train::device_trial::DevicePolicy;
 
     let must = asked == DeviceName::Gpu;
+    if !must && !may_be_there() {
+        return Ok(());
+    }
     let gpu = match HeadlessGpu::new(&AdapterChoice::Auto) {
         Err(HeadlessError::NoHardware { .. }) if must => HeadlessGpu::new(&AdapterChoice::Software),
         other => other,

@@ -7,6 +7,7 @@ use super::lengths;
 use super::source::ByteSource;
 use super::surface::sensor::Sensor;
 use crate::math::image::Image;
+use bytemuck::allocation::try_cast_vec;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -90,10 +91,21 @@ pub(super) fn depth_size(source: &ByteSource) -> Result<(u32, u32), FrameProblem
 pub(super) fn color(source: &ByteSource, size: (u32, u32)) -> Result<Image<[u8; 4]>, FrameProblem> {
     let wrong = |found| FrameProblem::CameraSize { expected: size, found };
     // Gray and RGB become opaque RGBA, so that nothing behind asks what the file held.
-    let rgba = decode(&source.read()?, size, wrong)?.into_rgba8();
-    let (width, height) = (rgba.width() as usize, rgba.height() as usize);
-    let data = rgba.as_raw().as_chunks::<4>().0.to_vec();
+    let image = decode(&source.read()?, size, wrong)?;
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let data = match image {
+        DynamicImage::ImageRgb8(rgb) => {
+            let pixels = rgb.as_raw().as_chunks().0.iter();
+            pixels.map(|&[r, g, b]| [r, g, b, u8::MAX]).collect()
+        }
+        image => pixels(image.into_rgba8().into_raw()),
+    };
     Ok(Image::from_vec(width, height, data))
+}
+
+/// The pixels of RGBA bytes, in the memory of these where that has no odd end.
+fn pixels(rgba: Vec<u8>) -> Vec<[u8; 4]> {
+    try_cast_vec(rgba).unwrap_or_else(|(_, rgba)| rgba.as_chunks().0.to_vec())
 }
 
 /// Decodes a depth file of a camera whose image has `size`; the format must be that of `encoding`.

@@ -311,6 +311,8 @@ impl Unprojector {
         self.columns.fill(width.next_multiple_of(TILE), |column| rule.column(column));
         self.rows.clear();
         self.rows.extend((0..height.next_multiple_of(TILE)).map(|row| rule.row(row)));
+        let kept = self.statuses.iter().filter(|status| **status == Status::Kept as u8).count();
+        out.reserve(kept, self.statuses.len() / (TILE * TILE));
         let normalization = &settings.normalization;
         // The scale of every axis is taken into the rotation: world to model in one product.
         let per_unit = DVec3::ONE / DVec3::from_array(normalization.scale);

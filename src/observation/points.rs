@@ -87,6 +87,16 @@ impl<R: Real> Points<R> {
         self.tiles.push(0);
     }
 
+    /// Makes room for so many points more in tiles of so many: columns that grow together leave holes of
+    /// half their size in each other's memory.
+    pub fn reserve(&mut self, points: usize, tiles: usize) {
+        for column in [&mut self.x, &mut self.y, &mut self.z, &mut self.r, &mut self.g, &mut self.b]
+        {
+            column.reserve(points);
+        }
+        self.tiles.reserve(tiles);
+    }
+
     /// Appends `[x, y, z, r, g, b]` to the open tile.
     #[inline]
     pub fn push(&mut self, row: [R; 6]) {

@@ -255,8 +255,12 @@ impl<P: Prepare> Prefetch<P> {
         }
     }
 
-    /// Gives a frame's memory back for another frame.
+    /// Gives a frame's memory back for another frame; after the last one it is free for whoever writes
+    /// what was learnt.
     pub fn recycle(&mut self, observation: P::Observation) {
+        if self.upcoming.is_empty() && self.coming.is_empty() {
+            return;
+        }
         // The threads may have memory enough: then this one is simply freed.
         drop(self.recycle.try_send(observation));
     }

@@ -24,6 +24,7 @@ mod interrupt;
 mod kept;
 mod killed;
 mod models;
+mod peers;
 
 mod real;
 mod report;

@@ -68,6 +68,36 @@ fn ways_of_computing_give_the_same_bits() {
     }
 }
 
+/// One pass whose reached tiles are run again, or two passes: frame by frame, from many moves that reach
+/// nearly all tiles to a few that leave most alone.
+#[test]
+fn fits_ahead_of_moves_give_the_bits_of_two_passes() {
+    let frames: Vec<_> = (0..24).map(|t| wavy_frame(0.05 * t as f32, 24)).collect();
+    for fraction in [0.2, 0.02, 0.004] {
+        let once = PaperOverrides {
+            reassign: Some(ReassignPolicy::Truncated),
+            reassign_fraction: Some(fraction),
+            ..PaperOverrides::default()
+        };
+        let twice = PaperOverrides { statistics: Some(StatisticsForm::Unfused), ..once.clone() };
+        let [mut once, mut twice] =
+            [once, twice].map(|overrides| trained(&overrides, &frames[..1]));
+        once.component_elbo_mut().start();
+        twice.component_elbo_mut().start();
+        for frame in &frames[1..] {
+            let [a, b] = [&mut once, &mut twice].map(|engine| engine.learn(frame).unwrap());
+            assert!(a.reassigned > 0, "{fraction}");
+            assert_eq!((a.reassigned, a.elbo_mean), (b.reassigned, b.elbo_mean), "{fraction}");
+            assert!(once.point_elbo() == twice.point_elbo(), "{fraction}");
+            let owned = |engine: &dyn PaperLearner| {
+                (0..COMPONENTS).map(|k| engine.component_elbo().of(k)).collect::<Vec<_>>()
+            };
+            assert!(owned(&*once) == owned(&*twice), "{fraction}");
+        }
+        assert!(once.state() == twice.state(), "{fraction}");
+    }
+}
+
 #[test]
 fn padding_moves_what_truncation_moves() {
     let frames = frames();

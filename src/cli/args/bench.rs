@@ -3,8 +3,10 @@
 use super::depth::DepthArgs;
 use super::parse::{choice, parse_count, parse_size};
 use clap::{Args, Subcommand};
+use std::ffi::OsString;
 use std::path::PathBuf;
 use vbgs_studio::bench::findings::BenchOptions;
+use vbgs_studio::bench::peers::PeerCommand;
 use vbgs_studio::bench::render::BenchDevice;
 
 #[derive(Args)]
@@ -23,6 +25,9 @@ pub enum BenchName {
     Paper(FolderBenchArgs),
     /// Speed against error: one setting at a time
     Pareto(DatasetBenchArgs),
+    /// Other programs beside this one on the same frames, in turns: the published implementation,
+    /// Open3D, or any that speaks as its help says
+    Peers(PeersBenchArgs),
     /// Every recording of a folder learnt by default: plain figures, corrected and aligned poses, sharpness
     Real(FolderBenchArgs),
     /// What a scene keeps of its frames: each one's own view right after it and at the end
@@ -89,6 +94,49 @@ pub struct DatasetBenchArgs {
     pub common: CommonArgs,
     #[command(flatten)]
     pub depth: DepthArgs,
+}
+
+#[derive(Args)]
+pub struct PeersBenchArgs {
+    #[command(flatten)]
+    pub on: DatasetBenchArgs,
+    /// Compare with Open3D's fusion on the processor; --python must have `open3d`
+    #[arg(long)]
+    pub open3d: bool,
+    /// Compare with the published implementation in this checkout of its repository; --python must have
+    /// what that needs
+    #[arg(long, value_name = "DIR")]
+    pub published: Option<PathBuf>,
+    /// Compare with a program of one's own: it gets the folder of frames (`frames.json` and NumPy arrays)
+    /// as its last argument, prints "ready" in quotes, then for every number of a frame on its input
+    /// {"ms": 12.5}
+    #[arg(long, value_name = "NAME=COMMAND", value_parser = parse_peer)]
+    pub peer: Vec<PeerCommand>,
+    /// Python that runs the first two
+    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
+    pub python: PathBuf,
+    /// Components of every mixture
+    #[arg(long, value_name = "N", value_parser = parse_count, default_value = "10000", allow_negative_numbers = true)]
+    pub components: usize,
+}
+
+impl PeersBenchArgs {
+    pub fn peers(&self) -> Vec<PeerCommand> {
+        let published = self.published.as_deref();
+        let published = published.map(|path| PeerCommand::published(&self.python, path));
+        let open3d = self.open3d.then(|| PeerCommand::open3d(&self.python));
+        published.into_iter().chain(open3d).chain(self.peer.iter().cloned()).collect()
+    }
+}
+
+/// A name and the words of a command.
+fn parse_peer(text: &str) -> Result<PeerCommand, String> {
+    let parts = text.split_once('=').and_then(|(name, command)| {
+        let mut words = command.split_whitespace().map(OsString::from);
+        let name = Some(name.trim()).filter(|name| !name.is_empty())?.to_owned();
+        Some(PeerCommand { name, program: words.next()?, arguments: words.collect() })
+    });
+    parts.ok_or_else(|| "expected a name and a command, such as mine=./mine --fast".to_owned())
 }
 
 #[derive(Args)]

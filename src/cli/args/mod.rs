@@ -16,7 +16,9 @@ mod settings;
 mod train;
 
 #[cfg(feature = "bench")]
-pub use bench::{BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, RenderBenchArgs};
+pub use bench::{
+    BenchArgs, BenchName, CommonArgs, DatasetBenchArgs, PeersBenchArgs, RenderBenchArgs,
+};
 pub use calibrate::CalibrateArgs;
 pub use depth::DepthArgs;
 pub use eval::{ComparisonArgs, EvalArgs, GroundTruthName};

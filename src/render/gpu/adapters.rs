@@ -6,6 +6,7 @@
 
 use super::poll::ready;
 use std::fmt;
+use std::path::Path;
 
 /// Which adapter is to draw.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -103,6 +104,20 @@ pub(super) fn listed(adapters: &[AdapterFacts]) -> String {
     if lines.is_empty() { "none at all".to_owned() } else { format!("[{}]", lines.join("; ")) }
 }
 
+/// Whether this computer may have a graphics card: Linux shows one in `/dev`. Asking the drivers instead
+/// loads them all, and software's brings a compiler of 50 MB.
+pub fn may_be_there() -> bool {
+    !cfg!(target_os = "linux") || shows_card(Path::new("/dev"))
+}
+
+/// Whether a folder of devices shows a graphics card, of whatever make; so does one that cannot be read.
+fn shows_card(devices: &Path) -> bool {
+    const CARDS: [&str; 7] = ["dri", "nvidia", "dxg", "kgsl", "mali", "pvr", "kfd"];
+    let Ok(entries) = std::fs::read_dir(devices) else { return true };
+    let is_card = |name: &str| CARDS.iter().any(|card| name.starts_with(card));
+    entries.flatten().any(|entry| entry.file_name().to_str().is_some_and(is_card))
+}
+
 /// The adapters of this computer that windows can be drawn with, in the order that
 /// [`AdapterChoice::Index`] counts them.
 pub fn list() -> Vec<AdapterFacts> {
@@ -178,6 +193,16 @@ mod tests {
         }
         let none = choose(&AdapterChoice::Software, &[]).unwrap_err().to_string();
         assert!(none.contains("none at all") && none.contains("`software`"), "{none}");
+    }
+
+    #[test]
+    fn a_card_shows_in_the_folder_of_devices() {
+        let devices = tempfile::tempdir().unwrap();
+        std::fs::write(devices.path().join("null"), "").unwrap();
+        assert!(!shows_card(devices.path()));
+        std::fs::write(devices.path().join("nvidia0"), "").unwrap();
+        assert!(shows_card(devices.path()));
+        assert!(shows_card(&devices.path().join("none")), "nothing is known");
     }
 
     #[test]

@@ -44,6 +44,18 @@ impl Columns {
         self.tag.resize(size, 0);
     }
 
+    /// Replaces all entries by positions in columns of one length; tags are their places.
+    #[inline(always)]
+    pub fn load(&mut self, [x, y, z]: [&[f32]; 3]) {
+        let n = x.len();
+        self.reserve(n);
+        self.len = n;
+        self.x[..n].copy_from_slice(x);
+        self.y[..n].copy_from_slice(y);
+        self.z[..n].copy_from_slice(z);
+        self.tag[..n].iter_mut().zip(0..).for_each(|(tag, place)| *tag = place);
+    }
+
     /// Appends the positions of the entries `span` of `other`, which become the tags.
     #[inline(always)]
     pub fn append(&mut self, other: &Columns, span: Range<usize>) {

@@ -62,6 +62,12 @@ impl Extent {
         (nearest + self.reach) * RELATIVE_MARGIN + self.slack
     }
 
+    /// How far from its box what lies within `reach` of one of its points can be.
+    #[inline(always)]
+    pub fn radius_of(&self, reach: f32) -> f32 {
+        reach * RELATIVE_MARGIN + self.slack
+    }
+
     /// How far from the centre the nearest entries of its points can be, given how far those of
     /// the centre are; `None` where squares might overflow.
     #[inline(always)]

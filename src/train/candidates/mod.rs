@@ -12,6 +12,7 @@
 //! finer grids where means crowd (a tenth, on such data only).
 
 mod columns;
+mod edits;
 mod error;
 mod extent;
 mod grid;
@@ -19,6 +20,7 @@ mod kd_tree;
 mod kernel;
 mod lists;
 mod nearest;
+mod reach;
 mod search;
 
 pub(in crate::train) use columns::Columns;
@@ -28,5 +30,6 @@ pub(in crate::train) use grid::grid_shape;
 pub use kd_tree::KdTree;
 pub(in crate::train) use lists::{Among, CHUNK, Lists, Nearest};
 pub use nearest::{nearest_in_tile, nearest_in_tile_wide};
+pub(in crate::train) use reach::AnyWithin;
 pub use search::CandidateSearch;
 pub(in crate::train) use search::VisitChunk;

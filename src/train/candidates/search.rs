@@ -57,7 +57,7 @@ impl CandidateSearch {
         if tile[0].is_empty() {
             return;
         }
-        self.tile.load(tile);
+        self.tile.points.load(tile);
         self.pending.push(0..tile[0].len());
         while let Some(group) = self.pending.pop() {
             let extent = Extent::of::<V>(&self.tile.points, group.clone());
@@ -112,17 +112,6 @@ impl CandidateSearch {
 }
 
 impl Tile {
-    #[inline(always)]
-    fn load(&mut self, [x, y, z]: [&[f32]; 3]) {
-        let n = x.len();
-        self.points.reserve(n);
-        self.points.len = n;
-        self.points.x[..n].copy_from_slice(x);
-        self.points.y[..n].copy_from_slice(y);
-        self.points.z[..n].copy_from_slice(z);
-        self.points.tag[..n].iter_mut().zip(0..).for_each(|(tag, place)| *tag = place);
-    }
-
     /// Moves the points below the middle of the longest axis to the front, keeping their order;
     /// returns where the others start.
     fn split(&mut self, group: Range<usize>, extent: &Extent) -> usize {

@@ -42,6 +42,16 @@ pub(super) struct FusedInputs<'a> {
     pub shard_bits: u32,
 }
 
+impl FusedInputs<'_> {
+    /// Squared distance beyond which no component counts for a point of effective distance `q`, whatever
+    /// is rounded. Twice the hard gap: what lies between may be among the nearest or not, and receives
+    /// nothing either way.
+    pub fn reach2(&self, q: f64) -> f32 {
+        let gap = 2.0 * self.scoring.hard_gap() as f32;
+        ((q as f32 + self.max_weight) + gap) * (1.0 + 1e-5)
+    }
+}
+
 /// Some tiles of a fused pass.
 pub(super) struct FusedTiles<'a> {
     pub inputs: FusedInputs<'a>,

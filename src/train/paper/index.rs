@@ -14,6 +14,10 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Entries one task takes.
 const PART: usize = 1 << 14;
+/// Of so many components one may move for the others to keep their order.
+const FEW: usize = 64;
+/// Of so many components one may have moved since cells were made for all of them.
+const STALE: usize = 4;
 
 /// A grid, always, and beside it a KD-tree where the plain path is asked for.
 pub struct Index {
@@ -26,6 +30,10 @@ pub struct Index {
     spare: Mutex<SortedMeans>,
     /// Components that moved at last.
     moved: Vec<u32>,
+    /// Whether these alone have moved since means were sorted, few of them, in the same cells.
+    is_shift: bool,
+    /// How many have moved since there are these cells.
+    n_moved: usize,
     /// Times that means have moved.
     revision: u64,
 }
@@ -40,6 +48,8 @@ pub struct SortedMeans {
     pub appearance: Vec<[f32; 4]>,
     /// Means rounded to f32, where they are not f32 already.
     narrowed: Vec<[f32; 3]>,
+    /// Memory for the next appearance.
+    shifted: Vec<[f32; 4]>,
 }
 
 impl Index {
@@ -56,6 +66,8 @@ impl Index {
             sorted: OnceLock::new(),
             spare: Mutex::default(),
             moved: Vec::new(),
+            is_shift: false,
+            n_moved: 0,
             revision: 0,
         };
         index.shape = index.shape_of(model)?;
@@ -67,19 +79,27 @@ impl Index {
     pub fn renew<R: PaperScalar>(
         &mut self,
         model: &InitialModel<R>,
-        moved: impl Iterator<Item = u32>,
+        moved: impl Iterator<Item = u32> + Clone,
     ) -> Result<(), IndexError> {
+        let n = moved.clone().count();
+        let is_few = FEW * n <= model.len() && STALE * (self.n_moved + n) <= model.len();
+        let is_finite = |id: u32| model.space[id as usize].iter().all(|v| v.to_f64().is_finite());
+        let is_shift = is_few && self.sorted.get().is_some() && moved.clone().all(is_finite);
         // Either may fail: nothing is replaced before both are known.
-        let shape = self.shape_of(model)?;
+        let shape = if is_shift { self.shape } else { self.shape_of(model)? };
         if self.tree.is_some() {
             self.tree = Some(tree(&model.space)?);
         }
-        self.shape = shape;
+        (self.shape, self.is_shift) = (shape, is_shift);
+        self.n_moved = if is_shift { self.n_moved + n } else { 0 };
         if let Some(sorted) = self.sorted.take() {
             *self.spare.get_mut().unwrap_or_else(PoisonError::into_inner) = sorted;
         }
         self.moved.clear();
         self.moved.extend(moved);
+        // Each once: an entry leaves its cell once.
+        self.moved.sort_unstable();
+        self.moved.dedup();
         self.revision += 1;
         Ok(())
     }
@@ -99,7 +119,10 @@ impl Index {
         self.sorted.get_or_init(|| {
             let mut sorted =
                 std::mem::take(&mut *self.spare.lock().unwrap_or_else(PoisonError::into_inner));
-            sorted.fill(self.shape, model);
+            match self.is_shift {
+                true => sorted.shift(&self.moved, model),
+                false => sorted.fill(self.shape, model),
+            }
             sorted
         })
     }
@@ -125,18 +148,33 @@ impl Index {
 
 impl SortedMeans {
     fn fill<R: PaperScalar>(&mut self, shape: GridShape, model: &InitialModel<R>) {
-        let Self { grid, appearance, narrowed } = self;
+        let Self { grid, appearance, narrowed, .. } = self;
         grid.fill(shape, R::narrow_rows(&model.space, narrowed));
         let Some(model) = R::narrow_model(model) else { return };
         appearance.resize(model.len(), [0.0; 4]);
         let parts = appearance.par_chunks_mut(PART).zip(grid.ids().par_chunks(PART));
         parts.for_each(|(appearance, ids)| {
             for (of_entry, &id) in appearance.iter_mut().zip(ids) {
-                let ([r, g, b], w) = (model.color[id as usize], model.weight[id as usize]);
-                *of_entry = [r, g, b, w];
+                *of_entry = appearance_of(model, id);
             }
         });
     }
+
+    /// Takes over that few components have moved.
+    fn shift<R: PaperScalar>(&mut self, moved: &[u32], model: &InitialModel<R>) {
+        let Self { grid, appearance, narrowed, shifted } = self;
+        grid.shift(moved, R::narrow_rows(&model.space, narrowed));
+        let Some(model) = R::narrow_model(model) else { return };
+        shifted.resize(model.len(), [0.0; 4]);
+        grid.edits().apply(appearance, shifted, |id| appearance_of(model, id));
+        std::mem::swap(appearance, shifted);
+    }
+}
+
+/// Mean colour and weight of a component.
+fn appearance_of(model: &InitialModel<f32>, id: u32) -> [f32; 4] {
+    let ([r, g, b], weight) = (model.color[id as usize], model.weight[id as usize]);
+    [r, g, b, weight]
 }
 
 fn tree<R: Real>(means: &[[R; 3]]) -> Result<KdTree, IndexError> {
@@ -149,6 +187,32 @@ mod tests {
     use super::*;
     use crate::train::paper::config::{PaperConfig, PaperOverrides};
     use crate::train::paper::init::InitialDraw;
+
+    #[test]
+    fn few_moves_leave_what_sorting_all_means_finds() {
+        let n = 2000;
+        let overrides = PaperOverrides { components: Some(n), ..PaperOverrides::default() };
+        let config = PaperConfig::paper().with(&overrides).unwrap();
+        let draw = InitialDraw::random(n, 0);
+        let mut model = InitialModel::<f32>::new(config.hyper(), &draw.means, &draw.alpha);
+        let mut index = Index::new(&model, config.index).unwrap();
+        let (mut n_shifts, mut n_sorts) = (0, 0);
+        for turn in 0..60u32 {
+            let moved = (0..20).map(|i| (i * 97 + turn * 13) % n as u32);
+            for id in moved.clone() {
+                let at = id as f32 * 1e-3 - 0.01 * turn as f32;
+                model.replace_mean(id as usize, ([at, at.sin(), 0.3], [at; 3]));
+            }
+            index.renew(&model, moved).unwrap();
+            *(if index.is_shift { &mut n_shifts } else { &mut n_sorts }) += 1;
+            let mut all = SortedMeans::default();
+            all.fill(index.shape, &model);
+            let sorted = index.sorted(&model);
+            assert_eq!(sorted.grid.ids(), all.grid.ids(), "{turn}");
+            assert_eq!(sorted.appearance, all.appearance, "{turn}");
+        }
+        assert!(n_shifts > 40 && n_sorts > 1, "{n_shifts} shifts, {n_sorts} sorts");
+    }
 
     #[test]
     fn whoever_heard_last_is_told_what_moved_and_others_of_all() {

@@ -106,6 +106,29 @@ impl Passes {
         }
     }
 
+    /// Whether a fit can be made ahead of moves, and only what these reach be run again: not where a
+    /// device does both passes sooner, and not where totals keep shares that are too small for fixed
+    /// point.
+    pub fn can_run_again<R: PaperScalar>(&self, inputs: &PassInputs<'_, R>) -> bool {
+        let keeps_all = inputs.config.operations.update == UpdateWidth::F32;
+        !self.is_devices() && !keeps_all && fused_rank(inputs).is_some()
+    }
+
+    /// Runs those tiles of the last fit again that are within reach of places that means have left or
+    /// come to.
+    pub fn run_reached<R: PaperScalar>(
+        &mut self,
+        inputs: &PassInputs<'_, R>,
+        points: &Points<R>,
+        places: &[[f32; 3]],
+        q: &mut [f64],
+        owners: Option<&mut Vec<u32>>,
+    ) {
+        if let Some(inputs) = fused_inputs(inputs, points) {
+            self.processor.run_reached(&inputs, places, q, owners);
+        }
+    }
+
     /// Runs a pass over all points, as [`Pass::run`] does.
     pub fn run<R: PaperScalar>(
         &mut self,
@@ -180,7 +203,9 @@ impl Passes {
                 *left_open = !found.open.is_empty();
                 let fused = if *left_open { fused_inputs(inputs, points) } else { None };
                 if let Some(fused) = fused {
-                    processor.run_open(&fused, found.open, output, q);
+                    let mut open = found.open.to_vec();
+                    open.sort_unstable();
+                    processor.run_some(&fused, &open, output, q, &mut []);
                 }
                 processor.book(clock);
                 self.tiles += points.n_tiles() as u64;

@@ -55,6 +55,8 @@ pub struct PaperTrainer<R: PaperScalar> {
     moves: Vec<(u32, u32)>,
     /// Positions and colours that components of a reassignment came from, should it fail.
     displaced: Vec<([R; 3], [R; 3])>,
+    /// Where they came from and went to.
+    places: Vec<[f32; 3]>,
     frames: u64,
 }
 
@@ -90,6 +92,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
             component_elbo: ComponentElbo::new(scoring),
             moves: Vec::new(),
             displaced: Vec::new(),
+            places: Vec::new(),
             alpha_init: draw.alpha.clone(),
             chooser,
             model,
@@ -115,15 +118,7 @@ impl<R: PaperScalar> PaperTrainer<R> {
                 self.reassign(points, self.quota(), &mut ms)?
             }
             ReassignPolicy::Dense | ReassignPolicy::Truncated | ReassignPolicy::Padded => {
-                // Two searches a frame. Keeping the lists of tiles that no moved mean came near is
-                // still to be tried (`train.md`, Speed).
-                let quota = self.quota();
-                if quota.is_some() {
-                    self.run_pass(points, self.scored_by(), Output::Elbo, &mut ms);
-                }
-                let reassigned = self.reassign(points, quota, &mut ms)?;
-                self.fit(points, &mut ms);
-                reassigned
+                self.reassign_and_fit(points, &mut ms)?
             }
         };
         self.frames += 1;
@@ -149,6 +144,57 @@ impl<R: PaperScalar> PaperTrainer<R> {
 
     fn fit(&mut self, points: &Points<R>, ms: &mut StageMs) {
         self.run_pass(points, self.config.candidates, Output::ElboAndSums, ms);
+        self.commit(ms);
+    }
+
+    /// Moves components by the scores that points have before, and fits; how many moved. Where moves
+    /// reach few tiles, the pass that scores is the fit already, and only those tiles are run again.
+    fn reassign_and_fit(
+        &mut self,
+        points: &Points<R>,
+        ms: &mut StageMs,
+    ) -> Result<usize, IndexError> {
+        let Some(quota) = self.quota() else {
+            self.fit(points, ms);
+            return Ok(0);
+        };
+        let is_fit = self.config.reassign != ReassignPolicy::Dense
+            && quota.moves <= points.n_tiles()
+            && self.passes.can_run_again(&self.inputs(self.config.candidates));
+        let output = if is_fit { Output::ElboAndSums } else { Output::Elbo };
+        self.run_pass(points, self.scored_by(), output, ms);
+        let reassigned = self.reassign(points, Some(quota), ms)?;
+        if is_fit {
+            self.run_reached(points, ms);
+            self.commit(ms);
+        } else {
+            self.fit(points, ms);
+        }
+        Ok(reassigned)
+    }
+
+    /// Runs the tiles again that the moves of this frame reach.
+    fn run_reached(&mut self, points: &Points<R>, ms: &mut StageMs) {
+        let mut clock = Stopwatch::start();
+        let narrow = |space: [R; 3]| space.map(|v| v.to_f64() as f32);
+        let left = self.displaced.iter().map(|&(space, _)| narrow(space));
+        let came_to = self.moves.iter().map(|&(_, point)| narrow(points.position(point as usize)));
+        self.places.clear();
+        self.places.extend(left.chain(came_to));
+        let inputs = PassInputs {
+            model: &self.model,
+            index: &self.index,
+            scoring: &self.scoring,
+            candidates: self.config.candidates,
+            config: &self.config,
+            statistics: &self.statistics,
+        };
+        let owners = self.component_elbo.owners();
+        self.passes.run_reached(&inputs, points, &self.places, &mut self.q, owners);
+        ms.add_pass(clock.lap_ms(), self.passes.processor.take_stage_nanos());
+    }
+
+    fn commit(&mut self, ms: &mut StageMs) {
         let mut clock = Stopwatch::start();
         self.passes.processor.commit(&mut self.statistics, self.config.operations.moments);
         self.component_elbo.count(&self.q, self.model.len());
@@ -233,10 +279,10 @@ impl<R: PaperScalar> PaperTrainer<R> {
         points: &Points<R>,
         moves: &[(u32, u32)],
     ) -> Result<(), IndexError> {
+        self.displaced.clear();
         if moves.is_empty() {
             return Ok(());
         }
-        self.displaced.clear();
         for &(component, point) in moves {
             let mean = (points.position(point as usize), points.color(point as usize));
             self.displaced.push(self.model.replace_mean(component as usize, mean));

@@ -1,10 +1,8 @@
 //! What a device found of a pass, taken over as if the processor had found it.
 
-use super::{Output, Pass, TileRecord, Worker};
-use crate::math::simd::Isa;
+use super::{Pass, TileRecord};
 use crate::model::conjugate::statistics::N_SUMS;
 use crate::model::paper::mixture_device::DevicePass;
-use crate::train::paper::fused::{FusedInputs, FusedTiles};
 use crate::train::timing::StageClock;
 use rayon::prelude::*;
 use std::sync::PoisonError;
@@ -35,34 +33,6 @@ impl Pass {
                 }
             },
         );
-    }
-
-    /// Runs some tiles, each once and in any order.
-    pub(in crate::train::paper) fn run_open(
-        &self,
-        inputs: &FusedInputs<'_>,
-        open: &[u32],
-        output: Output,
-        q: &mut [f64],
-    ) {
-        let mut open = open.to_vec();
-        open.sort_unstable();
-        let (mut rest, mut at) = (q, 0);
-        let with_scores = |tile: u32| {
-            let range = inputs.points.tile(tile as usize);
-            let (_, from) = std::mem::take(&mut rest).split_at_mut(range.start - at);
-            let (own, later) = from.split_at_mut(range.len());
-            (rest, at) = (later, range.end);
-            (tile as usize, own)
-        };
-        let tiles: Vec<(usize, &mut [f64])> = open.into_iter().map(with_scores).collect();
-        tiles.into_par_iter().for_each(|(tile, q)| {
-            let mut worker = self.worker();
-            let Worker { fused: memory, narrow, clock, .. } = &mut *worker;
-            let records = (output == Output::ElboAndSums).then_some(&mut narrow[..]);
-            let (inputs, tiles, owners) = (*inputs, tile..tile + 1, &mut [][..]);
-            Isa::best().run(FusedTiles { inputs, memory, tiles, q, owners, records, clock });
-        });
     }
 
     /// Books the time that a clock has seen on top of the processor's own.

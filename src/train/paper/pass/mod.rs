@@ -8,7 +8,9 @@
 //!
 //! Buffers belong to threads, not to tasks: a warm pass allocates nothing.
 
+mod again;
 mod answer;
+mod reached;
 mod tasks;
 
 use super::config::{Candidates, Operations, PaperConfig, StatisticsForm, Width};
@@ -24,6 +26,7 @@ use crate::observation::points::Points;
 use crate::train::component_elbo::NOBODY;
 use crate::train::estep::Scoring;
 use crate::train::timing::{Lap, StageClock};
+use reached::{Again, ReachMemory};
 use std::ops::Range;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tasks::{Columns, batch_end, for_each_task, for_each_tile};
@@ -58,6 +61,8 @@ pub struct PassInputs<'a, R: PaperScalar> {
 pub struct Pass {
     /// One per thread: what a task leaves there never changes what the next one finds.
     workers: Vec<RwLock<Worker>>,
+    /// Tiles that were run again.
+    again: Again,
     /// Candidates and responsibilities of a batch, where they are materialised.
     ids: Vec<u32>,
     responsibilities: Vec<f64>,
@@ -73,6 +78,9 @@ struct Worker {
     /// Sums by shard of the totals, in one of the two widths.
     narrow: Vec<Vec<TileRecord<f32>>>,
     wide: Vec<Vec<TileRecord<f64>>>,
+    /// By shard how many of `narrow` were there when tiles were run again; empty if none was.
+    first_run: Vec<usize>,
+    reach: ReachMemory,
     clock: StageClock,
 }
 
@@ -300,6 +308,7 @@ impl Pass {
     }
 
     fn make_workers(&mut self, statistics: &Statistics) {
+        self.again.clear();
         // Never fewer than before: a smaller pool for a while must not throw memory away.
         let n_workers = rayon::current_num_threads().max(self.workers.len());
         self.workers.resize_with(n_workers, || {
@@ -311,6 +320,7 @@ impl Pass {
     fn clear_records(&mut self, shard: usize, seen: [usize; 2]) {
         for worker in &mut self.workers {
             let worker = worker.get_mut().unwrap_or_else(PoisonError::into_inner);
+            worker.first_run.clear();
             worker.clear_records(shard, seen);
         }
     }
@@ -331,7 +341,10 @@ impl Pass {
         // Threads in any order: integers do not mind, and f32 totals sort what they are given.
         match moments {
             Width::F32 => statistics.add_frame(|shard, add| {
-                self.read_workers().for_each(|w| add(&w.narrow[shard]));
+                self.read_workers().for_each(|w| {
+                    let n_first = w.first_run.get(shard).map_or(0, |n| *n);
+                    self.again.counted(&w.narrow[shard], n_first).for_each(&mut *add);
+                });
             }),
             Width::F64 => statistics.add_frame(|shard, add| {
                 self.read_workers().for_each(|w| add(&w.wide[shard]));

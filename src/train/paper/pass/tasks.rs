@@ -47,6 +47,34 @@ pub(super) fn for_each_task<R: PaperScalar>(
     );
 }
 
+/// Hands some tiles, ascending, their columns, each as a task's part; the columns begin with point `first`.
+pub(super) fn for_each_part<R: PaperScalar>(
+    points: &Points<R>,
+    tiles: &[u32],
+    first: usize,
+    columns: Columns,
+    task: &(impl Fn(usize, Columns) + Sync),
+) {
+    let start_of = |tile: u32| points.tiles[tile as usize] as usize;
+    if tiles.len() > TILES_PER_TASK {
+        let (left, right) = tiles.split_at(tiles.len() / 2);
+        let middle = start_of(right[0]);
+        let (before, behind) = columns.split(middle - first, 0);
+        rayon::join(
+            || for_each_part(points, left, first, before, task),
+            || for_each_part(points, right, middle, behind, task),
+        );
+        return;
+    }
+    let (mut first, mut columns) = (first, columns);
+    for &tile in tiles {
+        let (_, from) = columns.split(start_of(tile) - first, 0);
+        let (own, later) = from.split(points.tile(tile as usize).len(), 0);
+        task(tile as usize, own);
+        (first, columns) = (points.tile(tile as usize).end, later);
+    }
+}
+
 /// Hands every tile its columns.
 pub(super) fn for_each_tile<R: PaperScalar>(
     points: &Points<R>,
