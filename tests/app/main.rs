@@ -37,6 +37,8 @@ mod real_window;
 mod saving;
 mod scene;
 mod screenshots;
+#[cfg(all(feature = "cli", unix))]
+mod settings;
 mod silent_drive;
 mod states;
 mod switching;

@@ -5,7 +5,7 @@ use crate::common::skip::skip;
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -27,6 +27,23 @@ impl Drop for Running {
     fn drop(&mut self) {
         let _ = self.0.kill();
         let _ = self.0.wait();
+    }
+}
+
+#[cfg(unix)]
+impl Running {
+    /// Asks the program to end, as a system does that shuts down; how it ends.
+    pub fn ask_to_end(&mut self) -> ExitStatus {
+        let kill = format!("kill -TERM {}", self.0.id());
+        assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+        let asked = Instant::now();
+        loop {
+            if let Some(status) = self.0.try_wait().unwrap() {
+                return status;
+            }
+            assert!(asked.elapsed() < PATIENCE, "it does not close");
+            std::thread::sleep(Duration::from_millis(10));
+        }
     }
 }
 
@@ -240,16 +257,7 @@ fn a_window_that_is_asked_to_end_closes_in_order() {
     let folder = tempfile::tempdir().unwrap();
     let (mut running, mut lines) = open_demo(folder.path());
     lines.find(|line| line.contains("first splats visible")).expect("a window that shows splats");
-    let kill = format!("kill -TERM {}", running.0.id());
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-    let asked = Instant::now();
-    let status = loop {
-        if let Some(status) = running.0.try_wait().unwrap() {
-            break status;
-        }
-        assert!(asked.elapsed() < PATIENCE, "it does not close");
-        std::thread::sleep(Duration::from_millis(10));
-    };
+    let status = running.ask_to_end();
     assert!(status.success(), "{status}: {:?}", lines.collect::<Vec<_>>());
 }
 
