@@ -76,13 +76,13 @@ fn keep_open(
 
 /// Opens the window on `subject` and runs until it is closed. Without an `adapter` the one that was
 /// chosen in an earlier window draws. A dataset's cameras are corrected by a `calibration` file.
-/// `started` is when the process began. Once `is_ended` says so, training is kept for the next window to go
-/// on with, and this one closes.
+/// `started` is when the process began. Once `is_ended`, which waits for that at most so long, says so, training
+/// is kept for the next window to go on with, and this one closes.
 pub fn run(
     subject: Subject,
     calibration: Option<PathBuf>,
     adapter: Option<AdapterChoice>,
-    is_ended: impl Fn() -> bool + Send + 'static,
+    is_ended: impl Fn(Duration) -> bool + Send + 'static,
     started: Instant,
 ) -> Result<(), WindowError> {
     // Asked first: without a display nothing has to be started, and the message is its own.

@@ -32,7 +32,8 @@ impl WorkerThread {
     /// only when the viewport took the last ones.
     pub(super) fn publish(&mut self, at_once: bool) {
         let due = self.published.elapsed() >= self.shared.interval();
-        let news = self.changed || !self.dirty.is_empty();
+        // A hidden window takes no splats: it is not woken for those that wait for it.
+        let news = self.changed || !self.dirty.is_empty() && self.shared.updates.is_empty();
         if !(at_once || due && news) {
             return;
         }
