@@ -74,6 +74,10 @@ const PROMISES: &[(&str, &[&str])] = &[
         &["src/app/command.rs: in_no_state_is_nothing_possible_and_space_is_never_ambiguous"],
     ),
     (
+        "Notices and cards cover neither each other nor the panels, also at 800×600",
+        &["first_minute.rs: cards_leave_notices_their_place_in_small_windows"],
+    ),
+    (
         "Empty state: a target for dropping a folder, an Open button, the synthetic scene",
         &["first_minute.rs: the_start_page_says_what_happens_and_how_to_begin"],
     ),
