@@ -4,6 +4,7 @@
 
 mod abandoned;
 mod background;
+mod beside_training;
 mod camera;
 #[path = "../common/mod.rs"]
 mod common;
